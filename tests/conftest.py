@@ -18,6 +18,13 @@ settings.register_profile("roadscope", deadline=None, max_examples=50, derandomi
 settings.load_profile("roadscope")
 
 
+def pytest_xdist_auto_num_workers(config: pytest.Config) -> int | None:
+    """Start no workers for a single file: it runs in one of them anyway, and they take seconds."""
+    files = {argument.partition("::")[0] for argument in config.args}
+    alone = len(files) == 1 and files.pop().endswith(".py")
+    return 0 if alone else None
+
+
 @pytest.fixture(autouse=True, scope="session")
 def own_cache(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
     """Keep what tests cache away from the user's cache."""

@@ -177,7 +177,7 @@ class TruePoses:
 
     def errors_in_words(self, poses: Sequence[Pose]) -> str:
         """Return the errors of estimated poses as a line of text; there may be fewer of them."""
-        from roadscope.benchmarks.metrics.odometry import (
+        from roadscope.benchmarks.metrics.trajectory_errors import (
             KITTI_M,
             SHORT_M,
             Trajectories,

@@ -10,9 +10,9 @@ from typing import Any, BinaryIO, Self
 import msgspec
 import numpy as np
 
-from roadscope.benchmarks.metrics.fusion import Targets
+from roadscope.benchmarks.metrics.fusion import FusionTargets
 from roadscope.benchmarks.metrics.image_labels import Labels, ParkedBoxes, labels_of
-from roadscope.benchmarks.metrics.odometry import Trajectories
+from roadscope.benchmarks.metrics.trajectory_errors import Trajectories
 from roadscope.core import Detections, ImageDetections, Tracks, Truth
 from roadscope.core.fused import FusedDetections
 from roadscope.core.record import Record
@@ -137,7 +137,7 @@ class EpisodeFusions(EpisodeRecord):
 
     rows: np.ndarray
     fused: tuple[FusedDetections, ...]
-    targets: tuple[Targets, ...]
+    targets: tuple[FusionTargets, ...]
     times: CallTimes
 
 

@@ -22,7 +22,7 @@ from roadscope.core.loading import SpecError, file_of
 
 DATA_KINDS = (".toml", ".json", ".npz", ".safetensors")
 """Endings of data files that results depend on, beside the sources."""
-FORMAT = 2
+FORMAT = 3
 """Version of the index; increased when `Source` or what its digest covers changes."""
 
 
@@ -47,6 +47,8 @@ class Source(msgspec.Struct, frozen=True, array_like=True):
     offered: imports for type checkers in a module with a `__getattr__` of its own, which loads
         them on use.
     texts: string constants without white space, which may name data files.
+    only_offers: whether it is the `__init__` of a package that does nothing but import names for
+        others to import.
     """
 
     mtime_ns: int
@@ -56,6 +58,7 @@ class Source(msgspec.Struct, frozen=True, array_like=True):
     bound: tuple[str, ...]
     offered: tuple[Import, ...]
     texts: tuple[str, ...]
+    only_offers: bool = False
 
 
 class Package:
@@ -137,7 +140,11 @@ class Package:
         )
 
     def _targets(self, imported: Import) -> list[str]:
-        """Return the modules that one import loads; none if it is of something else."""
+        """Return the modules that one import depends on; none if it is of something else.
+
+        A name that a package only offers depends on the module that defines it, not on those of
+        the other names.
+        """
         module, name = imported.module, imported.name
         if self.file_of(module) is None:
             return []
@@ -146,6 +153,9 @@ class Package:
         source = self.source(module)
         if is_module and name not in source.bound:
             return [below]
+        if source.only_offers and any(each.name == name for each in source.imports):
+            origins = [each for each in source.imports if each.name == name]
+            return [target for each in origins for target in self._targets(each)]
         offered = [each for each in source.offered if each.name == name and each != imported]
         targets = [target for each in offered for target in self._targets(each)]
         return [module, *targets, *([below] if is_module else [])]
@@ -193,6 +203,7 @@ def _parse(path: Path, module: str) -> Source:
         bound=tuple(sorted(bound)),
         offered=tuple(dict.fromkeys(offered)) if "__getattr__" in bound else (),
         texts=tuple(dict.fromkeys(text for text in texts if not set(text) & set(" \n"))),
+        only_offers=path.name == "__init__.py" and all(map(_only_offers, tree.body)),
     )
 
 
@@ -252,6 +263,15 @@ def _bound_by(node: ast.AST) -> Iterator[str]:
             for part in ast.walk(node)
             if isinstance(part, ast.Name) and isinstance(part.ctx, ast.Store)
         )
+
+
+def _only_offers(node: ast.stmt) -> bool:
+    """Whether a statement imports names or lists them as `__all__`."""
+    if isinstance(node, ast.Assign):
+        return [getattr(target, "id", "") for target in node.targets] == ["__all__"]
+    if isinstance(node, ast.ImportFrom):
+        return all(alias.asname is None for alias in node.names)
+    return False
 
 
 @cache

@@ -34,15 +34,10 @@ from roadscope.benchmarks.formats.kitti_objects import (
 from roadscope.benchmarks.formats.table import FormatError
 from roadscope.benchmarks.formats.trajectories import read_any_trajectory
 from roadscope.benchmarks.metrics import METRIC_VERSION
-from roadscope.benchmarks.metrics.odometry import (
-    Trajectories,
-    by_distance,
-    score_odometry,
-    score_standing,
-)
+from roadscope.benchmarks.metrics.odometry import by_distance, score_odometry, score_standing
 from roadscope.benchmarks.metrics.score import Score
-from roadscope.benchmarks.metrics.tracking import score_tracks
-from roadscope.benchmarks.metrics.tracking.alphas import score_alphas
+from roadscope.benchmarks.metrics.tracking import score_alphas, score_tracks
+from roadscope.benchmarks.metrics.trajectory_errors import Trajectories
 from roadscope.benchmarks.parked import parked_among
 from roadscope.benchmarks.progress import Progress, silent
 from roadscope.benchmarks.recorded.combined import SUFFIXES

@@ -10,7 +10,7 @@ import numpy as np
 from roadscope.benchmarks.episode import Episode
 from roadscope.benchmarks.images import pictures
 from roadscope.benchmarks.loop import RunOptions
-from roadscope.benchmarks.metrics.image_parts import camera_scores
+from roadscope.benchmarks.metrics.image_detection import camera_scores
 from roadscope.benchmarks.nodes.images import ImageNode, extinction_per_m
 from roadscope.benchmarks.records import EpisodeImageDetections
 from roadscope.benchmarks.references import image_source

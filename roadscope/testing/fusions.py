@@ -12,7 +12,7 @@ from roadscope.benchmarks.eligibility import Eligibility
 from roadscope.benchmarks.episode import Episode
 from roadscope.benchmarks.kinds import FUSION
 from roadscope.benchmarks.loop import RunOptions
-from roadscope.benchmarks.metrics.fusion_parts import fusion_scores
+from roadscope.benchmarks.metrics.fusion import fusion_scores
 from roadscope.benchmarks.nodes.detections import DetectionNode
 from roadscope.benchmarks.nodes.fusions import FusionNode
 from roadscope.benchmarks.nodes.images import ImageNode

@@ -12,7 +12,7 @@ from roadscope.benchmarks.drive import Step, drive, select
 from roadscope.benchmarks.episode import Episode
 from roadscope.benchmarks.kinds import ODOMETRY
 from roadscope.benchmarks.loop import RunOptions
-from roadscope.benchmarks.metrics.odometry import absolute_errors
+from roadscope.benchmarks.metrics.trajectory_errors import absolute_errors
 from roadscope.benchmarks.nodes.poses import PoseNode
 from roadscope.core import OdometryEstimate, OdometryStatus, Pose, Spec
 from roadscope.core.answers import check_estimate

@@ -24,8 +24,9 @@ from roadscope.benchmarks.formats.scan_folder import ScanFolder
 from roadscope.benchmarks.formats.table import FormatError
 from roadscope.benchmarks.formats.trajectories import read_trajectory, trajectory_text
 from roadscope.benchmarks.loop import RunOptions
-from roadscope.benchmarks.metrics.odometry import Trajectories, score_odometry
+from roadscope.benchmarks.metrics.odometry import score_odometry
 from roadscope.benchmarks.metrics.tracking import score_tracks
+from roadscope.benchmarks.metrics.trajectory_errors import Trajectories
 from roadscope.benchmarks.nodes.detections import DetectionNode
 from roadscope.benchmarks.odometry_runner import folder_estimates
 from roadscope.benchmarks.parked import parked_among

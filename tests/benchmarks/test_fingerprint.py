@@ -220,8 +220,20 @@ def test_a_module_taken_from_a_package_does_not_bring_the_packages_own_imports(
     assert hash_of("user", {**user, "face/plain.py": "WIDTH = 9\n"}) != hash_of("user", user)
 
 
-def test_a_name_that_package_and_module_share_brings_both(hash_of: HashOf) -> None:
+def test_a_name_that_a_package_only_offers_brings_where_it_is_from(hash_of: HashOf) -> None:
     user = {"user.py": "from mini.face import deep\n"}
+    assert hash_of("user", {**user, "face/deep.py": "deep = 4\n"}) != hash_of("user", user)
+    assert hash_of("user", {**user, "base.py": "GAIN = 3\n"}) == hash_of("user", user)
+
+
+@pytest.mark.parametrize("statement", ["WIDTH = 8\n", "import mini.base as base\n"])
+def test_a_package_that_does_more_counts_with_all_that_it_imports(
+    hash_of: HashOf, statement: str
+) -> None:
+    user = {
+        "user.py": "from mini.face import deep\n",
+        "face/__init__.py": MINI["face/__init__.py"] + statement,
+    }
     for file in ("base.py", "face/deep.py"):
         assert hash_of("user", {**user, file: "GAIN = 3\n"}) != hash_of("user", user)
 

@@ -92,7 +92,7 @@ def test_what_decides_poses_and_scores_is_in_the_key(tmp_path: Path) -> None:
         ("envs/traffic/scripts.py", [True, True, True]),
         ("benchmarks/drive.py", [True, True, True]),
         ("benchmarks/noisy_odometry.py", [True, True, True]),
-        ("benchmarks/metrics/odometry/errors.py", [True, True, True]),
+        ("benchmarks/metrics/odometry.py", [True, True, True]),
         ("benchmarks/nodes/poses.py", [True, True, True]),
         ("trackers/_nearest.py", [False, False, False]),
         ("benchmarks/report/tables.py", [False, False, False]),

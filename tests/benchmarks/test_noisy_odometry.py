@@ -10,7 +10,8 @@ from node_answers import poses_of
 
 from roadscope import Episode, Pose, leaderboard, load_suite
 from roadscope.benchmarks.listing import names_of
-from roadscope.benchmarks.metrics.odometry import Trajectories, score_odometry
+from roadscope.benchmarks.metrics.odometry import score_odometry
+from roadscope.benchmarks.metrics.trajectory_errors import Trajectories
 from roadscope.benchmarks.nodes.poses import PoseNode
 from roadscope.benchmarks.noisy_odometry import ODOMETRY_NOISES, EgoNoise, noisy_poses
 from roadscope.benchmarks.references import check_ego, check_pose_source

@@ -5,7 +5,7 @@ import pytest
 from node_answers import poses_of
 
 from roadscope.benchmarks.episode import Episode
-from roadscope.benchmarks.metrics.odometry import drift
+from roadscope.benchmarks.metrics.trajectory_errors import drift
 
 SEEDS = range(10_000, 10_003)
 

@@ -339,7 +339,7 @@ def test_sizes_are_positive():
 def test_traffic_does_not_pull(scenario, least_m, t_rel):
     """On a validation seed; a map that takes the traffic for the world drifts by 100 %."""
     from roadscope.benchmarks.episode import Episode
-    from roadscope.benchmarks.metrics.odometry import drift
+    from roadscope.benchmarks.metrics.trajectory_errors import drift
 
     found = poses_of("lidar-inertial", Episode(scenario, 10_000, "vlp16-imu"))
     assert found.trajectories.distances[-1] > least_m

@@ -22,7 +22,7 @@ from roadscope.benchmarks.boards.board import (
 from roadscope.benchmarks.graph import Job
 from roadscope.benchmarks.kinds import CAMERA_DETECTOR
 from roadscope.benchmarks.loop import RunOptions
-from roadscope.benchmarks.metrics.image_parts import camera_scores
+from roadscope.benchmarks.metrics.image_detection import camera_scores
 from roadscope.benchmarks.nodes.images import ImageNode, extinction_per_m
 from roadscope.benchmarks.records import EpisodeImageDetections
 from roadscope.benchmarks.references import (

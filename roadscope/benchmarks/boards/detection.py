@@ -22,8 +22,8 @@ from roadscope.benchmarks.eligibility import Eligibility
 from roadscope.benchmarks.graph import Job
 from roadscope.benchmarks.kinds import DETECTOR
 from roadscope.benchmarks.loop import RunOptions
-from roadscope.benchmarks.metrics.breakdown import BANDS, broken_down
-from roadscope.benchmarks.metrics.detection import score_detections
+from roadscope.benchmarks.metrics.breakdown import BANDS
+from roadscope.benchmarks.metrics.detection import score_detections, score_detections_by_band
 from roadscope.benchmarks.metrics.score import Score, mean
 from roadscope.benchmarks.nodes.detections import DetectionNode
 from roadscope.benchmarks.records import EpisodeDetections
@@ -173,4 +173,5 @@ def detection_scores(
 def detection_parts(answers: EpisodeDetections, rule: Eligibility) -> dict[str, Score]:
     """Return a detector's scores on an episode, broken down."""
     detections, truths = answers.detections, answers.truths
-    return broken_down(detections, truths, rule.pairings(detections, truths, answers.parked))
+    pairings = rule.pairings(detections, truths, answers.parked)
+    return score_detections_by_band(detections, truths, pairings)

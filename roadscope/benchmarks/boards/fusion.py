@@ -23,7 +23,7 @@ from roadscope.benchmarks.graph import Job
 from roadscope.benchmarks.images import projection_of
 from roadscope.benchmarks.kinds import FUSION
 from roadscope.benchmarks.loop import RunOptions
-from roadscope.benchmarks.metrics.fusion_parts import fusion_scores
+from roadscope.benchmarks.metrics.fusion import fusion_scores
 from roadscope.benchmarks.nodes.detections import DetectionNode
 from roadscope.benchmarks.nodes.fusions import FusionNode, fitting_calibration
 from roadscope.benchmarks.nodes.images import ImageNode

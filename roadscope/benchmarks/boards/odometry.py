@@ -25,14 +25,14 @@ from roadscope.benchmarks.graph import Job
 from roadscope.benchmarks.kinds import ODOMETRY, traits_of
 from roadscope.benchmarks.loop import RunOptions
 from roadscope.benchmarks.metrics.odometry import (
-    SHORT_M,
+    DISTANCE,
     by_distance,
     score_moving,
     score_odometry,
     score_standing,
 )
-from roadscope.benchmarks.metrics.odometry.errors import DISTANCE
 from roadscope.benchmarks.metrics.score import Score, ratio
+from roadscope.benchmarks.metrics.trajectory_errors import SHORT_M
 from roadscope.benchmarks.nodes.poses import PoseNode
 from roadscope.benchmarks.records import EpisodePoses
 from roadscope.benchmarks.references import (

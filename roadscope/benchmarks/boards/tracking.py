@@ -28,8 +28,8 @@ from roadscope.benchmarks.graph import Job, Node
 from roadscope.benchmarks.kinds import TRACKER, traits_of
 from roadscope.benchmarks.loop import RunOptions
 from roadscope.benchmarks.metrics.score import Score
-from roadscope.benchmarks.metrics.tracking import score_tracks
-from roadscope.benchmarks.metrics.tracking.alphas import BY_ALPHA, score_alphas
+from roadscope.benchmarks.metrics.tracking import score_alphas, score_tracks
+from roadscope.benchmarks.metrics.tracking.scores import BY_ALPHA
 from roadscope.benchmarks.nodes.fusions import detection_node
 from roadscope.benchmarks.nodes.poses import PoseNode
 from roadscope.benchmarks.nodes.tracks import TrackNode, is_offline

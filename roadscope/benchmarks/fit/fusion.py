@@ -15,7 +15,8 @@ from pathlib import Path
 import numpy as np
 
 from roadscope.benchmarks.episode import Episode
-from roadscope.benchmarks.metrics.fusion import FALSE, IGNORED, judge
+from roadscope.benchmarks.metrics.average_precision import FALSE_ALARM, IGNORED
+from roadscope.benchmarks.metrics.fusion import match_targets
 from roadscope.benchmarks.noisy_camera import FAMILY
 from roadscope.benchmarks.papers.li2021_scene import Moment, film
 from roadscope.core import Detections, ImageDetections
@@ -169,7 +170,7 @@ def fit_ranking(moments: Sequence[Moment]) -> dict[str, list[object]]:
         candidates = Candidates.of(views, Agreement.of(views, moment.projection))
         fate = fates(moment, views, candidates, views.camera.scores)
         values.append(camera_alone_features(views.camera)[fate != IGNORED])
-        right.append(fate[fate != IGNORED] != FALSE)
+        right.append(fate[fate != IGNORED] != FALSE_ALARM)
     every = np.concatenate(values)
     mean, spread = every.mean(axis=0), every.std(axis=0)
     terms = weights.second_order(np.clip((every - mean) / spread, -3, 3))[:, 1:]
@@ -213,7 +214,7 @@ def fit_joint(
         for name, part, end in zip(JOINT, parts, ends, strict=True):
             mine = fate[end - len(part) : end]
             values[name].append(part[mine != IGNORED])
-            right[name].append(mine[mine != IGNORED] != FALSE)
+            right[name].append(mine[mine != IGNORED] != FALSE_ALARM)
     return {
         name: rounded(
             logistic(np.concatenate(values[name]), np.concatenate(right[name]), ridge=RIDGE)
@@ -225,12 +226,12 @@ def fit_joint(
 def fates(
     moment: Moment, views: Views, candidates: Candidates, scores: np.ndarray
 ) -> np.ndarray:  # fmt: skip
-    """(K,) number of the target that each candidate is the first to find, FALSE or IGNORED."""
+    """Return (K,) the number of each candidate's target, `FALSE_ALARM` or `IGNORED`."""
     rows, columns = candidates.lidar_rows, candidates.camera_rows
     masses = np.zeros((len(rows), 4))
     masses[rows >= 0] = lidar_masses(views.lidar)[rows[rows >= 0]]
     masses[columns >= 0] = camera_masses(views.camera)[columns[columns >= 0]]
-    return judge([assemble(views, rows, columns, masses, scores)], [moment.targets]).target
+    return match_targets([assemble(views, rows, columns, masses, scores)], [moment.targets]).targets
 
 
 def logistic(values: np.ndarray, right: np.ndarray, *, ridge: float = 1.0) -> np.ndarray:

@@ -10,7 +10,7 @@ from roadscope.benchmarks.formats.kitti import KittiSequence
 from roadscope.benchmarks.formats.kitti_export import kitti_objects
 from roadscope.benchmarks.formats.kitti_objects import TYPE_OF
 from roadscope.benchmarks.formats.kitti_rules import SIMILARITIES, judged
-from roadscope.benchmarks.metrics.tracking.following import follow
+from roadscope.benchmarks.metrics.tracking.matching import match_tracks
 from roadscope.core import Tracks
 from roadscope.trackers import score_log_odds
 
@@ -27,7 +27,7 @@ def verdicts(tracks: Sequence[Tracks], sequence: KittiSequence) -> dict[tuple[in
     ]
     counted = judged(sequence.labelled, rows, TYPE_OF[sequence.category], MEASURE)
     right = np.zeros(len(counted.tracks), bool)
-    right[follow(counted, SIMILARITIES[MEASURE].threshold).columns] = True
+    right[match_tracks(counted, SIMILARITIES[MEASURE].threshold).track_rows] = True
     frames = np.repeat(np.arange(len(counted)), counted.track_counts).tolist()
     keys = zip(frames, counted.track_ids.tolist(), strict=True)
     return dict(zip(keys, right.tolist(), strict=True))

@@ -21,8 +21,7 @@ from roadscope.benchmarks.fit.tracker_samples import (
     sensed_episodes,
 )
 from roadscope.benchmarks.metrics.matching import Pairing, match
-from roadscope.benchmarks.metrics.tracking.nees import nees
-from roadscope.benchmarks.metrics.tracking.states import state_errors
+from roadscope.benchmarks.metrics.tracking.state_errors import FrameRows, nees, state_errors
 from roadscope.core import Detections, Pose, Tracks, Truth
 from roadscope.trackers import ExistenceTracker
 
@@ -72,7 +71,7 @@ def _errors(
 ) -> Errors:
     fates = [match(pairing, gate_m) for pairing in pairings]
     objects = {int(i) for t, fate in zip(truths, fates, strict=True) for i in t.ids[fate.truth]}
-    errors = state_errors(tracks, truths, [(fate.detected, fate.truth) for fate in fates])
+    errors = state_errors(tracks, truths, [FrameRows(fate.detected, fate.truth) for fate in fates])
     found = nees(errors)
     return found.values / found.freedom, len(objects)
 

@@ -18,9 +18,11 @@ import numpy as np
 
 from roadscope.benchmarks.formats.kitti_frames import centres_from_bottoms, yaws_from_rotations
 from roadscope.benchmarks.formats.kitti_objects import KittiObjects, KittiType
-from roadscope.benchmarks.metrics.matching import centre_distances
-from roadscope.benchmarks.metrics.tracking.sequence import TrackedSequence
-from roadscope.benchmarks.metrics.tracking.similarity import image_overlaps, near
+from roadscope.benchmarks.metrics.matching import centre_distances, image_overlaps
+from roadscope.benchmarks.metrics.tracking.sequence import (
+    TrackedSequence,
+    similarity_by_distance,
+)
 
 MAX_OCCLUDED = 2
 MAX_TRUNCATED = 0
@@ -68,7 +70,7 @@ def space_overlaps(labels: KittiObjects, tracked: KittiObjects) -> np.ndarray:
 
 def closeness(labels: KittiObjects, tracked: KittiObjects) -> np.ndarray:
     """Return (M, N), 1 for the same centre seen from above, 0.5 at the gate, 0 at twice it."""
-    return near(distances(labels, tracked))
+    return similarity_by_distance(distances(labels, tracked))
 
 
 def distances(labels: KittiObjects, tracked: KittiObjects) -> np.ndarray:

@@ -11,8 +11,8 @@ from collections.abc import Collection, Sequence
 import numpy as np
 
 from roadscope.benchmarks.formats.motchallenge import PEDESTRIAN, MotRows
+from roadscope.benchmarks.metrics.matching import image_overlaps
 from roadscope.benchmarks.metrics.tracking.sequence import TrackedSequence
-from roadscope.benchmarks.metrics.tracking.similarity import image_overlaps
 
 DISTRACTORS = (2, 7, 8, 12)
 """Of MOT16 and MOT17: people on vehicles, static people, distractors, reflections."""

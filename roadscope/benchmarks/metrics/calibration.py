@@ -1,4 +1,4 @@
-"""Whether a score says how often its detections are right."""
+"""Calibration of scores: whether a score is the probability that its detection is right."""
 
 from __future__ import annotations
 
@@ -18,31 +18,37 @@ def score_bins(scores: np.ndarray) -> np.ndarray:
 
 
 def excess(scores: np.ndarray, right: np.ndarray) -> list[Score]:
-    """Return for each bin how far its mean score exceeds the share that is right.
+    """Return for each of ten bins the mean score less the share of detections that are right.
 
-    scores: (N,) in 0 to 1. right: (N,) bool, which detections are matched. Ten signed means of
-    no unit, each with its number of detections; nan where there is none.
+    A positive excess says that the scores are too high. -1 to 1, no unit, best at 0; each has its
+    number of detections; nan for an empty bin.
+
+    scores: (N,) in 0 to 1. right: (N,) bool, which detections are matched with an object.
     """
     bins, gaps = score_bins(scores), scores - right
     return [signed_mean(float(gaps[bins == b].sum()), int((bins == b).sum())) for b in range(BINS)]
 
 
 def calibration_error(bins: Sequence[Score]) -> Score:
-    """Return the expected calibration error (Naeini et al. 2015) of an episode's bins.
+    """Return the expected calibration error of an episode (Naeini et al. 2015).
 
-    bins: what `excess` returns. From 0 to 1, lower is better; nan without a detection.
+    ECE = sum over bins of n_b / N |excess_b|, 0 to 1, no unit, lower is better; nan without a
+    detection.
+
+    bins: what `excess` returns.
     """
     return pooled_calibration([bins])[0]
 
 
 def pooled_calibration(episodes: Sequence[Sequence[Score]]) -> list[Score]:
-    """Return each episode's part in the expected calibration error of all together.
+    """Return each episode's part in the expected calibration error of all episodes together.
+
+    The mean of the parts, weighted by detections, is the error of the pooled bins. (The mean of
+    the episodes' own errors is not: in a bin with few detections it adds up chance.) Each part
+    takes the signs of the pooled excesses, so the error is a ratio of sums, and its interval is
+    computed like that of other scores.
 
     episodes: what `excess` returns for each.
-    Pooled by weight they give the error of the pooled bins: the sum over bins of the size of
-    the excess, weighed by the number of detections. Errors of single episodes do not: chance
-    in sparse bins adds up in them. With the signs of the pooled excess held, the error is a
-    ratio of sums, so its interval is found like all others.
     """
     counts = np.array([[s.weight for s in bins] for bins in episodes], np.float64)
     sums = counts * np.array([[s.value if s.weight else 0.0 for s in bins] for bins in episodes])

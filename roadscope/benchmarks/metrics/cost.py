@@ -1,4 +1,4 @@
-"""What the calls of a plug-in cost."""
+"""Cost of a plug-in's calls in time."""
 
 from __future__ import annotations
 
@@ -10,9 +10,12 @@ from roadscope.benchmarks.metrics.score import Score
 
 
 def cost(calls_ms: np.ndarray, percentiles: Sequence[int] = (50, 99)) -> dict[str, Score]:
-    """Return percentiles of a plug-in's calls, the median and the 99th if not told otherwise.
+    """Return percentiles of the time of calls, `call_pN_ms`, milliseconds; nan without a call.
 
-    The first is left out: where plug-ins are not ours, it may compile or load what they need.
+    The first call is left out, because it may compile or load what a plug-in needs, unless it is
+    the only one.
+
+    calls_ms: (N,).
     """
     counted = calls_ms[1:] if len(calls_ms) > 1 else calls_ms
     values = (

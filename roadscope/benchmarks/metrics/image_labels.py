@@ -1,4 +1,4 @@
-"""What is to be found in a picture, and what is neither right nor wrong to find."""
+"""The objects in an image that a camera detector is to find, and those that do not count."""
 
 from __future__ import annotations
 
@@ -13,14 +13,16 @@ from roadscope.core.record import Record
 LEAST_PIXELS = 40
 MOST_OCCLUDED = 0.75
 LEAST_HEIGHT_PX = 8.0
+"""Limits of what is to be found, chosen by hand; boards name them in their explanation."""
 LEAST_CONTRAST = 0.05
-"""Share of the contrast to the air behind it that something must keep (Koschmieder)."""
+"""Share of its contrast that an object keeps at the limit of visibility in rain or fog
+(Koschmieder 1924; 0.05 is the threshold of the meteorological optical range)."""
 PARKED = -1
 """Category of parked cars, which are scenery."""
 
 FAMILIES = tuple(Family)
 FAMILY_OF = np.array([FAMILIES.index(c.family) for c in Category])
-"""By category, the place of its family among `FAMILIES`."""
+"""By category, the index of its family in `FAMILIES`."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -39,11 +41,12 @@ class ParkedBoxes(Record):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Labels(Record):
-    """Everything in one picture that could be taken for a road user.
+    """All road users and parked cars in one image.
 
     boxes: (N, 4) float64, left top right bottom, pixels.
     categories: (N,) int64, values of `Category` or `PARKED`.
-    pixels: (N,) int64, how many show it; -1 of parked cars. occluded: (N,) float64, share hidden.
+    pixels: (N,) int64, how many show the object; -1 of parked cars.
+    occluded: (N,) float64, share of the object that is hidden.
     ranges_m: (N,) float64, distance of its centre from the ego, seen from above.
     """
 
@@ -67,13 +70,16 @@ class Labels(Record):
         return len(self.boxes)
 
     def in_air(self, extinction_per_m: float) -> Labels:
-        """Return the labels with all hidden that rain or fog leaves too little contrast."""
-        faint = np.exp(-extinction_per_m * self.ranges_m) < LEAST_CONTRAST
-        return replace(self, occluded=np.where(faint, 1.0, self.occluded))
+        """Return the labels with all objects hidden that keep too little contrast in rain or fog.
+
+        An object at range r keeps the share exp(-extinction r) of its contrast (Koschmieder 1924).
+        """
+        too_faint = np.exp(-extinction_per_m * self.ranges_m) < LEAST_CONTRAST
+        return replace(self, occluded=np.where(too_faint, 1.0, self.occluded))
 
     @staticmethod
     def names() -> list[str]:
-        """Names of the columns."""
+        """Return the names of the columns."""
         return [field.name for field in fields(Labels)]
 
     @property
@@ -83,19 +89,19 @@ class Labels(Record):
         return heights
 
     @property
-    def asked(self) -> np.ndarray:
-        """(N,) bool: road users of whom enough is seen to be found."""
-        asked: np.ndarray = (
+    def eligible(self) -> np.ndarray:
+        """(N,) bool: road users of which enough is visible; the others do not count."""
+        eligible: np.ndarray = (
             (self.categories != PARKED)
             & (self.pixels >= LEAST_PIXELS)
             & (self.occluded <= MOST_OCCLUDED)
             & (self.heights_px >= LEAST_HEIGHT_PX)
         )
-        return asked
+        return eligible
 
     @property
     def families(self) -> np.ndarray:
-        """(N,) int64, places among `FAMILIES`; parked cars are vehicles."""
+        """(N,) int64, indices in `FAMILIES`; parked cars are vehicles."""
         return np.where(self.categories == PARKED, 0, FAMILY_OF[self.categories])
 
 
@@ -104,15 +110,17 @@ def labels_of(truth: Truth, parked: ParkedBoxes | None = None) -> Labels:
     if truth.image_boxes is None:
         raise ValueError("the truth is not of an image: it has no boxes in one")
     boxes = truth.image_boxes
-    inside = ((boxes[:, 2:] - boxes[:, :2]) > 0).all(axis=1) & (truth.visible_pixels > 0)
-    away = np.hypot(*(truth.centres[:, :2] - truth.world_from_ego.translation[:2]).T)
+    visible = ((boxes[:, 2:] - boxes[:, :2]) > 0).all(axis=1) & (truth.visible_pixels > 0)
+    ranges_m = np.hypot(*(truth.centres[:, :2] - truth.world_from_ego.translation[:2]).T)
     if parked is None:
         parked = ParkedBoxes(np.empty((0, 4)), np.empty(0))
-    none = np.ones(len(parked), np.int64)
+    count = len(parked)
     return Labels(
-        np.concatenate([boxes[inside], parked.boxes]),
-        np.concatenate([truth.categories[inside].astype(np.int64), PARKED * none]),
-        np.concatenate([truth.visible_pixels[inside], -none]),
-        np.concatenate([truth.occluded_fraction[inside], np.zeros(len(parked))]),
-        np.concatenate([away[inside], parked.ranges_m]),
+        boxes=np.concatenate([boxes[visible], parked.boxes]),
+        categories=np.concatenate(
+            [truth.categories[visible].astype(np.int64), np.full(count, PARKED)]
+        ),
+        pixels=np.concatenate([truth.visible_pixels[visible], np.full(count, -1)]),
+        occluded=np.concatenate([truth.occluded_fraction[visible], np.zeros(count)]),
+        ranges_m=np.concatenate([ranges_m[visible], parked.ranges_m]),
     )

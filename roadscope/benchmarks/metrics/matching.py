@@ -1,4 +1,4 @@
-"""Which detection belongs to which object, one to one, by bird's-eye centre distance."""
+"""Distances and overlaps of boxes, and one-to-one matching by distance."""
 
 from __future__ import annotations
 
@@ -10,11 +10,12 @@ import numpy as np
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Pairing:
-    """What one frame offers to be matched: N detections or tracks against M objects.
+    """The N detections or tracks and the M objects of one frame, which can be matched.
 
     distances: (N, M) float64, metres between box centres, seen from above.
-    eligible: (M,) bool; an object that is not is neither a miss nor makes a false alarm.
-    counted: (N,) bool; a detection that is not (outside the range band) is no false alarm.
+    eligible: (M,) bool; an object that is not eligible is no miss, and what is matched with it is
+        no false alarm.
+    counted: (N,) bool; a detection that is not counted (outside the range band) is no false alarm.
     """
 
     distances: np.ndarray
@@ -24,12 +25,12 @@ class Pairing:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Match:
-    """The fate of every detection and eligible object of one frame, all index arrays.
+    """The matched pairs of one frame, and what is left of it; all are index arrays.
 
-    detected, truth: (K,) matched pairs.
-    false_alarms: detections that belong to nothing.
-    misses: eligible objects that nothing belongs to.
-    ignored: detections that belong to ineligible objects or lie outside the range band.
+    detected, truth: (K,) rows of the matched pairs.
+    false_alarms: detections that are matched with no object.
+    misses: eligible objects that are matched with no detection.
+    ignored: detections that are matched with an ineligible object or lie outside the range band.
     """
 
     detected: np.ndarray
@@ -41,16 +42,36 @@ class Match:
 
 def centre_distances(centres: np.ndarray, truth_centres: np.ndarray) -> np.ndarray:
     """Return (N, M) distances in the ground plane between (N, 2+) and (M, 2+) centres, metres."""
-    ones, others = np.asarray(centres), np.asarray(truth_centres)
-    x = ones[:, 0, None] - others[:, 0]
-    y = ones[:, 1, None] - others[:, 1]
-    # Half the time of hypot, which guards against what metres never are.
+    first, second = np.asarray(centres), np.asarray(truth_centres)
+    x = first[:, 0, None] - second[:, 0]
+    y = first[:, 1, None] - second[:, 1]
+    # Twice as fast as np.hypot, which guards against an overflow that metres never cause.
     distances: np.ndarray = np.sqrt(x * x + y * y)
     return distances
 
 
+def image_overlaps(boxes: np.ndarray, truth_boxes: np.ndarray) -> np.ndarray:
+    """Return (N, M) intersection over union of (N, 4) and (M, 4) image boxes, 0 to 1.
+
+    Boxes: left top right bottom; one without an area overlaps nothing.
+    """
+    first, second = np.asarray(boxes, float)[:, None], np.asarray(truth_boxes, float)[None]
+    low = np.maximum(first[..., :2], second[..., :2])
+    high = np.minimum(first[..., 2:], second[..., 2:])
+    common = np.prod(np.maximum(high - low, 0), axis=-1)
+    union = np.prod(first[..., 2:] - first[..., :2], axis=-1)
+    union = union + np.prod(second[..., 2:] - second[..., :2], axis=-1) - common
+    overlaps: np.ndarray = np.divide(common, union, out=np.zeros_like(common), where=union > 0)
+    return overlaps
+
+
 def assign(distances: np.ndarray, gate_m: float) -> tuple[np.ndarray, np.ndarray]:
-    """Pair rows and columns one to one: as many as the gate allows, then least total distance."""
+    """Return rows and columns of the best one-to-one pairs within the gate.
+
+    The number of pairs is as large as possible; among such pairings the total distance is least.
+
+    distances: (N, M) metres. gate_m: metres, inclusive.
+    """
     from scipy.optimize import linear_sum_assignment
 
     if distances.size == 0:
@@ -64,23 +85,23 @@ def assign(distances: np.ndarray, gate_m: float) -> tuple[np.ndarray, np.ndarray
 
 
 def match(pairing: Pairing, gate_m: float) -> Match:
-    """Match optimally: first with eligible objects, then what is left with ineligible ones."""
+    """Match with eligible objects first, then match the other detections with ineligible ones."""
     eligible = np.flatnonzero(pairing.eligible)
     detected, column = assign(pairing.distances[:, eligible], gate_m)
-    left = np.setdiff1d(np.arange(len(pairing.distances)), detected)
-    others = np.flatnonzero(~pairing.eligible)
-    row, _ = assign(pairing.distances[np.ix_(left, others)], gate_m)
-    excused = ~pairing.counted[left]
-    excused[row] = True
+    unmatched = np.setdiff1d(np.arange(len(pairing.distances)), detected)
+    ineligible = np.flatnonzero(~pairing.eligible)
+    row, _ = assign(pairing.distances[np.ix_(unmatched, ineligible)], gate_m)
+    ignored = ~pairing.counted[unmatched]
+    ignored[row] = True
     return Match(
         detected=detected,
         truth=eligible[column],
-        false_alarms=left[~excused],
+        false_alarms=unmatched[~ignored],
         misses=np.setdiff1d(eligible, eligible[column]),
-        ignored=left[excused],
+        ignored=unmatched[ignored],
     )
 
 
 def match_all(pairings: Sequence[Pairing], gate_m: float) -> list[Match]:
-    """Match frame by frame."""
+    """Return the match of each frame."""
     return [match(pairing, gate_m) for pairing in pairings]

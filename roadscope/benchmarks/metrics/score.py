@@ -1,4 +1,4 @@
-"""One figure with what is needed to read it."""
+"""A score: a figure with its unit, its direction and what pooling needs."""
 
 from __future__ import annotations
 
@@ -11,15 +11,15 @@ Better = Literal["higher", "lower"]
 
 @dataclass(frozen=True, slots=True)
 class Score:
-    """A figure of merit of one episode.
+    """A figure of one episode.
 
-    value: the figure; NaN where nothing could be measured.
+    value: the figure; nan where nothing could be measured.
     unit: `1` for ratios, otherwise a unit or what is counted.
     better: which direction is better.
     n: number of samples behind the value.
-    least, most: bounds of what the value can be, for intervals.
-    weight: what the value was divided by; episodes are pooled with it.
-    power: values are averaged as this power and its root is taken: 2 for RMS errors.
+    least, most: limits of possible values, for intervals.
+    weight: weight of the episode when episodes are pooled: what the value was divided by.
+    power: 2 for root mean squares: pooled is the mean of this power, then its root is taken.
     """
 
     value: float
@@ -32,7 +32,7 @@ class Score:
     power: int = 1
 
     def to_json(self) -> dict[str, Any]:
-        """Return a dictionary that JSON can hold: NaN and infinity become None."""
+        """Return a dictionary that JSON can hold: nan and infinity become None."""
         named = asdict(self)
         return {k: None if _unbounded(v) else v for k, v in named.items()}
 
@@ -55,23 +55,23 @@ class ScoreFamily:
 
 
 def ratio(part: float, whole: float, better: Better = "higher") -> Score:
-    """Return a share between 0 and 1 of a whole number of samples."""
+    """Return part / whole, 0 to 1, of a number of samples; nan without samples."""
     value = part / whole if whole else math.nan
     return Score(value, "1", better, int(whole), 0.0, 1.0, weight=whole)
 
 
 def mean(total: float, n: int, unit: str, better: Better = "lower") -> Score:
-    """Return a total divided by its number of samples."""
+    """Return total / n; nan without samples."""
     return Score(total / n if n else math.nan, unit, better, n, weight=n)
 
 
 def signed_mean(total: float, n: int) -> Score:
-    """Return a mean of values in -1 to 1 that is best at zero."""
+    """Return total / n of values in -1 to 1, best at 0; nan without samples."""
     return Score(total / n if n else math.nan, "1", "lower", n, -1.0, 1.0, weight=n)
 
 
 def rms(squares: float, n: int, unit: str) -> Score:
-    """Return the root of a mean of squares, lower is better."""
+    """Return sqrt(squares / n), lower is better; nan without samples."""
     value = math.sqrt(squares / n) if n else math.nan
     return Score(value, unit, "lower", n, weight=n, power=2)
 

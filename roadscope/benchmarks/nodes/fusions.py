@@ -14,7 +14,7 @@ from roadscope.benchmarks.graph import Node
 from roadscope.benchmarks.images import camera_of, projection_of
 from roadscope.benchmarks.kinds import FUSION
 from roadscope.benchmarks.loop import CallInput, RunOptions, run_plugin
-from roadscope.benchmarks.metrics.fusion import FARTHEST_M, Targets
+from roadscope.benchmarks.metrics.fusion import FARTHEST_M, FusionTargets
 from roadscope.benchmarks.nodes.detections import DetectionNode
 from roadscope.benchmarks.nodes.images import ImageNode
 from roadscope.benchmarks.noisy_camera import FAMILY
@@ -242,7 +242,7 @@ def _targets(
     lidar: EpisodeDetections,
     camera: EpisodeImageDetections,
     rows: np.ndarray,
-) -> tuple[Targets, ...]:
+) -> tuple[FusionTargets, ...]:
     """Return the objects at each scan; their image boxes are of the nearest image, lost or not."""
     true_projection = projection_of(rig(episode.rig))
     image_s = np.array([t.stamp_s for t in camera.truths])
@@ -255,7 +255,9 @@ def _targets(
     return tuple(targets)
 
 
-def targets_of(truth: Truth, image: Truth, parked: np.ndarray, projection: Projection) -> Targets:
+def targets_of(
+    truth: Truth, image: Truth, parked: np.ndarray, projection: Projection
+) -> FusionTargets:
     """Return the objects in a scan and its image; (P, 2) parked cars come last, not eligible.
 
     Eligible are objects in the image, 3 to 60 m away, less than nine tenths hidden, with at least 5
@@ -290,7 +292,7 @@ def targets_of(truth: Truth, image: Truth, parked: np.ndarray, projection: Proje
         ),
         projection,
     )
-    return Targets(
+    return FusionTargets(
         np.concatenate([FAMILY[truth.categories[both]], np.zeros(n, np.int64)]),
         np.concatenate([centres, cars]),
         np.concatenate([boxes, car_boxes]),

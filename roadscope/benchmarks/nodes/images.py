@@ -175,7 +175,7 @@ def lit_share(episode: Episode) -> float:
 
 def oracle_in_image(labels: Labels, stamp_s: float) -> ImageDetections:
     """Return the true boxes of all eligible objects."""
-    rows = np.flatnonzero(labels.asked)
+    rows = np.flatnonzero(labels.eligible)
     return ImageDetections(
         labels.boxes[rows], labels.categories[rows].astype(np.int8), np.ones(len(rows)), stamp_s
     )

@@ -18,8 +18,14 @@ from dataclasses import replace
 from types import MappingProxyType
 
 from roadscope.benchmarks.episode import Episode
-from roadscope.benchmarks.metrics.fusion import FusionRates, Targets, judge, rates, threshold_at
-from roadscope.benchmarks.metrics.fusion_parts import in_crowd
+from roadscope.benchmarks.metrics.fusion import (
+    FusionRates,
+    FusionTargets,
+    fusion_rates,
+    in_crowd,
+    match_targets,
+    threshold_at,
+)
 from roadscope.benchmarks.papers.li2021_scene import Moment, film
 from roadscope.benchmarks.papers.li2021_table import table_1
 from roadscope.benchmarks.papers.reproduction import (
@@ -187,27 +193,27 @@ def measure_with(detector: Detector | None, seed: int) -> dict[Key, float]:
             fused = outcomes(method, taken, lidar, condition)
             if fused is None:
                 continue
-            judged = judge(fused, targets)
-            result = rates(judged, threshold_at(judged, EQUAL_FALSE))
+            matched = match_targets(fused, targets)
+            result = fusion_rates(matched, threshold_at(matched, EQUAL_FALSE))
             if condition == "clear":
-                free = rates(judged)
+                free = fusion_rates(matched)
                 shares[EVERY_SCORE, method] = free
                 found |= {(EVERY_SCORE, method, name): v for name, v in quantities(free).items()}
             shares[condition, method] = result
             if condition in WITH_BOTH:
-                found[HIDDEN, method, condition] = 100 * result.hidden_distance
-                found[CLASS, method, condition] = 100 * result.family
+                found[HIDDEN, method, condition] = 100 * result.hidden_distance_right
+                found[CLASS, method, condition] = 100 * result.family_right
             if method in FUSED:
-                more = result.all_found - better_alone(shares, condition)
+                more = result.detection_rate - better_alone(shares, condition)
                 place = MORE_BOTH if condition in WITH_BOTH else MORE_ONE
                 found[place, method, condition] = 100 * more
             found |= {(condition, method, name): v for name, v in quantities(result).items()}
     for claim, shown in ((MORE, EVERY_SCORE), (MORE_AT_EQUAL, "clear")):
         alone = better_alone(shares, shown)
         for method in FUSED:
-            found[CLAIMS, method, claim] = float(shares[shown, method].all_found > alone)
+            found[CLAIMS, method, claim] = float(shares[shown, method].detection_rate > alone)
     for method, other in (("li2021", WITHOUT), (BELIEF, BELIEF_WITHOUT)):
-        with_it, without = (shares["clear", each].all_found for each in (method, other))
+        with_it, without = (shares["clear", each].detection_rate for each in (method, other))
         found[CLAIMS, method, EVIDENCE] = float(with_it > without)
     return found
 
@@ -215,7 +221,7 @@ def measure_with(detector: Detector | None, seed: int) -> dict[Key, float]:
 def better_alone(shares: Mapping[tuple[str, str], FusionRates], condition: str) -> float:
     """Return what the better sensor finds alone, of those that work."""
     alone = (shares.get((condition, one)) for one in (LIDAR, CAMERA))
-    return max(found.all_found for found in alone if found is not None)
+    return max(found.detection_rate for found in alone if found is not None)
 
 
 def detected(moments: Sequence[Moment]) -> list[Detections]:
@@ -241,15 +247,17 @@ def outcomes(
     ]
 
 
-def crowded(targets: Targets) -> Targets:
+def crowded(targets: FusionTargets) -> FusionTargets:
     """Ask for people in crowds only."""
     return replace(targets, eligible=targets.eligible & in_crowd(targets))
 
 
 def quantities(result: FusionRates) -> dict[str, float]:
     """Name the figures; per cent but for false alarms."""
-    shares = dict(zip((VEHICLES, CYCLISTS, PEDESTRIANS), result.found, strict=True))
-    shares[DISTANCE] = result.distance
+    shares = dict(
+        zip((VEHICLES, CYCLISTS, PEDESTRIANS), result.family_detection_rates, strict=True)
+    )
+    shares[DISTANCE] = result.distance_right
     return {name: 100 * share for name, share in shares.items()} | {
-        FALSE: result.false_per_moment
+        FALSE: result.false_alarms_per_scan
     }  # fmt: skip

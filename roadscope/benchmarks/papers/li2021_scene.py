@@ -8,7 +8,7 @@ import numpy as np
 
 from roadscope.benchmarks.episode import Episode, sensing_of, timeline_of
 from roadscope.benchmarks.images import sensing_without_pixels
-from roadscope.benchmarks.metrics.fusion import Targets
+from roadscope.benchmarks.metrics.fusion import FusionTargets
 from roadscope.benchmarks.nodes.fusions import targets_of
 from roadscope.benchmarks.nodes.images import is_dark, lit_share
 from roadscope.benchmarks.noisy_camera import CameraNoise, NoisyCamera
@@ -30,7 +30,7 @@ class Moment:
     scan: Frame
     truth: Truth
     camera: ImageDetections | None
-    targets: Targets
+    targets: FusionTargets
     projection: Projection
 
 

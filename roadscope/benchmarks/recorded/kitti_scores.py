@@ -13,13 +13,13 @@ from roadscope.benchmarks.formats.kitti_objects import TYPE_OF, KittiObjects
 from roadscope.benchmarks.formats.kitti_rules import SIMILARITIES, judged
 from roadscope.benchmarks.metrics.score import Score, ratio
 from roadscope.benchmarks.metrics.tracking.amota import amota
-from roadscope.benchmarks.metrics.tracking.clear import count
-from roadscope.benchmarks.metrics.tracking.following import follow
+from roadscope.benchmarks.metrics.tracking.clear import clear
 from roadscope.benchmarks.metrics.tracking.hota import hota
 from roadscope.benchmarks.metrics.tracking.identity import identity
+from roadscope.benchmarks.metrics.tracking.matching import match_tracks
 from roadscope.benchmarks.metrics.tracking.scores import consistency_scores, state_scores
 from roadscope.benchmarks.metrics.tracking.sequence import TrackedSequence
-from roadscope.benchmarks.metrics.tracking.states import state_errors
+from roadscope.benchmarks.metrics.tracking.state_errors import FrameRows, state_errors
 from roadscope.benchmarks.recorded.combined import NEES_BAND, SUFFIXES, alpha_parts, nees_band
 from roadscope.core import Tracks, Truth
 
@@ -70,11 +70,12 @@ def label_errors(
     threshold: float,
 ) -> dict[str, Score]:
     """Return how far tracks are off the labels, in the world frame, and whether they know it."""
-    following = follow(counted, threshold)
-    followers, objects = counted.track_ids[following.columns], counted.truth_ids[following.rows]
-    ends = np.searchsorted(following.frames, np.arange(len(counted) + 1))
+    matched = match_tracks(counted, threshold)
+    track_ids = counted.track_ids[matched.track_rows]
+    objects = counted.truth_ids[matched.truth_rows]
+    ends = np.searchsorted(matched.frames, np.arange(len(counted) + 1))
     pairs = [
-        (_rows_of(followers[a:b], frame.ids), _rows_of(objects[a:b], truth.ids))
+        FrameRows(_rows_of(track_ids[a:b], frame.ids), _rows_of(objects[a:b], truth.ids))
         for frame, truth, a, b in zip(tracks, truths, ends[:-1], ends[1:], strict=True)
     ]
     errors = state_errors(tracks, truths, pairs)
@@ -101,7 +102,7 @@ def sequence_scores(
     """
     swept = sequence if swept is None else swept
     curves, objects = hota(sequence), len(sequence.truths)
-    c, same = count(sequence, follow(sequence, threshold)), identity(sequence, threshold)
+    c, same = clear(sequence, threshold), identity(sequence, threshold)
 
     def averaged(value: float, least: float = 0.0) -> Score:
         known = value if objects else math.nan

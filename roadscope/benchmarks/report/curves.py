@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from roadscope.benchmarks.cache import write_atomically
-from roadscope.benchmarks.metrics.odometry.errors import DISTANCE, MARKS_M
+from roadscope.benchmarks.metrics.odometry import DISTANCE, MARKS_M
 from roadscope.benchmarks.results import Results, Row
 
 if TYPE_CHECKING:

@@ -20,7 +20,10 @@ from roadscope.benchmarks.metrics.tracking.clear import clear
 from roadscope.benchmarks.metrics.tracking.hota import hota
 from roadscope.benchmarks.metrics.tracking.identity import identity
 from roadscope.benchmarks.metrics.tracking.ospa import gospa, ospa
-from roadscope.benchmarks.metrics.tracking.sequence import TrackedSequence, near
+from roadscope.benchmarks.metrics.tracking.sequence import (
+    TrackedSequence,
+    similarity_by_distance,
+)
 from roadscope.benchmarks.speed.rows import SpeedRow, interleaved
 
 FRAMES, OBJECTS = 1000, 30
@@ -56,7 +59,7 @@ class Made:
 
     def similarities(self) -> list[np.ndarray]:
         """Return (objects, tracks) of each frame, 0.5 at 2 m."""
-        return [near(apart) for apart in self.distances()]
+        return [similarity_by_distance(apart) for apart in self.distances()]
 
 
 def made_sequence(frames: int = FRAMES, objects: int = OBJECTS) -> Made:
@@ -110,7 +113,7 @@ def _sequence_metrics(made: Made, repeats: int) -> list[SpeedRow]:
     if metrics is not None:
         calls["TrackEval's HOTA, CLEAR and identity"] = _trackeval(metrics, sequence)
     times = interleaved(calls, repeats, process_time)
-    of = f"{len(sequence)} frames, {sequence.objects} objects"
+    of = f"{len(sequence)} frames, {sequence.distinct_objects} objects"
     rows = [SpeedRow(f"{name}, {of}", seconds * 1e3, "ms") for name, seconds in times.items()]
     if metrics is not None:
         theirs = times["TrackEval's HOTA, CLEAR and identity"]
@@ -142,8 +145,8 @@ def as_trackeval(sequence: TrackedSequence) -> dict[str, Any]:
         "similarity_scores": sequence.matrices(sequence.similarities),
         "num_gt_dets": len(sequence.truths),
         "num_tracker_dets": len(sequence.tracks),
-        "num_gt_ids": sequence.objects,
-        "num_tracker_ids": sequence.followers,
+        "num_gt_ids": sequence.distinct_objects,
+        "num_tracker_ids": sequence.distinct_tracks,
     }
 
 

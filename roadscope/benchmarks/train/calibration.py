@@ -8,9 +8,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from roadscope.benchmarks.metrics.image_detection import of_family
+from roadscope.benchmarks.metrics.image_detection import images_of_family, match_image
 from roadscope.benchmarks.metrics.image_labels import FAMILIES, Labels
-from roadscope.benchmarks.metrics.image_precision import outcomes
 from roadscope.core import ImageDetections
 from roadscope.detectors.camera.calibration import TERM_COUNT, Calibration
 from roadscope.detectors.camera.decode import TRAITS, Peaks
@@ -39,7 +38,6 @@ def fitted_calibration(peaks: Sequence[Peaks], labels: Sequence[Labels]) -> Cali
         )
         for i, p in enumerate(peaks)
     ]
-    pairs = list(zip(detections, labels, strict=True))
     traits = np.concatenate([np.empty((0, len(TRAITS))), *(p.traits for p in peaks)])
     standardised = _standardised(traits)
     # The prior's weights: scores that are the heat, which is the first trait.
@@ -47,7 +45,7 @@ def fitted_calibration(peaks: Sequence[Peaks], labels: Sequence[Labels]) -> Cali
     prior[0], prior[1] = standardised.middles[0], standardised.spreads[0]
     weights = []
     for family in range(len(FAMILIES)):
-        boxes = _judged_boxes(peaks, pairs, family)
+        boxes = _judged_boxes(peaks, detections, labels, family)
         weights.append(logistic(standardised.terms(boxes.traits), boxes.right, prior))
     return replace(standardised, weights=np.round(weights, DIGITS))
 
@@ -60,12 +58,15 @@ class _JudgedBoxes(NamedTuple):
 
 
 def _judged_boxes(
-    peaks: Sequence[Peaks], pairs: Sequence[tuple[ImageDetections, Labels]], family: int
+    peaks: Sequence[Peaks],
+    detections: Sequence[ImageDetections],
+    labels: Sequence[Labels],
+    family: int,
 ) -> _JudgedBoxes:
     """Return the boxes of a family without those that are neither right nor wrong."""
     traits, right = [np.empty((0, len(TRAITS)))], [np.empty(0, bool)]
-    for p, image in zip(peaks, of_family(pairs, family), strict=True):
-        rows, hits = outcomes(image)
+    for p, image in zip(peaks, images_of_family(detections, labels, family), strict=True):
+        rows, hits = match_image(image)
         traits.append(p.traits[np.flatnonzero(p.families == family)[rows]])
         right.append(hits)
     return _JudgedBoxes(np.concatenate(traits), np.concatenate(right))

@@ -144,7 +144,7 @@ def draw_window(
     scale = min(zoom, picture.height / crop.height, picture.width / crop.width)
     height, width = (round(scale * side) for side in crop)
     top, left = rng.random(2) * (picture.height - height, picture.width - width)
-    eligible = np.flatnonzero(labels.asked)
+    eligible = np.flatnonzero(labels.eligible)
     if len(eligible) and rng.random() < AT_OBJECT_SHARE:
         # The family is drawn first: there are few cyclists, and they would be learned from rarely.
         families = labels.families[eligible]
@@ -165,7 +165,7 @@ def objects_in(labels: Labels, window: Window, size: PixelSize) -> CropObjects:
         boxes[:, [0, 2]] = size.width - boxes[:, [2, 0]]
     sides = boxes[:, 2:] - boxes[:, :2]
     rows = np.flatnonzero((sides >= LEAST_SIDE_PX).all(axis=1))
-    eligible = labels.asked & (cut_areas >= LEAST_INSIDE * whole_areas)
+    eligible = labels.eligible & (cut_areas >= LEAST_INSIDE * whole_areas)
     eligible &= sides[:, 1] >= LEAST_HEIGHT_PX
     return CropObjects(boxes[rows], labels.families[rows], labels.categories[rows], eligible[rows])
 

@@ -12,10 +12,8 @@ from roadscope.benchmarks.formats import KittiFolder, read_sequence
 from roadscope.benchmarks.formats.kitti_export import kitti_objects, save_results
 from roadscope.benchmarks.formats.kitti_objects import KittiObjects, KittiType, read_labels
 from roadscope.benchmarks.formats.kitti_rules import SIMILARITIES, judged
-from roadscope.benchmarks.metrics.tracking.clear import clear
-from roadscope.benchmarks.metrics.tracking.hota import hota
-from roadscope.benchmarks.metrics.tracking.identity import identity
 from roadscope.core import Category, TrackState
+from roadscope.metrics import clear, hota, identity
 from roadscope.trackers import TRACKERS
 
 CLASSES = {"car": Category.CAR, "pedestrian": Category.PEDESTRIAN}

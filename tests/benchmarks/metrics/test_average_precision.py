@@ -5,12 +5,14 @@ from hypothesis import strategies as st
 from sklearn.metrics import average_precision_score
 
 from roadscope.benchmarks.metrics.average_precision import (
+    FALSE_ALARM,
+    IGNORED,
     average_precision,
+    match_greedily,
     overlap_precision,
     precision_by_group,
-    ranked_by_distance,
+    rank_by_distance,
 )
-from roadscope.benchmarks.metrics.greedy import FALSE_ALARM, IGNORED, outcomes
 from roadscope.benchmarks.metrics.matching import Pairing
 
 
@@ -23,7 +25,7 @@ def pairing(distances, eligible=None) -> Pairing:
 
 
 def ap(distances, scores, eligible=None) -> float:
-    return average_precision([pairing(distances, eligible)], [np.array(scores)], 2.0).value
+    return average_precision([pairing(distances, eligible)], [np.array(scores)], gate_m=2.0).value
 
 
 def test_all_found_and_nothing_else_is_one() -> None:
@@ -58,7 +60,7 @@ def test_ineligible_objects_do_not_count() -> None:
 
 
 def test_without_objects_there_is_no_value() -> None:
-    score = average_precision([pairing(np.empty((2, 0)))], [np.ones(2)], 2.0)
+    score = average_precision([pairing(np.empty((2, 0)))], [np.ones(2)], gate_m=2.0)
     assert np.isnan(score.value)
     assert score.n == 0
 
@@ -73,8 +75,8 @@ def test_the_order_of_detections_does_not_matter(n, m, seed, ties) -> None:
     assert ap(distances, scores) == ap(distances[order], scores[order])
 
 
-def slow_outcomes(costs, order, eligible, counted) -> np.ndarray:
-    """Return what `outcomes` does, with plain NumPy."""
+def slow_match(costs, order, eligible, counted) -> np.ndarray:
+    """Return what `match_greedily` does, one detection after the other."""
     fates = np.full(len(order), FALSE_ALARM)
     for row in order:
         for group, hit in ((eligible, True), (~eligible, False)):
@@ -89,13 +91,14 @@ def slow_outcomes(costs, order, eligible, counted) -> np.ndarray:
 
 
 @given(st.integers(0, 8), st.integers(0, 6), st.integers(0, 2**32 - 1))
-def test_the_fast_matching_is_the_plain_one(n, m, seed) -> None:
+def test_detections_are_matched_one_after_the_other(n, m, seed) -> None:
     rng = np.random.default_rng(seed)
     costs = np.where(rng.random((n, m)) < 0.5, rng.integers(0, 4, (n, m)) / 4, np.inf)
     eligible, counted = rng.random(m) < 0.6, rng.random(n) < 0.7
     order = rng.permutation(n)
-    expected = slow_outcomes(costs.copy(), order, eligible, counted)
-    assert outcomes(costs.copy(), order, eligible, counted).tolist() == expected.tolist()
+    expected = slow_match(costs.copy(), order, eligible, counted)
+    matched = match_greedily(costs, order, eligible=eligible, counted=counted)
+    assert matched.tolist() == expected.tolist()
 
 
 @given(st.integers(1, 300), st.floats(0.05, 0.95), st.integers(0, 2**32 - 1), st.booleans())
@@ -130,10 +133,9 @@ def test_overlap_below_the_threshold_is_no_hit() -> None:
     frame = pairing([[0.1, 9.0], [9.0, 0.1]])
     shares = [np.array([[0.6, 0.0], [0.0, 0.8]])]
     scores = [np.array([0.9, 0.5])]
-    assert overlap_precision([frame], shares, scores, 0.5, 2.0).value == 1.0
-    assert overlap_precision([frame], shares, scores, 0.7, 2.0).value == pytest.approx(
-        51 * 0.5 / 101
-    )
+    assert overlap_precision([frame], shares, scores, least_iou=0.5, gate_m=2.0).value == 1.0
+    strict = overlap_precision([frame], shares, scores, least_iou=0.7, gate_m=2.0)
+    assert strict.value == pytest.approx(51 * 0.5 / 101)
 
 
 def episode(seed: int, frames: int = 5) -> tuple[list[Pairing], list[np.ndarray]]:
@@ -150,13 +152,13 @@ def episode(seed: int, frames: int = 5) -> tuple[list[Pairing], list[np.ndarray]
 @settings(max_examples=40, deadline=None)
 def test_one_group_of_all_is_the_whole(seed) -> None:
     pairings, scores = episode(seed)
-    ranked = ranked_by_distance(pairings, scores, 2.0)
+    ranked = rank_by_distance(pairings, scores, gate_m=2.0)
     detections = sum(len(s) for s in scores)
     for own in (None, np.full(detections, 1)):
-        groups = np.full(ranked.objects, 1)
-        empty, whole = precision_by_group(ranked, groups, own, 2)
+        groups = np.full(ranked.object_count, 1)
+        empty, whole = precision_by_group(ranked, groups, own, count=2)
         assert np.isnan(empty)
-        expected = average_precision(pairings, scores, 2.0).value
+        expected = average_precision(pairings, scores, gate_m=2.0).value
         np.testing.assert_equal(whole, expected)
 
 
@@ -164,20 +166,23 @@ def test_one_group_of_all_is_the_whole(seed) -> None:
 @settings(max_examples=40, deadline=None)
 def test_a_group_is_what_is_left_without_the_objects_and_detections_of_others(seed) -> None:
     pairings, scores = episode(seed)
-    ranked = ranked_by_distance(pairings, scores, 2.0)
+    ranked = rank_by_distance(pairings, scores, gate_m=2.0)
     rng = np.random.default_rng(seed)
-    groups = rng.integers(0, 3, ranked.objects)
+    groups = rng.integers(0, 3, ranked.object_count)
     own = rng.integers(0, 3, sum(len(s) for s in scores))
-    apart = precision_by_group(ranked, groups, own, 3)
-    shared = precision_by_group(ranked, groups, None, 3)
+    apart = precision_by_group(ranked, groups, own, count=3)
+    shared = precision_by_group(ranked, groups, None, count=3)
     alone = np.full((2, 3), np.nan)
     for group in range(3):
-        mine = [k for k in range(len(ranked.rows)) if ranked.taken[k] < 0
-                or groups[ranked.taken[k]] == group]  # fmt: skip
-        near = [k for k in mine if ranked.taken[k] >= 0 or own[ranked.rows[k]] == group]
+        mine = [
+            k
+            for k in range(len(ranked.detections))
+            if ranked.objects[k] < 0 or groups[ranked.objects[k]] == group
+        ]
+        near = [k for k in mine if ranked.objects[k] >= 0 or own[ranked.detections[k]] == group]
         for row, kept in enumerate((near, mine)):
             table = np.full((len(kept), int((groups == group).sum())), 9.0)
-            hits = [i for i, k in enumerate(kept) if ranked.taken[k] >= 0]
+            hits = [i for i, k in enumerate(kept) if ranked.objects[k] >= 0]
             table[hits, range(len(hits))] = 0.0
             alone[row, group] = ap(table, ranked.scores[kept])
     np.testing.assert_allclose([apart, shared], alone)

@@ -5,20 +5,15 @@ import pytest
 from toy_boxes import detections, truth
 
 from roadscope.benchmarks.eligibility import Eligibility
-from roadscope.benchmarks.metrics.breakdown import (
-    BANDS,
-    broken_down,
-    part_name,
-    split_name,
-)
-from roadscope.benchmarks.metrics.detection import score_detections
+from roadscope.benchmarks.metrics.breakdown import BANDS, part_name, split_name
+from roadscope.benchmarks.metrics.detection import score_detections, score_detections_by_band
 from roadscope.core import Pose
 
 RULE = Eligibility(range_m=(0.0, 80.0), min_returns=5)
 
 
 def parts(found, truths):
-    return broken_down(found, truths, RULE.pairings(found, truths))
+    return score_detections_by_band(found, truths, RULE.pairings(found, truths))
 
 
 def test_names_are_read_back() -> None:
@@ -100,9 +95,11 @@ def test_errors_by_what_is_true_of_the_object() -> None:
 
 def test_false_alarms_by_their_own_range_and_category_and_in_every_band_of_the_rest() -> None:
     there = truth(
-        [[10, 0], [30, 0]], categories=np.array([0, 2]), returns=[300, 12],
+        [[10, 0], [30, 0]],
+        categories=np.array([0, 2]),
+        returns=[300, 12],
         occluded_fraction=np.array([0.0, 0.3]),
-    )  # fmt: skip
+    )
     found = detections([[10, 0], [30, 0], [30, 20]], scores=[0.5, 0.5, 0.9])
     s = parts([found], [there])
 
@@ -148,12 +145,17 @@ def test_bands_add_up_to_the_whole() -> None:
         seen = xy[rng.random(12) < 0.6] + rng.normal(0, 0.7, 2)
         centres = np.vstack([seen, rng.uniform(-60, 60, (3, 2))])
         some = detections(
-            centres, scores=rng.random(len(centres)), yaws=rng.normal(0, 0.3, len(centres)),
+            centres,
+            scores=rng.random(len(centres)),
+            yaws=rng.normal(0, 0.3, len(centres)),
             sizes=rng.uniform(1, 5, 3),
-        )  # fmt: skip
+        )
         found.append(replace(some, categories=rng.integers(0, 6, len(centres)).astype(np.int8)))
     pairings = RULE.pairings(found, truths)
-    whole, s = score_detections(found, truths, pairings), broken_down(found, truths, pairings)
+    whole, s = (
+        score_detections(found, truths, pairings),
+        score_detections_by_band(found, truths, pairings),
+    )
     for by in ("range", "category", "occlusion", "points"):
         rows = [s[part_name("detection_rate", by, band)] for band in BANDS[by].labels]
         assert sum(r.n for r in rows) == whole.detection_rate.n
@@ -195,7 +197,10 @@ def test_one_band_of_all_is_the_whole() -> None:
         for t in truths
     ]
     pairings = RULE.pairings(found, truths)
-    whole, s = score_detections(found, truths, pairings), broken_down(found, truths, pairings)
+    whole, s = (
+        score_detections(found, truths, pairings),
+        score_detections_by_band(found, truths, pairings),
+    )
     of = {"category": "car", "occlusion": "none", "points": "10-19"}
     assert 0.1 < whole.ap.value < 0.9
     for by, band in of.items():

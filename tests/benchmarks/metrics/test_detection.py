@@ -106,9 +106,13 @@ def test_the_truth_itself_scores_perfectly(n, seed) -> None:
     for name in ("detection_rate", "precision", "f1", "ap", "ap_05", "ap_iou_70"):
         assert s[name].value == 1.0
     for name in (
-        "false_alarms_per_frame", "position_rmse_m", "heading_rmse_deg", "size_rmse_m",
-        "heading_flips", "calibration_error",
-    ):  # fmt: skip
+        "false_alarms_per_frame",
+        "position_rmse_m",
+        "heading_rmse_deg",
+        "size_rmse_m",
+        "heading_flips",
+        "calibration_error",
+    ):
         assert s[name].value == pytest.approx(0.0, abs=1e-9)
 
 

@@ -1,22 +1,29 @@
 import numpy as np
 import pytest
 
-from roadscope.benchmarks.metrics.fusion import FALSE, IGNORED, Targets, judge, rates, threshold_at
+from roadscope.benchmarks.metrics.average_precision import FALSE_ALARM, IGNORED
+from roadscope.benchmarks.metrics.fusion import (
+    FusionTargets,
+    fusion_rates,
+    match_targets,
+    threshold_at,
+)
 from roadscope.core import Category
 from roadscope.core.fused import FusedDetections
 
 CAR, PERSON = 0, 2
 
 
-def targets(*rows: tuple[int, float, tuple[float, ...], bool]) -> Targets:
+def targets(*rows: tuple[int, float, tuple[float, ...], bool]) -> FusionTargets:
     """Family, distance ahead, image box, eligible."""
     n = len(rows)
-    return Targets(
+    return FusionTargets(
         np.array([r[0] for r in rows], np.int64),
         np.array([[r[1], 0.0, 1.0] for r in rows]).reshape(n, 3),
         np.array([r[2] for r in rows], float).reshape(n, 4),
-        np.array([r[3] for r in rows], bool), np.zeros(n),
-    )  # fmt: skip
+        np.array([r[3] for r in rows], bool),
+        np.zeros(n),
+    )
 
 
 def fused(*rows: tuple[float, float, tuple[float, ...], bool]) -> FusedDetections:
@@ -26,11 +33,21 @@ def fused(*rows: tuple[float, float, tuple[float, ...], bool]) -> FusedDetection
     camera = np.array([r[3] for r in rows])
     zero = np.zeros(n)
     return FusedDetections(
-        np.full(n, Category.CAR, np.int8), np.array([r[0] for r in rows]), ~camera, camera,
-        far >= 0, np.column_stack([far, zero, zero]), np.ones((n, 3)), zero, far,
-        np.full(n, -1), np.ones(n, bool), np.array([r[2] for r in rows], float),
-        np.tile([0.25, 0.25, 0.25, 0.25], (n, 1)), 0.0,
-    )  # fmt: skip
+        np.full(n, Category.CAR, np.int8),
+        np.array([r[0] for r in rows]),
+        ~camera,
+        camera,
+        far >= 0,
+        np.column_stack([far, zero, zero]),
+        np.ones((n, 3)),
+        zero,
+        far,
+        np.full(n, -1),
+        np.ones(n, bool),
+        np.array([r[2] for r in rows], float),
+        np.tile([0.25, 0.25, 0.25, 0.25], (n, 1)),
+        0.0,
+    )
 
 
 BOX, ELSEWHERE = (10.0, 10, 50, 60), (200.0, 10, 240, 60)
@@ -39,44 +56,66 @@ BOX, ELSEWHERE = (10.0, 10, 50, 60), (200.0, 10, 240, 60)
 def test_the_camera_is_matched_in_the_image_and_lidar_in_space() -> None:
     real = targets((CAR, 20.0, BOX, True))
     for found, hit in (
-        ((0.9, 40.0, BOX, True), True), ((0.9, 20.0, ELSEWHERE, True), False),
-        ((0.9, 21.5, ELSEWHERE, False), True), ((0.9, 22.5, BOX, False), False),
-    ):  # fmt: skip
-        assert (judge([fused(found)], [real]).target[0] == 0) == hit
+        ((0.9, 40.0, BOX, True), True),
+        ((0.9, 20.0, ELSEWHERE, True), False),
+        ((0.9, 21.5, ELSEWHERE, False), True),
+        ((0.9, 22.5, BOX, False), False),
+    ):
+        assert (match_targets([fused(found)], [real]).targets[0] == 0) == hit
 
 
 def test_a_second_box_is_a_false_alarm_unless_on_what_does_not_count() -> None:
     real = targets((CAR, 20.0, BOX, True), (CAR, 30.0, ELSEWHERE, False))
-    found = fused((0.9, 20.0, BOX, True), (0.5, 20.0, BOX, True), (0.4, 30.0, ELSEWHERE, True),
-                  (0.3, 30.0, ELSEWHERE, True))  # fmt: skip
-    assert judge([found], [real]).target.tolist() == [0, FALSE, IGNORED, IGNORED]
+    found = fused(
+        (0.9, 20.0, BOX, True),
+        (0.5, 20.0, BOX, True),
+        (0.4, 30.0, ELSEWHERE, True),
+        (0.3, 30.0, ELSEWHERE, True),
+    )
+    assert match_targets([found], [real]).targets.tolist() == [0, FALSE_ALARM, IGNORED, IGNORED]
 
 
 @pytest.mark.parametrize(
     ("said", "true", "right"),
-    [(20.9, 20.0, True), (22.1, 20.0, False), (5.9, 5.0, True), (6.1, 5.0, False),
-     (-1.0, 20.0, False)],
-)  # fmt: skip
+    [
+        (20.9, 20.0, True),
+        (22.1, 20.0, False),
+        (5.9, 5.0, True),
+        (6.1, 5.0, False),
+        (-1.0, 20.0, False),
+    ],
+)
 def test_a_distance_is_right_within_a_tenth_or_a_metre(
     said: float, true: float, right: bool
 ) -> None:
-    judged = judge([fused((0.9, said, BOX, True))], [targets((CAR, true, BOX, True))])
-    assert rates(judged).distance == float(right)
+    judged = match_targets([fused((0.9, said, BOX, True))], [targets((CAR, true, BOX, True))])
+    assert fusion_rates(judged).distance_right == float(right)
 
 
 def test_rates_by_family_and_false_alarms_above_a_threshold() -> None:
     real = targets((CAR, 20.0, BOX, True), (PERSON, 30.0, ELSEWHERE, True))
-    found = fused((0.9, 20.0, BOX, True), (0.4, 30.0, ELSEWHERE, True),
-                  (0.6, 10.0, (500.0, 10, 520, 60), True))  # fmt: skip
-    judged = judge([found, found], [real, real])
-    low, high = rates(judged), rates(judged, 0.5)
-    assert (low.found[CAR], low.found[PERSON], low.false_per_moment) == (1.0, 1.0, 1.0)
-    assert (high.found[CAR], high.found[PERSON], high.false_per_moment) == (1.0, 0.0, 1.0)
-    assert high.all_found == 0.5
-    assert high.targets == (2, 0, 2)
-    assert np.isnan(high.found[1])
-    assert low.family == 0.5
+    found = fused(
+        (0.9, 20.0, BOX, True),
+        (0.4, 30.0, ELSEWHERE, True),
+        (0.6, 10.0, (500.0, 10, 520, 60), True),
+    )
+    judged = match_targets([found, found], [real, real])
+    low, high = fusion_rates(judged), fusion_rates(judged, 0.5)
+    assert (
+        low.family_detection_rates[CAR],
+        low.family_detection_rates[PERSON],
+        low.false_alarms_per_scan,
+    ) == (1.0, 1.0, 1.0)
+    assert (
+        high.family_detection_rates[CAR],
+        high.family_detection_rates[PERSON],
+        high.false_alarms_per_scan,
+    ) == (1.0, 0.0, 1.0)
+    assert high.detection_rate == 0.5
+    assert high.target_counts == (2, 0, 2)
+    assert np.isnan(high.family_detection_rates[1])
+    assert low.family_right == 0.5
     strict = threshold_at(judged, 0.4)
     assert 0.6 < strict <= 0.9
-    assert rates(judged, strict).false_per_moment == 0.0
+    assert fusion_rates(judged, strict).false_alarms_per_scan == 0.0
     assert threshold_at(judged, 1.0) == 0.0

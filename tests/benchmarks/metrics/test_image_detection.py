@@ -35,8 +35,15 @@ A, B, C = [0.0, 0, 40, 30], [100.0, 100, 120, 150], [300.0, 10, 330, 20]
 def test_perfect_detections_have_perfect_scores() -> None:
     truth = labels((A, CAR, 500, 10.0), (B, PERSON, 500, 30.0), (C, CYCLIST, 100, 70.0))
     scores = score_images([found((A, CAR, 1.0), (B, PERSON, 1.0), (C, CYCLIST, 1.0))], [truth])
-    for name in ("ap50", "ap", "ap50_near", "ap50_far", "detection_rate_cyclist",
-                 "category_accuracy", "ap50_16px"):  # fmt: skip
+    for name in (
+        "ap50",
+        "ap",
+        "ap50_near",
+        "ap50_far",
+        "detection_rate_cyclist",
+        "category_accuracy",
+        "ap50_16px",
+    ):
         assert scores.named()[name].value == pytest.approx(1.0)
     assert scores.false_alarms.value == 0.0
     assert scores.calibration_error.value == 0.0
@@ -93,18 +100,27 @@ def test_nothing_at_all_is_not_a_number() -> None:
 def test_labels_are_of_who_is_seen() -> None:
     n = 3
     truth = Truth(
-        np.arange(n), np.array([CAR, PERSON, CAR], np.int8), np.array([[3.0, 4, 1]] * n),
-        np.ones((n, 3)), np.zeros(n), np.zeros((n, 2)), np.zeros(n, np.int64),
-        np.array([90, 0, 90]), np.zeros(n), Pose.planar(0.0, 0.0, 0.0), 0.0,
-        np.empty(0, np.int64), np.array([A, B, [5.0, 5, 5, 9]]),
-    )  # fmt: skip
+        np.arange(n),
+        np.array([CAR, PERSON, CAR], np.int8),
+        np.array([[3.0, 4, 1]] * n),
+        np.ones((n, 3)),
+        np.zeros(n),
+        np.zeros((n, 2)),
+        np.zeros(n, np.int64),
+        np.array([90, 0, 90]),
+        np.zeros(n),
+        Pose.planar(0.0, 0.0, 0.0),
+        0.0,
+        np.empty(0, np.int64),
+        np.array([A, B, [5.0, 5, 5, 9]]),
+    )
     made = labels_of(truth, ParkedBoxes(np.array([C]), np.array([40.0])))
     assert made.categories.tolist() == [CAR, PARKED]
     assert made.ranges_m.tolist() == [5.0, 40.0]
-    assert made.asked.tolist() == [True, False]
+    assert made.eligible.tolist() == [True, False]
 
 
 def test_who_is_lost_in_fog_is_not_asked_for() -> None:
     seen = labels((A, CAR, 500, 30.0), (B, PERSON, 500, 130.0))
     assert seen.in_air(0.0) == seen
-    assert seen.in_air(3.0 / 100).asked.tolist() == [True, False]
+    assert seen.in_air(3.0 / 100).eligible.tolist() == [True, False]

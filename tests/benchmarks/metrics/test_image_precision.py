@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from roadscope.benchmarks.metrics.image_precision import Labelled, image_precision
+from roadscope.benchmarks.metrics.image_detection import LabelledImage, image_precision
 
 LARGE = 32.0**2
 
@@ -35,20 +35,36 @@ def test_it_is_that_of_coco(seed: int, large: bool) -> None:
     span = [LARGE, 1e10] if large else [0.0, 1e10]
     truth, found = coco.COCO(), coco.COCO()
     annotations = [
-        {"id": 1 + 100 * i + k, "image_id": i, "category_id": 1, "iscrowd": 0, "area": float(area),
-         "bbox": [*box[:2], *(box[2:] - box[:2])]}
+        {
+            "id": 1 + 100 * i + k,
+            "image_id": i,
+            "category_id": 1,
+            "iscrowd": 0,
+            "area": float(area),
+            "bbox": [*box[:2], *(box[2:] - box[:2])],
+        }
         for i, (_, _, objects) in enumerate(images)
         for k, (box, area) in enumerate(zip(objects, areas(objects), strict=True))
-    ]  # fmt: skip
+    ]
     results = [
-        {"id": 1 + 100 * i + k, "image_id": i, "category_id": 1, "score": float(score),
-         "area": float(area), "iscrowd": 0, "bbox": [*box[:2], *(box[2:] - box[:2])]}
+        {
+            "id": 1 + 100 * i + k,
+            "image_id": i,
+            "category_id": 1,
+            "score": float(score),
+            "area": float(area),
+            "iscrowd": 0,
+            "bbox": [*box[:2], *(box[2:] - box[:2])],
+        }
         for i, (boxes, scores, _) in enumerate(images)
         for k, (box, score, area) in enumerate(zip(boxes, scores, areas(boxes), strict=True))
-    ]  # fmt: skip
+    ]
     for data, rows in ((truth, annotations), (found, results)):
-        data.dataset = {"images": [{"id": i} for i in range(len(images))],
-                        "categories": [{"id": 1}], "annotations": rows}  # fmt: skip
+        data.dataset = {
+            "images": [{"id": i} for i in range(len(images))],
+            "categories": [{"id": 1}],
+            "annotations": rows,
+        }
         data.createIndex()
     judge = evaluation.COCOeval(truth, found, "bbox")
     judge.params.areaRng, judge.params.areaRngLbl = [span], ["all"]
@@ -57,20 +73,20 @@ def test_it_is_that_of_coco(seed: int, large: bool) -> None:
     judge.accumulate()
     expected = judge.eval["precision"][0, :, 0, 0, 0].mean()
     labelled = [
-        Labelled(
+        LabelledImage(
             boxes, scores, objects, (areas(objects) >= span[0]), (areas(boxes) >= span[0])
         )
         for boxes, scores, objects in images
-    ]  # fmt: skip
+    ]
     assert image_precision(labelled, 0.5).ap == pytest.approx(expected, abs=1e-9)
 
 
 def test_perfect_detections_have_one_and_none_have_nothing() -> None:
     boxes = np.array([[0.0, 0, 10, 10], [20, 20, 40, 40]])
     yes = np.ones(2, bool)
-    perfect = image_precision([Labelled(boxes, np.array([0.9, 0.8]), boxes, yes, yes)])
+    perfect = image_precision([LabelledImage(boxes, np.array([0.9, 0.8]), boxes, yes, yes)])
     assert perfect.ap == 1.0
-    missed = image_precision([Labelled(boxes[:0], np.empty(0), boxes, yes, yes[:0])])
+    missed = image_precision([LabelledImage(boxes[:0], np.empty(0), boxes, yes, yes[:0])])
     assert missed.ap == 0.0
-    nothing = image_precision([Labelled(boxes, np.ones(2), boxes[:0], yes[:0], yes)])
+    nothing = image_precision([LabelledImage(boxes, np.ones(2), boxes[:0], yes[:0], yes)])
     assert np.isnan(nothing.ap)

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from roadscope.benchmarks.metrics.fusion import Targets, judge, rates
+from roadscope.benchmarks.metrics.fusion import FusionTargets, fusion_rates, match_targets
 from roadscope.benchmarks.papers import li2021
 from roadscope.benchmarks.papers.li2021_scene import Moment
 from roadscope.benchmarks.papers.li2021_table import table_1
@@ -33,7 +33,7 @@ def moment() -> tuple[Moment, Detections]:
                       np.full(2, 6, np.int8), np.full(2, 0.95), "ego", 0.0)  # fmt: skip
     boxes, _ = projected_boxes(both, LOOK)
     camera = ImageDetections(boxes[1:], np.array([6], np.int8), np.array([0.9]), 0.0)
-    targets = Targets(np.array([2, 2]), centres, boxes, np.ones(2, bool), np.zeros(2))
+    targets = FusionTargets(np.array([2, 2]), centres, boxes, np.ones(2, bool), np.zeros(2))
     none = np.empty(0)
     truth = Truth(none, none, none.reshape(0, 3), none.reshape(0, 3), none, none.reshape(0, 2),
                   none, none, none, Pose.identity(), 0.0, none)  # fmt: skip
@@ -70,7 +70,7 @@ def test_a_note_says_whose_detections_the_cameras_are() -> None:
 def test_crowds_are_people_beside_people() -> None:
     one, _ = moment()
     assert li2021.crowded(one.targets).eligible.all()
-    apart = Targets(
+    apart = FusionTargets(
         np.array([2, 2, 0]), np.array([[15.0, 0, 1], [20.0, 0, 1], [15.5, 0, 1]]),
         np.zeros((3, 4)), np.ones(3, bool), np.zeros(3),
     )  # fmt: skip
@@ -88,7 +88,7 @@ def test_one_seed_gives_every_figure_of_the_paper() -> None:
 
 
 def test_all_methods_of_a_condition_fit_one_table() -> None:
-    judged = judge([], [])
-    names = li2021.quantities(rates(judged))
+    judged = match_targets([], [])
+    names = li2021.quantities(fusion_rates(judged))
     assert len(names) <= MOST_COLUMNS
     assert list(names)[-1] == li2021.FALSE

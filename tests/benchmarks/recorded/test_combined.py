@@ -4,10 +4,7 @@ import numpy as np
 import pytest
 
 from roadscope.benchmarks.metrics.breakdown import part_name
-from roadscope.benchmarks.metrics.tracking.alphas import ALPHA_BANDS, BY_ALPHA
-from roadscope.benchmarks.metrics.tracking.clear import clear
-from roadscope.benchmarks.metrics.tracking.hota import hota
-from roadscope.benchmarks.metrics.tracking.sequence import TrackedSequence
+from roadscope.benchmarks.metrics.tracking.scores import ALPHA_BANDS, BY_ALPHA
 from roadscope.benchmarks.recorded.combined import (
     COMBINED,
     alpha_parts,
@@ -19,6 +16,7 @@ from roadscope.benchmarks.recorded.combined import (
 from roadscope.benchmarks.recorded.kitti_scores import sequence_scores
 from roadscope.benchmarks.results.statistics import pooled_interval
 from roadscope.benchmarks.speed.metrics import as_trackeval
+from roadscope.metrics import TrackedSequence, clear, hota
 
 
 def random_sequence(seed: int, objects: int = 4, frames: int = 20) -> TrackedSequence:

@@ -12,9 +12,8 @@ from roadscope.benchmarks.formats.kitti_export import kitti_objects
 from roadscope.benchmarks.formats.kitti_folder import KittiFolder
 from roadscope.benchmarks.formats.kitti_objects import TYPE_OF
 from roadscope.benchmarks.formats.kitti_rules import judged
-from roadscope.benchmarks.metrics.tracking.hota import hota
-from roadscope.benchmarks.metrics.tracking.sequence import TrackedSequence
 from roadscope.core import Category
+from roadscope.metrics import TrackedSequence, hota
 from roadscope.trackers import TRACKERS, is_offline
 
 OURS = ("existence", "existence-offline")

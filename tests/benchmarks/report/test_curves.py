@@ -3,7 +3,7 @@ from dataclasses import replace
 
 import pytest
 
-from roadscope.benchmarks.metrics.odometry.errors import MARKS_M
+from roadscope.benchmarks.metrics.odometry import MARKS_M
 from roadscope.benchmarks.report.curves import PANELS, draw_curves, has_curves
 from roadscope.benchmarks.report.export import save_all
 from roadscope.benchmarks.results import Results, Row, Standing

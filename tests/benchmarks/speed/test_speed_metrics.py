@@ -5,12 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from roadscope.benchmarks.metrics.tracking.amota import amota
-from roadscope.benchmarks.metrics.tracking.sequence import TrackedSequence
 from roadscope.benchmarks.speed import metrics
 from roadscope.benchmarks.speed.measure import measure_speed
 from roadscope.benchmarks.speed.metrics import made_sequence, measure_metrics
 from roadscope.benchmarks.speed.rows import SpeedRow
+from roadscope.metrics import TrackedSequence, amota
 
 SMALL = {"frames": 6, "objects": 4, "set_frames": 3}
 

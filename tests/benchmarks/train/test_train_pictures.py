@@ -43,7 +43,7 @@ def test_what_is_rendered_is_kept(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
     air = weather("fog-2").extinction_per_m
     assert again.labels == tuple(label.in_air(air) for label in made.labels)
     assert made.pixels.shape == (2, 480, 640, 3)
-    assert any(label.asked.any() for label in made.labels)
+    assert any(label.eligible.any() for label in made.labels)
     # The style of this road has parked cars.
     assert any((label.categories == PARKED).any() for label in made.labels)
 

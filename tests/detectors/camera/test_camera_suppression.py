@@ -3,7 +3,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from roadscope.benchmarks.metrics.image_precision import box_ious
+from roadscope.benchmarks.metrics.matching import image_overlaps
 from roadscope.detectors.camera.decode import SAME_IOU, distinct
 
 
@@ -19,7 +19,7 @@ def test_what_is_suppressed_suppresses_nothing() -> None:
 
 def slowly_distinct(boxes: np.ndarray, families: np.ndarray, most_iou: float) -> list[int]:
     """Take one after the other unless one that was taken overlaps it too much: the reference."""
-    overlaps = box_ious(boxes, boxes)
+    overlaps = image_overlaps(boxes, boxes)
     taken: list[int] = []
     for i in range(len(boxes)):
         rivals = [k for k in taken if families[k] == families[i]]

@@ -2,7 +2,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from roadscope.benchmarks.metrics.image_precision import box_ious
+from roadscope.benchmarks.metrics.matching import image_overlaps
 from roadscope.detectors.camera.calibration import TERM_COUNT, Calibration
 from roadscope.detectors.camera.decode import (
     AGREEING_IOU,
@@ -17,7 +17,7 @@ def slowly(
     boxes: np.ndarray, families: np.ndarray, heat: np.ndarray, kept: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Box by box, as the docstrings say."""
-    chances, overlaps = 1 / (1 + np.exp(-heat)), box_ious(boxes, boxes)
+    chances, overlaps = 1 / (1 + np.exp(-heat)), image_overlaps(boxes, boxes)
     voted, traits = np.zeros((len(kept), 4)), np.zeros((len(kept), len(TRAITS)))
     for k, row in enumerate(kept):
         alike = (families == families[row]) & (overlaps[row] > AGREEING_IOU)
@@ -25,7 +25,7 @@ def slowly(
         voted[k] = np.average(boxes[same], axis=0, weights=(chances * overlaps[row])[same])
         traits[k, 7] = np.log(1 + chances[alike].sum())
         traits[k, 8] = np.average(overlaps[row][alike], weights=chances[alike])
-    beside = box_ious(voted, voted)
+    beside = image_overlaps(voted, voted)
     for k, row in enumerate(kept):
         surer = [j for j in range(k) if families[kept[j]] == families[row]]
         others = [j for j, o in enumerate(kept) if families[o] != families[row]]

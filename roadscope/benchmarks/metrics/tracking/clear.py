@@ -1,4 +1,4 @@
-"""CLEAR MOT: matches carried on from frame to frame, and what breaks them."""
+"""CLEAR MOT: accuracy and precision of matches that continue from frame to frame."""
 
 from __future__ import annotations
 
@@ -6,24 +6,29 @@ from dataclasses import dataclass, fields
 
 import numpy as np
 
-from roadscope.benchmarks.metrics.tracking.following import Following, follow, frames_with_both
+from roadscope.benchmarks.metrics.tracking.matching import (
+    TrackPairs,
+    frames_with_both,
+    match_tracks,
+)
 from roadscope.benchmarks.metrics.tracking.sequence import TrackedSequence
 
 MOSTLY_TRACKED = 0.8
 MOSTLY_LOST = 0.2
+"""Shares of an object's frames (Li, Huang and Nevatia 2009)."""
 
 
 @dataclass(frozen=True, slots=True)
 class Clear:
-    """What CLEAR MOT counts; the counts of several sequences add up.
+    """Counts of CLEAR MOT (Bernardin and Stiefelhagen 2008); those of several sequences add up.
 
-    matches, misses, false_alarms: object frames and track frames.
+    matches, misses: TP and FN, object frames. false_alarms: FP, track frames.
     closeness: sum of similarities of the matches.
-    id_switches: an object is followed by another track than when last matched.
-    wrong_associations: a track follows another object than when last matched.
-    fragmentations: an object is followed again after at least one frame in which it was not,
-        be it missed or not there.
-    objects: all of them, of which mostly_tracked are followed in over 80 % of their frames,
+    id_switches: an object is matched with another track than when it was last matched.
+    wrong_associations: a track is matched with another object than when it was last matched.
+    fragmentations: an object is matched again after at least one frame in which it was not,
+        whether it was missed or absent.
+    objects: number of all, of which mostly_tracked are matched in over 80 % of their frames,
         mostly_lost in under 20 %, partially_tracked in between.
     """
 
@@ -44,12 +49,12 @@ class Clear:
 
     @property
     def present(self) -> int:
-        """Object frames."""
+        """Object frames, TP + FN."""
         return self.matches + self.misses
 
     @property
     def mota(self) -> float:
-        """1 less misses, false alarms and ID switches over object frames; may be negative.
+        """1 - (FN + FP + ID switches) / object frames; at most 1, may be negative.
 
         0 without objects.
         """
@@ -58,62 +63,70 @@ class Clear:
 
     @property
     def motp(self) -> float:
-        """Mean similarity of matches."""
+        """Mean similarity of matches, 0 to 1; 0 without a match."""
         return self.closeness / max(self.matches, 1)
 
     @property
     def recall(self) -> float:
-        """Matches over object frames."""
+        """TP / (TP + FN), 0 to 1; 0 without objects."""
         return self.matches / max(self.present, 1)
 
     @property
     def precision(self) -> float:
-        """Matches over track frames."""
+        """TP / (TP + FP), 0 to 1; 0 without tracks."""
         return self.matches / max(self.matches + self.false_alarms, 1)
 
 
 def clear(sequence: TrackedSequence, threshold: float = 0.5) -> Clear:
-    """Return CLEAR MOT's counts of a sequence (Bernardin and Stiefelhagen 2008).
+    """Return the counts of CLEAR MOT of a sequence (Bernardin and Stiefelhagen 2008).
 
     threshold: similarity, 0 to 1, from which on a pair can be matched.
     """
-    return count(sequence, follow(sequence, threshold))
+    return count_matches(sequence, match_tracks(sequence, threshold))
 
 
-def count(
-    sequence: TrackedSequence, following: Following, alive: np.ndarray | None = None
+def count_matches(
+    sequence: TrackedSequence, matched: TrackPairs, alive: np.ndarray | None = None
 ) -> Clear:
-    """Count what is matched; alive: (tracks,) bool, those that are there at all."""
-    there = np.ones(len(sequence.tracks), bool) if alive is None else alive[sequence.tracks]
-    matches = len(following.pairs)
-    lived = np.bincount(sequence.truths, minlength=sequence.objects)
-    share = np.bincount(following.objects, minlength=sequence.objects) / lived
-    mostly, barely = int((share > MOSTLY_TRACKED).sum()), int((share < MOSTLY_LOST).sum())
+    """Return the counts of matched pairs.
+
+    alive: (distinct tracks,) bool, tracks that take part; None: all.
+    """
+    takes_part = np.ones(len(sequence.tracks), bool) if alive is None else alive[sequence.tracks]
+    matches = len(matched.pairs)
+    frames = np.bincount(sequence.truths, minlength=sequence.distinct_objects)
+    share = np.bincount(matched.objects, minlength=sequence.distinct_objects) / frames
+    mostly_tracked = int((share > MOSTLY_TRACKED).sum())
+    mostly_lost = int((share < MOSTLY_LOST).sum())
     return Clear(
         matches=matches,
         misses=len(sequence.truths) - matches,
-        false_alarms=int(there.sum()) - matches,
-        closeness=float(sequence.similarities[following.pairs].sum()),
-        id_switches=int(changed(following.objects, following.tracks).sum()),
-        wrong_associations=int(changed(following.tracks, following.objects).sum()),
-        fragmentations=_interruptions(following, frames_with_both(sequence, there)),
-        objects=sequence.objects,
-        mostly_tracked=mostly,
-        partially_tracked=sequence.objects - mostly - barely,
-        mostly_lost=barely,
+        false_alarms=int(takes_part.sum()) - matches,
+        closeness=float(sequence.similarities[matched.pairs].sum()),
+        id_switches=int(switched(matched.objects, matched.tracks).sum()),
+        wrong_associations=int(switched(matched.tracks, matched.objects).sum()),
+        fragmentations=_fragmentations(matched, frames_with_both(sequence, takes_part)),
+        objects=sequence.distinct_objects,
+        mostly_tracked=mostly_tracked,
+        partially_tracked=sequence.distinct_objects - mostly_tracked - mostly_lost,
+        mostly_lost=mostly_lost,
     )
 
 
-def changed(ones: np.ndarray, others: np.ndarray) -> np.ndarray:
-    """Return (K,) bool, pairs in order of time in which one has gone over to another other."""
-    order = np.argsort(ones, kind="stable")
-    ones, others = ones[order], others[order]
-    over = np.zeros(len(order), bool)
-    over[order[1:]] = (ones[1:] == ones[:-1]) & (others[1:] != others[:-1])
-    return over
+def switched(ids: np.ndarray, partners: np.ndarray) -> np.ndarray:
+    """Return (K,) bool, pairs whose id had another partner in its last pair.
+
+    ids, partners: (K,) int of pairs in order of frames.
+    """
+    order = np.argsort(ids, kind="stable")
+    ids, partners = ids[order], partners[order]
+    switches = np.zeros(len(order), bool)
+    switches[order[1:]] = (ids[1:] == ids[:-1]) & (partners[1:] != partners[:-1])
+    return switches
 
 
-def _interruptions(following: Following, both: np.ndarray) -> int:
-    order = np.argsort(following.objects, kind="stable")
-    objects, frames = following.objects[order], np.cumsum(both)[following.frames[order]]
+def _fragmentations(matched: TrackPairs, both: np.ndarray) -> int:
+    """Count interruptions of matches; both: (T,) bool, frames that have objects and tracks."""
+    order = np.argsort(matched.objects, kind="stable")
+    objects, frames = matched.objects[order], np.cumsum(both)[matched.frames[order]]
     return int(((objects[1:] == objects[:-1]) & (np.diff(frames) > 1)).sum())

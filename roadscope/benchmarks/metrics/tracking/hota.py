@@ -1,4 +1,4 @@
-"""HOTA: detection and association weighed alike, over all degrees of closeness."""
+"""HOTA: detection and association with equal weight, over all thresholds of similarity."""
 
 from __future__ import annotations
 
@@ -6,25 +6,27 @@ from dataclasses import dataclass, fields
 
 import numpy as np
 
+from roadscope.benchmarks.metrics.tracking.matching import EPSILON, TrackPairs, assign_frames
 from roadscope.benchmarks.metrics.tracking.sequence import TrackedSequence
 from roadscope.core.record import Record
 
 ALPHAS = np.arange(0.05, 0.99, 0.05)
-EPSILON = float(np.finfo(float).eps)
-"""Alphas are sums of rounded steps: a similarity equal to one must reach it."""
+"""Thresholds of similarity; sums of rounded steps, so a similarity reaches one up to `EPSILON`."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Hota(Record):
     """HOTA and its parts (Luiten et al. 2021) as curves, (19,) each, over `ALPHAS`.
 
-    A pair is a hit where its similarity reaches alpha. What is kept are sums, so that the
-    figures of several sequences together are those of `one + other`.
+    A pair is a hit (TP) at each alpha that its similarity reaches. The fields are sums, so
+    `one + other` holds the figures of several sequences together. All figures are 0 to 1, without
+    a unit, higher is better; their mean over alphas is what is reported. They are 0 where there is
+    nothing to divide by, `loc_a` is 1 there.
 
-    hits, misses, false_alarms: object frames and track frames.
+    hits, misses, false_alarms: TP and FN in object frames, FP in track frames.
     closeness: sum of similarities of the hits.
-    shared, shared_recall, shared_precision: sums over hits of how far their object and their
-        track are one: eq. 3 of the paper and its parts.
+    shared, shared_recall, shared_precision: sums over hits of A(c) (eq. 3 of the paper), and of
+        its recall and precision.
     """
 
     hits: np.ndarray
@@ -40,43 +42,43 @@ class Hota(Record):
 
     @property
     def hota(self) -> np.ndarray:
-        """Geometric mean of `det_a` and `ass_a`, eq. 5."""
+        """sqrt(DetA AssA), eq. 5."""
         curve: np.ndarray = np.sqrt(self.det_a * self.ass_a)
         return curve
 
     @property
     def det_a(self) -> np.ndarray:
-        """Detection accuracy: hits over hits, misses and false alarms."""
+        """Detection accuracy, TP / (TP + FN + FP)."""
         return _share(self.hits, self.hits + self.misses + self.false_alarms)
 
     @property
     def det_re(self) -> np.ndarray:
-        """Detection recall."""
+        """Detection recall, TP / (TP + FN)."""
         return _share(self.hits, self.hits + self.misses)
 
     @property
     def det_pr(self) -> np.ndarray:
-        """Detection precision."""
+        """Detection precision, TP / (TP + FP)."""
         return _share(self.hits, self.hits + self.false_alarms)
 
     @property
     def ass_a(self) -> np.ndarray:
-        """Association accuracy, eq. 4."""
+        """Association accuracy, the mean of A(c) over hits, eq. 4."""
         return _share(self.shared, self.hits)
 
     @property
     def ass_re(self) -> np.ndarray:
-        """Association recall: how much of its object's life the track of a hit covers."""
+        """Association recall, the mean over hits of TPA / (TPA + FNA)."""
         return _share(self.shared_recall, self.hits)
 
     @property
     def ass_pr(self) -> np.ndarray:
-        """Association precision: how much of its track's life the object of a hit covers."""
+        """Association precision, the mean over hits of TPA / (TPA + FPA)."""
         return _share(self.shared_precision, self.hits)
 
     @property
     def loc_a(self) -> np.ndarray:
-        """Localisation accuracy: mean similarity of hits; 1 where there are none."""
+        """Localisation accuracy, the mean similarity of hits; 1 without a hit."""
         least = 1e-10
         curve: np.ndarray = np.maximum(least, self.closeness) / np.maximum(least, self.hits)
         return curve
@@ -85,99 +87,87 @@ class Hota(Record):
 def hota(sequence: TrackedSequence) -> Hota:
     """Return HOTA of a sequence (Luiten et al. 2021): curves over `ALPHAS`, 0 to 1.
 
-    One assignment a frame serves all alphas: it weighs similarity with how well object and track
-    fit over the whole sequence.
+    As in TrackEval, one assignment of a frame serves all alphas: its weight is the similarity
+    times the alignment of object and track over the whole sequence.
     """
-    pairs = _assigned(sequence)
-    similarity = sequence.similarities[pairs]
-    reached = np.searchsorted(ALPHAS - EPSILON, similarity, side="right")
-    pairs, similarity, reached = pairs[reached > 0], similarity[reached > 0], reached[reached > 0]
+    candidates = TrackPairs.of(sequence, np.flatnonzero(sequence.similarities > 0))
+    weights = _alignments(sequence, candidates) * sequence.similarities[candidates.pairs]
+    pairs = assign_frames(sequence, candidates, -weights)
+    reached = np.searchsorted(ALPHAS - EPSILON, sequence.similarities[pairs.pairs], side="right")
+    pairs, reached = pairs.select(reached > 0), reached[reached > 0]
     hits = _at_least(reached)
     shared, recall, precision = _association(sequence, pairs, reached)
     return Hota(
         hits=hits,
         misses=len(sequence.truths) - hits,
         false_alarms=len(sequence.tracks) - hits,
-        closeness=_at_least(reached, similarity),
+        closeness=_at_least(reached, sequence.similarities[pairs.pairs]),
         shared=shared,
         shared_recall=recall,
         shared_precision=precision,
     )
 
 
-def _assigned(sequence: TrackedSequence) -> np.ndarray:
-    """Return the best pairs of all frames; kernel and solver take turns.
+def _alignments(sequence: TrackedSequence, candidates: TrackPairs) -> np.ndarray:
+    """Return (C,), how well object and track of each candidate fit over the sequence, 0 to 1.
 
-    Pairs that are worth nothing may or may not be among them.
+    It is a soft Jaccard index (`global_alignment_score` of TrackEval): with s the sum over frames
+    of similarity / (similarities of the object + of the track - similarity), the alignment is
+    s / (frames of the object + of the track - s).
+
+    candidates: all pairs with any similarity.
     """
-    from scipy.optimize import linear_sum_assignment
-
-    from roadscope.benchmarks.metrics.tracking.hota_kernels import NOBODY, assign_on
-
-    places, worth = (
-        (sequence.truths, sequence.tracks),
-        (_alignment(sequence), sequence.similarities),
-    )
-    match = np.full(len(sequence.truths), NOBODY)
-    costs = np.empty((sequence.truth_counts * sequence.track_counts).max(initial=0))
-    rows, columns, pairs = (starts.tolist() for starts in sequence.starts)
-    t = -1
-    while (t := assign_on(t + 1, sequence.starts, places, worth, (match, costs))) < len(sequence):
-        height, width = rows[t + 1] - rows[t], columns[t + 1] - columns[t]
-        row, column = linear_sum_assignment(costs[: height * width].reshape(height, width))
-        match[rows[t] : rows[t + 1]] = NOBODY
-        match[rows[t] + row] = pairs[t] + row * width + column
-    pairs_found: np.ndarray = match[match != NOBODY]
-    return pairs_found
-
-
-def _alignment(sequence: TrackedSequence) -> np.ndarray:
-    """How well each object fits each track over the whole sequence, (objects, tracks), 0 to 1."""
-    from roadscope.benchmarks.metrics.tracking.hota_kernels import add_potential
-
     matrices = sequence.matrices(sequence.similarities)
-    # NumPy sums in an order of its own, to which ties between assignments are sensitive.
-    sums = tuple(np.concatenate([np.empty(0), *(m.sum(axis) for m in matrices)]) for axis in (1, 0))
-    potential = np.zeros((sequence.objects, sequence.followers))
-    places = sequence.truths, sequence.tracks
-    add_potential(sequence.starts, places, (sums[0], sums[1]), sequence.similarities, potential)
-    of_truths, of_tracks = _lives(sequence)
-    aligned: np.ndarray = potential / (of_truths[:, None] + of_tracks[None] - potential)
-    return aligned
+    # NumPy's own order of summation, as in TrackEval: ties between assignments depend on it.
+    of_objects = np.concatenate([np.empty(0), *(m.sum(axis=1) for m in matrices)])
+    of_tracks = np.concatenate([np.empty(0), *(m.sum(axis=0) for m in matrices)])
+    similarity = sequence.similarities[candidates.pairs]
+    union = of_tracks[candidates.track_rows] + of_objects[candidates.truth_rows] - similarity
+    codes = candidates.objects * sequence.distinct_tracks + candidates.tracks
+    shares = np.where(union > EPSILON, similarity / np.maximum(union, EPSILON), 0.0)
+    common = np.bincount(codes, shares)[codes]
+    object_frames, track_frames = _lifetimes(sequence)
+    frames = object_frames[candidates.objects] + track_frames[candidates.tracks]
+    alignments: np.ndarray = common / (frames - common)
+    return alignments
 
 
 def _association(
-    sequence: TrackedSequence, pairs: np.ndarray, reached: np.ndarray
+    sequence: TrackedSequence, pairs: TrackPairs, reached: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Sum over hits how much of both lives, of the object's and of the track's is shared."""
-    _, rows, columns = sequence.places(pairs)
-    objects, tracks = sequence.truths[rows], sequence.tracks[columns]
-    codes = objects * max(sequence.followers, 1) + tracks
-    used = np.bincount(codes) > 0
-    keys, which = np.flatnonzero(used), used.cumsum()[codes] - 1
-    counts = np.bincount(which * (len(ALPHAS) + 1) + reached, minlength=len(keys) * 20)
-    together = counts.reshape(-1, len(ALPHAS) + 1)[:, :0:-1].cumsum(axis=1)[:, ::-1]
-    of_truths, of_tracks = _lives(sequence)
-    lived = of_truths[keys // max(sequence.followers, 1)][:, None]
-    followed = of_tracks[keys % max(sequence.followers, 1)][:, None]
+    """Return (19,) sums over hits of A(c), of its recall and of its precision.
+
+    A(c) = TPA / (TPA + FNA + FPA): TPA is the number of hits of the hit's object and track
+    together, TPA + FNA the object's frames, TPA + FPA the track's.
+
+    reached: (K,) number of alphas that each pair reaches, from 1.
+    """
+    track_count, levels = max(sequence.distinct_tracks, 1), len(ALPHAS) + 1
+    codes = pairs.objects * track_count + pairs.tracks
+    keys, key_of_pair = np.unique(codes, return_inverse=True)
+    counts = np.bincount(key_of_pair * levels + reached, minlength=len(keys) * levels)
+    together = counts.reshape(-1, levels)[:, :0:-1].cumsum(axis=1)[:, ::-1]
+    object_frames, track_frames = _lifetimes(sequence)
+    lifetime = object_frames[keys // track_count][:, None]
+    track_lifetime = track_frames[keys % track_count][:, None]
     squares = together * together
     return (
-        (squares / np.maximum(lived + followed - together, 1)).sum(axis=0),
-        (squares / lived).sum(axis=0),
-        (squares / followed).sum(axis=0),
+        (squares / np.maximum(lifetime + track_lifetime - together, 1)).sum(axis=0),
+        (squares / lifetime).sum(axis=0),
+        (squares / track_lifetime).sum(axis=0),
     )
 
 
-def _lives(sequence: TrackedSequence) -> tuple[np.ndarray, np.ndarray]:
-    """Return in how many frames each object and each track is there."""
+def _lifetimes(sequence: TrackedSequence) -> tuple[np.ndarray, np.ndarray]:
+    """Return the number of frames of each object and of each track."""
     return (
-        np.bincount(sequence.truths, minlength=sequence.objects),
-        np.bincount(sequence.tracks, minlength=sequence.followers),
+        np.bincount(sequence.truths, minlength=sequence.distinct_objects),
+        np.bincount(sequence.tracks, minlength=sequence.distinct_tracks),
     )
 
 
 def _at_least(reached: np.ndarray, weights: np.ndarray | None = None) -> np.ndarray:
-    """Sum over all that reached each alpha or more; reached: number of alphas, from 1."""
+    """Return (19,) sums of the weights of all pairs that reach each alpha; None: their number."""
     sums = np.bincount(reached, weights, minlength=len(ALPHAS) + 1)
     curve: np.ndarray = sums[:0:-1].cumsum()[::-1]
     return curve

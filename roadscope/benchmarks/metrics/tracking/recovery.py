@@ -1,73 +1,85 @@
-"""Recovery after occlusion: whether an object keeps its track while it cannot be seen."""
+"""Recovery after occlusion: whether an object keeps its track while it is hidden."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 
-from roadscope.benchmarks.metrics.tracking.following import Following
+from roadscope.benchmarks.metrics.tracking.matching import TrackPairs
 from roadscope.benchmarks.metrics.tracking.sequence import TrackedSequence
 from roadscope.core.record import Record
 
 NEVER = -1
+NO_TRACK = -1
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Recovery(Record):
-    """What became of G gaps, times in which an object that had a track was not to be followed.
+    """What followed on G gaps: times in which an object that had a track was hidden.
 
-    hidden: (G,) int64, how many frames the gap has.
-    kept: (G,) bool, the first track that follows the object again is the one it had.
-    delays: (G,) int64, frames from the object's return until a track follows it: 0 at once,
-        `NEVER` when none does before it is hidden again.
+    hidden_frames: (G,) int64, length of the gap.
+    same_track: (G,) bool, the first track that is matched with the object again is the last one
+        from before the gap.
+    delays: (G,) int64, frames from the object's return until it is matched with any track: 0 at
+        once, `NEVER` if it is not before it is hidden again.
     """
 
-    hidden: np.ndarray
-    kept: np.ndarray
+    hidden_frames: np.ndarray
+    same_track: np.ndarray
     delays: np.ndarray
 
     def __len__(self) -> int:
-        return len(self.hidden)
+        return len(self.hidden_frames)
 
     @property
-    def found(self) -> np.ndarray:
-        """(G,) bool, gaps after which the object was followed again."""
-        again: np.ndarray = self.delays != NEVER
-        return again
+    def reassociated(self) -> np.ndarray:
+        """(G,) bool, gaps after which the object was matched again."""
+        reassociated: np.ndarray = self.delays != NEVER
+        return reassociated
 
 
-def recovery(sequence: TrackedSequence, following: Following) -> Recovery:
-    """Look at every gap in the life of every object that was followed before.
+def recovery(sequence: TrackedSequence, matched: TrackPairs) -> Recovery:
+    """Return all gaps of all objects that were matched before.
 
-    The sequence holds the objects that could be seen: whoever leaves it and comes back was
-    hidden, or out of range.
+    The sequence holds the visible objects: one that leaves it and comes back was hidden, or out
+    of range.
     """
     frames = np.repeat(np.arange(len(sequence)), sequence.truth_counts)
-    track = np.full(len(frames), NEVER)
-    track[following.rows] = following.tracks
-    order = np.argsort(sequence.truths, kind="stable")
-    lives = np.split(order, np.flatnonzero(np.diff(sequence.truths[order])) + 1)
-    gaps = [gap for life in lives if len(life) for gap in _gaps(frames[life], track[life])]
-    table = np.array(gaps, np.int64).reshape(-1, 3)
-    return Recovery(table[:, 0], table[:, 1].astype(bool), table[:, 2])
+    tracks = np.full(len(frames), NO_TRACK)
+    tracks[matched.truth_rows] = matched.tracks
+    by_object = np.argsort(sequence.truths, kind="stable")
+    lives = np.split(by_object, np.flatnonzero(np.diff(sequence.truths[by_object])) + 1)
+    gaps = [gap for rows in lives if len(rows) for gap in _gaps(frames[rows], tracks[rows])]
+    return Recovery(
+        np.array([gap.hidden_frames for gap in gaps], np.int64),
+        np.array([gap.same_track for gap in gaps], bool),
+        np.array([gap.delay for gap in gaps], np.int64),
+    )
 
 
-def _gaps(frames: np.ndarray, tracks: np.ndarray) -> list[tuple[int, bool, int]]:
-    """Return length, kept and delay of the gaps in one object's frames, if it had a track."""
-    found = []
+class _Gap(NamedTuple):
+    hidden_frames: int
+    same_track: bool
+    delay: int
+
+
+def _gaps(frames: np.ndarray, tracks: np.ndarray) -> list[_Gap]:
+    """Return the gaps of one object; (F,) its frames and its track in each, or `NO_TRACK`."""
+    gaps = []
     returns = [*(np.flatnonzero(np.diff(frames) > 1) + 1).tolist(), len(frames)]
     for start, end in pairwise(returns):
-        before = tracks[:start][tracks[:start] != NEVER]
+        before = tracks[:start][tracks[:start] != NO_TRACK]
         if not len(before):
             continue
-        after = np.flatnonzero(tracks[start:end] != NEVER)
-        hidden = int(frames[start] - frames[start - 1]) - 1
+        hidden_frames = int(frames[start] - frames[start - 1]) - 1
+        after = np.flatnonzero(tracks[start:end] != NO_TRACK)
         if not len(after):
-            found.append((hidden, False, NEVER))
+            gaps.append(_Gap(hidden_frames, False, NEVER))
             continue
-        again = start + after[0]
-        delay = int(frames[again] - frames[start])
-        found.append((hidden, bool(tracks[again] == before[-1]), delay))
-    return found
+        row = start + after[0]
+        delay = int(frames[row] - frames[start])
+        gaps.append(_Gap(hidden_frames, bool(tracks[row] == before[-1]), delay))
+    return gaps

@@ -1,68 +1,67 @@
-"""All scores of a tracker on one episode."""
+"""Scores of a tracker on an episode, of all objects and at each threshold of similarity."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
-from roadscope.benchmarks.metrics.matching import Pairing
+from roadscope.benchmarks.metrics.breakdown import part_name
+from roadscope.benchmarks.metrics.matching import Pairing, match
 from roadscope.benchmarks.metrics.score import Score, ScoreFamily, mean, ratio, rms
-from roadscope.benchmarks.metrics.tracking.amota import amota
-from roadscope.benchmarks.metrics.tracking.amota_nuscenes import amota_nuscenes
-from roadscope.benchmarks.metrics.tracking.clear import Clear, count
-from roadscope.benchmarks.metrics.tracking.counted import (
-    counted_rows,
-    counted_sequence,
-    matched_rows,
-)
-from roadscope.benchmarks.metrics.tracking.following import Following, follow
-from roadscope.benchmarks.metrics.tracking.hota import hota
+from roadscope.benchmarks.metrics.tracking.amota import amota, amota_nuscenes
+from roadscope.benchmarks.metrics.tracking.clear import count_matches
+from roadscope.benchmarks.metrics.tracking.hota import ALPHAS, hota
 from roadscope.benchmarks.metrics.tracking.identity import identity
-from roadscope.benchmarks.metrics.tracking.nees import nees
+from roadscope.benchmarks.metrics.tracking.matching import TrackPairs, match_tracks
 from roadscope.benchmarks.metrics.tracking.ospa import gospa, ospa
 from roadscope.benchmarks.metrics.tracking.recovery import recovery
-from roadscope.benchmarks.metrics.tracking.sequence import TrackedSequence
-from roadscope.benchmarks.metrics.tracking.similarity import GATE_M, Similarity, named
-from roadscope.benchmarks.metrics.tracking.states import StateErrors, state_errors
+from roadscope.benchmarks.metrics.tracking.sequence import (
+    GATE_M,
+    Similarity,
+    TrackedSequence,
+    similarity_named,
+)
+from roadscope.benchmarks.metrics.tracking.state_errors import (
+    FrameRows,
+    StateErrors,
+    nees,
+    state_errors,
+)
 from roadscope.core import Tracks, Truth
 
 
 @dataclass(frozen=True, slots=True)
 class TrackingScores(ScoreFamily):
-    """Scores of a tracker on one episode.
+    """Scores of a tracker on one episode; nan where there is nothing to divide by.
 
-    hota, det_a, ass_a, loc_a, det_re, det_pr, ass_re, ass_pr: HOTA and its parts (Luiten et al.
-        2021), each the mean over all alphas.
-    mota: 1 - (misses + false alarms + ID switches) / object frames; may be negative.
-    motp, motp_m: mean similarity and mean distance of matched pairs (Bernardin and
-        Stiefelhagen 2008).
-    idf1, idp, idr: share of frames explained by one track per object (Ristani et al. 2016).
-    id_switches: an object gets another track than before.
-    wrong_associations: a track goes over to another object.
-    fragmentations: an object is lost and found again.
-    mostly_tracked, partially_tracked, mostly_lost: share of objects followed in over 80 %, in
-        between, under 20 % of frames.
-    recall, precision: matched over object frames and over track frames.
-    samota, amota, amotp: averages over recall, as AB3DMOT defines them (Weng et al. 2020).
-    amota_nuscenes, amotp_nuscenes_m: as nuScenes defines them (Caesar et al. 2020), by centres
-        whatever the similarity.
-    ospa_m, gospa_m: order 1, cut-off at the gate, mean over frames (Schuhmacher et al. 2008;
-        Rahmathullah et al. 2017).
-    kept_through_occlusion: share of times in which an object that had a track could not be seen
-        after which the same track follows it again.
-    reassociation_frames: frames from an object's return until any track follows it.
-    position_rmse_m, velocity_rmse_m_s, heading_rmse_deg: errors of matched tracks.
-    heading_reversed: share of them whose heading is off by more than a right angle.
-    nees_position, nees_state: NEES over its degrees of freedom, of position, and of position and
-        velocity: 1 when consistent, more when tracks are too sure of themselves.
-    nees_in_band: 1 where the mean NEES of position lies in its 95 % band, each object's errors
-        taken for one value, as those of successive frames are alike; else 0.
-    inside_position, inside_state: share of matched tracks whose object lies within their 95 %
-        ellipse: 0.95 when consistent.
+    hota, det_a, ass_a, loc_a, det_re, det_pr, ass_re, ass_pr: means over alphas of the curves of
+        `Hota` (Luiten et al. 2021), 0 to 1.
+    mota, motp: as `Clear` has them (Bernardin and Stiefelhagen 2008); motp_m: mean distance of
+        matched pairs, metres.
+    idf1, idp, idr: as `Identity` has them (Ristani et al. 2016), 0 to 1.
+    id_switches, wrong_associations, fragmentations: per episode, as `Clear` has them.
+    mostly_tracked, partially_tracked, mostly_lost: share of objects that are matched in over 80 %
+        of their frames, in between, in under 20 %.
+    recall, precision: matches over object frames and over track frames, 0 to 1.
+    samota, amota, amotp: averages over recall of AB3DMOT, as `Amota` has them (Weng et al. 2020).
+    amota_nuscenes, amotp_nuscenes_m: of nuScenes, as `NuscenesAmota` has them (Caesar et al.
+        2020), by centres, whatever the similarity.
+    ospa_m, gospa_m: `ospa` and `gospa` of order 1 with the gate as cut-off, mean over frames,
+        metres (Schuhmacher et al. 2008; Rahmathullah et al. 2017).
+    kept_through_occlusion: share of the gaps of `Recovery` after which an object has the same
+        track as before.
+    reassociation_frames: mean frames from an object's return until any track is matched with it.
+    position_rmse_m, velocity_rmse_m_s, heading_rmse_deg: root mean square errors of matched tracks.
+    heading_reversed: share of matches whose heading is off by more than a right angle.
+    nees_position, nees_state: mean `Nees` over its degrees of freedom, of position, and of
+        position and velocity: 1 if consistent, more if covariances are too small.
+    nees_in_band: 1 if the mean NEES of position lies in its 95 % band, with one independent value
+        an object; else 0.
+    inside_position, inside_state: share of matches whose object lies within the track's 95 %
+        ellipse: 0.95 if consistent.
     """
 
     hota: Score
@@ -115,76 +114,148 @@ def score_tracks(
     similarity: Similarity | str = "centre",
     threshold: float = 0.5,
 ) -> TrackingScores:
-    """Score an episode, frame by frame; tracks in the world frame, like truth.
+    """Return the scores of an episode.
 
-    An object that is ineligible for a while (hidden, say) keeps its identity over the gap.
+    An object that is not eligible for some frames (hidden, say) keeps its identity over the gap.
 
-    similarity: what is compared, `SIMILARITIES`; threshold: from which on a pair can match.
+    tracks, truths: of each frame, in the world frame; tentative tracks already left out.
+    pairings: of each frame, of its tracks and objects.
+    similarity: a name of `SIMILARITIES` or such a function.
+    threshold: similarity from which on a pair can match.
     """
-    counted = counted_rows(pairings, GATE_M)
-    distances = [pairing.distances for pairing in pairings]
-    alike = None if similarity == "centre" else named(similarity)
-    sequence = counted_sequence(tracks, truths, distances, counted, alike)
-    following = follow(sequence, threshold)
-    errors = state_errors(tracks, truths, matched_rows(sequence, following, counted))
+    counted = counted_rows(pairings)
+    sequence = counted_sequence(tracks, truths, pairings, counted, similarity=similarity)
+    matched = match_tracks(sequence, threshold)
+    errors = state_errors(tracks, truths, matched_rows(sequence, matched, counted))
     return TrackingScores(
         **_hota_scores(sequence),
-        **_clear_scores(sequence, following),
+        **_clear_scores(sequence, matched),
         **_identity_scores(sequence, threshold),
-        **_averaged_scores(sequence, threshold),
-        **_set_scores(sequence),
-        **_recovery_scores(sequence, following),
+        **_amota_scores(sequence, threshold),
+        **_ospa_scores(sequence),
+        **_recovery_scores(sequence, matched),
         **state_scores(errors),
-        **consistency_scores(errors, len(np.unique(following.objects))),
+        **consistency_scores(errors, len(np.unique(matched.objects))),
     )
+
+
+# --------------------------------------------------------------------------------------------------
+# What counts.
+
+
+def counted_rows(pairings: Sequence[Pairing], gate_m: float = GATE_M) -> list[FrameRows]:
+    """Return the rows of each frame that count.
+
+    Objects count if they are eligible. Tracks do not count if they are matched with an ineligible
+    object or lie outside the range band.
+    """
+    return [
+        FrameRows(
+            tracks=np.setdiff1d(np.arange(len(p.distances)), match(p, gate_m).ignored),
+            objects=np.flatnonzero(p.eligible),
+        )
+        for p in pairings
+    ]
+
+
+def counted_sequence(
+    tracks: Sequence[Tracks],
+    truths: Sequence[Truth],
+    pairings: Sequence[Pairing],
+    counted: Sequence[FrameRows],
+    *,
+    similarity: Similarity | str = "centre",
+) -> TrackedSequence:
+    """Return the sequence of the tracks and objects that count."""
+    frames = list(zip(tracks, truths, counted, strict=True))
+    distances_m = [
+        pairing.distances[np.ix_(rows.tracks, rows.objects)].T
+        for pairing, rows in zip(pairings, counted, strict=True)
+    ]
+    similarities = None
+    if similarity != "centre":
+        similarity_of = similarity_named(similarity)
+        similarities = [
+            similarity_of(truth, tracked)[np.ix_(rows.objects, rows.tracks)]
+            for tracked, truth, rows in frames
+        ]
+    return TrackedSequence.of(
+        [truth.ids[rows.objects] for _, truth, rows in frames],
+        [tracked.ids[rows.tracks] for tracked, _, rows in frames],
+        similarities,
+        distances_m=distances_m,
+        scores=[tracked.scores[rows.tracks] for tracked, _, rows in frames],
+    )
+
+
+def matched_rows(
+    sequence: TrackedSequence, matched: TrackPairs, counted: Sequence[FrameRows]
+) -> list[FrameRows]:
+    """Return the matched pairs of each frame as rows of its tracks and objects."""
+    columns = matched.track_rows - sequence.track_starts[matched.frames]
+    rows = matched.truth_rows - sequence.truth_starts[matched.frames]
+    ends = np.searchsorted(matched.frames, np.arange(len(sequence) + 1))
+    return [
+        FrameRows(frame.tracks[columns[a:b]], frame.objects[rows[a:b]])
+        for frame, a, b in zip(counted, ends[:-1], ends[1:], strict=True)
+    ]
+
+
+# --------------------------------------------------------------------------------------------------
+# Families of scores.
 
 
 def _hota_scores(sequence: TrackedSequence) -> dict[str, Score]:
     curves, objects = hota(sequence), len(sequence.truths)
-    parts = ("hota", "det_a", "ass_a", "loc_a", "det_re", "det_pr", "ass_re", "ass_pr")
-    return {name: _averaged(float(getattr(curves, name).mean()), objects) for name in parts}
+    names = ("hota", "det_a", "ass_a", "loc_a", "det_re", "det_pr", "ass_re", "ass_pr")
+    return {name: _averaged(float(getattr(curves, name).mean()), objects) for name in names}
 
 
-def _clear_scores(sequence: TrackedSequence, following: Following) -> dict[str, Score]:
-    c = count(sequence, following)
-    apart = float(sequence.distances("MOTP in metres")[following.pairs].sum())
+def _clear_scores(sequence: TrackedSequence, matched: TrackPairs) -> dict[str, Score]:
+    counts = count_matches(sequence, matched)
+    distance_m = float(sequence.distances("MOTP in metres")[matched.pairs].sum())
+
+    def events(number: int) -> Score:
+        return Score(float(number), "1/episode", "lower", counts.matches)
+
     return {
-        "mota": _averaged(c.mota, c.present, -math.inf),
-        "motp": _share_of(c.closeness, c.matches),
-        "motp_m": mean(apart, c.matches, "m"),
-        **{name: _events(c, name) for name in ("id_switches", "wrong_associations")},
-        "fragmentations": _events(c, "fragmentations"),
-        "mostly_tracked": ratio(c.mostly_tracked, c.objects),
-        "partially_tracked": ratio(c.partially_tracked, c.objects),
-        "mostly_lost": ratio(c.mostly_lost, c.objects, "lower"),
-        "recall": ratio(c.matches, c.present),
-        "precision": ratio(c.matches, c.matches + c.false_alarms),
+        "mota": _averaged(counts.mota, counts.present, -math.inf),
+        "motp": _share(counts.closeness, counts.matches),
+        "motp_m": mean(distance_m, counts.matches, "m"),
+        "id_switches": events(counts.id_switches),
+        "wrong_associations": events(counts.wrong_associations),
+        "fragmentations": events(counts.fragmentations),
+        "mostly_tracked": ratio(counts.mostly_tracked, counts.objects),
+        "partially_tracked": ratio(counts.partially_tracked, counts.objects),
+        "mostly_lost": ratio(counts.mostly_lost, counts.objects, "lower"),
+        "recall": ratio(counts.matches, counts.present),
+        "precision": ratio(counts.matches, counts.matches + counts.false_alarms),
     }
 
 
 def _identity_scores(sequence: TrackedSequence, threshold: float) -> dict[str, Score]:
-    found = identity(sequence, threshold)
+    counts = identity(sequence, threshold)
     return {
-        "idf1": ratio(found.hits, (found.present + found.tracked) / 2),
-        "idp": ratio(found.hits, found.tracked),
-        "idr": ratio(found.hits, found.present),
+        "idf1": ratio(counts.hits, (counts.present + counts.tracked) / 2),
+        "idp": ratio(counts.hits, counts.tracked),
+        "idr": ratio(counts.hits, counts.present),
     }
 
 
-def _averaged_scores(sequence: TrackedSequence, threshold: float) -> dict[str, Score]:
-    found, objects = amota(sequence, threshold=threshold), len(sequence.truths)
-    by_centres = amota_nuscenes(sequence)
-    apart = by_centres.amotp_m if objects else math.nan
+def _amota_scores(sequence: TrackedSequence, threshold: float) -> dict[str, Score]:
+    averages, objects = amota(sequence, threshold=threshold), len(sequence.truths)
+    nuscenes = amota_nuscenes(sequence)
+    amotp_m = nuscenes.amotp_m if objects else math.nan
     return {
-        "samota": _averaged(found.samota, objects),
-        "amota": _averaged(found.amota, objects, -math.inf),
-        "amotp": _averaged(found.amotp, objects),
-        "amota_nuscenes": _averaged(by_centres.amota, objects),
-        "amotp_nuscenes_m": Score(apart, "m", "lower", objects, 0.0, GATE_M, weight=objects),
+        "samota": _averaged(averages.samota, objects),
+        "amota": _averaged(averages.amota, objects, -math.inf),
+        "amotp": _averaged(averages.amotp, objects),
+        "amota_nuscenes": _averaged(nuscenes.amota, objects),
+        "amotp_nuscenes_m": Score(amotp_m, "m", "lower", objects, 0.0, GATE_M, weight=objects),
     }
 
 
-def _set_scores(sequence: TrackedSequence) -> dict[str, Score]:
+def _ospa_scores(sequence: TrackedSequence) -> dict[str, Score]:
     frames = len(sequence)
     return {
         "ospa_m": mean(float(ospa(sequence, GATE_M).distances.sum()), frames, "m"),
@@ -192,12 +263,12 @@ def _set_scores(sequence: TrackedSequence) -> dict[str, Score]:
     }
 
 
-def _recovery_scores(sequence: TrackedSequence, following: Following) -> dict[str, Score]:
-    found = recovery(sequence, following)
-    late, again = float(found.delays[found.found].sum()), int(found.found.sum())
+def _recovery_scores(sequence: TrackedSequence, matched: TrackPairs) -> dict[str, Score]:
+    gaps = recovery(sequence, matched)
+    delays = gaps.delays[gaps.reassociated]
     return {
-        "kept_through_occlusion": ratio(float(found.kept.sum()), len(found)),
-        "reassociation_frames": mean(late, again, "frames"),
+        "kept_through_occlusion": ratio(float(gaps.same_track.sum()), len(gaps)),
+        "reassociation_frames": mean(float(delays.sum()), len(delays), "frames"),
     }
 
 
@@ -214,27 +285,51 @@ def state_scores(errors: StateErrors) -> dict[str, Score]:
 
 
 def consistency_scores(errors: StateErrors, objects: int) -> dict[str, Score]:
-    """Return NEES, and how often objects lie within ellipses; objects: how many were followed."""
-    scores: dict[str, Any] = {}
+    """Return NEES, and how often objects lie within the tracks' 95 % ellipses.
+
+    objects: number of different objects among the matched pairs.
+    """
+    scores: dict[str, Score] = {}
     for name, velocity in (("position", False), ("state", True)):
-        found = nees(errors, velocity=velocity)
-        total = float(found.values.sum()) / found.freedom
-        scores[f"nees_{name}"] = mean(total, len(found), "1")
-        scores[f"inside_{name}"] = _share_of(found.inside * len(found), len(found))
+        values = nees(errors, velocity=velocity)
+        total = float(values.values.sum()) / values.freedom
+        scores[f"nees_{name}"] = mean(total, len(values), "1")
+        scores[f"inside_{name}"] = _share(values.inside * len(values), len(values))
         if not velocity:
-            within = float(found.in_band(objects)) if len(found) else math.nan
-            scores["nees_in_band"] = Score(within, "1", "higher", len(found), 0.0, 1.0)
+            in_band = float(values.in_band(objects)) if len(values) else math.nan
+            scores["nees_in_band"] = Score(in_band, "1", "higher", len(values), 0.0, 1.0)
     return scores
 
 
 def _averaged(value: float, objects: int, least: float = 0.0) -> Score:
-    """Return what an episode with objects has, nothing otherwise."""
+    """Return a figure of all objects; nan without objects."""
     return Score(value if objects else math.nan, "1", "higher", objects, least, 1.0, weight=objects)
 
 
-def _share_of(total: float, n: int) -> Score:
+def _share(total: float, n: int) -> Score:
     return Score(total / n if n else math.nan, "1", "higher", n, 0.0, 1.0, weight=n)
 
 
-def _events(counts: Clear, name: str) -> Score:
-    return Score(float(getattr(counts, name)), "1/episode", "lower", counts.matches)
+# --------------------------------------------------------------------------------------------------
+# HOTA at each threshold of similarity.
+
+BY_ALPHA = "alpha"
+ALPHA_BANDS = tuple(f"{alpha:.2f}" for alpha in ALPHAS)
+CURVES = ("det_a", "ass_a", "loc_a")
+
+
+def score_alphas(
+    tracks: Sequence[Tracks], truths: Sequence[Truth], pairings: Sequence[Pairing]
+) -> dict[str, Score]:
+    """Return HOTA, DetA, AssA and LocA of an episode at each alpha, by `part_name`.
+
+    Weighted by the episode's objects, as in `score_tracks`: of pooled episodes, too, the mean over
+    alphas is the figure that `score_tracks` returns.
+    """
+    sequence = counted_sequence(tracks, truths, pairings, counted_rows(pairings))
+    curves, objects = hota(sequence), len(sequence.truths)
+    return {
+        part_name(name, BY_ALPHA, band): _averaged(float(value), objects)
+        for name in ("hota", *CURVES)
+        for band, value in zip(ALPHA_BANDS, getattr(curves, name), strict=True)
+    }

@@ -7,13 +7,16 @@ from hypothesis import strategies as st
 
 from roadscope.benchmarks.metrics.breakdown import part_name
 from roadscope.benchmarks.metrics.odometry import (
-    Trajectories,
+    AT_REST_M_S,
+    DISTANCE,
+    LEAST_REST_S,
+    MARKS_M,
     by_distance,
     rests,
     score_moving,
     score_standing,
 )
-from roadscope.benchmarks.metrics.odometry.errors import AT_REST_M_S, DISTANCE, LEAST_S, MARKS_M
+from roadscope.benchmarks.metrics.trajectory_errors import Trajectories
 from roadscope.odometry.rigid import exp_se3
 
 PERIOD_S = 0.1
@@ -84,7 +87,7 @@ def test_rests_are_the_longest_stretches_without_motion(stands):
         end = k
         while end < len(stands) and stands[end]:
             end += 1
-        if (end - k) * PERIOD_S >= LEAST_S - 1e-9:
+        if (end - k) * PERIOD_S >= LEAST_REST_S - 1e-9:
             expected.append((k, end))
         k = max(end, k + 1)
     assert rests(both, stamps_s) == expected

@@ -12,14 +12,13 @@ import pytest
 from scipy.optimize import minimize_scalar
 from scipy.spatial.transform import Rotation
 
-from roadscope.benchmarks.metrics.odometry import (
+from roadscope.benchmarks.metrics.odometry import score_odometry
+from roadscope.benchmarks.metrics.trajectory_errors import (
     KITTI_M,
     Trajectories,
     absolute_errors,
     drift,
-    drift_curve,
     relative_errors,
-    score_odometry,
 )
 from roadscope.core import RecordError
 from roadscope.odometry.rigid import exp_se3
@@ -129,7 +128,8 @@ def test_drift_is_kittis(lengths, every):
     assert found.rotations == pytest.approx(slow[:, 1], abs=1e-10)
     assert found.t_rel == pytest.approx(100 * slow[:, 0].mean())
     assert [n for *_, n in found.curve()] == [
-        (found.lengths_m == m).sum() for m in lengths if m in found.lengths_m]  # fmt: skip
+        (found.lengths_m == m).sum() for m in lengths if m in found.lengths_m
+    ]
 
 
 @pytest.mark.parametrize("seed", [6, 60, 61, 62, 63])
@@ -151,8 +151,9 @@ def told_by(folder, program, *arguments):
     result = folder / "result.zip"
     command = [found, *arguments, "--save_results", str(result), "--no_warnings"]
     environment = {k: v for k, v in os.environ.items() if k != "PYTHONPATH"}
-    subprocess.run(command, capture_output=True, text=True, check=True,
-                   env=environment | {"HOME": str(folder)})  # fmt: skip
+    subprocess.run(
+        command, capture_output=True, text=True, check=True, env=environment | {"HOME": str(folder)}
+    )
     with zipfile.ZipFile(result) as files, files.open("error_array.npy") as array:
         return np.load(io.BytesIO(array.read()))
 
@@ -183,8 +184,9 @@ def test_evo_agrees_on_relative_errors(written, tmp_path, step):
     ours = relative_errors(both, step)
     options = ["--delta", str(step), "--delta_unit", "f", "--all_pairs"]
     for relation, values in (
-        ("trans_part", ours.translations_m), ("angle_rad", ours.rotations_rad)
-    ):  # fmt: skip
+        ("trans_part", ours.translations_m),
+        ("angle_rad", ours.rotations_rad),
+    ):
         told = told_by(tmp_path, "evo_rpe", "kitti", *files, "-r", relation, *options)
         assert values == pytest.approx(told, abs=1e-8)
 
@@ -233,14 +235,6 @@ def test_short_trajectories_have_no_drift(n):
     assert math.isnan(scores.t_rel.value)
     assert scores.t_rel.n == 0
     assert math.isnan(scores.ate.value) == (n == 0)
-
-
-def test_error_against_distance():
-    errors = absolute_errors(drive(13), "origin")
-    curve = drift_curve(errors, 50.0)
-    assert curve[:, 0].tolist() == list(np.arange(0, errors.distances_m[-1], 50.0))
-    for mark, off in curve:
-        assert off == errors.positions_m[np.flatnonzero(errors.distances_m <= mark + 1e-9)[-1]]
 
 
 def test_poses_a_little_askew_are_put_right_and_others_refused():

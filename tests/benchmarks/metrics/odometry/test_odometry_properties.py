@@ -9,20 +9,20 @@ from hypothesis import strategies as st
 
 from roadscope.benchmarks.metrics.breakdown import part_name
 from roadscope.benchmarks.metrics.odometry import (
-    Trajectories,
-    absolute_errors,
+    AT_REST_M_S,
+    DISTANCE,
+    LEAST_REST_S,
+    MARKS_M,
     by_distance,
-    drift,
-    relative_errors,
     rests,
     score_odometry,
     score_standing,
 )
-from roadscope.benchmarks.metrics.odometry.errors import (
-    AT_REST_M_S,
-    DISTANCE,
-    LEAST_S,
-    MARKS_M,
+from roadscope.benchmarks.metrics.trajectory_errors import (
+    Trajectories,
+    absolute_errors,
+    drift,
+    relative_errors,
     truth_from_estimate,
 )
 from roadscope.odometry.rigid import exp_se3
@@ -165,7 +165,7 @@ def rests_slowly(places, stamps):
         if still and first is None:
             first = k
         if not still and first is not None:
-            if stamps[k] - stamps[first] >= LEAST_S - 1e-9:
+            if stamps[k] - stamps[first] >= LEAST_REST_S - 1e-9:
                 found.append((first, k))
             first = None
     return found

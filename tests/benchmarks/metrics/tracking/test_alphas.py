@@ -7,8 +7,8 @@ from toy_boxes import tracks, truth
 from roadscope import load_suite
 from roadscope.benchmarks.eligibility import Eligibility
 from roadscope.benchmarks.metrics.breakdown import part_name
-from roadscope.benchmarks.metrics.tracking import score_tracks
-from roadscope.benchmarks.metrics.tracking.alphas import ALPHA_BANDS, BY_ALPHA, CURVES, score_alphas
+from roadscope.benchmarks.metrics.tracking import score_alphas, score_tracks
+from roadscope.benchmarks.metrics.tracking.scores import ALPHA_BANDS, BY_ALPHA, CURVES
 from roadscope.benchmarks.report.breakdowns import breakdown_tables
 from roadscope.benchmarks.results import gather
 from roadscope.benchmarks.run import plan

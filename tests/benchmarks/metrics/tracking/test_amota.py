@@ -4,16 +4,15 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from test_following import without
+from test_track_matching import without
 from toy_sequences import sequence, wandering
 
-from roadscope.benchmarks.metrics.tracking.amota import RECALLS, amota, least_scores
-from roadscope.benchmarks.metrics.tracking.clear import clear
-from roadscope.benchmarks.metrics.tracking.sequence import TrackedSequence
+from roadscope.benchmarks.metrics.tracking.amota import RECALLS, least_scores
+from roadscope.metrics import TrackedSequence, amota, clear
 
 
 def sureness(s: TrackedSequence) -> np.ndarray:
-    return np.array([s.scores[s.tracks == k].mean() for k in range(s.followers)])
+    return np.array([s.scores[s.tracks == k].mean() for k in range(s.distinct_tracks)])
 
 
 @pytest.mark.parametrize("seeds", [(0,), (7,), (1, 2, 3)])

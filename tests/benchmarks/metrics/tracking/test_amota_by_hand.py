@@ -13,9 +13,7 @@ from collections.abc import Mapping
 import numpy as np
 import pytest
 
-from roadscope.benchmarks.metrics.tracking.amota import amota
-from roadscope.benchmarks.metrics.tracking.amota_nuscenes import amota_nuscenes
-from roadscope.benchmarks.metrics.tracking.sequence import TrackedSequence
+from roadscope.metrics import TrackedSequence, amota, amota_nuscenes
 
 Told = Mapping[int, tuple[range, int | None, float]]
 """Of each track: when it is there, which object it lies on, if any, and its score."""
@@ -91,10 +89,11 @@ def test_frames_without_a_match_are_part_of_the_mean_and_false() -> None:
     told = {1: (range(160), 0, 0.0), 2: (range(160), None, 0.0)}
     s = scene(160, 1, told, scores)
     there = TrackedSequence.of(
-        [[0] if t < 80 else [] for t in range(160)], [[1, 2]] * 160,
+        [[0] if t < 80 else [] for t in range(160)],
+        [[1, 2]] * 160,
         [s_ if t < 80 else np.empty((0, 2)) for t, s_ in enumerate(s.matrices(s.similarities))],
         scores=[[scores[1][t], scores[2][t]] for t in range(160)],
-    )  # fmt: skip
+    )
     assert figures(there) == [1 - 240 / 80, 0.0, SIMILARITY]
 
 

@@ -7,8 +7,8 @@ import pytest
 from scipy.optimize import linear_sum_assignment
 from toy_sequences import sequence, wandering
 
-from roadscope.benchmarks.metrics.tracking.amota_nuscenes import RECALLS, amota_nuscenes
-from roadscope.benchmarks.metrics.tracking.sequence import TrackedSequence
+from roadscope.benchmarks.metrics.tracking.amota import NUSCENES_RECALLS
+from roadscope.metrics import TrackedSequence, amota_nuscenes
 
 GATE_M = 2.0
 
@@ -26,9 +26,11 @@ def events(s: TrackedSequence, kept: set[int]) -> tuple[list[tuple[int, bool, fl
         if not g or not columns:
             continue
         pairs = [
-            (i, j) for i, one in enumerate(g) for j in columns
+            (i, j)
+            for i, one in enumerate(g)
+            for j in columns
             if now.get(one) == k[j] and apart[i, j] <= GATE_M
-        ]  # fmt: skip
+        ]
         rows = [i for i in range(len(g)) if i not in {i for i, _ in pairs}]
         rest = [j for j in columns if j not in {j for _, j in pairs}]
         gain = np.maximum(0, 2 * GATE_M - apart[np.ix_(rows, rest)])
@@ -46,17 +48,17 @@ def events(s: TrackedSequence, kept: set[int]) -> tuple[list[tuple[int, bool, fl
 
 def as_defined(parts: list[TrackedSequence]) -> tuple[list[float], list[float]]:
     """MOTAR and MOTP at each recall."""
-    sure = [[s.scores[s.tracks == k].mean() for k in range(s.followers)] for s in parts]
+    sure = [[s.scores[s.tracks == k].mean() for k in range(s.distinct_tracks)] for s in parts]
     P = sum(len(s.truths) for s in parts)
     scores = [
         own[track]
         for s, own in zip(parts, sure, strict=True)
-        for track, switched, _ in events(s, set(range(s.followers)))[0]
+        for track, switched, _ in events(s, set(range(s.distinct_tracks)))[0]
         if not switched
     ]
     scores.sort(reverse=True)
     motar, motp = [], []
-    for r in RECALLS:
+    for r in NUSCENES_RECALLS:
         if r * P > len(scores):
             motar.append(0.0)
             motp.append(GATE_M)
@@ -95,9 +97,11 @@ def straight(apart: list[list[float]], scores: list[float]) -> TrackedSequence:
     n = len(scores)
     frames = 40
     return TrackedSequence.of(
-        [np.array([1, 2])] * frames, [np.arange(n)] * frames,
-        distances_m=[np.array(apart)] * frames, scores=[np.array(scores)] * frames,
-    )  # fmt: skip
+        [np.array([1, 2])] * frames,
+        [np.arange(n)] * frames,
+        distances_m=[np.array(apart)] * frames,
+        scores=[np.array(scores)] * frames,
+    )
 
 
 def test_perfect_tracks() -> None:
@@ -108,7 +112,7 @@ def test_perfect_tracks() -> None:
 def test_unreached_recalls_are_as_bad_as_can_be() -> None:
     """Half of the objects are followed, half a metre off: recalls up to a half are reached."""
     found = amota_nuscenes(straight([[0.5], [9]], [0.9]))
-    half = (RECALLS <= 0.5).mean()
+    half = (NUSCENES_RECALLS <= 0.5).mean()
     assert found.amota == pytest.approx(half)
     assert found.amotp_m == pytest.approx(0.5 * half + GATE_M * (1 - half))
 
@@ -116,7 +120,7 @@ def test_unreached_recalls_are_as_bad_as_can_be() -> None:
 def test_a_false_track_costs_from_its_score_on() -> None:
     """From a recall of a half on, when the third track counts: one false for every two right."""
     found = amota_nuscenes(straight([[0, 9, 9], [9, 0, 9]], [0.9, 0.5, 0.7]))
-    half = (RECALLS <= 0.5).mean()
+    half = (NUSCENES_RECALLS <= 0.5).mean()
     assert found.motar[0] == 1.0
     assert found.motar[-1] == pytest.approx(0.5)
     assert found.amota <= half + 0.5 * (1 - half)

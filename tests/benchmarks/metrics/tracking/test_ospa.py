@@ -14,8 +14,7 @@ from hypothesis import strategies as st
 from toy_sequences import sequence, wandering
 
 from roadscope.benchmarks.metrics.matching import centre_distances
-from roadscope.benchmarks.metrics.tracking.ospa import gospa, ospa
-from roadscope.benchmarks.metrics.tracking.sequence import TrackedSequence
+from roadscope.metrics import TrackedSequence, gospa, ospa
 
 START = datetime(2026, 1, 1)
 COUNTS = st.integers(0, 4)
@@ -59,9 +58,11 @@ def test_gospa_as_stone_soup_has_it(seed, order) -> None:
     theirs = stone_soup(metrics.GOSPAMetric(c=4.0, p=order), frames)
     ours = gospa(apart(*(centre_distances(g, t) for g, t in frames)), 4.0, order)
     for name, values in (
-        ("distance", ours.distances), ("localisation", ours.localisation),
-        ("missed", ours.missed), ("false", ours.false),
-    ):  # fmt: skip
+        ("distance", ours.distances),
+        ("localisation", ours.localisation),
+        ("missed", ours.missed),
+        ("false", ours.false),
+    ):
         assert values == pytest.approx([v[name] for v in theirs], abs=1e-9, rel=1e-12), name
 
 

@@ -3,9 +3,9 @@ from __future__ import annotations
 import numpy as np
 from toy_sequences import sequence, wandering
 
-from roadscope.benchmarks.metrics.tracking.following import follow
+from roadscope.benchmarks.metrics.tracking.matching import match_tracks
 from roadscope.benchmarks.metrics.tracking.recovery import NEVER, Recovery, recovery
-from roadscope.benchmarks.metrics.tracking.sequence import TrackedSequence
+from roadscope.metrics import TrackedSequence
 
 GONE = ([], [], [])
 
@@ -17,11 +17,11 @@ def seen(track: int | None) -> tuple:
 
 def of(*frames: tuple) -> Recovery:
     s = sequence(*frames)
-    return recovery(s, follow(s))
+    return recovery(s, match_tracks(s))
 
 
 def rows(found: Recovery) -> list[tuple[int, bool, int]]:
-    columns = (found.hidden.tolist(), found.kept.tolist(), found.delays.tolist())
+    columns = (found.hidden_frames.tolist(), found.same_track.tolist(), found.delays.tolist())
     return list(zip(*columns, strict=True))
 
 
@@ -45,7 +45,7 @@ def test_nobody_that_had_no_track_is_counted() -> None:
 def test_hidden_twice() -> None:
     found = of(seen(7), GONE, seen(None), GONE, GONE, GONE, seen(7), seen(7))
     assert rows(found) == [(1, False, NEVER), (3, True, 0)]
-    assert found.found.tolist() == [False, True]
+    assert found.reassociated.tolist() == [False, True]
 
 
 def test_frames_in_which_others_are_seen_count_too() -> None:
@@ -54,16 +54,16 @@ def test_frames_in_which_others_are_seen_count_too() -> None:
 
 def test_no_gaps() -> None:
     assert rows(of()) == []
-    assert not of(seen(7)).found.any()
+    assert not of(seen(7)).reassociated.any()
 
 
 def slow(s: TrackedSequence) -> list[tuple[int, bool, int]]:
     """Frame by frame, object by object."""
-    f = follow(s)
+    f = match_tracks(s)
     at = {(t, g): k for t, g, k in zip(f.frames, f.objects, f.tracks, strict=True)}
     truths = np.split(s.truths, s.truth_starts[1:-1])
     found = []
-    for g in range(s.objects):
+    for g in range(s.distinct_objects):
         last, open_, hidden, length, returned = None, False, 0, 0, 0
         for t in range(len(s)):
             if g not in truths[t]:
@@ -87,6 +87,6 @@ def slow(s: TrackedSequence) -> list[tuple[int, bool, int]]:
 
 def test_as_the_slow_one_has_it() -> None:
     many = [wandering(seed) for seed in range(20)]
-    found = [rows(recovery(s, follow(s))) for s in many]
+    found = [rows(recovery(s, match_tracks(s))) for s in many]
     assert found == [slow(s) for s in many]
     assert sum(map(len, found)) > 100

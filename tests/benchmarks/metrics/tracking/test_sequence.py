@@ -4,13 +4,13 @@ import numpy as np
 import pytest
 from toy_sequences import sequence
 
-from roadscope.benchmarks.metrics.tracking.sequence import TrackedSequence
 from roadscope.core import RecordError
+from roadscope.metrics import TrackedSequence
 
 
 def test_ids_are_numbered_and_frames_found_again() -> None:
     s = sequence(([40, 30], [7], [0.5, 0.25]), ([], [9, 7], []), ([30], [9], [1.0]))
-    assert (len(s), s.objects, s.followers) == (3, 2, 2)
+    assert (len(s), s.distinct_objects, s.distinct_tracks) == (3, 2, 2)
     assert s.truths.tolist() == [1, 0, 0]
     assert s.tracks.tolist() == [0, 1, 0, 1]
     assert [m.tolist() for m in s.matrices(s.similarities)] == [[[0.5], [0.25]], [], [[1.0]]]
@@ -29,7 +29,7 @@ def test_similarities_by_distances() -> None:
 
 def test_nothing_at_all() -> None:
     s = sequence()
-    assert (len(s), s.objects, s.followers, len(s.similarities)) == (0, 0, 0, 0)
+    assert (len(s), s.distinct_objects, s.distinct_tracks, len(s.similarities)) == (0, 0, 0, 0)
 
 
 @pytest.mark.parametrize("bad", [np.nan, np.inf, -0.1, 1.1])

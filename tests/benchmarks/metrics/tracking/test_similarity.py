@@ -7,14 +7,9 @@ from hypothesis import strategies as st
 from shapely.geometry import box
 from toy_boxes import tracks, truth
 
-from roadscope.benchmarks.metrics.tracking.clear import clear
-from roadscope.benchmarks.metrics.tracking.hota import hota
-from roadscope.benchmarks.metrics.tracking.similarity import (
-    SIMILARITIES,
-    image_overlaps,
-    near,
-    tracked_sequence,
-)
+from roadscope.benchmarks.metrics.matching import image_overlaps
+from roadscope.benchmarks.metrics.tracking.sequence import SIMILARITIES, similarity_by_distance
+from roadscope.metrics import clear, hota, tracked_sequence
 
 EDGE = st.floats(0, 100)
 IMAGE_BOXES = st.tuples(EDGE, EDGE, EDGE, EDGE).map(
@@ -35,7 +30,13 @@ def test_image_boxes_without_extent_have_nothing_in_common() -> None:
 
 
 def test_distances() -> None:
-    assert near(np.array([0.0, 1.0, 2.0, 4.0, 9.0])).tolist() == [1.0, 0.75, 0.5, 0.0, 0.0]
+    assert similarity_by_distance(np.array([0.0, 1.0, 2.0, 4.0, 9.0])).tolist() == [
+        1.0,
+        0.75,
+        0.5,
+        0.0,
+        0.0,
+    ]
 
 
 def test_by_hand() -> None:

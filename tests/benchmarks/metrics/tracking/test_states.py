@@ -8,8 +8,14 @@ import pytest
 from scipy.stats import chi2
 from toy_boxes import tracks, truth
 
-from roadscope.benchmarks.metrics.tracking.nees import Nees, chi_square, nees
-from roadscope.benchmarks.metrics.tracking.states import StateErrors, state_errors
+from roadscope.benchmarks.metrics.tracking.state_errors import (
+    FrameRows,
+    Nees,
+    StateErrors,
+    chi_square,
+    nees,
+    state_errors,
+)
 
 FIRST = np.array([0])
 
@@ -21,7 +27,7 @@ def errors(yaw: float = 0.0, covariance: np.ndarray | None = None) -> StateError
     if covariance is not None:
         found = replace(found, covariances=covariance[None])
     there = truth([[10.0, 0.0]], velocities=np.array([[10.0, 0.0]]))
-    return state_errors([found], [there], [(FIRST, FIRST)])
+    return state_errors([found], [there], [FrameRows(FIRST, FIRST)])
 
 
 def test_by_hand() -> None:

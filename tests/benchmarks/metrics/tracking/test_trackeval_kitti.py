@@ -12,15 +12,10 @@ from test_trackeval_parity import check
 
 from roadscope.benchmarks.formats.kitti import KittiSequence, read_sequence
 from roadscope.benchmarks.formats.kitti_folder import KittiFolder
-from roadscope.benchmarks.metrics.matching import centre_distances
-from roadscope.benchmarks.metrics.tracking.clear import clear
-from roadscope.benchmarks.metrics.tracking.sequence import TrackedSequence
-from roadscope.benchmarks.metrics.tracking.similarity import (
-    SIMILARITIES,
-    image_overlaps,
-    tracked_sequence,
-)
+from roadscope.benchmarks.metrics.matching import centre_distances, image_overlaps
+from roadscope.benchmarks.metrics.tracking.sequence import SIMILARITIES
 from roadscope.core import Detections, Tracks, TrackState
+from roadscope.metrics import TrackedSequence, clear, tracked_sequence
 
 LINK_M = 2.0
 
@@ -46,10 +41,18 @@ def linked(detections: list[Detections]) -> Iterator[np.ndarray]:
 def as_tracks(found: Detections, ids: np.ndarray) -> Tracks:
     n = len(found)
     return Tracks(
-        ids, found.centres, found.sizes, found.yaws, np.zeros((n, 2)),
-        np.tile(np.eye(4), (n, 1, 1)), found.categories, found.scores,
-        np.full(n, TrackState.CONFIRMED), "world", found.stamp_s,
-    )  # fmt: skip
+        ids,
+        found.centres,
+        found.sizes,
+        found.yaws,
+        np.zeros((n, 2)),
+        np.tile(np.eye(4), (n, 1, 1)),
+        found.categories,
+        found.scores,
+        np.full(n, TrackState.CONFIRMED),
+        "world",
+        found.stamp_s,
+    )
 
 
 def in_the_image(real: KittiSequence, ids: list[np.ndarray]) -> TrackedSequence:

@@ -8,23 +8,35 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from toy_sequences import sequence, wandering
 
-from roadscope.benchmarks.metrics.tracking.clear import clear
-from roadscope.benchmarks.metrics.tracking.hota import hota
-from roadscope.benchmarks.metrics.tracking.identity import identity
-from roadscope.benchmarks.metrics.tracking.sequence import TrackedSequence
 from roadscope.benchmarks.speed.metrics import as_trackeval
+from roadscope.metrics import TrackedSequence, clear, hota, identity
 
 theirs = pytest.importorskip("trackeval.metrics")
 
 CURVES = {
-    "HOTA": "hota", "DetA": "det_a", "AssA": "ass_a", "LocA": "loc_a", "DetRe": "det_re",
-    "DetPr": "det_pr", "AssRe": "ass_re", "AssPr": "ass_pr",
-}  # fmt: skip
+    "HOTA": "hota",
+    "DetA": "det_a",
+    "AssA": "ass_a",
+    "LocA": "loc_a",
+    "DetRe": "det_re",
+    "DetPr": "det_pr",
+    "AssRe": "ass_re",
+    "AssPr": "ass_pr",
+}
 COUNTS = {
-    "CLR_TP": "matches", "CLR_FN": "misses", "CLR_FP": "false_alarms", "IDSW": "id_switches",
-    "Frag": "fragmentations", "MT": "mostly_tracked", "PT": "partially_tracked",
-    "ML": "mostly_lost", "MOTA": "mota", "MOTP": "motp", "CLR_Re": "recall", "CLR_Pr": "precision",
-}  # fmt: skip
+    "CLR_TP": "matches",
+    "CLR_FN": "misses",
+    "CLR_FP": "false_alarms",
+    "IDSW": "id_switches",
+    "Frag": "fragmentations",
+    "MT": "mostly_tracked",
+    "PT": "partially_tracked",
+    "ML": "mostly_lost",
+    "MOTA": "mota",
+    "MOTP": "motp",
+    "CLR_Re": "recall",
+    "CLR_Pr": "precision",
+}
 SHARES = {"IDTP": "hits", "IDF1": "idf1", "IDR": "idr", "IDP": "idp"}
 
 ALIKE = st.sampled_from([0.0, 0.05, 0.25, 0.5 - 2**-53, 0.5, 0.5, 0.75, 0.95, 1.0])

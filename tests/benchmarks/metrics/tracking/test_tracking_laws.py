@@ -10,15 +10,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from toy_sequences import wandering
 
-from roadscope.benchmarks.metrics.tracking.amota import amota
-from roadscope.benchmarks.metrics.tracking.clear import clear
-from roadscope.benchmarks.metrics.tracking.following import follow
-from roadscope.benchmarks.metrics.tracking.hota import hota
-from roadscope.benchmarks.metrics.tracking.identity import identity
-from roadscope.benchmarks.metrics.tracking.ospa import gospa, ospa
+from roadscope.benchmarks.metrics.tracking.matching import match_tracks
 from roadscope.benchmarks.metrics.tracking.recovery import recovery
-from roadscope.benchmarks.metrics.tracking.sequence import TrackedSequence
 from roadscope.core import RecordError
+from roadscope.metrics import TrackedSequence, amota, clear, gospa, hota, identity, ospa
 
 SEEDS = st.integers(0, 2**32 - 1)
 FAMILIES = {
@@ -28,7 +23,7 @@ FAMILIES = {
     "amota": amota,
     "ospa": ospa,
     "gospa": gospa,
-    "recovery": lambda s: recovery(s, follow(s)),
+    "recovery": lambda s: recovery(s, match_tracks(s)),
 }
 
 
@@ -42,9 +37,11 @@ def figures(s: TrackedSequence, family: str) -> list[np.ndarray]:
 def changed(s: TrackedSequence, seed: int, *, rename: bool, reorder: bool) -> TrackedSequence:
     """The same sequence with other names, with rows in another order."""
     rng = np.random.default_rng(seed)
-    names = [np.arange(n) for n in (s.objects, s.followers)]
+    names = [np.arange(n) for n in (s.distinct_objects, s.distinct_tracks)]
     if rename:
-        names = [rng.permutation(10 * n + 1)[:n] - 5 for n in (s.objects, s.followers)]
+        names = [
+            rng.permutation(10 * n + 1)[:n] - 5 for n in (s.distinct_objects, s.distinct_tracks)
+        ]
     frames: list[list[Any]] = [[], [], [], [], []]
     assert s.distances_m is not None
     pairs = zip(s.matrices(s.similarities), s.matrices(s.distances_m), strict=True)
@@ -57,9 +54,12 @@ def changed(s: TrackedSequence, seed: int, *, rename: bool, reorder: bool) -> Tr
         place = np.ix_(*orders)
         rows, columns = rows[orders[0]], columns[orders[1]]
         frame = (
-            names[0][s.truths[rows]], names[1][s.tracks[columns]], alike[place], apart[place],
+            names[0][s.truths[rows]],
+            names[1][s.tracks[columns]],
+            alike[place],
+            apart[place],
             s.scores[columns],
-        )  # fmt: skip
+        )
         for column, values in zip(frames, frame, strict=True):
             column.append(values)
     truth_ids, track_ids, close, metres, scores = frames
@@ -89,9 +89,11 @@ def compared(seed: int, similarity: float, distance_m: float) -> TrackedSequence
     rng = np.random.default_rng(seed)
     ids = [np.flatnonzero(rng.random(5) < 0.7) for _ in range(12)]
     return TrackedSequence.of(
-        ids, [i + 50 for i in ids], [similarity * np.eye(len(i)) for i in ids],
+        ids,
+        [i + 50 for i in ids],
+        [similarity * np.eye(len(i)) for i in ids],
         distances_m=[np.where(np.eye(len(i)), distance_m, 9.0) for i in ids],
-    )  # fmt: skip
+    )
 
 
 @given(SEEDS)
@@ -102,13 +104,13 @@ def test_perfect_tracks_get_the_best_of_everything(seed) -> None:
         assert curve == pytest.approx(np.ones(19))
     assert [c.mota, c.motp, c.recall, c.precision] == [1.0] * 4
     assert (c.id_switches, c.wrong_associations, c.misses, c.false_alarms) == (0, 0, 0, 0)
-    assert (c.mostly_tracked, c.mostly_lost) == (s.objects, 0)
+    assert (c.mostly_tracked, c.mostly_lost) == (s.distinct_objects, 0)
     assert [i.idf1, i.idp, i.idr] == [1.0] * 3
     assert [a.amota, a.samota, a.amotp] == pytest.approx([1.0] * 3)
     assert ospa(s).mean == gospa(s).mean == 0.0
-    found = recovery(s, follow(s))
+    found = recovery(s, match_tracks(s))
     assert len(found)
-    assert found.kept.all()
+    assert found.same_track.all()
     assert not found.delays.any()
 
 
@@ -118,7 +120,7 @@ def test_tracks_far_from_everything_get_the_worst(seed) -> None:
     h, c, i, a = hota(s), clear(s), identity(s), amota(s)
     assert not np.concatenate([h.hota, h.det_a, h.ass_a]).any()
     assert c.mota == -1.0
-    assert (c.matches, c.mostly_lost) == (0, s.objects)
+    assert (c.matches, c.mostly_lost) == (0, s.distinct_objects)
     assert i.idf1 == a.amota == a.samota == 0.0
     assert (ospa(s).distances[s.truth_counts > 0] == 2.0).all()
     assert gospa(s).distances.tolist() == (2.0 * s.truth_counts).tolist()
@@ -132,9 +134,14 @@ def test_what_is_not_a_number_is_refused_by_name(field) -> None:
     fields = {
         name: getattr(s, name)
         for name in (
-            "truth_counts", "track_counts", "truth_ids", "track_ids", "similarities", "scores",
+            "truth_counts",
+            "track_counts",
+            "truth_ids",
+            "track_ids",
+            "similarities",
+            "scores",
             "distances_m",
         )
-    }  # fmt: skip
+    }
     with pytest.raises(RecordError, match=rf"TrackedSequence\.{field}: must be finite, got nan"):
         TrackedSequence(**{**fields, field: values})

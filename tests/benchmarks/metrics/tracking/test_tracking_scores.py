@@ -107,14 +107,33 @@ def test_errors_of_position_and_velocity() -> None:
 def test_perfect_tracks_in_all_other_scores() -> None:
     s = score(*episode([({1: A, 2: B}, {7: A, 8: B})] * 50)).named()
     best = (
-        "det_re", "det_pr", "ass_re", "ass_pr", "motp", "idp", "idr", "recall", "precision",
-        "samota", "amota", "amotp", "amota_nuscenes", "inside_position", "inside_state",
-    )  # fmt: skip
+        "det_re",
+        "det_pr",
+        "ass_re",
+        "ass_pr",
+        "motp",
+        "idp",
+        "idr",
+        "recall",
+        "precision",
+        "samota",
+        "amota",
+        "amotp",
+        "amota_nuscenes",
+        "inside_position",
+        "inside_state",
+    )
     assert [s[name].value for name in best] == pytest.approx([1.0] * len(best))
     none = (
-        "ospa_m", "gospa_m", "partially_tracked", "heading_rmse_deg", "heading_reversed",
-        "nees_position", "nees_state", "amotp_nuscenes_m",
-    )  # fmt: skip
+        "ospa_m",
+        "gospa_m",
+        "partially_tracked",
+        "heading_rmse_deg",
+        "heading_reversed",
+        "nees_position",
+        "nees_state",
+        "amotp_nuscenes_m",
+    )
     assert [s[name].value for name in none] == [0.0] * len(none)
     assert math.isnan(s["kept_through_occlusion"].value)
     assert math.isnan(s["reassociation_frames"].value)

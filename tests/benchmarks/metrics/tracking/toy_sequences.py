@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from roadscope.benchmarks.metrics.tracking.sequence import TrackedSequence
+from roadscope.metrics import TrackedSequence
 
 GATE_M = 2.0
 
@@ -40,9 +40,12 @@ def wandering(
         apart = np.linalg.norm(places[there][:, None] - found[None], axis=-1)
         order = rng.permutation(len(ids))
         frame = (
-            np.flatnonzero(there), ids[order], np.maximum(0, 1 - apart / (2 * GATE_M))[:, order],
-            apart[:, order], rng.uniform(0, 1, len(ids)) * 0.2 + (ids % 5) / 7,
-        )  # fmt: skip
+            np.flatnonzero(there),
+            ids[order],
+            np.maximum(0, 1 - apart / (2 * GATE_M))[:, order],
+            apart[:, order],
+            rng.uniform(0, 1, len(ids)) * 0.2 + (ids % 5) / 7,
+        )
         for column, values in zip(columns, frame, strict=True):
             column.append(values)
     truth_ids, track_ids, alike, apart_m, scores = columns

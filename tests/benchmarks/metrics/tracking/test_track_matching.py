@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from toy_sequences import sequence, wandering
 
-from roadscope.benchmarks.metrics.tracking.clear import clear, count
-from roadscope.benchmarks.metrics.tracking.following import follow
-from roadscope.benchmarks.metrics.tracking.sequence import TrackedSequence
+from roadscope.benchmarks.metrics.tracking.clear import count_matches
+from roadscope.benchmarks.metrics.tracking.matching import match_tracks
+from roadscope.metrics import TrackedSequence, clear
 
 
 def without(s: TrackedSequence, gone: np.ndarray) -> TrackedSequence:
@@ -25,15 +25,15 @@ def without(s: TrackedSequence, gone: np.ndarray) -> TrackedSequence:
 @pytest.mark.parametrize("seed", range(20))
 def test_tracks_that_do_not_count_are_as_if_they_had_never_been(seed) -> None:
     s = wandering(seed)
-    alive = np.random.default_rng(seed).random(s.followers) < 0.6
-    one = follow(s, 0.5, alive)
+    alive = np.random.default_rng(seed).random(s.distinct_tracks) < 0.6
+    one = match_tracks(s, 0.5, alive)
     assert alive[one.tracks].all()
-    assert count(s, one, alive) == clear(without(s, np.flatnonzero(~alive)))
+    assert count_matches(s, one, alive) == clear(without(s, np.flatnonzero(~alive)))
 
 
 def test_places_agree() -> None:
     s = wandering(5)
-    f = follow(s, 0.5)
+    f = match_tracks(s, 0.5)
     frames, rows, columns = s.places(f.pairs)
     assert np.array_equal(f.frames, frames)
     assert np.array_equal(s.truths[rows], f.objects)
@@ -46,12 +46,12 @@ def test_places_agree() -> None:
 
 def test_what_was_matched_stays_matched() -> None:
     s = sequence(([1], [7], [1.0]), ([1, 2], [7, 8], [0.5, 0.9, 0.9, 0.1]))
-    assert follow(s).pairs.tolist() == [0, 1]
+    assert match_tracks(s).pairs.tolist() == [0, 1]
     # One pair is kept though two pairs would be closer.
-    assert follow(s).tracks.tolist() == [0, 0]
+    assert match_tracks(s).tracks.tolist() == [0, 0]
 
 
 @pytest.mark.parametrize("threshold", [0.0, -1.0, 1.5])
 def test_thresholds_that_make_no_sense_are_refused(threshold) -> None:
     with pytest.raises(ValueError, match="threshold: expected above 0 and up to 1"):
-        follow(wandering(0), threshold)
+        match_tracks(wandering(0), threshold)

@@ -6,7 +6,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 from toy_boxes import detections, truth
 
-from roadscope.benchmarks.metrics.errors import axis_error_deg, box_errors
+from roadscope.benchmarks.metrics.detection import (
+    axis_error_deg,
+    box_errors,
+    box_overlaps_from_above,
+)
 from roadscope.benchmarks.metrics.matching import Match
 
 NONE = np.empty(0, np.int64)
@@ -31,8 +35,8 @@ def test_position_errors_turn_with_the_object(yaw, along, across) -> None:
         [truth([[0, 0], [30, 40]], yaws=np.array([0.0, yaw]))],
         [paired((0, 1))],
     )
-    assert errors.along == pytest.approx([along], abs=1e-9)
-    assert errors.across == pytest.approx([across], abs=1e-9)
+    assert errors.longitudinal_m == pytest.approx([along], abs=1e-9)
+    assert errors.lateral_m == pytest.approx([across], abs=1e-9)
 
 
 def test_pairs_are_compared_as_matched() -> None:
@@ -40,12 +44,19 @@ def test_pairs_are_compared_as_matched() -> None:
     errors = box_errors(
         [detections([[9, 0], [0, 0]], sizes=(5.0, 1.8, 1.5))], [there], [paired((0, 1), (1, 0))]
     )
-    assert errors.size.tolist() == [[0.5, 0.0], [0.5, 0.0]]
-    assert errors.right_category.tolist() == [True, False]
-    assert np.abs(errors.along).max() == 0.0
+    assert errors.size_m.tolist() == [[0.5, 0.0], [0.5, 0.0]]
+    assert errors.category_is_right.tolist() == [True, False]
+    assert np.abs(errors.longitudinal_m).max() == 0.0
 
 
 def test_no_pairs() -> None:
     errors = box_errors([detections([])], [truth([[0, 0]])], [paired()])
-    assert errors.size.shape == (0, 2)
-    assert box_errors([], [], []).along.shape == (0,)
+    assert errors.size_m.shape == (0, 2)
+    assert box_errors([], [], []).longitudinal_m.shape == (0,)
+
+
+def test_overlaps_from_above() -> None:
+    objects = truth([[0, 0.9], [4.5, 0], [50, 0]])
+    overlaps = box_overlaps_from_above(detections([[0, 0], [50, 0]]), objects)
+    assert overlaps == pytest.approx(np.array([[1 / 3, 0, 0], [0, 0, 1]]))
+    assert box_overlaps_from_above(detections([]), truth([[0, 0]])).shape == (0, 1)
