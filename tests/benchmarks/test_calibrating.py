@@ -121,7 +121,7 @@ def test_what_cannot_be_calibrated_is_named(monkeypatch) -> None:
         calibrate_rig("lux")
     few = true_views(rig("wide"), 3, 0.0)
     monkeypatch.setattr(calibrating, "board_views", lambda *_, **__: few)
-    with pytest.raises(CalibrationError, match="in 3 of 20 poses only, 4 are needed"):
+    with pytest.raises(CalibrationError, match="in only 3 of 20 poses, 4 are needed"):
         calibrate_rig("wide")
 
     def blind(*_):
