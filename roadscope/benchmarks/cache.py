@@ -1,4 +1,4 @@
-"""Files that are computed once: traffic timelines and detections."""
+"""The cache folder, and files in it that are computed once: traffic, detections, answers."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from roadscope.core import RecordError
 
 ENVIRONMENT_VARIABLE = "ROADSCOPE_CACHE"
 MAGIC = b"rscache1"
-"""First bytes of a file of computed content; the SHA-256 of the content follows."""
+"""First bytes of a kept file; the SHA-256 of the content follows."""
 HEADER_BYTES = len(MAGIC) + 32
 REASON_LENGTH = 300
 """Longest reason in a warning, characters; chosen by hand."""
@@ -30,7 +30,7 @@ class FolderError(ValueError):
 
 
 def cache_folder() -> Path:
-    """Return the folder that computed files go to; it is not made, nor tried."""
+    """Return the folder for computed files, without making it or testing that it can be written."""
     if named := os.environ.get(ENVIRONMENT_VARIABLE):
         return Path(named)
     from platformdirs import user_cache_path
@@ -41,14 +41,14 @@ def cache_folder() -> Path:
 def cache_dir() -> Path:
     """Return the folder for computed files, made if need be.
 
-    `ROADSCOPE_CACHE` names it, otherwise it is the user's cache folder. Where neither can be
-    written a temporary folder is used, with a warning.
+    The environment variable `ROADSCOPE_CACHE` names it; otherwise it is the user's cache folder. If
+    it cannot be written, a temporary folder takes its place, with a warning.
     """
     return _usable(cache_folder())
 
 
 def usable_folder(path: Path | str) -> Path:
-    """Make a folder for results and make sure that it can be written."""
+    """Make a folder and return it; raise `FolderError` if it cannot be written."""
     folder = Path(path)
     try:
         return _tried(folder)
@@ -59,9 +59,9 @@ def usable_folder(path: Path | str) -> Path:
 
 
 def usable_file(path: Path | str, endings: Sequence[str], what: str) -> Path:
-    """Refuse a path to which no file of such endings can be written, before anything is computed.
+    """Return the path; raise `FolderError` if no file of these endings can be written there.
 
-    what: in the words of the error, such as `a picture`.
+    what: name of the file in the error, such as `a picture`.
     """
     place = Path(path)
     if place.suffix.lower() not in endings:
@@ -73,13 +73,13 @@ def usable_file(path: Path | str, endings: Sequence[str], what: str) -> Path:
 
 
 def write_atomically(path: Path, write: Callable[[Path], object]) -> None:
-    """Write a file so that no reader ever sees half of it, whoever else writes it too."""
+    """Write a file so that no reader ever sees half of it, even if several processes write it."""
     path.parent.mkdir(parents=True, exist_ok=True)
     handle, name = tempfile.mkstemp(prefix=path.stem, suffix=".part", dir=path.parent)
     os.close(handle)
     try:
         write(Path(name))
-        # Temporary files are for their owner alone; this one is to be as any other.
+        # A temporary file can be read by its owner only; this file gets the usual rights.
         mask = os.umask(0)
         os.umask(mask)
         Path(name).chmod(0o666 & ~mask)
@@ -94,7 +94,7 @@ def write_text(path: Path, text: str) -> None:
 
 
 class Saved(Protocol):
-    """What can be written to a file."""
+    """A record that can be written to a file."""
 
     def save(self, file: BinaryIO, /) -> None:
         """Write it."""
@@ -106,12 +106,12 @@ V = TypeVar("V", bound=Saved)
 
 @dataclass(slots=True)
 class Ledger:
-    """What a run knows of the kept files that a task reads.
+    """The digests of the kept files that a task of a run may read, and those that it wrote.
 
-    digests: by path, of files that were there when the run began or that it wrote since; None
-        where there was none. A file that is not listed may be used as it is.
-    written: the digests of the files that the task wrote.
-    notes: what was wrong with files, for the reader.
+    digests: by path, of files that existed when the run began or that it wrote since; None for a
+        file that did not exist. A file that is not listed may be used as it is.
+    written: digests of the files that the task wrote, by path.
+    notes: warnings about damaged files.
     """
 
     digests: Mapping[str, str | None] = field(default_factory=dict)
@@ -119,11 +119,11 @@ class Ledger:
     notes: list[str] = field(default_factory=list)
 
     def usable(self, path: Path) -> bool:
-        """Return whether a file may be read: not one that appeared since the run began."""
+        """Return whether a file may be read: not if another program made it during the run."""
         return str(path) in _written or self.digests.get(str(path), "") is not None
 
     def expects(self, path: Path, digest: str) -> bool:
-        """Return whether a file is the one that the run or this process wrote or began with."""
+        """Return whether this is the digest of the file that the run began with or wrote."""
         return digest in (_written.get(str(path)), self.digests.get(str(path), digest))
 
 
@@ -134,7 +134,7 @@ _written: dict[str, str] = {}
 
 @contextmanager
 def checked_by(ledger: Ledger) -> Iterator[Ledger]:
-    """Read kept files only as a ledger knows them, and put warnings of them in its notes."""
+    """Read only the kept files that a ledger allows; put warnings about them in its notes."""
     token = _ledger.set(ledger)
     try:
         yield ledger
@@ -142,13 +142,13 @@ def checked_by(ledger: Ledger) -> Iterator[Ledger]:
         _ledger.reset(token)
 
 
-def kept(
+def read_or_make(
     path: Path, load: Callable[[BinaryIO], V], make: Callable[[], V], *, recompute: bool = False
 ) -> V:
-    """Read what an earlier run has written, or make and write it.
+    """Read a kept file, or make its content and write it.
 
-    A damaged file is removed with a warning and made again; so is one that somebody else changed
-    since the run began (`checked_by`). recompute: make it in any case.
+    A damaged file is removed with a warning and made again; so is one that another program changed
+    since the run began (`checked_by`). recompute: make it although it exists.
     """
     ledger = _ledger.get() or Ledger()
     if not recompute and ledger.usable(path):
@@ -160,13 +160,13 @@ def kept(
             _note(f"{error}; it is made again")
             with suppress(OSError):
                 path.unlink(missing_ok=True)
-    made = make()
-    ledger.written[str(path)] = _written[str(path)] = write_kept(path, made)
-    return made
+    content = make()
+    ledger.written[str(path)] = _written[str(path)] = write_kept(path, content)
+    return content
 
 
 def _note(text: str) -> None:
-    """Warn of a file, or note the warning where a task of a run hands it on."""
+    """Warn about a file; within a task of a run, add the warning to the notes of its ledger."""
     ledger = _ledger.get()
     if ledger is None:
         warnings.warn(text, stacklevel=4)
@@ -191,7 +191,7 @@ def write_kept(path: Path, content: Saved) -> str:
 
 
 def read_kept(path: Path, load: Callable[[BinaryIO], S]) -> S:
-    """Read what `write_kept` wrote; whatever is wrong with it raises `RecordError`."""
+    """Read a file of `write_kept`; raise `RecordError` if it is damaged."""
     return _read(path, load, lambda digest: True)
 
 
@@ -207,7 +207,7 @@ def _read(path: Path, load: Callable[[BinaryIO], S], expects: Callable[[str], bo
     if header != MAGIC + sha256(payload).digest():
         raise RecordError(f"{path} is damaged: its digest does not fit its content")
     if not expects(header[len(MAGIC) :].hex()):
-        raise RecordError(f"{path} was changed by somebody else since the run began")
+        raise RecordError(f"{path} was changed by another program since the run began")
     # Damaged archives raise errors of zipfile, zlib and NumPy, and MemoryError for absurd shapes.
     try:
         return load(BytesIO(payload))
@@ -219,7 +219,7 @@ def _read(path: Path, load: Callable[[BinaryIO], S], expects: Callable[[str], bo
 def digest_of(path: Path) -> str | None:
     """Return the digest in the header of a file, or None if `write_kept` did not write it.
 
-    The content is not read, so the digest says whether the file is another one than before.
+    The content is not read: the digest tells whether the file was replaced.
     """
     try:
         with path.open("rb") as file:

@@ -1,4 +1,4 @@
-"""What the cache folder holds, by kind, and how it is emptied."""
+"""Counts and removes the files in the cache folder, by kind."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from roadscope.benchmarks.cache import cache_folder
 from roadscope.core.names import unknown
 
 RESULTS = "results"
-"""The kind of the results database, which is removed only when asked for by name."""
+"""The kind of the results database, which is removed only with `results`."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -19,7 +19,7 @@ class FileKind:
     """One kind of files.
 
     place: subfolder of the cache, or `.` for the cache folder itself.
-    names: what the names of its files look like; other files are not ours and stay.
+    names: pattern of the names of its files; other files are never removed.
     """
 
     description: str
@@ -73,10 +73,10 @@ def clear_cache(
     results: bool = False,
     folder: Path | str | None = None,
 ) -> tuple[KindUsage, ...]:
-    """Remove files of some kinds and return what was removed, kind by kind.
+    """Remove files of some kinds and return how many were removed of each.
 
-    What is removed is computed again when it is needed; results are lost, so that `results` has
-    to be said. Links are not followed, and files with names that are not ours stay.
+    Computed files are made again when they are needed; results are lost for good, so they are
+    removed only if `results` is true. Links are not followed, and files with other names stay.
 
     kinds: keys of `FILE_KINDS`; all but results if left out.
     results: whether the results database is removed, too.
@@ -104,12 +104,12 @@ def size_text(size_bytes: int) -> str:
 
 def _files(folder: Path, kind: str) -> Iterator[Path]:
     """Yield the files of a kind; neither folders nor files that are links."""
-    known = FILE_KINDS[kind]
-    place = folder / known.place
-    if not place.is_dir() or (place.is_symlink() and known.place != "."):
+    file_kind = FILE_KINDS[kind]
+    place = folder / file_kind.place
+    if not place.is_dir() or (place.is_symlink() and file_kind.place != "."):
         return
     for path in sorted(place.iterdir()):
-        if known.names.fullmatch(path.name) and path.is_file() and not path.is_symlink():
+        if file_kind.names.fullmatch(path.name) and path.is_file() and not path.is_symlink():
             yield path
 
 
@@ -119,7 +119,7 @@ def _usage(kind: str, files: list[Path]) -> KindUsage:
 
 
 def _size(path: Path) -> int:
-    """Return the size of a file; 0 where another process removes it meanwhile."""
+    """Return the size of a file; 0 if another process removes it meanwhile."""
     try:
         return path.stat().st_size
     except FileNotFoundError:

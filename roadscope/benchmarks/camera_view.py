@@ -1,4 +1,4 @@
-"""What a rig's camera sees in the middle of an episode, with a detector's boxes drawn in."""
+"""The middle image of an episode, with the boxes of a camera detector drawn in."""
 
 from __future__ import annotations
 
@@ -16,15 +16,15 @@ from roadscope.core import Category, ImageDetections
 from roadscope.envs.sensors.rigs import rig
 
 COLOURS = {"vehicle": (255, 170, 0), "cyclist": (0, 200, 255), "pedestrian": (255, 60, 120)}
-"""Of the boxes of each family."""
+"""Colour of the boxes of each family, RGB."""
 LEAST_SCORE = 0.3
-"""Boxes that are less sure are not drawn: they would hide the picture."""
+"""Boxes with lower scores are not drawn: they would hide the picture."""
 LINE_PX = 2
 TEXT_PX = 11
 
 
 def check_view(episode: Episode, detector: str, path: Path | str) -> None:
-    """Refuse a rig without camera, a detector or a file that cannot be, before anything runs."""
+    """Refuse a rig without camera, a wrong detector, and a file that cannot be written."""
     check_episode(episode)
     camera_of(rig(episode.rig))
     check_image_source(detector)
@@ -32,10 +32,10 @@ def check_view(episode: Episode, detector: str, path: Path | str) -> None:
 
 
 def camera_view(episode: Episode, detector: str) -> tuple[np.ndarray, ImageDetections]:
-    """Return the middle image with boxes drawn in, (H, W, 3) uint8, and what they say.
+    """Return the middle image with boxes drawn in, (H, W, 3) uint8, and their detections.
 
-    detector: a camera detector's spec, `oracle` or an imitation; boxes of at least `LEAST_SCORE`.
-    Images that a fault takes are passed over; where it takes all of them that is a ValueError.
+    detector: spec of a camera detector, `oracle` or a noise model. Boxes have a score of at least
+    `LEAST_SCORE`. Images that are lost by a fault are left out; `ValueError` if all are lost.
     """
     picture = _middle(episode)
     assert picture.frame.camera is not None
@@ -45,7 +45,7 @@ def camera_view(episode: Episode, detector: str) -> tuple[np.ndarray, ImageDetec
 
 
 def save_view(episode: Episode, detector: str, path: Path | str) -> int:
-    """Write `camera_view` to a file whose ending says the format; return the number of boxes."""
+    """Write `camera_view` to a file, in the format of its ending; return the number of boxes."""
     from matplotlib.image import imsave
 
     check_view(episode, detector, path)

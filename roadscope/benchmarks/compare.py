@@ -30,7 +30,7 @@ Side = Literal["a", "b"]
 
 NAME = "leaderboard.json"
 TIMES = re.compile(r"(call|wall)_.*_ms")
-"""Names of metrics that depend on the machine too."""
+"""Names of metrics that are computing times and depend on the machine too."""
 
 
 class CompareError(ValueError):
@@ -38,7 +38,7 @@ class CompareError(ValueError):
 
 
 class WithJson(Protocol):
-    """What a run returns, such as `Results`."""
+    """Results of a run, such as `Results`."""
 
     def to_json(self) -> str:
         """Return the content of its `leaderboard.json`."""
@@ -65,7 +65,7 @@ class ScoredRun:
 class Difference:
     """How one metric differs between A and B.
 
-    a, b: values pooled over the blocks that both have; a block is a scenario with a seed.
+    a, b: values pooled over the blocks that both runs have; a block is a scenario with a seed.
     difference: b minus a, with its interval low to high; NaN where there is none.
     p: p-value of no difference; q: the same, adjusted to the number of metrics compared.
     n: number of blocks.
@@ -115,9 +115,9 @@ class FailedJob:
 
 @dataclass(frozen=True, slots=True)
 class Unpaired:
-    """Jobs that one side has alone, or in which one side alone has a metric.
+    """Jobs that only one side has, or in which only one side has a metric.
 
-    metric: its name; empty where whole jobs have no counterpart.
+    metric: its name; empty if whole jobs have no counterpart.
     """
 
     side: Side
@@ -129,7 +129,7 @@ class Unpaired:
 
 @dataclass(frozen=True, slots=True)
 class Comparison:
-    """What differs between A and B.
+    """All differences between A and B.
 
     level: of the intervals; 1 - level is the false discovery rate of the verdicts.
     times: whether times count as regressions.
@@ -183,15 +183,15 @@ def compare(
 ) -> Comparison:
     """Compare each metric of each entry of B with that of A, on the jobs that both have.
 
-    entries: two names: the entry of A and the one of B; without B both are of A. Otherwise each
+    entries: two names: an entry of A and one of B (of A, if B is left out). If left out, each
         entry is compared with the one of the same name.
-    metrics: their names; all that are of whole episodes if left out. One that is broken down is
+    metrics: their names; if left out, all metrics of whole episodes. One that is broken down is
         named as in `f1 by range: 0-20`.
     times: whether times (`call_*_ms`, `wall_*_ms`) count as regressions too.
 
     The seeds of each scenario are the sample; intervals are those of `paired_interval`, p-values
-    of `paired_p_value`. Three to five seeds in one scenario are too few for scores that are close
-    to one of two values: there three alike by chance look like a change.
+    of `paired_p_value`. Three to five seeds in one scenario are too few for scores that are near
+    one of two values: three that agree by chance then look like a change.
     A metric is better or worse where its p-value, adjusted by Benjamini and Hochberg (1995), is
     at most 1 - level and its interval excludes zero. Metrics that are equal in every block are
     not counted among those compared: they cannot become a false discovery.
@@ -203,16 +203,16 @@ def compare(
     matched: list[_MatchedEntry] = []
     unpaired: list[Unpaired] = []
     for entry_a, entry_b in _entry_pairs(run_a, run_b, entries):
-        found, alone = _match(run_a, run_b, entry_a, entry_b)
-        matched += found
+        pairs, alone = _match(run_a, run_b, entry_a, entry_b)
+        matched += pairs
         unpaired += alone
     if not matched:
         raise CompareError(f"{run_a.label} and {run_b.label} have no job in common")
     wanted = _wanted(matched, metrics)
     differences: list[Difference] = []
     for each in matched:
-        found_of, missing = _differences(each, wanted, level)
-        differences += found_of
+        of_entry, missing = _differences(each, wanted, level)
+        differences += of_entry
         unpaired += missing
     label_a, label_b = run_a.label, run_b.label
     if entries is not None:
@@ -236,8 +236,8 @@ def read_run(source: Source) -> ScoredRun:
     items, manifest = content.get("scores"), content.get("manifest", {})
     if not isinstance(items, list):
         raise CompareError(
-            f'{label} has no list "scores", by which single seeds are compared; files that '
-            "earlier versions wrote have means alone. run the leaderboard again to write it"
+            f'{label} has no list "scores", by which single seeds are compared; files of '
+            "earlier versions have only means: run the leaderboard again"
         )
     jobs = []
     for number, item in enumerate(items):
@@ -314,7 +314,7 @@ def _runs(
 
 
 def check_comparable(a: ScoredRun, b: ScoredRun) -> None:
-    """Refuse runs of other episodes, or those whose metrics are defined otherwise."""
+    """Raise `CompareError` for runs of different suites or versions of suite or metrics."""
     for key, what in (
         ("suite", "suites"),
         ("suite_version", "versions of the suite"),
@@ -339,7 +339,7 @@ def _entry_pairs(
 def _match(
     a: ScoredRun, b: ScoredRun, entry_a: str, entry_b: str
 ) -> tuple[list[_MatchedEntry], list[Unpaired]]:
-    """Pair the jobs of two entries, board by board, and count those of one side alone."""
+    """Pair the jobs of two entries, board by board, and count those that only one side has."""
     of_a = {job.name: job for job in a.jobs if job.entry == entry_a}
     of_b = {job.name: job for job in b.jobs if job.entry == entry_b}
     pairs: dict[str, list[_Pair]] = {}
@@ -356,18 +356,18 @@ def _match(
 
 def _wanted(matched: Sequence[_MatchedEntry], metrics: Iterable[str] | None) -> set[str]:
     """Return the names of the metrics to compare."""
-    known = {
+    names = {
         name: None
         for each in matched
         for pair in each.pairs
         for name in (*pair.a.scores, *pair.b.scores)
     }
-    whole = [name for name in known if not split_name(name)[1]]
+    whole = [name for name in names if not split_name(name)[1]]
     if metrics is None:
         return set(whole)
     wanted = {metrics} if isinstance(metrics, str) else set(metrics)
     for name in sorted(wanted):
-        if name not in known:
+        if name not in names:
             raise CompareError(unknown("metric", name, whole))
     return wanted
 
@@ -375,7 +375,7 @@ def _wanted(matched: Sequence[_MatchedEntry], metrics: Iterable[str] | None) -> 
 def _differences(
     each: _MatchedEntry, wanted: set[str], level: float
 ) -> tuple[list[Difference], list[Unpaired]]:
-    """Return how the wanted metrics of an entry differ, and which of them one side has alone."""
+    """Return how the wanted metrics of an entry differ, and which of them only one side has."""
     sound = [pair for pair in each.pairs if pair.a.reason is None and pair.b.reason is None]
     names = dict.fromkeys(n for pair in sound for n in (*pair.a.scores, *pair.b.scores))
     differences, unpaired = [], []
@@ -394,7 +394,7 @@ def _differences(
 
 
 Block = tuple[str, int]
-"""A scenario with a seed: jobs on the same traffic are no independent sample."""
+"""A scenario with a seed: jobs on the same traffic are not independent samples."""
 
 
 def _blocks(board: str, jobs: Sequence[JobScores], metric: str) -> dict[Block, Score]:
@@ -445,7 +445,7 @@ def _difference(
 
 
 def _judged(differences: Sequence[Difference], level: float, times: bool) -> list[Difference]:
-    """Adjust the p-values and say which metrics are better or worse; times by themselves."""
+    """Return differences with adjusted p-values and verdicts; times are adjusted separately."""
     from scipy.stats import false_discovery_control
 
     adjusted = [d.p for d in differences]
@@ -466,7 +466,7 @@ def _judged(differences: Sequence[Difference], level: float, times: bool) -> lis
 
 
 def _equal(difference: Difference) -> bool:
-    """Say whether a metric is equal in every block."""
+    """Return whether a metric is equal in every block."""
     return difference.difference == 0 and not (difference.low < 0 or difference.high > 0)
 
 

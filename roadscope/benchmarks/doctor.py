@@ -1,4 +1,4 @@
-"""Whether this installation works: versions, extras, folders, kernels and isolation."""
+"""Examines this installation: versions, extras, folders, kernels and isolation."""
 
 from __future__ import annotations
 
@@ -42,15 +42,15 @@ class Extra:
 
     @property
     def installed(self) -> bool:
-        """Whether all of it is there."""
+        """Whether nothing is missing."""
         return not self.missing
 
 
 @dataclass(frozen=True, slots=True)
 class Machine:
-    """Where this runs.
+    """The machine.
 
-    cores: that this process may use. memory_bytes: of the machine or of the container.
+    cores: that this process may use. memory_bytes: of the machine, or of the container if less.
     """
 
     platform: str
@@ -60,7 +60,7 @@ class Machine:
 
 @dataclass(frozen=True, slots=True)
 class Folder:
-    """A folder that files of ours go to."""
+    """A folder that roadscope writes files to."""
 
     path: str
     writable: bool
@@ -81,10 +81,10 @@ class Kernels:
 
 @dataclass(frozen=True, slots=True)
 class Isolation:
-    """What keeps a plug-in that is not ours apart from the run.
+    """The means that isolate plug-ins that are not part of roadscope.
 
-    parts: what is needed and whether it is there. sandbox: whether bubblewrap works here, which
-    alone keeps a plug-in from reading files.
+    parts: by name, whether each is available. sandbox: whether bubblewrap works here; only it
+    keeps a plug-in from reading files. sandbox_reason: why not.
     """
 
     parts: Mapping[str, bool]
@@ -93,16 +93,17 @@ class Isolation:
 
     @property
     def complete(self) -> bool:
-        """Whether all parts are there."""
+        """Whether all parts are available."""
         return all(self.parts.values())
 
 
 @dataclass(frozen=True, slots=True)
 class Diagnosis:
-    """What was found out.
+    """The result of the examination.
 
     versions: of distributions by name, None for one that is not installed.
-    broken: what does not work and must be put right. warnings: what works, but worse than it could.
+    broken: texts on what does not work and must be repaired. warnings: on what works, but worse
+        than it could.
     """
 
     versions: Mapping[str, str | None]
@@ -122,7 +123,7 @@ class Diagnosis:
 
 
 def doctor() -> Diagnosis:
-    """Look at this installation; nothing is changed but for test files that are removed again."""
+    """Examine this installation; only test files are written, and removed again."""
     folder, kernels, isolation, machine = (
         _folder(cache_folder()),
         _kernels(),
@@ -143,11 +144,11 @@ def doctor() -> Diagnosis:
 
 
 def _broken(folder: Folder) -> Iterator[str]:
-    """Yield what must be put right."""
+    """Yield a text for each thing that must be repaired."""
     for requirement in _requirements():
-        if _needed(requirement) and not _met(requirement):
-            found, wanted = _version(requirement.name) or "is not installed", _plain(requirement)
-            yield f"{requirement.name} {found}: {wanted} is needed: pip install '{wanted}'"
+        if _needed(requirement) and not _satisfied(requirement):
+            actual, wanted = _version(requirement.name) or "is not installed", _plain(requirement)
+            yield f"{requirement.name} {actual}: {wanted} is needed: pip install '{wanted}'"
     if not folder.writable:
         yield (
             f"the cache folder {folder.path} cannot be written: set ROADSCOPE_CACHE to a folder "
@@ -160,7 +161,7 @@ def _broken(folder: Folder) -> Iterator[str]:
 def _warnings(
     folder: Folder, kernels: Kernels, isolation: Isolation, machine: Machine
 ) -> Iterator[str]:
-    """Yield what works, but worse than it could."""
+    """Yield a text for each thing that works, but worse than it could."""
     if not _requirements():
         yield "roadscope is not installed as a distribution: extras are not known"
     if not kernels.folder.writable:
@@ -174,14 +175,14 @@ def _warnings(
         yield f"only {size_text(folder.free_bytes)} are free in {folder.path}"
     if machine.memory_bytes < LITTLE_MEMORY_BYTES:
         yield f"only {size_text(machine.memory_bytes)} of memory: use --jobs 1"
-    for name, there in isolation.parts.items():
-        if not there:
+    for name, available in isolation.parts.items():
+        if not available:
             yield f"isolation of plug-ins is incomplete: no {name}"
 
 
 @cache
 def _requirements() -> tuple[Any, ...]:
-    """Return what the distribution's metadata requires, none where it is not installed."""
+    """Return the requirements in the distribution's metadata; none if it is not installed."""
     from packaging.requirements import Requirement
 
     try:
@@ -198,12 +199,12 @@ def _version(name: str) -> str | None:
 
 
 def _needed(requirement: Any, extra: str = "") -> bool:
-    """Return whether a requirement applies here; extra: the one asked for, none by default."""
+    """Return whether a requirement applies here. extra: with this extra; empty: without any."""
     marker = requirement.marker
     return bool(marker.evaluate({"extra": extra})) if marker is not None else not extra
 
 
-def _met(requirement: Any) -> bool:
+def _satisfied(requirement: Any) -> bool:
     version = _version(requirement.name)
     # Builds such as 2.13.0+cpu and pre-releases count.
     return version is not None and requirement.specifier.contains(version, prereleases=True)
@@ -229,36 +230,36 @@ def _extras() -> tuple[Extra, ...]:
     extras = []
     for name in sorted(names):
         required = [r for r in _requirements() if not _needed(r) and _needed(r, name)]
-        missing = tuple(_plain(r) for r in required if not _met(r))
+        missing = tuple(_plain(r) for r in required if not _satisfied(r))
         extras.append(Extra(name, missing, f'pip install "{DISTRIBUTION}[{name}]"'))
     return tuple(extras)
 
 
 def _machine() -> Machine:
-    """Return where this runs; memory is the machine's or, if less, the container's limit."""
+    """Return the machine; memory is its own or, if less, the container's limit."""
     from joblib import cpu_count
     from psutil import virtual_memory
 
     memory_bytes = int(virtual_memory().total)
     for name in ("memory.max", "memory/memory.limit_in_bytes"):
-        with suppress(OSError, ValueError):  # Not there, or `max`.
+        with suppress(OSError, ValueError):  # No such file, or `max`.
             memory_bytes = min(memory_bytes, int(Path("/sys/fs/cgroup", name).read_text()))
     return Machine(platform.platform(), int(cpu_count()), memory_bytes)
 
 
 def _folder(path: Path) -> Folder:
-    """Look at a folder, or at the place where it would be made."""
-    there = next(place for place in (path, *path.absolute().parents) if place.exists())
+    """Examine a folder or, if it does not exist, the nearest folder above it."""
+    existing = next(place for place in (path, *path.absolute().parents) if place.exists())
     writable, free_bytes = False, None
     with suppress(OSError):
-        free_bytes = shutil.disk_usage(there).free
-        with tempfile.TemporaryFile(dir=there):
+        free_bytes = shutil.disk_usage(existing).free
+        with tempfile.TemporaryFile(dir=existing):
             writable = True
     return Folder(str(path), writable, free_bytes)
 
 
 def _kernels() -> Kernels:
-    """Look where `core.jit` keeps machine code: a folder that is named, else beside our sources."""
+    """Examine the folder of machine code: NUMBA_CACHE_DIR, else beside the sources."""
     from platformdirs import user_cache_path
 
     named = os.environ.get("NUMBA_CACHE_DIR")
@@ -282,7 +283,7 @@ def _isolation() -> Isolation:
 
 
 def _database_fault(path: Path) -> str:
-    """Return what is wrong with the results database; empty if it is sound or not there."""
+    """Return what is wrong with the results database; empty if it is sound or does not exist."""
     if not path.is_file():
         return ""
     try:

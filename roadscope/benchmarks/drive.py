@@ -1,4 +1,4 @@
-"""The scans of an episode as an odometry gets them, and what was true meanwhile."""
+"""The scans of an episode as an odometry gets them, with the true poses."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from roadscope.core.record import Record
 
 SCAN_ARRAYS = ("points", "intensity", "ring", "column", "time_offset_s")
 MOVING_M_S = 0.1
-"""Slower road users stand, at that time: from scan to scan they move less than ranges err."""
+"""Slower road users count as standing: from scan to scan they move less than the range noise."""
 
 Samples = TypeVar("Samples", ImuSamples, WheelSamples)
 
@@ -23,7 +23,7 @@ Samples = TypeVar("Samples", ImuSamples, WheelSamples)
 class Step(Record):
     """One scan of a drive.
 
-    imu, wheels: samples since the last scan that arrived; None without IMU, without wheels.
+    imu, wheels: samples since the last scan that arrived; None for a rig without that sensor.
     world_from_lidar: the true pose at the stamp.
     moving: (N,) bool, which returns truly came from road users that move over the ground.
     """
@@ -35,7 +35,7 @@ class Step(Record):
     moving: np.ndarray
 
     def without_moving(self) -> Step:
-        """Return the step as it is in a world in which nothing moves but the sensor."""
+        """Return the step without the returns of moving road users."""
         return replace(self, scan=select(self.scan, ~self.moving), moving=self.moving[~self.moving])
 
 
@@ -45,14 +45,14 @@ def imu_mounting(episode: Episode) -> Pose | None:
     imu = sensing.rig.imu
     if imu is None:
         return None
-    known = sensing.calibration
-    return known.pose(sensing.rig.lidar.name).inverse() @ known.pose(imu.name)
+    believed = sensing.calibration
+    return believed.pose(sensing.rig.lidar.name).inverse() @ believed.pose(imu.name)
 
 
 def drive(episode: Episode) -> Iterator[Step]:
-    """Yield the scans of an episode that arrive; every time the same bytes, in arrays of one's own.
+    """Yield the scans of an episode that arrive, the same bytes every time, in fresh arrays.
 
-    A scan that arrives has the samples of those that were lost before it too.
+    A scan also brings the samples of lost scans before it.
     """
     from roadscope.envs.sensors.rigs import rig
 
@@ -83,9 +83,9 @@ def select(scan: LidarScan, rows: np.ndarray | slice) -> LidarScan:
 
 def _joined(blocks: Sequence[Samples | None]) -> Samples | None:
     """Return the samples of several scans as one block; None where there are none."""
-    known = [block for block in blocks if block is not None]
-    if not known:
+    present = [block for block in blocks if block is not None]
+    if not present:
         return None
-    kind = type(known[0])
+    kind = type(present[0])
     names = [each.name for each in fields(kind)]
-    return kind(*(np.concatenate([getattr(block, name) for block in known]) for name in names))
+    return kind(*(np.concatenate([getattr(block, name) for block in present]) for name in names))

@@ -1,4 +1,4 @@
-"""Which objects an entry is expected to find, decided from truth alone."""
+"""Eligibility: which objects an entry has to detect, decided from truth alone."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ from roadscope.core.record import Record
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Eligibility(Record):
-    """The rule of a suite, the same for every entry.
+    """The rule of a suite for which objects are eligible, the same for every entry.
 
     range_m: nearest and farthest distance of the box centre from the ego's rear axle, seen
         from above, metres.
     min_returns: least number of LiDAR returns in the scan; objects with fewer are invisible.
-    families: which road users are to be detected; others are neither misses nor false alarms.
+    families: which road users are eligible; others are neither misses nor false alarms.
     """
 
     range_m: tuple[float, float] = (0.0, 60.0)
@@ -31,22 +31,23 @@ class Eligibility(Record):
         near, far = self.range_m
         require(0 <= near < far < np.inf, self, "range_m", "0 <= near < far", list(self.range_m))
         require(self.min_returns >= 1, self, "min_returns", "at least 1", self.min_returns)
-        known = [f.value for f in Family]
-        good = bool(self.families) and all(f in known for f in self.families)
-        require(good, self, "families", f"some of {', '.join(known)}", list(self.families))
+        possible = [f.value for f in Family]
+        good = bool(self.families) and all(f in possible for f in self.families)
+        require(good, self, "families", f"some of {', '.join(possible)}", list(self.families))
 
     def of(self, truth: Truth) -> np.ndarray:
-        """Return (M,) bool, which objects count in this frame."""
-        return self._asked_for(truth) & (truth.lidar_returns >= self.min_returns)
+        """Return (M,) bool, which objects of a frame are eligible."""
+        return self._in_scope(truth) & (truth.lidar_returns >= self.min_returns)
 
     def unseen(self, truth: Truth) -> int:
-        """Return how many objects would count if the scan had more returns from them."""
-        return int((self._asked_for(truth) & (truth.lidar_returns < self.min_returns)).sum())
+        """Return how many objects are not eligible only because they have too few returns."""
+        return int((self._in_scope(truth) & (truth.lidar_returns < self.min_returns)).sum())
 
-    def _asked_for(self, truth: Truth) -> np.ndarray:
+    def _in_scope(self, truth: Truth) -> np.ndarray:
+        """Return (M,) bool, which objects are of the families and in the range band."""
         wanted = np.array([c.value for c in Category if c.family.value in self.families])
-        asked: np.ndarray = self.within(truth.centres, truth) & np.isin(truth.categories, wanted)
-        return asked
+        chosen: np.ndarray = self.within(truth.centres, truth) & np.isin(truth.categories, wanted)
+        return chosen
 
     def within(self, centres: np.ndarray, truth: Truth) -> np.ndarray:
         """Return (N,) bool, which world points lie in the range band around the ego."""
@@ -58,10 +59,10 @@ class Eligibility(Record):
     def pairing(
         self, boxes: Detections | Tracks, truth: Truth, parked: np.ndarray | None = None
     ) -> Pairing:
-        """Set detections or tracks, world frame, against the objects of a frame.
+        """Return the distances of detections or tracks, world frame, to the objects of a frame.
 
-        parked: (P, 2) metres, world frame, cars that are scenery: they come after the objects,
-            none of them eligible.
+        parked: (P, 2) metres, world frame, parked cars: they come after the objects and are not
+            eligible.
         """
         parked = np.empty((0, 2)) if parked is None else parked
         return Pairing(
@@ -81,5 +82,5 @@ class Eligibility(Record):
         truths: Sequence[Truth],
         parked: np.ndarray | None = None,
     ) -> list[Pairing]:
-        """Do so for every frame of an episode."""
+        """Return `pairing` of every frame of an episode."""
         return [self.pairing(b, t, parked) for b, t in zip(boxes, truths, strict=True)]

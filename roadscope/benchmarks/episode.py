@@ -1,4 +1,7 @@
-"""One stretch of traffic seen by one rig; the traffic is recorded once and kept."""
+"""Episodes: the traffic of one scenario and seed, sensed by one rig.
+
+The traffic is recorded once and kept; scans are sensed again, the same bytes every time.
+"""
 
 from __future__ import annotations
 
@@ -9,7 +12,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Generic, TypeVar
 
-from roadscope.benchmarks.cache import cache_dir, kept
+from roadscope.benchmarks.cache import cache_dir, read_or_make
 from roadscope.benchmarks.fingerprint import fingerprint, sensing_hash, timeline_hash
 from roadscope.core import Frame, Truth
 from roadscope.core.names import unknown
@@ -29,14 +32,14 @@ T = TypeVar("T")
 
 @dataclass(frozen=True, slots=True)
 class Episode:
-    """What decides every byte that an entry gets to see.
+    """The settings that decide every byte that an entry gets.
 
     scenario: a name of `roadscope.envs.traffic.scenarios.SCENARIOS`.
     rig: a name of `roadscope.envs.sensors.rigs.RIGS` or a path to a TOML file.
-    duration_s: None: as long as the scenario says.
-    weather: a name of `roadscope.envs.sensors.weather.WEATHERS`; the traffic does not know it.
-    light: a name of `roadscope.envs.imaging.light.LIGHTS`; scans do not know it.
-    faults: such as `fog:3`, of `roadscope.envs.sensors.faults.FAULTS`; the traffic knows none.
+    duration_s: length; None: that of the scenario.
+    weather: a name of `roadscope.envs.sensors.weather.WEATHERS`; no effect on traffic.
+    light: a name of `roadscope.envs.imaging.light.LIGHTS`; no effect on scans.
+    faults: such as `fog:3`, of `roadscope.envs.sensors.faults.FAULTS`; no effect on traffic.
     """
 
     scenario: str
@@ -72,7 +75,7 @@ class Episode:
         from roadscope.envs.sensors.rigs import rig
         from roadscope.envs.sensors.weather import weather
 
-        # Without faults the hash is as it was before there were any.
+        # Without faults the key is left out, as before there were any: the hash stays the same.
         faulty = {"faults": fingerprint(faults_of(self.faults))} if self.faults else {}
         return {
             **self.traffic_spec(),
@@ -92,7 +95,7 @@ def timeline_path(episode: Episode) -> Path:
 
 def timeline_of(episode: Episode) -> Timeline:
     """Read the traffic of an episode, or record and keep it."""
-    return kept(timeline_path(episode), Timeline.load, partial(record_timeline, episode))
+    return read_or_make(timeline_path(episode), Timeline.load, partial(record_timeline, episode))
 
 
 def record_timeline(episode: Episode) -> Timeline:
@@ -102,15 +105,15 @@ def record_timeline(episode: Episode) -> Timeline:
     return record(episode.scenario, episode.seed, episode.duration_s)
 
 
-def sensing_of(episode: Episode, carrier: Rig | None = None) -> Sensing:
-    """Return what senses an episode; carrier: in place of its rig."""
-    from roadscope.envs.sensors.rigs import rig
+def sensing_of(episode: Episode, rig: Rig | None = None) -> Sensing:
+    """Return the sensing of an episode. rig: in place of the episode's."""
+    from roadscope.envs.sensors.rigs import rig as rig_of
     from roadscope.envs.sensors.sensing import Sensing
 
-    # Without a name the light is that of some day too, and a fault may make it night.
+    # None is daylight too, and unlike a named light it lets a fault make it night.
     light = None if episode.light == "day" else episode.light
     return Sensing(
-        rig(episode.rig) if carrier is None else carrier,
+        rig_of(episode.rig) if rig is None else rig,
         episode.seed,
         weather=episode.weather,
         light=light,
@@ -119,16 +122,16 @@ def sensing_of(episode: Episode, carrier: Rig | None = None) -> Sensing:
 
 
 class LastEpisode(Generic[T]):
-    """What was sensed of the last episode: the next job of a worker is often on the same one."""
+    """Remembers what was sensed of the last episode; a worker's next job is often on it too."""
 
     def __init__(self, most_bytes: int) -> None:
-        """Take the size of the largest episode that is remembered."""
+        """Take the size of the largest episode that is remembered, bytes."""
         self._most_bytes = most_bytes
         self._key: object = None
         self._items: tuple[T, ...] = ()
 
     def get(self, key: object, size_bytes: float, sense: Callable[[], Iterable[T]]) -> Iterable[T]:
-        """Return what `sense` returns, remembered where the last key was the same."""
+        """Return what `sense` returns, from memory if the key is that of the last call."""
         if size_bytes > self._most_bytes:
             return sense()
         if key != self._key:
@@ -142,9 +145,9 @@ _last_scans = LastEpisode[tuple[Frame, Truth]](most_bytes=600_000_000)
 
 
 def sensed(episode: Episode) -> Iterator[tuple[Frame, Truth]]:
-    """Sense an episode's scans from its traffic; a camera of the rig is not used.
+    """Yield the frames with scans of an episode and their truth; a camera is not used.
 
-    Every time they are the same bytes, in arrays that a plug-in may write to.
+    They are the same bytes every time, in arrays that a plug-in may write to.
     """
     from roadscope.envs.sensors.rigs import rig
 
@@ -152,17 +155,17 @@ def sensed(episode: Episode) -> Iterator[tuple[Frame, Truth]]:
     lidar = sensors.lidar.spec
     scans = (timeline.end_s - timeline.start_s) / lidar.period_s
     size_bytes = scans * lidar.beams * lidar.columns * BYTES_PER_RETURN
-    # The spec changes with the rig file that an episode names.
+    # The episode's spec is part of the key, as the content of its rig file may have changed.
     key, sense = fingerprint(episode.spec()), partial(sensing_of(episode, sensors).whole, timeline)
     for frame, truth in _last_scans.get(key, size_bytes, sense):
         yield deepcopy(frame), truth
 
 
 def check_episode(episode: Episode) -> None:
-    """Refuse what cannot be sensed.
+    """Raise `ValueError` for an episode that cannot be sensed.
 
-    That is unknown names, less time than one sweep takes or more than an hour, and a light that no
-    camera of the rig would see.
+    That is: unknown names, less time than one sweep or more than an hour, and a light for a rig
+    without a camera.
     """
     from roadscope.envs.imaging.light import LIGHTS
     from roadscope.envs.sensors.sensing import check_light

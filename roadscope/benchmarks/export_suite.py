@@ -1,4 +1,4 @@
-"""A suite's sensor data, calibration and truth as files in KITTI's layout."""
+"""Writes a suite's sensor data, calibration and truth as files in KITTI's layout."""
 
 from __future__ import annotations
 
@@ -68,11 +68,12 @@ TRUTH_COLUMNS = (
     "vy_m_s, lidar_returns, occluded_fraction"
 )
 VIEW_PX = ImageSize(1242, 375)
-"""Size of the image that a rig without a camera is given: KITTI's."""
+"""Size of the image that is assumed for a rig without a camera: KITTI's."""
 FOCAL_PX = 358.5
-"""Its focal length, for 120 degrees from left to right; the LUX sees 110. Chosen by hand."""
+"""Its focal length, for a horizontal field of view of 120 degrees; the LUX has 110. Chosen by
+hand."""
 OCCLUDED = (0.25, 0.5)
-"""From these shares on an object is partly and largely occluded. Chosen by hand."""
+"""Hidden shares from which on an object is partly, and largely occluded. Chosen by hand."""
 POINT_BYTES = 20
 """Four numbers in `velodyne` and one in `velodyne_times`, of four bytes each."""
 PNG_SHARE = 0.7
@@ -82,7 +83,7 @@ FILE_OF = {
     Family.PEDESTRIAN: KittiType.PEDESTRIAN,
     Family.CYCLIST: KittiType.CYCLIST,
 }
-"""Detection files know three classes: vans, lorries and the like stand among the cars."""
+"""Detection files have three classes: all vehicles are written as cars."""
 
 
 class ExportError(ValueError):
@@ -92,8 +93,9 @@ class ExportError(ValueError):
 class ExportedSequence(msgspec.Struct, frozen=True, kw_only=True):
     """One episode and the name of its files.
 
-    frames: number of scans. lost: numbers of those that a fault took.
-    digest: of the truth, by which changed traffic is noticed; empty until all is written.
+    frames: number of scans. lost: numbers of the scans that are lost by a fault.
+    truth: whether truth is written. digest: of the truth, which shows whether the traffic has
+        changed; empty until all files are written.
     """
 
     name: str
@@ -109,10 +111,10 @@ class ExportedSequence(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Manifest(msgspec.Struct, frozen=True, kw_only=True):
-    """What an exported folder is of: all that its truth is made from.
+    """The settings of an exported folder, from which its truth can be made again.
 
     rig: a name, or the file `rig.toml` in the folder.
-    detections: whose, each in a folder `det_NAME`.
+    detections: the detectors whose boxes are written, each in a folder `det_NAME`.
     """
 
     format: int
@@ -130,11 +132,11 @@ class Manifest(msgspec.Struct, frozen=True, kw_only=True):
 
     @property
     def eligibility(self) -> Eligibility:
-        """The rule of what is to be found."""
+        """The rule for which objects are eligible."""
         return Eligibility(self.range_m, self.min_returns, self.families)
 
     def episode(self, sequence: ExportedSequence, folder: Path) -> Episode:
-        """Return what a sequence is made from; folder: where the manifest lies."""
+        """Return the episode of a sequence. folder: that holds the manifest."""
         rig = str(folder / RIG_FILE) if self.rig == RIG_FILE else self.rig
         return Episode(
             sequence.scenario,
@@ -149,9 +151,9 @@ class Manifest(msgspec.Struct, frozen=True, kw_only=True):
 
 @dataclass(frozen=True, slots=True)
 class ExportPlan:
-    """What is to be written where.
+    """What an export will write.
 
-    scans: number of all scans. bytes_at_most: of scans and images, were no ray without a return.
+    scans: number of all scans. bytes_at_most: size of scans and images if every ray had a return.
     done: number of sequences that an earlier run has written.
     """
 
@@ -165,10 +167,10 @@ class ExportPlan:
 
 @dataclass(frozen=True, slots=True)
 class SequenceView:
-    """The camera of a sequence: the rig's, or one in the LiDAR's place that takes no images.
+    """The camera of a sequence: the rig's, or an assumed one at the LiDAR that takes no images.
 
-    Calibration is what the user believes it to be. The ego frame of KITTI's files is the camera's,
-    turned to ISO 8855.
+    Mounting poses are those that the user believes. The ego frame of KITTI's files is that of the
+    camera, with its axes turned to ISO 8855.
     """
 
     projection: np.ndarray
@@ -177,32 +179,34 @@ class SequenceView:
     ego_from_lidar: Pose
 
     @staticmethod
-    def of(rig: Rig, known: Calibration) -> SequenceView:
-        """Take the rig's sensors where the calibration has them."""
-        ego_from_lidar = known.pose(rig.lidar.name)
+    def of(rig: Rig, believed: Calibration) -> SequenceView:
+        """Return the view of a rig. believed: its calibration, as the user believes it."""
+        ego_from_lidar = believed.pose(rig.lidar.name)
         width, height = VIEW_PX
         intrinsics = np.array([[FOCAL_PX, 0, width / 2], [0, FOCAL_PX, height / 2], [0, 0, 1]])
         mounted = ego_from_lidar @ EGO_FROM_CAMERA
         if rig.camera is not None:
             pinhole = rig.camera.spec.pinhole
             intrinsics, width, height = pinhole.intrinsics, pinhole.width, pinhole.height
-            mounted = known.pose(rig.camera.name)
+            mounted = believed.pose(rig.camera.name)
         projection = np.column_stack([intrinsics, np.zeros(3)])
         return SequenceView(projection, ImageSize(width, height), mounted, ego_from_lidar)
 
     @property
     def camera_from_lidar(self) -> Pose:
-        """Where the LiDAR is."""
+        """The pose of the LiDAR in the camera's frame."""
         return self.ego_from_camera.inverse() @ self.ego_from_lidar
 
     def turned(self, world_from_ego: Pose) -> Pose:
         """Return the pose of the camera, turned to ISO 8855, in the world."""
         return world_from_ego @ self.ego_from_camera @ CAMERA_FROM_EGO
 
-    def rows(self, tracks: Tracks, frame: int, world_from_ego: Pose, **how: bool) -> KittiObjects:
-        """Return boxes of the world as rows of a frame."""
+    def rows(
+        self, tracks: Tracks, frame: int, world_from_ego: Pose, **options: bool
+    ) -> KittiObjects:
+        """Return tracks, world frame, as rows of a frame. options: of `kitti_objects`."""
         pose = self.turned(world_from_ego)
-        return kitti_objects(tracks, frame, pose, self.projection, self.size, **how)
+        return kitti_objects(tracks, frame, pose, self.projection, self.size, **options)
 
 
 def plan_export(
@@ -214,13 +218,13 @@ def plan_export(
     with_truth: bool = False,
     detections: Sequence[str] | None = None,
 ) -> ExportPlan:
-    """Return what an export would write; a folder that holds something else is refused.
+    """Return what an export will write; `FolderError` if the folder holds anything else.
 
-    suite: itself, its name, or a `.toml` file.
-    seeds: as many of its seeds, the first; all if left out.
-    scenarios: names of some of its scenarios.
+    suite: a suite, its name, or a `.toml` file.
+    seeds: write only this many of its seeds, the first ones; all if left out.
+    scenarios: names of some of its scenarios; all if left out.
     with_truth: whether truth of test seeds is written too.
-    detections: whose detections are written; those that trackers of the suite get if left out.
+    detections: detectors whose boxes are written; if left out, those of the suite's trackers.
     """
     chosen = _narrowed(
         load_suite(suite) if isinstance(suite, str | Path) else suite, seeds, scenarios
@@ -228,7 +232,7 @@ def plan_export(
     check_names(chosen)
     place, manifest = Path(folder), _manifest(chosen, with_truth, detections)
     scans, size = _amount(chosen, manifest)
-    written = _before(place, manifest)
+    written = _earlier_export(place, manifest)
     done = sum(bool(sequence.digest) for sequence in written.sequences) if written else 0
     return ExportPlan(place, chosen, written or manifest, scans, size, done)
 
@@ -236,7 +240,7 @@ def plan_export(
 def export_suite(plan: ExportPlan, *, progress: Progress = silent) -> Path:
     """Write what is planned, sequence by sequence, and return the folder.
 
-    What an earlier run has written is left as it is: a run that was stopped goes on.
+    Sequences that an earlier run has written stay as they are: a stopped run continues.
     """
     folder, manifest = usable_folder(plan.folder), plan.manifest
     if manifest.rig == RIG_FILE:
@@ -255,21 +259,21 @@ def export_suite(plan: ExportPlan, *, progress: Progress = silent) -> Path:
 
 
 def read_manifest(folder: Path | str) -> Manifest:
-    """Read what an exported folder is of; `ExportError` says what else it is."""
+    """Read the manifest of an exported folder; `ExportError` if it is none."""
     path = Path(folder) / MANIFEST
     if not path.is_file():
         raise ExportError(f"{folder} is no exported suite: it has no {MANIFEST}")
     try:
-        found = msgspec.json.decode(path.read_bytes(), type=Manifest)
+        manifest = msgspec.json.decode(path.read_bytes(), type=Manifest)
     except msgspec.DecodeError as error:
         raise ExportError(f"{path}: {error}") from error
-    if found.format != FORMAT:
-        raise ExportError(f"{path} has format {found.format}, this version reads {FORMAT}")
-    return found
+    if manifest.format != FORMAT:
+        raise ExportError(f"{path} has format {manifest.format}, this version reads {FORMAT}")
+    return manifest
 
 
 def digest_of(truths: Sequence[Truth]) -> str:
-    """Return a digest of truth, to a millimetre."""
+    """Return a digest of truth, positions rounded to a millimetre."""
     digest = sha256()
     for truth in truths:
         places = np.rint(1000 * truth.centres).astype(np.int64)
@@ -311,7 +315,9 @@ def _manifest(suite: Suite, with_truth: bool, detections: Sequence[str] | None) 
         kinds = {name: source.kind for name, source in sources.items()}
         detections = [name for name in sources if kinds[name] != FUSED and name not in true]
     elif detections and true:
-        raise ExportError(f"detections of {true[0]} are truth: of test seeds with --with-truth")
+        raise ExportError(
+            f"detections of {true[0]} are truth: for test seeds they need --with-truth"
+        )
     return Manifest(
         format=FORMAT,
         roadscope=__version__,
@@ -328,22 +334,22 @@ def _manifest(suite: Suite, with_truth: bool, detections: Sequence[str] | None) 
     )
 
 
-def _before(folder: Path, planned: Manifest) -> Manifest | None:
-    """Return what an earlier run has written of the same; a folder of anything else is refused."""
+def _earlier_export(folder: Path, planned: Manifest) -> Manifest | None:
+    """Return the manifest of an earlier run of the same export; refuse any other folder."""
     if folder.exists() and not folder.is_dir():
         raise FolderError(f"cannot write to folder {folder}: a file is in the way")
     if not folder.is_dir() or not any(folder.iterdir()):
         return None
     try:
-        found = read_manifest(folder)
+        earlier = read_manifest(folder)
     except ExportError as error:
-        raise FolderError(f"{folder} holds something else; nothing was written ({error})") from None
-    if _unwritten(found) != _unwritten(planned):
+        raise FolderError(f"{folder} holds other files; nothing was written ({error})") from None
+    if _unwritten(earlier) != _unwritten(planned):
         raise FolderError(
-            f"{folder} holds another export, of {found.suite} v{found.suite_version} with "
-            f"{len(found.sequences)} sequences, or with other options; name another folder"
+            f"{folder} holds another export, of {earlier.suite} v{earlier.suite_version} with "
+            f"{len(earlier.sequences)} sequences, or with other options; name another folder"
         )
-    return found
+    return earlier
 
 
 def _unwritten(manifest: Manifest) -> Manifest:
@@ -353,17 +359,17 @@ def _unwritten(manifest: Manifest) -> Manifest:
 
 def _amount(suite: Suite, manifest: Manifest) -> tuple[int, int]:
     """Return the number of scans, and the bytes of scans and images at most."""
-    from roadscope.envs.sensors.rigs import rig
+    from roadscope.envs.sensors.rigs import rig as rig_of
     from roadscope.envs.traffic.scenarios import find
 
-    carrier = rig(suite.rig)
-    spec, scans = carrier.lidar.spec, 0
+    rig = rig_of(suite.rig)
+    spec, scans = rig.lidar.spec, 0
     for sequence in manifest.sequences:
         length_s = suite.duration_s or find(sequence.scenario).duration_s
-        scans += max(int((length_s - carrier.lidar.stamp_s(0)) / spec.period_s) + 1, 0)
+        scans += max(int((length_s - rig.lidar.stamp_s(0)) / spec.period_s) + 1, 0)
     size = scans * len(spec.elevations) * spec.columns * POINT_BYTES
-    if carrier.camera is not None:
-        pinhole = carrier.camera.spec.pinhole
+    if rig.camera is not None:
+        pinhole = rig.camera.spec.pinhole
         size += int(scans * pinhole.width * pinhole.height * 3 * PNG_SHARE)
     return scans, size
 
@@ -371,8 +377,8 @@ def _amount(suite: Suite, manifest: Manifest) -> tuple[int, int]:
 def _write_sequence(
     folder: Path, manifest: Manifest, sequence: ExportedSequence
 ) -> ExportedSequence:
-    """Write all files of a sequence and return what is known of it then."""
-    from roadscope.envs.sensors.rigs import rig
+    """Write all files of a sequence and return its entry in the manifest."""
+    from roadscope.envs.sensors.rigs import rig as rig_of
 
     episode = manifest.episode(sequence, folder)
     frames: list[Frame] = []
@@ -382,19 +388,19 @@ def _write_sequence(
         _write_scan(folder, f"{sequence.name}/{number:06d}.bin", frame.lidar)
         if frame.lidar is None:
             lost.append(number)
-        # Scans are large, and they are written.
+        # Scans are large, and are already written.
         frames.append(replace(frame, lidar=None))
         truths.append(truth)
     if not frames:
-        raise ExportError(f"{sequence.scenario}, seed {sequence.seed}: no scan in so little time")
-    carrier, known = rig(episode.rig), sensing_of(episode).calibration
-    files = _SequenceFiles(folder, sequence.name, SequenceView.of(carrier, known), truths)
-    files.write_calibration(known.pose(carrier.imu.name) if carrier.imu else Pose.identity())
+        raise ExportError(f"{sequence.scenario}, seed {sequence.seed}: shorter than one sweep")
+    rig, believed = rig_of(episode.rig), sensing_of(episode).calibration
+    files = _SequenceFiles(folder, sequence.name, SequenceView.of(rig, believed), truths)
+    files.write_calibration(believed.pose(rig.imu.name) if rig.imu else Pose.identity())
     files.write_inertial(frames)
     files.write_stamps_and_poses()
-    pixels = files.write_images(episode) if carrier.camera else None
+    pixels = files.write_images(episode) if rig.camera else None
     if sequence.truth:
-        files.write_truth(pixels, carrier.lidar.ego_from_lidar)
+        files.write_truth(pixels, rig.lidar.ego_from_lidar)
     for detector in manifest.detections:
         node = DetectionNode(detection_source(detector), episode, manifest.eligibility)
         files.write_detections(detector, node.read().detections)
@@ -404,7 +410,7 @@ def _write_sequence(
 
 
 def _write_scan(folder: Path, name: str, scan: LidarScan | None) -> None:
-    """Write the points of a scan and their times; of a lost one empty files."""
+    """Write the points of a scan and their times; empty files for a lost scan."""
     points, times = np.empty(0, "<f4"), np.empty(0, "<f4")
     if scan is not None:
         points = np.column_stack([scan.points, scan.intensity]).astype("<f4")
@@ -423,13 +429,13 @@ class _SequenceFiles:
     truths: Sequence[Truth]
 
     def write_calibration(self, ego_from_imu: Pose) -> None:
-        """Write where the sensors are; without inertial unit the vehicle stands for it."""
+        """Write the mounting poses; without an IMU, that of the ego frame stands in its place."""
         lidar_from_imu = self.view.ego_from_lidar.inverse() @ ego_from_imu
         text = calibration_text(self.view.projection, self.view.camera_from_lidar, lidar_from_imu)
         write_text(self._path("calib"), text)
 
     def write_inertial(self, frames: Sequence[Frame]) -> None:
-        """Write the samples of IMU and wheels, where there are any."""
+        """Write the samples of IMU and wheels, if there are any."""
         imu = [
             np.column_stack([i.stamps_s, i.angular_velocity, i.specific_force])
             for i in (frame.imu for frame in frames)
@@ -446,7 +452,7 @@ class _SequenceFiles:
             self._write_numbers("wheels", np.concatenate(wheels), "stamp,speed")
 
     def write_stamps_and_poses(self) -> None:
-        """Write the stamps of scans, and the camera's poses in the world turned to its axes."""
+        """Write the stamps of scans and the camera's poses in the world turned to its axes."""
         stamps_s = [truth.stamp_s for truth in self.truths]
         for path in (self._path("times"), self.folder / "velodyne" / self.name / "times.txt"):
             write_text(path, "".join(f"{stamp_s:.9f}\n" for stamp_s in stamps_s))
@@ -461,8 +467,8 @@ class _SequenceFiles:
 
         sensing, timeline, pixels = sensing_of(episode), timeline_of(episode), []
         for number, truth in enumerate(self.truths):
-            frame, there = sensing.sense_image_at(timeline, truth.stamp_s)
-            pixels.append(there.visible_pixels)
+            frame, image_truth = sensing.sense_image_at(timeline, truth.stamp_s)
+            pixels.append(image_truth.visible_pixels)
             if frame.camera is not None:
                 path = self.folder / "image_02" / self.name / f"{number:06d}.png"
                 write_atomically(path, partial(imsave, arr=frame.camera.pixels, format="png"))
@@ -485,11 +491,11 @@ class _SequenceFiles:
         text = trajectory_text("tum", poses, [truth.stamp_s for truth in self.truths])
         write_text(self._path("lidar_pose"), text)
 
-    def write_detections(self, detector: str, found: Sequence[Detections]) -> None:
+    def write_detections(self, detector: str, detections: Sequence[Detections]) -> None:
         """Write a detector's boxes, each class in a file of its own."""
         for family, kind in FILE_OF.items():
             frames = []
-            for number, (boxes, truth) in enumerate(zip(found, self.truths, strict=True)):
+            for number, (boxes, truth) in enumerate(zip(detections, self.truths, strict=True)):
                 own = boxes.select(
                     np.array([Category(c).family is family for c in boxes.categories], bool)
                 )

@@ -1,4 +1,4 @@
-"""Hashes that change whenever what a result depends on changes."""
+"""Hashes of everything that a result depends on: values, our code, plug-ins, libraries."""
 
 from __future__ import annotations
 
@@ -13,22 +13,21 @@ from typing import Any
 
 import numpy as np
 
-from roadscope.benchmarks.plugin_sources import source_hash
-from roadscope.benchmarks.sources import DATA_KINDS, package
+from roadscope.benchmarks.sources import DATA_KINDS, package, source_hash
 from roadscope.core.spec import ORACLE, Spec
 
 PACKAGE = Path(__file__).resolve().parents[1]
 LIBRARIES = ("highway-env", "numpy", "scipy", "numba", "filterpy")
-"""Whose versions may change a score."""
+"""Libraries whose versions may change a score."""
 RECORDING = "roadscope.envs.traffic.scenarios"
-"""Records traffic; builders of scenarios are named there as text."""
+"""The module that records traffic; it names the builders of scenarios as text."""
 SENSING = (
     "roadscope.envs.sensors.faults",
     "roadscope.envs.sensors.rigs",
     "roadscope.envs.sensors.sensing",
     "roadscope.envs.sensors.weather",
 )
-"""Make frames and truth from traffic."""
+"""The modules that make frames and truth from traffic."""
 
 
 def fingerprint(value: Any) -> str:
@@ -61,9 +60,9 @@ def package_hash() -> str:
 
 
 def timeline_hash(scenario: str = "") -> str:
-    """Hash what traffic is recorded by: our code and the versions of what it calls.
+    """Hash the code that records traffic and the versions of libraries that it calls.
 
-    scenario: whose traffic; empty: that of all scenarios. Sensors do not count.
+    scenario: whose traffic; empty: all scenarios. The code of sensors does not count.
     """
     from roadscope.envs.traffic.scenarios import SCENARIOS, find
 
@@ -73,16 +72,16 @@ def timeline_hash(scenario: str = "") -> str:
 
 
 def sensing_hash(scenario: str = "") -> str:
-    """Hash what frames and truth are made by: `timeline_hash` and the sensors."""
+    """Hash the code that makes frames and truth: `timeline_hash` and the sensors."""
     return fingerprint([timeline_hash(scenario), code_hash(*SENSING)])
 
 
 def plugin_hash(spec: Spec) -> str:
     """Hash a resolved plug-in's source, arguments and the files that its arguments name.
 
-    A plug-in of ours counts by what its module imports, a stranger's by its file, the files
-    beside it and the version of its distribution; a stranger's is not imported for it. An oracle
-    counts by its parts.
+    Of a plug-in of roadscope, its module and all modules that this imports are hashed; of another
+    plug-in its file, the files beside it and the version of its distribution (`source_hash`),
+    without importing it; of an oracle its parts.
     """
     if spec.kind == ORACLE:
         return fingerprint([plugin_hash(part) for part in spec.parts.values()])
@@ -97,7 +96,7 @@ def plugin_hash(spec: Spec) -> str:
 
 
 def _named_files(arguments: Mapping[str, Any]) -> list[str]:
-    """Return the hashes of data that arguments name, such as learned traits of one's own."""
+    """Return the hashes of files that arguments name, such as weights."""
     texts = [value for value in arguments.values() if str(value).endswith((".py", *DATA_KINDS))]
     return [sha256(Path(text).read_bytes()).hexdigest() for text in texts if _is_file(text)]
 

@@ -16,7 +16,7 @@ from functools import cached_property, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Generic, Protocol, TypeVar, cast
 
-from roadscope.benchmarks.cache import Ledger, Saved, cache_dir, checked_by, digest_of, kept
+from roadscope.benchmarks.cache import Ledger, Saved, cache_dir, checked_by, digest_of, read_or_make
 from roadscope.benchmarks.fingerprint import code_hash, fingerprint, plugin_hash
 from roadscope.benchmarks.isolation import PluginError
 from roadscope.benchmarks.loop import RunOptions
@@ -37,7 +37,7 @@ R = TypeVar("R")
 
 @dataclass(frozen=True)
 class Node(ABC):
-    """Something that is computed once and kept as a file.
+    """A step of a run whose content is computed once and kept as a file.
 
     The fields of nodes are names, numbers and other nodes: they are sent to worker processes.
     """
@@ -49,12 +49,12 @@ class Node(ABC):
     record: ClassVar[Any]
     """Class of its content, with `save` and `load`."""
     recomputed_if_fresh: ClassVar[bool] = True
-    """Whether a run with `--fresh` computes it although it is kept; False for what is the same
-    each time and comes from no plug-in."""
+    """Whether a run with `--fresh` computes it again. False for nodes without plug-ins, whose
+    content is always the same."""
 
     @abstractmethod
     def compute(self, options: RunOptions) -> Saved:
-        """Compute its content; what a plug-in does wrong raises `PluginError`."""
+        """Compute its content; raise `PluginError` if a plug-in fails."""
 
     def content(self) -> Mapping[str, Any]:
         """Return everything that its content depends on, as JSON can hold it: code and fields."""
@@ -82,11 +82,11 @@ class Node(ABC):
         recompute: compute it although there is a file. Its sources are read from theirs.
         """
         compute = partial(self.compute, options or RunOptions())
-        return kept(self.path, self.record.load, compute, recompute=recompute)
+        return read_or_make(self.path, self.record.load, compute, recompute=recompute)
 
 
 def _content(value: Any) -> Any:
-    """Return what a field of a node says, and what that depends on."""
+    """Return the value of a node's field and what it depends on."""
     if isinstance(value, Node):
         return value.content()
     if isinstance(value, Spec):
@@ -95,7 +95,7 @@ def _content(value: Any) -> Any:
 
 
 class Scoring(Protocol):
-    """What the graph needs of a board."""
+    """The part of a board that the graph uses."""
 
     name: str
 
@@ -107,12 +107,11 @@ class Scoring(Protocol):
 class Job:
     """The score of one entry on one episode.
 
-    board: scores the answers.
+    board: that scores the answers.
     entry: its name on the board.
     answers: the node of its answers.
-    mark: for an entry that is shown without a rank what it is, `upper mark` or the like; None for
-        one that is ranked.
-    inputs: name of the detector whose detections it gets; empty where it gets none.
+    mark: `upper mark` or the like for an entry without a rank; None for an entry with a rank.
+    inputs: name of the detector whose detections it gets; empty if it gets none.
     settings: what scores depend on beside the answers, as JSON can hold it.
     missing: what the entry needs and is not installed; empty if nothing.
     """
@@ -149,7 +148,8 @@ class Job:
 class NodeFailure:
     """Why a node could not be computed.
 
-    reason: names the plug-in, unless the worker process died. log: what the plug-in printed.
+    reason: for the reader; it names the plug-in, unless the worker process died.
+    log: what the plug-in printed.
     """
 
     reason: str
@@ -165,12 +165,12 @@ def run_jobs(
     options: RunOptions | None = None,
     progress: Progress = silent,
 ) -> None:
-    """Compute the scores of jobs; `on_outcome` is called with each as soon as it is known.
+    """Compute the scores of jobs; call `on_outcome` with each outcome as soon as it is computed.
 
-    What goes wrong becomes the reason of a job's outcome. A node that several jobs need is computed
-    once, also if it fails. A kept file that another program changes during the run is not used.
+    An error becomes the reason of a job's outcome. A node that several jobs need is computed once,
+    also if it fails. A kept file that another program changes during the run is not used.
 
-    workers: which processes compute; None: this one.
+    workers: the processes that compute; None: this process.
     """
     if not jobs:
         return
@@ -199,7 +199,7 @@ def run_jobs(
 
 
 class _Run:
-    """What the workers of a run do, one stage after the other."""
+    """Computes the stages of a run in its workers, one after the other."""
 
     def __init__(
         self, files: KeptFiles, workers: Workers, options: RunOptions, progress: Progress
@@ -256,7 +256,7 @@ class _Run:
         return _Task(item, self._files.digests_for(node), self._recomputes(node))
 
     def _recomputes(self, node: Node) -> bool:
-        """Return whether a node is to be computed although it is kept: once in a fresh run."""
+        """Return whether to compute a node although it is kept: once in a fresh run."""
         fresh = self._options.fresh and node.recomputed_if_fresh
         return fresh and node.key not in self._computed
 
@@ -265,7 +265,7 @@ class _Run:
 class _Task(Generic[Item]):
     """A node or job for a worker.
 
-    digests: of the files that it reads.
+    digests: of the files that it reads, by path.
     recompute: compute the node, or the answers of the job, although they are kept.
     """
 
@@ -275,7 +275,7 @@ class _Task(Generic[Item]):
 
 
 class _Tasks(Sequence[Any]):
-    """The tasks of items, each made when a worker asks for it, with the digests of that moment."""
+    """The tasks of items; each is made when a worker takes it, with the digests at that moment."""
 
     def __init__(self, items: Sequence[Item], task_of: Callable[[Item], _Task[Item]]) -> None:
         self._items, self._task_of = items, task_of
@@ -288,10 +288,10 @@ class _Tasks(Sequence[Any]):
 
 
 class KeptFiles:
-    """The digests of the kept files that jobs need, as the run found or wrote them.
+    """The digests of the kept files that jobs need, from the start of the run or written by it.
 
-    They stay in this process, to which no plug-in writes: a file whose digest is another one later
-    was changed by another program.
+    They stay in this process, which no plug-in can change: if a file has another digest later,
+    another program changed it.
     """
 
     def __init__(self, jobs: Sequence[Job]) -> None:
@@ -314,8 +314,8 @@ class KeptFiles:
 
     def update(self, ledger: Ledger) -> None:
         """Store the digests of the files that a task wrote, and show its warnings."""
-        known = {path: d for path, d in ledger.written.items() if path in self._digests}
-        self._digests.update(known)
+        written = {path: d for path, d in ledger.written.items() if path in self._digests}
+        self._digests.update(written)
         for note in ledger.notes:
             _warn(note)
 
@@ -347,7 +347,7 @@ def _score(options: RunOptions, task: _Task[Job]) -> Outcome:
 
 
 def _in_words(error: BaseException) -> str:
-    """Return in one line what was raised and at which line."""
+    """Return an error and its line of code as one line of text."""
     import traceback
 
     frames = traceback.extract_tb(error.__traceback__)
@@ -403,13 +403,13 @@ def _compute(options: RunOptions, task: _Task[Node]) -> NodeFailure | None:
 
 
 def _node_death(node: Node) -> NodeFailure:
-    """Return the failure of a node during which workers died repeatedly."""
+    """Return the failure of a node whose workers died repeatedly."""
     reason = f"the worker process died while its {node.stage} were computed (out of memory?)"
     return NodeFailure(reason, worker_died=True)
 
 
 def _job_death(job: Job) -> Outcome:
-    """Return the outcome of a job during which workers died repeatedly."""
+    """Return the outcome of a job whose workers died repeatedly."""
     reason = f"the worker process died while it ran on {job.episode.scenario} (out of memory?)"
     return Outcome({}, f"{job.entry}: {reason}")
 
@@ -417,7 +417,7 @@ def _job_death(job: Job) -> Outcome:
 def _with_ledger(
     function: Callable[[RunOptions, _Task[Item]], R], options: RunOptions, task: _Task[Item]
 ) -> tuple[R, Ledger]:
-    """Apply a function in a worker; return its result, and what it wrote and warned of."""
+    """Apply a function in a worker; return its result and a ledger of its files and warnings."""
     with checked_by(Ledger(task.digests)) as ledger, options.probing():
         result = function(options, task)
     return result, Ledger(written=ledger.written, notes=ledger.notes)

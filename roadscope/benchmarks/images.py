@@ -1,4 +1,4 @@
-"""Images of an episode with what is in them, drawn again whenever they are asked for."""
+"""The camera images of an episode with their truth; they are drawn again for every use."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from roadscope.core.projection import Projection
 from roadscope.envs.imaging.raster import rasterise, solids_of
 from roadscope.envs.sensors.camera import image_truth
 from roadscope.envs.sensors.rig import CameraMount, Rig
-from roadscope.envs.sensors.rigs import rig
+from roadscope.envs.sensors.rigs import rig as rig_of
 from roadscope.envs.sensors.sensing import IMAGE_RANGE_M, Sensing, truth_of_image, world_of
 from roadscope.envs.traffic.timeline import Timeline
 from roadscope.fusion.pairing import LIMIT_S
@@ -26,7 +26,7 @@ from roadscope.fusion.pairing import LIMIT_S
 
 @dataclass(frozen=True, slots=True)
 class Picture:
-    """One image, which a failing camera leaves out, and what is really there.
+    """One image and its truth; the frame has no image if a fault lost it.
 
     index: number of the image. parked: the parked cars in it, which are scenery.
     """
@@ -38,10 +38,10 @@ class Picture:
 
 
 class WithoutPixels(Sensing):
-    """One grey pixel, which is not blank, stands for every image; truth is as with one."""
+    """Sensing with one grey pixel, which is not blank, in place of every image; equal truth."""
 
     def sense_image_at(self, timeline: Timeline, stamp_s: float) -> tuple[Frame, Truth]:
-        """Return the truth of one image and a frame with a pixel, where it would arrive."""
+        """Return a frame with one pixel, or without if the image is lost, and its truth."""
         mount = camera_of(self.rig)
         scene, poses = self._place_bodies(timeline, np.array([stamp_s]), IMAGE_RANGE_M)
         solids = solids_of(scene, stamp_s)
@@ -61,29 +61,32 @@ class WithoutPixels(Sensing):
         return frame, truth_of_image(timeline, stamp_s, shown)
 
 
-def camera_of(carrier: Rig) -> CameraMount:
-    """Return the rig's camera; a rig without one is refused."""
-    if carrier.camera is None:
-        raise ValueError(f"rig '{carrier.name}' has no camera; li2021 and wide have one")
-    return carrier.camera
+def camera_of(rig: Rig) -> CameraMount:
+    """Return the rig's camera; raise `ValueError` for a rig without one."""
+    if rig.camera is None:
+        raise ValueError(f"rig '{rig.name}' has no camera; li2021 and wide have one")
+    return rig.camera
 
 
-def projection_of(carrier: Rig, ego_from_camera: Pose | None = None) -> Projection:
-    """Return the projection from the ego frame into the rig's images; None: the true mounting."""
-    camera = camera_of(carrier)
+def projection_of(rig: Rig, ego_from_camera: Pose | None = None) -> Projection:
+    """Return the projection from the ego frame into the rig's images.
+
+    ego_from_camera: the mounting pose; None: the true one.
+    """
+    camera = camera_of(rig)
     pinhole, mounting = camera.spec.pinhole, ego_from_camera or camera.ego_from_camera
     return Projection.of(pinhole.intrinsics, mounting, pinhole.width, pinhole.height)
 
 
 def sensing_without_pixels(episode: Episode) -> Sensing:
-    """Return what senses an episode without drawing its images."""
+    """Return the sensing of an episode that draws no images."""
     drawing = sensing_of(episode)
     return WithoutPixels(drawing.rig, episode.seed, weather=episode.weather, faults=episode.faults)
 
 
 def image_rows(episode: Episode, every_s: float) -> list[int]:
     """Return the numbers of images that are about `every_s` apart, each once."""
-    camera, end_s = camera_of(rig(episode.rig)), timeline_of(episode).end_s
+    camera, end_s = camera_of(rig_of(episode.rig)), timeline_of(episode).end_s
     last = int(
         np.floor(
             (end_s - camera.spec.exposure_s / 2 - camera.stamp_s(0)) / camera.spec.period_s + 1e-6
@@ -95,7 +98,8 @@ def image_rows(episode: Episode, every_s: float) -> list[int]:
 def image_rows_of_scans(episode: Episode, every_s: float) -> list[int]:
     """Return the numbers of the images nearest to scans that are about `every_s` apart.
 
-    Where a fault takes the nearest, the nearest of the others is there too if it may be paired.
+    If the nearest image is lost by a fault, the nearest of the others is returned too, if it is
+    near enough to be paired with the scan.
     """
     sensing, timeline = sensing_of(episode), timeline_of(episode)
     lidar, rows = sensing.rig.lidar, np.array(image_rows(episode, 0.0))
@@ -117,8 +121,11 @@ _last_images = LastEpisode[Picture](most_bytes=400_000_000)
 
 
 def pictures(episode: Episode, rows: tuple[int, ...], *, pixels: bool = True) -> Iterator[Picture]:
-    """Take images by number, every time the same bytes, in arrays that a plug-in may write to."""
-    pinhole = camera_of(rig(episode.rig)).spec.pinhole
+    """Yield images by number, the same bytes every time, in arrays that a plug-in may write to.
+
+    pixels: whether images are drawn; else one grey pixel stands for each.
+    """
+    pinhole = camera_of(rig_of(episode.rig)).spec.pinhole
     size_bytes = len(rows) * pinhole.width * pinhole.height * 3 if pixels else 0
     key = fingerprint(episode.spec()), rows, pixels
     for picture in _last_images.get(key, size_bytes, partial(_taken, episode, rows, pixels)):

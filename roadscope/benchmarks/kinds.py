@@ -1,4 +1,4 @@
-"""The kinds of plug-in: where their names are, what is called, and how an entry's kind is known."""
+"""The kinds of plug-in: their registries and methods, and which kind an entry is."""
 
 from __future__ import annotations
 
@@ -25,9 +25,9 @@ class Kind:
 
     name: what its class may declare as `kind`.
     registry: its registered names.
-    method: what the harness calls at every moment, beside `reset`.
-    warm_calls: calls of an instance that is thrown away, before ours is timed, so that no timed
-        call compiles anything.
+    method: that the harness calls at every moment, beside `reset`.
+    warm_calls: calls of a throw-away instance before a plug-in of roadscope is timed, so that no
+        timed call compiles anything.
     """
 
     name: str
@@ -54,18 +54,18 @@ _IMITATIONS = ((CAMERA_DETECTOR, CAMERA_NOISES), (ODOMETRY, ODOMETRY_NOISES))
 def entry_kind(spec: Spec, possible: Sequence[Kind] = tuple(KINDS.values())) -> Kind:
     """Return the kind of an entry, one of `KINDS` or of those that are possible.
 
-    A registered name has the kind of its registry, a noise model that of what it imitates. A
-    class has the kind that it declares by an attribute `kind`, or else the only one among the
+    A registered name has the kind of its registry; a noise model has the kind of plug-in that it
+    imitates. A class has the kind that its attribute `kind` declares, or else the only one of the
     possible kinds whose method it has.
 
-    possible: the kinds of the boards that are asked for; a board may bring one of its own.
+    possible: the kinds of the boards of a run; a board may have a kind of its own.
     """
-    known = {kind.name: kind for kind in (*KINDS.values(), *possible)}
+    kinds_by_name = {kind.name: kind for kind in (*KINDS.values(), *possible)}
     if spec.is_class:
-        return _kind_of_class(spec, possible, known)
+        return _kind_of_class(spec, possible, kinds_by_name)
     if spec.name == ORACLE and "odometry" in spec.parts:
         return ODOMETRY
-    for kind in known.values():
+    for kind in kinds_by_name.values():
         if spec.name in kind.registry:
             return kind
     for kind, noises in _IMITATIONS:
@@ -81,12 +81,12 @@ def entry_kind(spec: Spec, possible: Sequence[Kind] = tuple(KINDS.values())) -> 
     )
 
 
-def _kind_of_class(spec: Spec, possible: Sequence[Kind], known: Mapping[str, Kind]) -> Kind:
+def _kind_of_class(spec: Spec, possible: Sequence[Kind], kinds_by_name: Mapping[str, Kind]) -> Kind:
     traits = traits_of(spec)
     if traits.kind:
-        if traits.kind not in known:
-            raise SpecError(f"'{spec}': {unknown('kind', traits.kind, known)}")
-        return known[traits.kind]
+        if traits.kind not in kinds_by_name:
+            raise SpecError(f"'{spec}': {unknown('kind', traits.kind, kinds_by_name)}")
+        return kinds_by_name[traits.kind]
     fitting = [kind for kind in possible if kind.method in traits.methods]
     if traits.failure and not fitting:
         fitting = list(possible)
@@ -108,23 +108,23 @@ def _kind_of_class(spec: Spec, possible: Sequence[Kind], known: Mapping[str, Kin
 
 
 def traits_of(spec: Spec) -> Traits:
-    """Return what the harness must know of a plug-in's class before it runs."""
+    """Return what the harness reads from a plug-in's class before it runs."""
     target = spec if spec.target else DETECTORS.resolve(spec)
     return probe(target.plain)
 
 
 def check_plugin_spec(spec: Spec, kind: Kind) -> Spec:
-    """Return the resolved spec of a plug-in; refuse one that does not fit its kind.
+    """Return the resolved spec of a plug-in; raise `SpecError` if it does not fit its kind.
 
-    A plug-in of ours is made once, so that wrong values are refused too. What a stranger's
-    class does when it is made is found out when it runs, and costs only its own row.
+    A plug-in of roadscope is made once, so that wrong values are refused too. Another plug-in is
+    made only when it runs; an error then fails only its own row.
     """
     if spec.ego is not None and kind is not TRACKER:
         raise SpecError(f"'{spec}': ?ego= is for trackers, not for {kind}")
     resolved = kind.registry.resolve(spec)
     traits = traits_of(resolved)
     if traits.failure:
-        # Its own row says so, as for one that fails when it is made.
+        # The failure is shown in its own row, like that of one that fails when it is made.
         return resolved
     if kind.method not in traits.methods:
         others = [k for k in KINDS.values() if k.method in traits.methods]
@@ -140,7 +140,7 @@ def check_plugin_spec(spec: Spec, kind: Kind) -> Spec:
 
 
 def make_once(spec: Spec) -> None:
-    """Make a plug-in of ours, and read the weights that it names; errors name the spec."""
+    """Make a plug-in of roadscope and load its weights; raise `SpecError` with the spec."""
     try:
         plugin = spec.plain.make()
         if "weights" in spec.arguments and hasattr(plugin, "prepare"):

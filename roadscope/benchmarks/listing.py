@@ -1,4 +1,4 @@
-"""What can be named on the command line, one line each."""
+"""All names that the command line takes, by kind, with a description of each."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ T = TypeVar("T")
 
 
 def names_of(kind: str) -> list[tuple[str, str]]:
-    """Return name and description of everything of a kind; an unknown kind raises `SpecError`."""
+    """Return the names of a kind with their descriptions; raise `SpecError` for an unknown kind."""
     if kind not in KINDS:
         raise SpecError(unknown("kind", kind, KINDS))
     return KINDS[kind]()
@@ -31,12 +31,12 @@ def names_of(kind: str) -> list[tuple[str, str]]:
 def _detectors() -> list[tuple[str, str]]:
     from roadscope.detectors import DETECTORS
 
-    made = [
-        (CLUSTER_BOXES, "Every cluster's box, people too; to be fused."),
-        (FUSED, "Joined with a camera's: ?lidar=A&camera=B&fusion=C."),
+    composed = [
+        (CLUSTER_BOXES, "A box for every cluster, people too; an input of fusions."),
+        (FUSED, "LiDAR and camera fused: ?lidar=A&camera=B&fusion=C."),
         (ORACLE, "The true boxes of all eligible objects."),
     ]
-    return [*_plugins(DETECTORS), *made, *_plugins(NOISES)]
+    return [*_plugins(DETECTORS), *composed, *_plugins(NOISES)]
 
 
 def _camera_detectors() -> list[tuple[str, str]]:
@@ -63,13 +63,13 @@ def _odometries() -> list[tuple[str, str]]:
 
     oracle = (
         f"{ORACLE}?odometry=A",
-        "The odometry A, spared the returns of what truly moves; on boards.",
+        "The odometry A on scans without moving objects; on boards.",
     )
     return [*_plugins(ODOMETRIES), oracle, *_plugins(ODOMETRY_NOISES)]
 
 
 def _plugins(registry: Registry[Any]) -> list[tuple[str, str]]:
-    """Describe plug-ins: by their summary, those of other packages by their class."""
+    """Return names with summaries; plug-ins of other packages have that of their class."""
     return [
         (name, registry.summaries.get(name) or _described(registry, name))
         for name in registry.names()

@@ -31,18 +31,18 @@ C = TypeVar("C")
 
 NO_CALL = Timed(None, 0.0, 0.0)
 _warm: set[Spec] = set()
-"""Specs of ours that were called in this process."""
+"""Specs of our plug-ins that were warmed up in this process."""
 
 
 @dataclass(frozen=True, slots=True)
 class RunOptions:
     """How a run treats plug-ins.
 
-    limits: of one that is isolated.
+    limits: of time and memory, for a plug-in in a process of its own.
     trust: run every plug-in inside the run's own process, for debugging.
-    sandbox: isolate it from files and the network too, by bubblewrap.
+    sandbox: isolate plug-ins from files and the network too, by bubblewrap.
+    fresh: compute again what an earlier run has computed.
     hidden: folders that look empty in the sandbox, beside that of the cache.
-    fresh: compute again what an earlier run has kept.
     """
 
     limits: Limits = field(default_factory=Limits)
@@ -52,19 +52,18 @@ class RunOptions:
     hidden: tuple[Path, ...] = ()
 
     def probing(self) -> AbstractContextManager[None]:
-        """Treat classes so, too, that are loaded to see what they say of themselves."""
+        """Apply these options while classes are loaded to read their traits."""
         return probing(self.limits, sandbox=self.sandbox, trust=self.trust)
 
 
 @dataclass(frozen=True, slots=True)
 class CallInput(Generic[C]):
-    """What a plug-in is called with at one moment of an episode.
+    """The input of a plug-in at one moment of an episode.
 
     arguments: of the call.
-    context: what the harness needs to check the answer and what it does with it; the plug-in
-        never gets it.
-    call: False where there is nothing to be answered, so that the plug-in is not called.
-    wheels: wheel speeds that an odometry gets before the scan, if it takes them.
+    context: what the harness needs to check and use the answer; the plug-in never gets it.
+    call: False if the plug-in is not called at this moment.
+    wheels: wheel speeds that an odometry gets before the scan, if it uses them.
     """
 
     arguments: tuple[Any, ...]
@@ -77,9 +76,10 @@ class CallInput(Generic[C]):
 class Replies(Generic[C, A]):
     """A plug-in's answers to T moments.
 
+    contexts: of the inputs.
     answers: as `check` returned them; None where the plug-in was not called.
     times: of the calls, 0 where there was none.
-    last: what `finish` returned.
+    last: the answer of `finish`.
     """
 
     contexts: tuple[C, ...]
@@ -98,11 +98,11 @@ def run_plugin(
     finish: Callable[[PluginHandle], Timed] | None = None,
     options: RunOptions | None = None,
 ) -> Replies[C, A]:
-    """Run a plug-in over the moments of an episode; whatever it does wrong raises `PluginError`.
+    """Run a plug-in over the moments of an episode; raise `PluginError` if it fails.
 
     check: returns the checked answer or raises `AnswerError`.
     reset: arguments of `reset`.
-    finish: is called with the plug-in after the last moment.
+    finish: called with the plug-in after the last moment; its time is shared among the calls.
     """
     options = options or RunOptions()
     isolated = spec.isolated and not options.trust
@@ -141,12 +141,12 @@ def run_plugin(
 
 
 def _call(plugin: PluginHandle, kind: Kind, call_input: CallInput[Any]) -> Timed:
-    """Call a plug-in, not at all where there is nothing to be answered."""
+    """Call a plug-in, unless the input says not to."""
     if not call_input.call:
         return NO_CALL
     wheels = NO_CALL
     with warnings.catch_warnings():
-        # What a plug-in warns of, such as a black image, is not the reader's concern.
+        # Warnings of plug-ins, such as of a black image, are not shown to the reader.
         warnings.simplefilter("ignore")
         if call_input.wheels is not None and plugin.traits.takes_wheels:
             wheels = plugin.call("add_wheels", call_input.wheels)
@@ -158,11 +158,11 @@ def _call(plugin: PluginHandle, kind: Kind, call_input: CallInput[Any]) -> Timed
 def _warmed_up(
     spec: Spec, kind: Kind, inputs: Iterator[CallInput[C]], reset: Sequence[Any]
 ) -> Iterator[CallInput[C]]:
-    """Call a throw-away instance of ours with the first inputs, then yield all inputs.
+    """Call a throw-away instance of our plug-in with the first inputs, then yield all inputs.
 
-    Ours compile when they are first called, and no timed call shall include that. It is done once
-    in a process, and again in later episodes until one answer is not empty. Plug-ins that are not
-    ours get no warm-up; their first call is left out of their times.
+    Our plug-ins compile when they are first called; no timed call shall include that. This happens
+    once in a process, and again in later episodes until an answer was not empty. Other plug-ins get
+    no warm-up; their first call is left out of their times.
     """
     if spec in _warm or not kind.warm_calls:
         return inputs
@@ -171,7 +171,7 @@ def _warmed_up(
     with open_plugin(spec.plain, isolated=False) as plugin:
         plugin.call("reset", *reset)
         for each in first:
-            # The plug-in that is timed gets these inputs too, as they are.
+            # Copies: the plug-in that is timed gets these inputs too, unchanged.
             answer = _call(plugin, kind, replace(each, arguments=deepcopy(each.arguments))).answer
             answered |= each.call and (not hasattr(answer, "__len__") or len(answer) > 0)
     if answered:

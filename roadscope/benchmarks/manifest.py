@@ -1,4 +1,4 @@
-"""Under which conditions results came about."""
+"""The manifest of a run: the versions, code, machine and suite that its results come from."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def manifest(
 ) -> dict[str, Any]:
     """Return versions, code, machine, suite and boards of a run, as JSON can hold them.
 
-    calibration: file that fusions believe in place of the rig; its name is kept; empty: none.
+    calibration: file that plug-ins get in place of the rig's calibration; empty: none.
     """
     believed = {"calibration": Path(calibration).name} if calibration else {}
     return believed | {
@@ -66,7 +66,7 @@ def commit() -> str | None:
 
 
 def cpu_model() -> str:
-    """Return the processor's name as the system tells it."""
+    """Return the processor's name as the system reports it."""
     try:
         for line in Path("/proc/cpuinfo").read_text().splitlines():
             if line.startswith("model name"):

@@ -1,7 +1,7 @@
-"""Detections made from truth with errors of known size: sliders of what trackers get.
+"""Noise model of detections: the truth with errors of known size, as input of trackers.
 
-Like the oracle it is no plug-in and belongs to the benchmark alone. It is named by a string, as
-plug-ins are: `noisy?miss=0.2&clutter=2&position_m=0.3`.
+Like the oracle it is no plug-in and belongs to the benchmark. It is named by a string, as plug-ins
+are: `noisy?miss=0.2&clutter=2&position_m=0.3`.
 """
 
 from __future__ import annotations
@@ -25,19 +25,19 @@ Boxes = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class NoiseModel:
-    """How detections differ from truth; all errors are drawn anew in every frame.
+    """The sizes of the errors; all errors are drawn independently in every frame.
 
     miss: share of an eligible object's frames in which it is not detected, 0 to below 1.
     miss_run: mean number of frames from the first miss to the next detection, by a two-state
-        Markov chain (Gilbert 1960); None: 1 / (1 - miss), misses that know nothing of each other.
-    occlusion: times the hidden share of an object it is the probability that the object is
-        missed for that; whoever is missed at one share is missed at every greater one.
+        Markov chain (Gilbert 1960); None: 1 / (1 - miss), for independent misses.
+    occlusion: this times the hidden share of an object is the probability that the object is
+        missed for occlusion. An object missed at one share is missed at every greater one.
     clutter: mean number of false detections a frame, Poisson, uniform over the range band, with
         a car's size and any yaw.
     position_m: standard deviation in x and in y.
     size_m: standard deviation of length, width and height, which stay above 0.2 m.
     yaw_deg: standard deviation of the yaw.
-    flip: share of detections whose front and rear are taken for each other.
+    flip: share of detections whose front and rear are exchanged.
     score_gap: distance between the log-odds' means of objects and of clutter in standard
         deviations; an object's score is above that of clutter in the share Phi(gap / sqrt 2),
         and where both are equally many, scores are probabilities. 0: all scores are 0.5.
@@ -73,12 +73,12 @@ class NoiseModel:
 
     @property
     def stays(self) -> float:
-        """Probability that a miss is followed by another."""
+        """Probability that a miss is followed by a miss."""
         return self.miss if self.miss_run is None else 1 - 1 / self.miss_run
 
     @property
     def begins(self) -> float:
-        """Probability that a detection is followed by a miss, so that `miss` is their share."""
+        """Probability that a detection is followed by a miss; makes `miss` the share of misses."""
         return (1 - self.stays) * self.miss / (1 - self.miss)
 
 
@@ -102,8 +102,8 @@ NOISES: Registry[NoiseModel] = Registry(
 class NoisyDetections:
     """Detections of one episode, frame after frame.
 
-    Every kind of error has a generator of its own that is asked for all objects in every frame,
-    so with one option changed everything else stays as it was.
+    Every kind of error has a random generator of its own, which draws for all objects in every
+    frame: changing one option leaves all other errors the same.
     """
 
     def __init__(self, model: NoiseModel, episode: Episode, eligibility: Eligibility) -> None:
@@ -116,9 +116,9 @@ class NoisyDetections:
         self._patience: dict[int, float] = {}
 
     def of(self, truth: Truth) -> Detections:
-        """Return what is detected of the next frame, world frame."""
+        """Return the detections of the next frame, world frame."""
         missed = self._fails(truth) | self._is_hidden(truth)
-        boxes = self._errant(truth)
+        boxes = self._with_errors(truth)
         detected = np.flatnonzero(self._eligibility.of(truth) & ~missed)
         centres, sizes, yaws, categories, scores = (
             np.concatenate([part[detected], false])
@@ -127,7 +127,7 @@ class NoisyDetections:
         return Detections(centres, sizes, yaws, categories, scores, "world", truth.stamp_s)
 
     def _fails(self, truth: Truth) -> np.ndarray:
-        """(N,) bool, misses of the Markov chain, which begins in its stationary state."""
+        """Return (N,) bool, misses of the Markov chain, which begins in its stationary state."""
         model, missed = self._model, []
         for identity, draw in zip(truth.ids.tolist(), self._misses.random(len(truth)), strict=True):
             before = self._missed.get(identity)
@@ -137,7 +137,7 @@ class NoisyDetections:
         return np.array(missed, np.bool_)
 
     def _is_hidden(self, truth: Truth) -> np.ndarray:
-        """(N,) bool, who is missed because too much of it is hidden."""
+        """Return (N,) bool, which objects are missed because too much of them is hidden."""
         for identity in truth.ids.tolist():
             if identity not in self._patience:
                 self._patience[identity] = float(self._hiding.random())
@@ -145,8 +145,8 @@ class NoisyDetections:
         hidden: np.ndarray = self._model.occlusion * truth.occluded_fraction > patience
         return hidden
 
-    def _errant(self, truth: Truth) -> Boxes:
-        """Boxes of all objects with their errors."""
+    def _with_errors(self, truth: Truth) -> Boxes:
+        """Return the boxes of all objects with their errors."""
         count, model = len(truth), self._model
         normal, turned = self._boxes.standard_normal((count, 6)), self._boxes.random(count)
         shift = np.pad(model.position_m * normal[:, :2], ((0, 0), (0, 1)))
@@ -157,7 +157,7 @@ class NoisyDetections:
         return truth.centres + shift, sizes, yaws, truth.categories, scores
 
     def _false(self, truth: Truth) -> Boxes:
-        """Boxes where nothing is."""
+        """Return false boxes."""
         rng, model = self._clutter, self._model
         count = int(rng.poisson(model.clutter))
         near, far = self._eligibility.range_m
@@ -179,4 +179,5 @@ class NoisyDetections:
 
 
 def _first_category(eligibility: Eligibility) -> int:
+    """Return the first category whose family is eligible."""
     return next(c.value for c in Category if c.family.value in eligibility.families)

@@ -1,7 +1,7 @@
-"""Camera detections made from truth: misses, clutter, wrong boxes and classes of known size.
+"""Noise model of camera detections: truth with misses, clutter, wrong boxes and wrong classes.
 
-An imitation, named by a string as plug-ins are: `noisy-camera?miss=0.1&clutter=1`. It belongs to
-the benchmark; figures that rest on it say so.
+It is named by a string, as plug-ins are: `noisy-camera?miss=0.1&clutter=1`. It belongs to the
+benchmark; results that use it are labelled.
 """
 
 from __future__ import annotations
@@ -15,29 +15,33 @@ import numpy as np
 from roadscope.core import Category, Family, ImageDetections, Registry, Truth
 from roadscope.envs.imaging.pinhole import Pinhole
 
-STANDS_FOR = np.array([Category.CAR, Category.CYCLIST, Category.PEDESTRIAN], np.int8)
+CATEGORY_OF_FAMILY = np.array([Category.CAR, Category.CYCLIST, Category.PEDESTRIAN], np.int8)
+"""The category that detections of each family have."""
 FAMILIES = (Family.VEHICLE, Family.CYCLIST, Family.PEDESTRIAN)
 FAMILY = np.array([FAMILIES.index(category.family) for category in Category])
 HEIGHTS_M = np.array([1.5, 1.75, 1.7])
+"""Heights of false detections, by family."""
 LEAST_PX = 4.0
+"""Objects with a shorter side in the image are never detected."""
 LIT: Mapping[str, tuple[float, float, float, float, float]] = MappingProxyType(
     {"night": (0.99, 0.95, 0.87, 0.71, 0.56), "glare": (0.99, 0.98, 0.94, 0.86, 0.75)}
 )
-"""Share of what is found in clear air by day that each severity leaves: what the shipped network
-keeps on training seeds of a street and a town crossing."""
+"""Detections in night and glare of severity 1 to 5, as a share of those by day: measured with the
+shipped network on training seeds of a street and a town crossing."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CameraNoise:
-    """How a camera's detections differ from truth, drawn anew in every image.
+    """The sizes of the errors, which are drawn independently in every image.
 
-    miss: share of large, free, well lit objects that are missed.
-    half_px: visible height in pixels at which half are found. steepness: of that in its log.
-    hidden: hidden share at which half are found of what is large.
+    miss: share of large, unoccluded, well lit objects that are missed.
+    half_px: height in pixels at which half of the objects are detected. steepness: of the log odds
+        over the logarithm of the height.
+    hidden: hidden share at which half of the large objects are detected.
     clutter: mean number of false detections an image.
     box: standard deviation of each edge as a share of the box, at least one pixel.
-    confused: share of wrong families among small ones; large ones have a tenth.
-    gap: standard deviation of the log odds that a score adds to the chance of being found.
+    confused: share of small objects with a wrong family; large ones have a tenth of it.
+    gap: standard deviation of the noise of a score's log odds.
     """
 
     miss: float = 0.03
@@ -70,8 +74,8 @@ CAMERA_NOISES: Registry[CameraNoise] = Registry(
 class NoisyCamera:
     """Detections of one episode, image after image.
 
-    Light is lost in fog by Koschmieder's law; at night what is not a vehicle (with lamps) needs
-    to be nearer to be detected.
+    Fog lowers contrast by Koschmieder's law; at night pedestrians and cyclists, which have no
+    lamps, are detected only nearer.
     """
 
     def __init__(
@@ -83,16 +87,16 @@ class NoisyCamera:
         night: bool = False,
         lit: float = 1.0,
     ) -> None:
-        """Take the errors, a seed, and what is between camera and objects.
+        """Take the sizes of errors, a seed, and the light and the air of the episode.
 
-        lit: share of what would be found otherwise that a dark or dazzled camera still finds.
+        lit: factor of the chance of detection for a camera in the dark or dazzled.
         """
         self._model, self._fog, self._night, self._lit = model, extinction_per_m, night, lit
         streams = np.random.SeedSequence([7_103, seed]).spawn(2)
         self._rng, self._clutter = (np.random.default_rng(stream) for stream in streams)
 
     def of(self, truth: Truth, pinhole: Pinhole) -> ImageDetections:
-        """Return what is detected of the next image."""
+        """Return the detections of the next image."""
         width, height = pinhole.width, pinhole.height
         assert truth.image_boxes is not None
         rng, boxes = self._rng, truth.image_boxes
@@ -113,7 +117,7 @@ class NoisyCamera:
         false, false_families, false_scores = self._false(pinhole)
         return ImageDetections(
             np.concatenate([moved[detected], false]),
-            STANDS_FOR[np.concatenate([families[detected], false_families])],
+            CATEGORY_OF_FAMILY[np.concatenate([families[detected], false_families])],
             np.concatenate([scores[detected], false_scores]),
             truth.stamp_s,
             size_px=(width, height),
@@ -128,7 +132,7 @@ class NoisyCamera:
             contrast = contrast * np.where(family == 0, 0.8, np.exp(-distances / 25.0))
         size = model.steepness * np.log(np.maximum(sides[:, 1], 1.0) / model.half_px)
         visibility = 10.0 * (model.hidden - truth.occluded_fraction)
-        # A contrast of 5 % to the background is where half are found.
+        # Half of the objects are detected at a contrast of 5 % to the background.
         light = 2.0 * np.log(np.maximum(contrast, 1e-9) / 0.05)
         odds = np.minimum(np.minimum(size, visibility), light)
         return np.asarray(np.where(truth.visible_pixels > 0, odds, -30.0))
@@ -150,7 +154,7 @@ class NoisyCamera:
 
 
 def _another(family: np.ndarray, draws: np.ndarray) -> np.ndarray:
-    """One of the other two; cyclists and pedestrians are taken for one another most."""
+    """Return another family; cyclists and pedestrians are mostly confused with each other."""
     first = np.array([2, 2, 1])[family]
     second = np.array([1, 0, 0])[family]
     return np.asarray(np.where(draws < 0.75, first, second))

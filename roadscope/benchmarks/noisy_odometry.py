@@ -1,8 +1,8 @@
-"""Poses made from truth: drift, noise and jumps of known size.
+"""Noise model of odometry: true poses with drift, noise and jumps of known size.
 
-An imitation, named by a string as plug-ins are: `noisy-odometry?scale=0.02&turn_deg=1`. It belongs
-to the benchmark; figures that rest on it say so. On the odometry board it shows what the metrics
-make of known errors, and trackers get the ego's poses from it with a known drift.
+It is named by a string, as plug-ins are: `noisy-odometry?scale=0.02&turn_deg=1`. It belongs to the
+benchmark; results that use it are labelled. On the odometry board it shows how metrics respond to
+known errors; trackers can get the ego's poses from it, with a known drift.
 """
 
 from __future__ import annotations
@@ -19,14 +19,14 @@ from roadscope.odometry.rigid import exp_se3
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class EgoNoise:
-    """How estimated motions differ from true ones.
+    """The sizes of the errors of estimated motions.
 
-    scale: share by which distances are too long, at any time; negative: too short.
-    turn_deg: error of the yaw after 100 m, degrees, at any time.
-    shift_m, shake_deg: standard deviations of each motion from scan to scan, along each axis and
-        about it: they add up as a random walk.
-    jump: share of scans at which the pose jumps, for good. jump_m: standard deviation of that in
-        x and y.
+    scale: share by which all distances are too long; negative: too short.
+    turn_deg: systematic error of the yaw, degrees per 100 m.
+    shift_m, shake_deg: standard deviations of the motion from scan to scan, along each axis and
+        about it; they add up as a random walk.
+    jump: share of scans at which the pose jumps and does not come back. jump_m: standard deviation
+        of a jump in x and y.
     """
 
     scale: float = 0.01

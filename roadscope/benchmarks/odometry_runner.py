@@ -1,4 +1,4 @@
-"""An odometry on a folder of scans, beside the true poses where there are any."""
+"""Runs an odometry on a folder of scans, and compares it with true poses if there are any."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from roadscope.core.answers import AnswerError, check_estimate
 from roadscope.odometry import ODOMETRIES
 
 LEAST_AHEAD_M = 10.0
-"""Nobody drives so far along an axis that points upwards and less along the others."""
+"""Metres along an axis from which on it cannot be the one that points up."""
 
 Samples = TypeVar("Samples", ImuSamples, WheelSamples)
 
@@ -32,7 +32,7 @@ Samples = TypeVar("Samples", ImuSamples, WheelSamples)
 class RecordedSamples(Generic[Samples]):
     """All samples of one sensor in a recording.
 
-    path: where they come from. left_out: lines of it without usable numbers.
+    path: of their file. left_out: number of its lines without usable numbers.
     """
 
     samples: Samples
@@ -48,7 +48,7 @@ class RecordedSamples(Generic[Samples]):
         return f"{text} ({self.left_out} left out: no numbers, or stamps that do not rise)"
 
     def check_times(self, stamps_s: Sequence[float]) -> None:
-        """Refuse samples of another time than the scans'."""
+        """Raise `FormatError` if the samples and the scans are from different times."""
         first_s, last_s = self.samples.stamps_s.min(), self.samples.stamps_s.max()
         if last_s < stamps_s[0] or first_s > stamps_s[-1]:
             raise FormatError(
@@ -57,7 +57,7 @@ class RecordedSamples(Generic[Samples]):
             )
 
     def between(self, start_s: float, end_s: float) -> Samples:
-        """Return those after a time and up to another, seconds."""
+        """Return the samples after start_s and up to end_s."""
         begin, end = np.searchsorted(self.samples.stamps_s, [start_s, end_s], side="right")
         kind = type(self.samples)
         arrays = (getattr(self.samples, each.name) for each in fields(kind))
@@ -86,10 +86,10 @@ def folder_estimates(
     imu: RecordedImu | None = None,
     wheels: RecordedWheels | None = None,
 ) -> Iterator[OdometryEstimate]:
-    """Yield an odometry's estimate of one scan after the other.
+    """Return an iterator over an odometry's estimates, scan by scan.
 
-    A spec that names none is refused before anything is read; what a plug-in does wrong raises
-    `PluginError`. One that is not ours runs in a process of its own, without a limit of time for
+    An unknown spec raises `SpecError` at once; a plug-in that fails raises `PluginError` later. A
+    plug-in that is not part of roadscope runs in a process of its own, without a time limit for
     the whole recording.
     """
     spec = ODOMETRIES.resolve(odometry)
@@ -113,7 +113,7 @@ def folder_estimates(
 def _with_samples(
     folder: ScanFolder, imu: RecordedImu | None, wheels: RecordedWheels | None
 ) -> Iterator[tuple[LidarScan, ImuSamples | None, WheelSamples | None]]:
-    """Yield scans with the samples up to the ends of their sweeps."""
+    """Yield scans with the samples since the last scan, up to the end of the sweep."""
     start_s = -np.inf
     for scan in folder:
         end_s = max(start_s, scan.stamp_s + float(scan.time_offset_s.max(initial=0)))
@@ -134,10 +134,12 @@ def write_estimates(
     imu: RecordedImu | None = None,
     wheels: RecordedWheels | None = None,
 ) -> Iterator[OdometryEstimate]:
-    """Yield likewise, and write each pose as soon as it is known: what is done stays.
+    """Yield the estimates of `folder_estimates`, and write each pose before the next is estimated.
 
-    Before the first pose nothing is written, so that what was in the file stays. Poses are the
-    LiDAR's in its first frame, x ahead, y left, z up, whatever the format.
+    An existing file is overwritten only when the first pose is there. Poses are those of the LiDAR
+    in its first frame, x ahead, y left, z up, in either format.
+
+    form: `kitti` or `tum`.
     """
     estimates = folder_estimates(folder, odometry, imu=imu, wheels=wheels)
     trajectory_text(form, (), ())
@@ -149,7 +151,7 @@ def write_estimates(
 
 @dataclass(frozen=True, slots=True)
 class TruePoses:
-    """True poses of scans, (4, 4) in a frame of their own; None where the file has none."""
+    """The true poses of scans, (4, 4), in any fixed frame; None for a scan without a true pose."""
 
     poses: tuple[np.ndarray | None, ...]
 
@@ -168,13 +170,13 @@ class TruePoses:
         return TruePoses(tuple(pose.matrix for pose in poses))
 
     def look_like_a_cameras(self) -> bool:
-        """Return whether they seem to be a camera's, whose z axis points ahead, as KITTI's own."""
-        known = [matrix for matrix in self.poses if matrix is not None]
-        x, y, z = np.abs(np.linalg.inv(known[0]) @ known[-1])[:3, 3]
+        """Return whether they seem to be those of a camera, whose z axis points ahead (KITTI)."""
+        poses = [matrix for matrix in self.poses if matrix is not None]
+        x, y, z = np.abs(np.linalg.inv(poses[0]) @ poses[-1])[:3, 3]
         return bool(z > max(x, y, LEAST_AHEAD_M))
 
     def errors_in_words(self, poses: Sequence[Pose]) -> str:
-        """Say in a line how far off estimated poses are; there may be fewer of them."""
+        """Return the errors of estimated poses as a line of text; there may be fewer of them."""
         from roadscope.benchmarks.metrics.trajectory_errors import (
             KITTI_M,
             SHORT_M,
@@ -202,20 +204,21 @@ def _interpolated(
     trajectory: Trajectory, stamps_s: Sequence[float], path: Path
 ) -> tuple[np.ndarray | None, ...]:
     """Return poses at those stamps that lie between two of a trajectory."""
-    known = np.array(trajectory.stamps_s)
+    times_s = np.array(trajectory.stamps_s)
     poses: list[np.ndarray | None] = []
     for stamp_s in stamps_s:
-        k = int(np.searchsorted(known, stamp_s, side="right")) - 1
-        if k < 0 or k >= len(known) or (k == len(known) - 1 and known[k] < stamp_s):
+        k = int(np.searchsorted(times_s, stamp_s, side="right")) - 1
+        if k < 0 or k >= len(times_s) or (k == len(times_s) - 1 and times_s[k] < stamp_s):
             poses.append(None)
-        elif known[k] == stamp_s:
+        elif times_s[k] == stamp_s:
             poses.append(trajectory.poses[k].matrix)
         else:
-            share = float((stamp_s - known[k]) / (known[k + 1] - known[k]))
+            share = float((stamp_s - times_s[k]) / (times_s[k + 1] - times_s[k]))
             poses.append(trajectory.poses[k].interpolate(trajectory.poses[k + 1], share).matrix)
     if sum(pose is not None for pose in poses) < 2:
         raise FormatError(
             f"{path}: expected poses from {stamps_s[0]:.3f} to {stamps_s[-1]:.3f} s, when scans "
-            f"were taken, got {f'{known[0]:.3f} to {known[-1]:.3f} s' if len(known) else 'none'}"
+            f"were taken, got "
+            f"{f'{times_s[0]:.3f} to {times_s[-1]:.3f} s' if len(times_s) else 'none'}"
         )
     return tuple(poses)

@@ -1,4 +1,4 @@
-"""Cars parked beside the road are scenery: to detect one is neither right nor wrong."""
+"""Cars parked beside the road. They are scenery: a detection of one is neither right nor wrong."""
 
 from __future__ import annotations
 
@@ -16,18 +16,21 @@ if TYPE_CHECKING:
     from roadscope.envs.world.world import World
 
 PARKED_RANGE_M = 150.0
+"""Parked cars farther from the ego have no box in the image."""
 LEAST_SIDE_PX = 2.0
+"""Boxes with a shorter side are left out."""
 BEHIND_M = 0.3
+"""Least depth of corners: those beside or behind the camera are projected with this depth."""
 
 
 def parked_owners(truth: Truth) -> set[int]:
-    """Return the owners of the parked cars that gave returns to a scan."""
+    """Return the numbers (`Truth.sources`) of the parked cars that gave returns to a scan."""
     owners = np.unique(truth.sources)
     return set(owners[_are_parked_cars(owners)].tolist())
 
 
 def parked_centres(episode: Episode, owners: Iterable[int]) -> np.ndarray:
-    """Return (P, 2) box centres of parked cars, metres, world frame."""
+    """Return (P, 2) box centres of parked cars, metres, world frame. owners: their numbers."""
     from roadscope.envs.sensors.sensing import world_of
 
     wanted = sorted(owners)
@@ -36,13 +39,12 @@ def parked_centres(episode: Episode, owners: Iterable[int]) -> np.ndarray:
     timeline = timeline_of(episode)
     scenery = world_of(timeline, episode.seed).scenery.along(timeline.axles[:, 0])
     outlines = (scenery.footprints[scenery.owners == owner].reshape(-1, 2) for owner in wanted)
-    # The outline of a body is the same seen from its other side, so this is its middle however
-    # the car stands.
+    # A body's outline is point symmetric, so this is its centre at any yaw.
     return np.array([(o.min(axis=0) + o.max(axis=0)) / 2 for o in outlines])
 
 
 def parked_among(episode: Episode, truths: Iterable[Truth]) -> np.ndarray:
-    """Return (N, 2) centres, world frame, of the parked cars that any of the truths shows."""
+    """Return (P, 2) centres, metres, world frame, of parked cars with returns in any scan."""
     return parked_centres(episode, set().union(*map(parked_owners, truths)))
 
 
@@ -65,7 +67,7 @@ def parked_boxes(world: World, world_from_ego: Pose, projection: Projection) -> 
 def _bounds(
     points: np.ndarray, owners: np.ndarray, ranges: np.ndarray, projection: Projection
 ) -> ParkedBoxes:
-    """Bound (M, Q, 3) points, ego frame, of each owner in the image."""
+    """Return the boxes in the image around (M, Q, 3) points, ego frame, of each owner, (M,)."""
     # Corners beside or behind the camera lie far outside the image, on their side of it.
     homogeneous = points @ projection.matrix[:, :3].T + projection.matrix[:, 3]
     depths = homogeneous[..., 2:]

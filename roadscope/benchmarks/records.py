@@ -1,4 +1,4 @@
-"""What plug-ins answered over an episode, with the ground truth beside it, as kept files."""
+"""Records of a plug-in's answers over an episode with the truth, which are kept as files."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from roadscope.core.record import Record
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CallTimes(Record):
-    """What the calls of a plug-in cost, one value a call.
+    """The computing times of a plug-in, one value a call.
 
     processor_ms: (T,) float64, processor time of all threads of the plug-in's process.
     wall_ms: (T,) float64, time that passed.
@@ -31,14 +31,14 @@ class CallTimes(Record):
 
     @staticmethod
     def zero(calls: int) -> CallTimes:
-        """Return the times of calls that cost nothing: what is made from truth."""
+        """Return times of 0, for answers that are made from truth."""
         return CallTimes(np.zeros(calls), np.zeros(calls))
 
     def __add__(self, other: CallTimes) -> CallTimes:
         return CallTimes(self.processor_ms + other.processor_ms, self.wall_ms + other.wall_ms)
 
     def shifted(self, processor_ms: float, wall_ms: float) -> CallTimes:
-        """Return times to each of which a constant is added."""
+        """Return the times with a constant added to each."""
         return CallTimes(self.processor_ms + processor_ms, self.wall_ms + wall_ms)
 
     def select(self, calls: np.ndarray) -> CallTimes:
@@ -57,7 +57,7 @@ class EpisodeRecord(Record):
 
     @classmethod
     def load(cls, file: BinaryIO) -> Self:
-        """Undo `save`; what is damaged raises an error of any kind."""
+        """Read what `save` wrote; damaged content raises an error of any type."""
         message = zlib.decompress(file.read())
         return msgspec.msgpack.decode(message, type=cls, dec_hook=_array_of_message)
 
@@ -122,7 +122,7 @@ class EpisodeImageDetections(EpisodeRecord):
         return tuple(ImageDetections.empty(t.stamp_s) if d is None else d for d, t in pairs)
 
     def labels(self, extinction_per_m: float = 0.0) -> list[Labels]:
-        """Return what the images show, without what is lost in rain or fog."""
+        """Return the labels of the images; objects lost in fog or rain are labelled as hidden."""
         pairs = zip(self.truths, self.parked, strict=True)
         return [labels_of(t, p).in_air(extinction_per_m) for t, p in pairs]
 
@@ -132,7 +132,7 @@ class EpisodeFusions(EpisodeRecord):
     """A fusion's answers to K scans of an episode; all tuples have K items.
 
     rows: (K,) int64, numbers of the scans. fused: at the stamps of the scans, frame `ego`.
-    targets: what was to be found. times: of the fusion's calls alone.
+    targets: the objects to be detected. times: of the fusion's calls, without the detectors.
     """
 
     rows: np.ndarray
@@ -146,7 +146,7 @@ class EpisodeTracks(EpisodeRecord):
     """A tracker's answers, frame by frame.
 
     tracks: T records in frame `world`.
-    times: of the call of each frame; of an offline tracker with its share of the last call.
+    times: of the call of each frame; for an offline tracker with a share of its last call.
     """
 
     tracks: tuple[Tracks, ...]
@@ -161,9 +161,9 @@ class EpisodePoses(EpisodeRecord):
         frame `world`.
     stamps_s: (T,) float64, seconds.
     degraded: (T,) bool.
-    dynamic, moving: T arrays (N,) bool: returns that the odometry holds to be dynamic, and those
-        that truly come from moving objects.
-    times: of the call of each scan; of no calls where the poses are made from truth.
+    dynamic, moving: T arrays (N,) bool: returns that the odometry takes for moving objects, and
+        those that truly come from moving objects.
+    times: of the call of each scan; no values if the poses are made from truth.
     """
 
     estimate: np.ndarray
@@ -181,16 +181,16 @@ class EpisodePoses(EpisodeRecord):
 
 
 def without_sources(truth: Truth, *, image: bool = False) -> Truth:
-    """Return truth without the source of every return, which only the scan can be read with.
+    """Return truth without the source of every return, which is useless without the scan.
 
-    image: keep the boxes in the image.
+    image: whether the boxes in the image stay.
     """
     boxes = truth.image_boxes if image else None
     return replace(truth, sources=np.empty(0, np.int64), image_boxes=boxes, pixels=None)
 
 
 def _array_as_message(value: Any) -> Any:
-    """Return what stands for a value that MessagePack has no type for."""
+    """Return a plain value in place of one that MessagePack has no type for."""
     if isinstance(value, np.generic):
         return value.item()
     if isinstance(value, np.ndarray):
@@ -199,6 +199,6 @@ def _array_as_message(value: Any) -> Any:
 
 
 def _array_of_message(kind: type, message: Any) -> Any:
-    """Undo `_array_as_message` of an array, which may be written to again."""
+    """Return the array of `_array_as_message`, as a fresh copy."""
     dtype, shape, content = message
     return np.frombuffer(content, dtype).reshape(shape).copy()

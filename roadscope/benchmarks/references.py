@@ -1,6 +1,6 @@
-"""Entries that are no plug-ins: made from the ground truth, or composed of others.
+"""Entries that are no plug-ins: made from the truth, or composed of other entries.
 
-They belong to the benchmark alone and never run in a stranger's process:
+They belong to the benchmark and never run in the process of a plug-in:
 
 - `oracle`: the true boxes; `oracle?odometry=A`: the odometry A, whose scans lack the returns of
   moving objects.
@@ -33,12 +33,12 @@ from roadscope.fusion.calibration import read_calibration
 
 UPPER_MARK, LOWER_MARK = "upper mark", "lower mark"
 IMITATION = "imitation"
-"""The mark of what is made from truth with errors."""
+"""The mark of noise models."""
 ONE_SENSOR = "alone"
-"""The mark of what one sensor detects without the other."""
+"""The mark of the detections of one sensor without the other."""
 LIDAR_ALONE, CAMERA_ALONE = "LiDAR alone", "camera alone"
 CALIBRATION = "calibration"
-"""Argument of `fused`: a file of `roadscope calibrate` that the fusion believes."""
+"""Argument of `fused`: a file of `roadscope calibrate`, whose calibration the fusion gets."""
 
 CLUSTER_BOXES = "cluster-boxes"
 ONE_CLUSTER = "one-cluster"
@@ -50,9 +50,9 @@ NAMED_BY_SUITES: Registry[object] = Registry(
         ONE_CLUSTER: "roadscope.detectors.pipeline:ClusterDetector?clustering=one&shape=rectangle",
     },
 )
-"""Detectors that are no entries of their own: `cluster-boxes` is made to be fused."""
+"""Detectors that suites may name but boards do not rank: inputs of fusions, and a mark."""
 LOWER_ODOMETRIES = ("still", "dead-reckoning")
-"""They use no scan: the lower marks of the odometry board."""
+"""The lower marks of the odometry board: odometries that use no scan."""
 FUSED_DEFAULTS: Mapping[str, str] = {
     "lidar": CLUSTER_BOXES,
     "camera": "network",
@@ -62,7 +62,7 @@ _NOISE_KINDS = (NOISES.kind, CAMERA_NOISES.kind, ODOMETRY_NOISES.kind)
 
 
 def made_from_truth(spec: Spec) -> bool:
-    """Return whether a resolved spec is no plug-in but made from truth."""
+    """Return whether a resolved spec is an oracle or a noise model."""
     return spec.kind == ORACLE or spec.kind in _NOISE_KINDS
 
 
@@ -72,7 +72,7 @@ def is_noise(spec: Spec) -> bool:
 
 
 def detection_source(text: str | Spec) -> Spec:
-    """Return the resolved spec of whatever makes detections in space."""
+    """Return the resolved spec of a source of detections in space, not only a plug-in."""
     spec = Spec.parse(text) if isinstance(text, str) else text
     if spec.name == ORACLE and not spec.parts:
         return replace(spec, kind=ORACLE)
@@ -85,7 +85,7 @@ def detection_source(text: str | Spec) -> Spec:
 
 
 def image_source(text: str | Spec) -> Spec:
-    """Return the resolved spec of whatever makes detections in images."""
+    """Return the resolved spec of a source of detections in images, not only a plug-in."""
     spec = Spec.parse(text) if isinstance(text, str) else text
     if spec.name == ORACLE and not spec.parts:
         return replace(spec, kind=ORACLE)
@@ -94,9 +94,9 @@ def image_source(text: str | Spec) -> Spec:
 
 
 def pose_source(text: str | Spec) -> Spec:
-    """Return the resolved spec of whatever makes poses.
+    """Return the resolved spec of a source of poses, not only a plug-in.
 
-    The one of an oracle is that of its odometry, with kind `oracle`.
+    That of an oracle has the class of its odometry, and kind `oracle`.
     """
     spec = Spec.parse(text) if isinstance(text, str) else text
     if spec.name == ORACLE and ODOMETRY.name in spec.parts:
@@ -111,7 +111,7 @@ def pose_source(text: str | Spec) -> Spec:
 
 
 def check_detection_source(text: str | Spec) -> Spec:
-    """Resolve what makes detections in space; refuse what cannot be made."""
+    """Return `detection_source`; raise `SpecError` if it cannot be made."""
     spec = detection_source(text)
     if spec.kind == FUSED:
         if spec.parts["lidar"].kind == FUSED:
@@ -126,12 +126,12 @@ def check_detection_source(text: str | Spec) -> Spec:
 
 
 def check_image_source(text: str | Spec) -> Spec:
-    """Resolve what makes detections in images; refuse what cannot be made."""
+    """Return `image_source`; raise `SpecError` if it cannot be made."""
     return _checked(image_source(text), CAMERA_DETECTOR)
 
 
 def check_pose_source(text: str | Spec) -> Spec:
-    """Resolve what makes poses; refuse what cannot be made."""
+    """Return `pose_source`; raise `SpecError` if it cannot be made."""
     spec = pose_source(text)
     if spec.kind == ORACLE:
         check_plugin_spec(spec.parts[ODOMETRY.name], ODOMETRY)
@@ -140,7 +140,7 @@ def check_pose_source(text: str | Spec) -> Spec:
 
 
 def check_ego(text: str | Spec) -> None:
-    """Refuse what tells no poses of the ego."""
+    """Raise `SpecError` unless `ego=` names a source of poses, `truth` or `none`."""
     if str(text) in (TRUE_POSES, NO_POSES):
         return
     try:
@@ -165,8 +165,8 @@ def _fused(spec: Spec) -> Spec:
     """Resolve the parts of `fused?lidar=A&camera=B&fusion=C`."""
     for key in spec.arguments:
         if key != CALIBRATION:
-            known = ", ".join((*FUSED_PARTS, CALIBRATION))
-            raise SpecError(f"'{spec}': no argument '{key}'; known: {known}")
+            possible = ", ".join((*FUSED_PARTS, CALIBRATION))
+            raise SpecError(f"'{spec}': no argument '{key}'; known: {possible}")
     named = {key: spec.parts.get(key) or Spec.parse(FUSED_DEFAULTS[key]) for key in FUSED_PARTS}
     parts = {
         "lidar": detection_source(named["lidar"]),

@@ -20,8 +20,8 @@ from roadscope.benchmarks.progress import Progress, silent
 from roadscope.benchmarks.recorded.mot import mot_suite
 from roadscope.benchmarks.recorded.recording import Recording
 from roadscope.benchmarks.recorded.suite import kitti_suite
+from roadscope.benchmarks.report.board_files import check_targets, label_of
 from roadscope.benchmarks.report.export import save_all, save_logs
-from roadscope.benchmarks.report.kept import check_targets, label_of
 from roadscope.benchmarks.results import Results, gather
 from roadscope.benchmarks.results.agreement import BoardAgreement
 from roadscope.benchmarks.results.results import condition_of
@@ -35,7 +35,7 @@ DATABASE = "results.sqlite"
 
 
 class RunError(ValueError):
-    """A run was asked for something that it cannot do."""
+    """The arguments of a run are wrong."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,7 +43,7 @@ class RunPlan:
     """What a run computes: the jobs of its boards.
 
     boards: those that the suite or the user has entries for.
-    entries: what each board ranks, by the board's name.
+    entries: that each board ranks, by the board's name.
     """
 
     suite: Suite
@@ -76,34 +76,35 @@ def leaderboard(
     """Run a suite's entries and yours, and return the leaderboard.
 
     suite: a suite, its name or a path to its TOML file.
-    entries: specs of plug-ins to compare with the suite's own; with `only`, they alone.
+    entries: specs of plug-ins to compare with those of the suite.
+    only: run only these entries.
     boards: names of boards (`roadscope list boards`); None: all that the suite has entries for.
     jobs: worker processes; with an address, 0 stands for one for each core of the cluster.
-    out_dir: where results are kept (`results.sqlite`) and `leaderboard.json`, `.csv`, `.md`
-        and `.tex` are written; None keeps results in the cache folder and writes no board. Boards
-        of other suites in the folder stay (`leaderboard-SUITE-BOARD[-CALIBRATION].json`).
-    fresh: do again what an earlier run has done.
+    out_dir: folder for the results database (`results.sqlite`), `leaderboard.json`, `.csv`, `.md`
+        and `.tex`. None: the database is in the cache folder, and no board is written. Boards of
+        other suites in the folder are renamed to `leaderboard-SUITE-BOARD[-CALIBRATION].json`.
+    fresh: compute again what an earlier run has computed.
     kitti: a folder of KITTI tracking data, whose sequences take the place of the suite's traffic
         (`kitti_suite`); a malformed file in it raises `FormatError` before anything is run.
     mot: likewise a folder of MOTChallenge's image sequences (`mot_suite`).
-    calibration: a file of `roadscope calibrate`, which plug-ins of some boards believe.
-    deadline_s: seconds for a plug-in that is not ours on one episode, in a process of its own;
-        None: as `limits` says, 300 s if it is left out.
-    limits: what else such a plug-in may use.
-    trust: run plug-ins inside this process instead, for debugging: they can end or falsify the
-        run.
-    sandbox: isolate them from files and the network too (needs bubblewrap).
+    calibration: a file of `roadscope calibrate`, which plug-ins of some boards get.
+    deadline_s: most seconds for a plug-in that is not part of roadscope on one episode; None: that
+        of `limits`, 300 s if they are left out.
+    limits: of such a plug-in's process.
+    trust: run such plug-ins inside the processes of the run, for debugging: they can then crash or
+        falsify it.
+    sandbox: isolate such plug-ins from files and the network too (needs bubblewrap).
     backend: what provides worker processes, `loky` (on this machine), `ray` or `dask`.
     address: of a running cluster of Ray or Dask; None: workers are started on this machine.
         Machines of a cluster need this package, the files of plug-ins and of recorded data at the
         same paths, and should share the folder that `ROADSCOPE_CACHE` names: computed files stay
-        where they are computed, and what a machine has not it computes again.
-    notice: is called, before anything runs, with what is left out for want of an installation.
+        on their machine, and other machines compute them again.
+    notice: called before anything runs with a text for each entry that is not installed.
 
     A worker process that dies costs only the jobs that it runs, and they are tried again.
 
-    Unknown names and wrong arguments raise `SpecError` or `SuiteError` before anything runs; what
-    a plug-in does wrong while it runs becomes a failure of its row.
+    Unknown names and wrong arguments raise `SpecError` or `SuiteError` before anything runs. A
+    plug-in that fails while it runs gets a row with the reason.
     """
     if jobs < (0 if address else 1):
         raise RunError(f"jobs: expected 1 or more worker processes, got {jobs}")
@@ -116,21 +117,21 @@ def leaderboard(
     folder = cache_dir() if out_dir is None else Path(out_dir)
     options = RunOptions(limits, trust, sandbox, fresh, hidden=(folder,))
     with options.probing():
-        made = plan(
+        run_plan = plan(
             _suite(suite, kitti, mot), entries, boards=boards, only=only, calibration=believed
         )
     if notice is not None:
         for text in dict.fromkeys(
-            f"{j.entry} is left out: {j.missing}" for j in made.jobs if j.missing
+            f"{j.entry} is left out: {j.missing}" for j in run_plan.jobs if j.missing
         ):
             notice(text)
-    conditions = manifest(made.suite, jobs, [b.name for b in made.boards], believed)
+    conditions = manifest(run_plan.suite, jobs, [b.name for b in run_plan.boards], believed)
     if out_dir is not None:
         check_targets(usable_folder(out_dir), label_of(conditions))
     with Store(folder / DATABASE) as store:
-        outcomes = _outcomes(store, made, conditions, workers, options, progress or silent)
-        results = gather(made.jobs, outcomes, conditions)
-        results = replace(results, agreements=agreements(results, made, store.outcomes))
+        outcomes = _outcomes(store, run_plan, conditions, workers, options, progress or silent)
+        results = gather(run_plan.jobs, outcomes, conditions)
+        results = replace(results, agreements=agreements(results, run_plan, store.outcomes))
     results = save_logs(results, folder)
     if out_dir is not None:
         save_all(results, folder)
@@ -147,19 +148,19 @@ def plan(
 ) -> RunPlan:
     """Return the jobs of a run; unknown names and wrong arguments raise before anything runs.
 
-    Arguments as of `leaderboard`. Marks stand on a board only beside entries.
+    Arguments are those of `leaderboard`. Marks are shown only beside entries of the suite.
     """
     if only and not entries:
         raise SpecError("--only needs at least one --entry")
     chosen = chosen_boards(suite, boards)
     if not suite.recorded:
         _check_suite(suite, chosen)
-    given = _by_board([Spec.parse(text) for text in entries], chosen)
+    users = _by_board([Spec.parse(text) for text in entries], chosen)
     ranked: dict[str, list[Spec]] = {}
     jobs: list[Job] = []
     options = JobOptions(marks=not only, calibration=calibration)
     for board in chosen:
-        own = [board.check_entry(spec) for spec in given[board.name]]
+        own = [board.check_entry(spec) for spec in users[board.name]]
         suites = (
             [] if only else [board.check_entry(Spec.parse(t)) for t in board.suite_entries(suite)]
         )
@@ -173,25 +174,27 @@ def plan(
     return RunPlan(suite, tuple(used), ranked, tuple(jobs))
 
 
-def read_recordings(made: RunPlan) -> None:
+def read_recordings(run_plan: RunPlan) -> None:
     """Read all recordings of a plan; a malformed file raises `FormatError`."""
-    recordings = (job.episode for job in made.jobs if isinstance(job.episode, Recording))
+    recordings = (job.episode for job in run_plan.jobs if isinstance(job.episode, Recording))
     for recording in dict.fromkeys(recordings):
         recording.check()
 
 
 def agreements(
     results: Results,
-    made: RunPlan,
+    run_plan: RunPlan,
     outcomes: Callable[[Iterable[str]], Mapping[str, Outcome]],
 ) -> tuple[BoardAgreement, ...]:
-    """Compare ranks on recorded data with those of every suite that was run on the same entries.
+    """Compare ranks on recorded data with those on every suite that was run with the same entries.
 
-    outcomes: looks up by key what earlier runs found. Only what they finished is compared, under
-    the code as it is now; nothing is run for it.
+    outcomes: looks up the outcomes of earlier runs by their keys, which cover the present code.
+    Nothing is computed here: only suites that earlier runs have finished are compared.
     """
-    comparable = [board for board in made.boards if board.compared_with]
-    specs = list(dict.fromkeys(spec for b in comparable for spec in made.entries.get(b.name, ())))
+    comparable = [board for board in run_plan.boards if board.compared_with]
+    specs = list(
+        dict.fromkeys(spec for b in comparable for spec in run_plan.entries.get(b.name, ()))
+    )
     compared = []
     for suite in map(load_suite, SUITES if comparable else ()):
         for name in dict.fromkeys(board.compared_with for board in comparable):
@@ -209,16 +212,16 @@ def _figures_of_earlier_runs(
     specs: Sequence[Spec],
     outcomes: Callable[[Iterable[str]], Mapping[str, Outcome]],
 ) -> dict[str, float]:
-    """Return the headline metric on a suite of the entries that finished all of it."""
+    """Return the headline metric on a suite, of the entries that have finished all of it."""
     if not board.suite_entries(suite):
         return {}
     names = [str(spec) for spec in specs]
     jobs = board.jobs(suite, specs, JobOptions(marks=False))
     jobs = [job for job in jobs if job.entry in names]
-    known = outcomes([job.key for job in jobs])
-    missing = {j.entry for j in jobs if j.key not in known or known[j.key].reason is not None}
+    stored = outcomes([job.key for job in jobs])
+    missing = {j.entry for j in jobs if j.key not in stored or stored[j.key].reason is not None}
     done = [job for job in jobs if job.entry not in missing]
-    return _headline_figures(gather(done, known, {}), board, names)
+    return _headline_figures(gather(done, stored, {}), board, names)
 
 
 def _headline_figures(results: Results, board: Board, entries: Sequence[str]) -> dict[str, float]:
@@ -227,7 +230,7 @@ def _headline_figures(results: Results, board: Board, entries: Sequence[str]) ->
 
 
 def _check_suite(suite: Suite, boards: Iterable[Board]) -> None:
-    """Raise one `SuiteError` that names all that is wrong in a suite, with the keys."""
+    """Raise one `SuiteError` with all problems of a suite and their keys."""
     checks = [SuiteCheck("", check_names, suite)]
     checks += [check for board in boards for check in board.suite_checks(suite)]
     problems: list[str] = []
@@ -249,7 +252,7 @@ def _suite(suite: Suite | str, kitti: Path | str | None, mot: Path | str | None)
 
 
 def _by_board(specs: Sequence[Spec], boards: Sequence[Board]) -> dict[str, list[Spec]]:
-    """Return the entries of each board; one that no board of the run ranks is refused."""
+    """Return the entries of each board; raise `SpecError` for one that no board ranks."""
     by_board: dict[str, list[Spec]] = {board.name: [] for board in boards}
     possible = list(dict.fromkeys(board.kind.name for board in boards))
     kinds = [next(b.kind for b in boards if b.kind.name == name) for name in possible]
@@ -266,19 +269,19 @@ def _by_board(specs: Sequence[Spec], boards: Sequence[Board]) -> dict[str, list[
 
 def _outcomes(
     store: Store,
-    made: RunPlan,
+    run_plan: RunPlan,
     conditions: Mapping[str, Any],
     workers: WorkerSettings,
     options: RunOptions,
     progress: Progress,
 ) -> dict[str, Outcome]:
-    """Do what the store does not know yet, each outcome written as it comes."""
+    """Compute the outcomes that the store does not have; write each as it comes."""
     number = store.begin(conditions)
-    keys = [job.key for job in made.jobs]
-    known = {} if options.fresh else store.outcomes(keys)
-    unkept: list[str] = []
+    keys = [job.key for job in run_plan.jobs]
+    stored = {} if options.fresh else store.outcomes(keys)
+    not_stored: list[str] = []
     # Failures are tried again.
-    done = {key: outcome for key, outcome in known.items() if outcome.reason is None}
+    done = {key: outcome for key, outcome in stored.items() if outcome.reason is None}
 
     def write(job: Job, outcome: Outcome) -> None:
         episode = job.episode
@@ -296,13 +299,13 @@ def _outcomes(
         try:
             store.put(row, outcome, number)
         except StoreError as error:
-            unkept.append(str(error))
+            not_stored.append(str(error))
 
-    wanted = {job.key: job for job in made.jobs if job.key not in done}
+    wanted = {job.key: job for job in run_plan.jobs if job.key not in done}
     if wanted:
-        read_recordings(made)
+        read_recordings(run_plan)
     run_jobs(list(wanted.values()), write, workers=workers, options=options, progress=progress)
-    if unkept:
-        # Somebody damaged the file while the run went on; the board is made from memory.
-        warnings.warn(f"{len(unkept)} results are not kept: {unkept[0]}", stacklevel=3)
+    if not_stored:
+        # The file was damaged during the run; the board is made from memory.
+        warnings.warn(f"{len(not_stored)} results are not kept: {not_stored[0]}", stacklevel=3)
     return done

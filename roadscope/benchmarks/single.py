@@ -1,4 +1,4 @@
-"""One episode through one detector and one tracker."""
+"""Runs one episode through one detector and one tracker."""
 
 from __future__ import annotations
 
@@ -68,8 +68,8 @@ def run_episode(
 ) -> Summary:
     """Run a detector and a tracker over one episode; unknown names raise before anything runs.
 
-    progress: is called with the stage, steps done and steps in all.
-    options: how plug-ins that are not ours are run. What they do wrong raises `PluginError`.
+    progress: called with the stage, steps done and steps in all.
+    options: how plug-ins that are not part of roadscope are run; `PluginError` if one fails.
     """
     source = check_detection_source(detector)
     tracker_spec = check_plugin_spec(Spec.parse(tracker), TRACKER)
@@ -125,12 +125,12 @@ def picture(summary: Summary, index: int | None = None) -> np.ndarray:
 
 
 def picture_path(path: Path | str) -> Path:
-    """Refuse a path that no picture can be written to, before anything is computed."""
+    """Return the path; raise `FolderError` if no picture can be written there."""
     return usable_file(path, PICTURES, "a picture")
 
 
 def save_picture(summary: Summary, path: Path | str) -> None:
-    """Write the bird's-eye view to an image file; its ending says the format."""
+    """Write the bird's-eye view to an image file, in the format of its ending."""
     from matplotlib.image import imsave
 
     path = picture_path(path)

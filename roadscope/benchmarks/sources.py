@@ -1,27 +1,29 @@
-"""What modules of a package consist of: their syntax trees, and the modules that they import.
+"""Digests of source files: of modules of roadscope and all that they import, and of plug-ins.
 
-A file is parsed once: its digest and its imports are kept in the cache folder.
+A file of roadscope is parsed once: its digest and its imports are kept in the cache folder.
 """
 
 from __future__ import annotations
 
 import ast
 import sys
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import suppress
 from functools import cache
 from hashlib import sha256
+from importlib.metadata import packages_distributions, version
 from importlib.util import resolve_name
 from pathlib import Path
 
 import msgspec
 
 from roadscope.benchmarks.cache import cache_dir, write_atomically
+from roadscope.core.loading import SpecError, file_of
 
 DATA_KINDS = (".toml", ".json", ".npz", ".safetensors")
-"""Endings of files beside the sources that decide results."""
+"""Endings of data files that results depend on, beside the sources."""
 FORMAT = 3
-"""Raised when `Source` or what its digest covers changes."""
+"""Version of the index; increased when `Source` or what its digest covers changes."""
 
 
 class Import(msgspec.Struct, frozen=True, array_like=True):
@@ -35,7 +37,7 @@ class Import(msgspec.Struct, frozen=True, array_like=True):
 
 
 class Source(msgspec.Struct, frozen=True, array_like=True):
-    """What counts of one source file.
+    """The parts of one source file that count for hashes.
 
     mtime_ns, size: of the file when it was parsed.
     digest: of the syntax tree without comments, docstrings, positions and what only type
@@ -80,8 +82,8 @@ class Package:
             first, *rest = module.split(".")
             place = self.root.joinpath(*rest)
             files = [place / "__init__.py", *([place.with_name(f"{place.name}.py")] * bool(rest))]
-            known = (path for path in files if first == self.name and path.is_file())
-            self._files[module] = next(known, None)
+            existing = (path for path in files if first == self.name and path.is_file())
+            self._files[module] = next(existing, None)
         return self._files[module]
 
     def modules(self) -> list[str]:
@@ -91,16 +93,19 @@ class Package:
         return sorted(".".join(n[:-1] if n[-1] == "__init__" else n) for n in names)
 
     def source(self, module: str) -> Source:
-        """Parse a module, unless this or an earlier process has parsed the file as it is."""
+        """Return the source of a module; parse it unless an earlier parse of this file is kept."""
         if module not in self._sources:
             path = self.file_of(module)
             if path is None:
                 raise ModuleNotFoundError(f"no module '{module}' in {self.root}")
-            state, known = path.stat(), self._parsed.get(str(path))
-            if known is None or (known.mtime_ns, known.size) != (state.st_mtime_ns, state.st_size):
-                known = self._parsed[str(path)] = _parse(path, module)
+            state, source = path.stat(), self._parsed.get(str(path))
+            if source is None or (source.mtime_ns, source.size) != (
+                state.st_mtime_ns,
+                state.st_size,
+            ):
+                source = self._parsed[str(path)] = _parse(path, module)
                 self._new = True
-            self._sources[module] = known
+            self._sources[module] = source
         return self._sources[module]
 
     def closure(self, modules: Iterable[str]) -> set[str]:
@@ -177,7 +182,7 @@ def package(root: Path) -> Package:
 
 
 def _parse(path: Path, module: str) -> Source:
-    """Return what counts of a source file. module: its dotted name."""
+    """Return the parts of a source file that count. module: its dotted name."""
     state, tree = path.stat(), ast.parse(path.read_bytes())
     # Relative imports begin at the package of the module, which may be the module itself.
     place = module if path.name == "__init__.py" else module.rpartition(".")[0]
@@ -214,7 +219,7 @@ def _digest(tree: ast.AST) -> str:
 
 
 class _Bare(ast.NodeTransformer):
-    """Takes out docstrings and what only type checkers read."""
+    """Removes docstrings and statements that only type checkers read."""
 
     def visit_Expr(self, node: ast.Expr) -> ast.AST | None:
         text = isinstance(node.value, ast.Constant) and isinstance(node.value.value, str)
@@ -277,3 +282,77 @@ def _data_in(folder: Path) -> tuple[Path, ...]:
         if below.is_dir() and not any(below.rglob("*.py")):
             paths += [path for path in below.rglob("*") if path.suffix in DATA_KINDS]
     return tuple(paths)
+
+
+# --------------------------------------------------------------------------------------------------
+# Sources of plug-ins that are not part of roadscope
+
+
+def source_hash(target: str) -> str:
+    """Hash the sources of a plug-in, `module:Class` or `path/file.py:Class`: 16 hex digits.
+
+    These are its file and the files beside it that it imports; in a package, all files of the
+    package and the version of its distribution. Of each file the syntax tree is hashed, without
+    comments and docstrings. Files are read; nothing is imported.
+    """
+    place, _, name = target.rpartition(":")
+    file = file_of(place)
+    if file is None:
+        raise SpecError(f"no file or module {place}")
+    digest = sha256(f"{_distribution_version(place)} {name}".encode())
+    folder = _package_of(file.resolve())
+    for each in sorted(folder.rglob("*.py")) if folder else _source_files(file):
+        digest.update(_digest_of_bytes(each.read_bytes()).encode() + b"\0")
+    return digest.hexdigest()[:16]
+
+
+def _digest_of_bytes(content: bytes) -> str:
+    """Return the digest of a source: of its syntax tree, or of its bytes if it has none."""
+    try:
+        return source_digest(content)
+    except (SyntaxError, ValueError):
+        return sha256(content).hexdigest()
+
+
+def _package_of(file: Path) -> Path | None:
+    """Return the folder of the topmost package that a file is in; None: it is in no package."""
+    folders = [folder for folder in file.parents if (folder / "__init__.py").is_file()]
+    inside = [f for k, f in enumerate(folders) if f == file.parents[k]]
+    return inside[-1] if inside else None
+
+
+def _source_files(file: Path) -> list[Path]:
+    """Return a plug-in's file and the files and packages beside it that it imports, sorted."""
+    files: set[Path] = set()
+    pending = [file.resolve()]
+    while pending:
+        here = pending.pop()
+        if here in files:
+            continue
+        files.add(here)
+        try:
+            tree = ast.parse(here.read_bytes())
+        except (SyntaxError, ValueError):
+            continue
+        for node in ast.walk(tree):
+            if isinstance(node, ast.Import):
+                names = [alias.name for alias in node.names]
+            elif isinstance(node, ast.ImportFrom):
+                names = [node.module] if node.module else [alias.name for alias in node.names]
+            else:
+                continue
+            for top in {name.partition(".")[0] for name in names}:
+                beside = here.parent / f"{top}.py"
+                pending += [beside] if beside.is_file() else (here.parent / top).rglob("*.py")
+    return sorted(files)
+
+
+def _distribution_version(module: str) -> str:
+    names = _distributions().get(module.partition(".")[0], [])
+    return ",".join(f"{name}={version(name)}" for name in sorted(set(names)))
+
+
+@cache
+def _distributions() -> Mapping[str, list[str]]:
+    """Return the distributions of each package; cached, as reading takes a third of a second."""
+    return packages_distributions()

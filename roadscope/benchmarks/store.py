@@ -17,7 +17,7 @@ from typing import Any
 from roadscope.benchmarks.metrics.score import Score
 
 APPLICATION_ID = 0x52534350
-"""`RSCP`, marks the file as ours in its SQLite header."""
+"""`RSCP`, which marks the file as one of roadscope in its SQLite header."""
 SCHEMA_VERSION = 2
 BATCH = 500
 LOG_LENGTH = 10_000
@@ -37,16 +37,16 @@ COLUMNS = (
     *("key", "board", "entry", "scenario", "seed", "spec", "scores", "reason", "manifest"),
     *("finished", "inputs", "condition", "log"),
 )
-"""What the digest of a row covers, in this order."""
+"""The columns that the digest of a row covers, in this order."""
 
 
 class StoreError(ValueError):
-    """A results file could not be used."""
+    """A results file cannot be used."""
 
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """What became of one job.
+    """The result of one job.
 
     scores: by metric; empty when the job failed.
     reason: why it failed, or None.
@@ -60,10 +60,10 @@ class Outcome:
 
 @dataclass(frozen=True, slots=True)
 class StoredJob:
-    """What a row says about its job.
+    """The columns of a row that describe its job.
 
     spec: everything that the key was hashed from, as JSON.
-    inputs: whose detections the entry was called with; empty where it senses by itself.
+    inputs: the detector whose detections the entry got; empty if it got none.
     condition: weather, light and faults in words.
     """
 
@@ -108,14 +108,14 @@ class Store:
         self._db.close()
 
     def begin(self, manifest: Mapping[str, Any]) -> int:
-        """Note the conditions of a run and return their number."""
+        """Write the manifest of a run and return its number."""
         text = json.dumps(manifest, sort_keys=True)
         cursor = self._execute("INSERT INTO manifests (content) VALUES (?)", (text,))
         assert cursor.lastrowid is not None
         return cursor.lastrowid
 
     def put(self, job: StoredJob, outcome: Outcome, manifest: int) -> None:
-        """Write the outcome of a job, durable when this returns."""
+        """Write the outcome of a job; it is on disk when this returns."""
         scores = json.dumps({k: s.to_json() for k, s in outcome.scores.items()}, allow_nan=False)
         finished = datetime.now(UTC).isoformat(timespec="seconds")
         row = {
@@ -132,9 +132,9 @@ class Store:
         self._execute(query, [*values, _digest(values)])
 
     def outcomes(self, keys: Iterable[str]) -> dict[str, Outcome]:
-        """Return what is known of the jobs with these keys.
+        """Return the stored outcomes of the jobs with these keys.
 
-        A row whose digest does not fit its content does not count; a warning names its entry.
+        A damaged row, whose digest does not fit its content, is left out with a warning.
         """
         wanted, outcomes = list(keys), {}
         for start in range(0, len(wanted), BATCH):

@@ -1,4 +1,4 @@
-"""Scores of result files that were made elsewhere, as rows of a board."""
+"""Scores result files of other programs, as rows of a board."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ from roadscope.benchmarks.results.job_scores import JobName
 from roadscope.core import Category, Detections, Pose, Tracks, Truth
 
 OWN = "own detections"
-"""What a submitted tracker is said to follow where nothing else is said."""
+"""Shown as the input of a submitted tracker, unless the user names a detector."""
 STATELESS = (
     "velocity_rmse_m_s",
     "nees_position",
@@ -60,7 +60,7 @@ STATELESS = (
     "inside_position",
     "inside_state",
 )
-"""Scores of velocities and covariances, of which result files say nothing."""
+"""Scores of velocities and covariances, which result files do not have."""
 CATEGORY_OF = {
     KittiType.CAR: Category.CAR,
     KittiType.VAN: Category.VAN,
@@ -72,20 +72,20 @@ CATEGORY_OF = {
     KittiType.CYCLIST: Category.CYCLIST,
 }
 AHEAD_M = 10.0
-"""Nobody drives so far along an axis that points upwards and less along the others."""
+"""Metres along an axis from which on it cannot be the one that points up."""
 NEAR = 0.25
-"""A pose is of a scan whose stamp it is this near to, in periods. Chosen by hand."""
+"""Greatest difference between the stamps of a pose and of its scan, in periods. Chosen by hand."""
 
 
 class SubmitError(ValueError):
-    """Results cannot be scored as given."""
+    """Results cannot be scored."""
 
 
 @dataclass(frozen=True, slots=True)
 class Submission:
-    """Results made elsewhere, scored under the rules of a board.
+    """Results of another program, scored by the rules of a board.
 
-    manifest: which suite, and the version of the metrics.
+    manifest: the suite and the version of the metrics.
     """
 
     name: str
@@ -105,9 +105,9 @@ class Submission:
     def beside(self, results: Path | str) -> Results:
         """Return a suite's board with the submission as one more entry.
 
-        results: a `leaderboard.json` of the same suite, or a folder that holds one; a file of
-            another suite or version raises `CompareError`. All entries are compared on the
-            episodes that the submission has; a warning says how many it lacks.
+        results: a `leaderboard.json` of the same suite, or a folder that holds one; `CompareError`
+            for a file of another suite or version. All entries are compared on the episodes of
+            the submission; a warning says how many it lacks.
         """
         run, own = read_run(results), read_run(self)
         check_comparable(run, own)
@@ -127,7 +127,7 @@ class Submission:
 
 
 def _episode_name(job: JobScores) -> JobName:
-    """Return which episode a job is on, whoever's detections its entry got."""
+    """Return the name of a job's episode, without the source of its detections."""
     return job.name._replace(inputs="")
 
 
@@ -141,9 +141,9 @@ def submit(
 ) -> Submission:
     """Score results on an exported suite: of detectors, trackers and odometries.
 
-    folder: where the results lie. suite: the exported folder; the same if left out.
-    name: of the entry; the folder's if left out.
-    inputs: whose detections were tracked, as the suite calls it.
+    folder: of the results. suite: the exported folder; `folder` if left out.
+    name: of the entry; that of the folder if left out.
+    inputs: the detector whose detections were tracked, by its name in the suite.
 
     `detection/SEQ/FRAME.txt` are KITTI object results, a file for each scan, named like its
     `velodyne` file. `tracking/SEQ.txt` are KITTI tracking results. Boxes are 3-D, in the camera
@@ -164,8 +164,8 @@ def submit(
     for number, sequence in enumerate(manifest.sequences):
         progress("sequences", number, len(manifest.sequences))
         files = {b: place / b.name / f"{sequence.name}{b.ending}" for b in boards}
-        given = any(path.exists() for path in files.values())
-        true = _true_sequence(manifest, sequence, exported) if given else None
+        submitted = any(path.exists() for path in files.values())
+        true = _true_sequence(manifest, sequence, exported) if submitted else None
         episode = manifest.episode(sequence, exported)
         for board, path in files.items():
             scores = board.score(path, true) if true is not None and path.exists() else None
@@ -175,7 +175,7 @@ def submit(
                 sequence.scenario,
                 sequence.seed,
                 episode.condition,
-                inputs if board.follows else "",
+                inputs if board.gets_detections else "",
                 scores or {},
                 None if scores is not None else f"no result file {path.relative_to(place)}",
                 conditions={by: of(episode) for by, of in CONDITIONS.items()},
@@ -214,8 +214,8 @@ def submit_kitti(folder: Path | str, kitti: Path | str, *, name: str | None = No
             about = Recording(str(files.root), sequence, category.name.lower(), "", number)
             scores = None
             if sequence in results:
-                told = results[sequence]
-                scores = kitti_result_scores(labels[sequence], told, category, similarities)
+                rows = results[sequence]
+                scores = kitti_result_scores(labels[sequence], rows, category, similarities)
             episodes.append(_recorded(about, scores))
     return _submission(name, place, {"suite": KITTI}, episodes)
 
@@ -248,13 +248,13 @@ def _check_folder(folder: Path) -> None:
         raise SubmitError(f"no folder {folder}")
 
 
-def _check_names(folder: Path, known: Sequence[str], ending: str = ".txt") -> None:
-    """Refuse a folder without any result of a sequence, and results of unknown sequences."""
-    there = sorted(path.name.removesuffix(ending) for path in folder.glob(f"[!.]*{ending}"))
-    wrong = [name for name in there if name not in known]
-    if not there or wrong:
+def _check_names(folder: Path, sequences: Sequence[str], ending: str = ".txt") -> None:
+    """Raise `SubmitError` for a folder without results, or with results of unknown sequences."""
+    results = sorted(path.name.removesuffix(ending) for path in folder.glob(f"[!.]*{ending}"))
+    wrong = [name for name in results if name not in sequences]
+    if not results or wrong:
         got = f"{wrong[0]}{ending}" if wrong else "none"
-        names = [f"{name}{ending}" for name in known]
+        names = [f"{name}{ending}" for name in sequences]
         shown = ", ".join(names[:5]) + (", ..." if len(names) > 5 else "")
         raise SubmitError(f"{folder}: expected results {shown}; got {got}")
 
@@ -274,7 +274,7 @@ def _recorded(about: Recording, scores: Mapping[str, Score] | None) -> JobScores
 
 
 class TrueSequence(NamedTuple):
-    """What results on a sequence of an exported suite are scored by."""
+    """The truth of a sequence of an exported suite, and what else scores need."""
 
     manifest: Manifest
     sequence: ExportedSequence
@@ -285,8 +285,8 @@ class TrueSequence(NamedTuple):
 
 
 def _true_sequence(manifest: Manifest, sequence: ExportedSequence, exported: Path) -> TrueSequence:
-    """Make the truth of a sequence again; other truth than was exported is refused."""
-    from roadscope.envs.sensors.rigs import rig
+    """Make the truth of a sequence again; `SubmitError` if it is not that of the export."""
+    from roadscope.envs.sensors.rigs import rig as rig_of
 
     if not sequence.digest:
         raise SubmitError(
@@ -299,9 +299,9 @@ def _true_sequence(manifest: Manifest, sequence: ExportedSequence, exported: Pat
             f"{exported}: sequence {sequence.name} has other traffic than this version of "
             f"roadscope makes; {manifest.roadscope} exported it: export the suite again"
         )
-    carrier = rig(episode.rig)
-    view = SequenceView.of(carrier, sensing_of(episode).calibration)
-    return TrueSequence(manifest, sequence, episode, truths, view, carrier.lidar.ego_from_lidar)
+    rig = rig_of(episode.rig)
+    view = SequenceView.of(rig, sensing_of(episode).calibration)
+    return TrueSequence(manifest, sequence, episode, truths, view, rig.lidar.ego_from_lidar)
 
 
 def _detection_scores(folder: Path, true: TrueSequence) -> dict[str, Score]:
@@ -338,21 +338,21 @@ def _odometry_scores(path: Path, true: TrueSequence) -> dict[str, Score]:
 class ResultKind(NamedTuple):
     """Results that are scored on one board of an exported suite.
 
-    ending: what a sequence's results end in; empty: they are a folder.
-    follows: whether the entry got detections of somebody.
+    ending: of the file of a sequence; empty: its results are a folder.
+    gets_detections: whether the entry got detections, as trackers do.
     """
 
     name: str
     score: Callable[[Path, TrueSequence], Mapping[str, Score]]
     ending: str = ".txt"
-    follows: bool = False
+    gets_detections: bool = False
 
 
 BOARDS = {
     kind.name: kind
     for kind in (
         ResultKind("detection", _detection_scores, ending=""),
-        ResultKind("tracking", _tracking_scores, follows=True),
+        ResultKind("tracking", _tracking_scores, gets_detections=True),
         ResultKind("odometry", _odometry_scores),
     )
 }
@@ -364,8 +364,8 @@ def read_object_results(folder: Path, true: TrueSequence) -> list[Detections]:
     _check_names(folder, names)
     paths = [folder / f"{name}.txt" for name in names]
     rows = [read_kitti_object_results(path, number) for number, path in enumerate(paths)]
-    cared = [each.select(each.types != KittiType.DONT_CARE) for each in rows]
-    return _boxes(paths, cared, true)
+    counted = [each.select(each.types != KittiType.DONT_CARE) for each in rows]
+    return _boxes(paths, counted, true)
 
 
 def read_tracks(path: Path, true: TrueSequence) -> list[Tracks]:
@@ -387,7 +387,7 @@ def _boxes(
 ) -> list[Detections]:
     """Return the rows of each frame as detections in the world.
 
-    Scores beyond 0 to 1 are mapped by the logistic function, all of them.
+    If any score is outside 0 to 1, all scores are mapped by the logistic function.
     """
     shares = all(bool(((r.scores >= 0) & (r.scores <= 1)).all()) for r in frames)
     detections = []
@@ -407,16 +407,17 @@ def read_lidar_poses(path: Path, stamps_s: np.ndarray, arrived: Sequence[int]) -
     stamps_s: (N,) of all scans. A file in KITTI's format has a line for each of these, or for each
     that arrived.
     """
-    found = read_any_trajectory(path)
-    if found.stamps_s is not None:
-        poses = _at(path, found.poses, np.array(found.stamps_s), stamps_s[list(arrived)])
-    elif len(found.poses) == len(stamps_s):
-        poses = [found.poses[k] for k in arrived]
-    elif len(found.poses) == len(arrived):
-        poses = list(found.poses)
+    trajectory = read_any_trajectory(path)
+    if trajectory.stamps_s is not None:
+        poses = _at(path, trajectory.poses, np.array(trajectory.stamps_s), stamps_s[list(arrived)])
+    elif len(trajectory.poses) == len(stamps_s):
+        poses = [trajectory.poses[k] for k in arrived]
+    elif len(trajectory.poses) == len(arrived):
+        poses = list(trajectory.poses)
     else:
         raise FormatError(
-            f"{path}: expected {len(stamps_s)} poses, one for each scan, got {len(found.poses)}"
+            f"{path}: expected {len(stamps_s)} poses, one for each scan, got "
+            f"{len(trajectory.poses)}"
         )
     x, y, z = np.abs((poses[0].inverse() @ poses[-1]).translation)
     if z > max(x, y, AHEAD_M):
@@ -427,12 +428,12 @@ def read_lidar_poses(path: Path, stamps_s: np.ndarray, arrived: Sequence[int]) -
     return poses
 
 
-def _at(path: Path, poses: Sequence[Pose], given_s: np.ndarray, wanted_s: np.ndarray) -> list[Pose]:
-    """Return the pose whose stamp is nearest to each wanted one."""
-    period_s = float(np.median(np.diff(wanted_s))) if len(wanted_s) > 1 else 0.1
-    apart_s = np.abs(given_s[:, None] - wanted_s)
-    missing = apart_s.min(axis=0) > NEAR * period_s
+def _at(path: Path, poses: Sequence[Pose], stamps_s: np.ndarray, scans_s: np.ndarray) -> list[Pose]:
+    """Return for each scan, stamped scans_s, the pose whose stamp is nearest."""
+    period_s = float(np.median(np.diff(scans_s))) if len(scans_s) > 1 else 0.1
+    gaps_s = np.abs(stamps_s[:, None] - scans_s)
+    missing = gaps_s.min(axis=0) > NEAR * period_s
     if missing.any():
-        first_s = wanted_s[missing][0]
+        first_s = scans_s[missing][0]
         raise FormatError(f"{path}: expected a pose at each scan, got none at {first_s:.3f} s")
-    return [poses[k] for k in apart_s.argmin(axis=0).tolist()]
+    return [poses[k] for k in gaps_s.argmin(axis=0).tolist()]

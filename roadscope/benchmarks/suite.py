@@ -1,4 +1,4 @@
-"""A suite: which episodes are run, what counts in them, and what each board compares."""
+"""A suite: its episodes, which objects are eligible, and the entries of each board."""
 
 from __future__ import annotations
 
@@ -17,18 +17,18 @@ S = TypeVar("S", bound="BoardSettings")
 Names = tuple[str, ...]
 SomeNames = Annotated[Names, Meta(min_length=1)]
 Positive = Annotated[float, Meta(gt=0, le=sys.float_info.max)]
-"""Seconds or metres; infinity is none."""
+"""A finite number above 0, of seconds or metres."""
 
 
 class SuiteError(ValueError):
-    """A suite could not be read, or names what does not exist."""
+    """A suite cannot be read, or has unknown names or wrong values."""
 
 
 class BoardSettings(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """What a suite says of one board: the table `[BOARD]` of its file.
+    """A suite's settings of one board: the table `[BOARD]` of its file.
 
-    Boards add fields of their own in a subclass; each has a default. What a list names twice
-    counts once.
+    Boards add fields of their own in a subclass; each has a default. Repeated names in a list
+    count once.
 
     entries: specs that every run compares.
     """
@@ -36,7 +36,7 @@ class BoardSettings(Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
     entries: Names = ()
 
     def __post_init__(self) -> None:
-        """Drop what a list names for the second time."""
+        """Drop repeated names from lists."""
         for name in self.__struct_fields__:
             value = getattr(self, name)
             if isinstance(value, tuple):
@@ -45,19 +45,19 @@ class BoardSettings(Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
 
 @dataclass(frozen=True, slots=True)
 class Suite:
-    """A benchmark's conditions.
+    """The episodes and settings of a benchmark.
 
     scenarios: names of `roadscope.envs.traffic.scenarios.SCENARIOS`.
-    seeds: one episode each per scenario.
+    seeds: of the episodes of each scenario.
     rig: a name of `roadscope.envs.sensors.rigs.RIGS` or a path to a TOML file.
-    duration_s: length of an episode; None: as long as the scenario says.
+    duration_s: length of an episode; None: that of its scenario.
     weathers: names of `roadscope.envs.sensors.weather.WEATHERS`; every episode is sensed in each.
-    lights: names of `roadscope.envs.imaging.light.LIGHTS`; further ones in the first weather.
-    faults: sets of faults of `roadscope.envs.sensors.faults.FAULTS`, further ones likewise. They
-        hold fog and rain too, so a suite names weathers or faults.
+    lights: names of `roadscope.envs.imaging.light.LIGHTS`; every episode is sensed in each, those
+        after the first only in the first weather.
+    faults: sets of faults of `roadscope.envs.sensors.faults.FAULTS`; likewise. Fog and rain are
+        faults too, so a suite has weathers or faults, not both.
     boards: the settings of each board, by the board's name.
-    recorded: whether episodes are sequences of a folder; scenarios, seeds and rig are not
-        simulated then.
+    recorded: whether episodes are recorded sequences of a folder; then nothing is simulated.
     """
 
     name: str
@@ -100,9 +100,9 @@ class Suite:
 
 
 def check_names(suite: Suite) -> None:
-    """Refuse scenarios and rigs that do not exist, and episodes shorter than one sweep.
+    """Raise an error for unknown scenarios or rigs, and for episodes shorter than one sweep.
 
-    The error names all scenarios that do not exist.
+    The error names all unknown scenarios.
     """
     from roadscope.benchmarks.episode import Episode, check_episode
     from roadscope.envs.sensors.rigs import rig

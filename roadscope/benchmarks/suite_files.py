@@ -1,7 +1,7 @@
-"""Suites as TOML files.
+"""Reads suites from TOML files.
 
-Those of the package are frozen once published, and every board names the version. Seeds come from
-a split, so that training, validation and test never share one.
+The suites of roadscope do not change once published; every board names the version. Seeds come
+from a split, so that training, validation and test never share a seed.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ SUITES = (
     "tracking-ego",
     "crossing",
 )
-"""Suites that ship with the package."""
+"""The suites of roadscope."""
 
 SPLITS: Mapping[str, range] = {
     "train": range(0, 10_000),
@@ -58,9 +58,9 @@ class EligibilityTable(Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class SuiteTable(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """What a suite's file says beside the tables of boards; `Suite` says what the keys mean.
+    """The keys of a suite's file beside the tables of boards; `Suite` documents them.
 
-    seeds: how many of the split, or which.
+    seeds: how many seeds of the split, or a list of them.
     """
 
     name: str
@@ -78,7 +78,7 @@ class SuiteTable(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
 
 
 def load_suite(name_or_path: str | Path) -> Suite:
-    """Read a suite of the package by name, or one of your own from a `.toml` file."""
+    """Return a suite of roadscope by its name, or read one from a `.toml` file."""
     text = str(name_or_path)
     if text in SUITES:
         content = resources.files("roadscope.benchmarks").joinpath(f"suites/{text}.toml")
@@ -128,7 +128,7 @@ def _suite(table: SuiteTable, boards: Iterable[str]) -> Suite:
     problems: list[str] = []
 
     def checked(key: str, read: Callable[[], T], instead: T) -> T:
-        """Note what is wrong with a key and go on."""
+        """Return what `read` returns; if it fails, note the problem and return `instead`."""
         try:
             return read()
         except ValueError as error:
@@ -157,7 +157,7 @@ def _suite(table: SuiteTable, boards: Iterable[str]) -> Suite:
 
 
 def _unique(values: Iterable[T]) -> tuple[T, ...]:
-    """Drop what was there before."""
+    """Drop repeated values."""
     return tuple(dict.fromkeys(values))
 
 
@@ -167,7 +167,7 @@ def _eligibility(table: SuiteTable) -> Eligibility:
 
 
 def _weathers(names: Names) -> Names:
-    """Read names in full, so that `fog` and `fog-3` are one."""
+    """Return the full names, so that `fog` and `fog-3` are the same."""
     from roadscope.envs.sensors.weather import weather
 
     return _unique(weather(name).name for name in names)
@@ -183,7 +183,7 @@ def _lights(names: Names) -> Names:
 
 
 def _faults(texts: Names) -> tuple[Names, ...]:
-    """Read one set of faults a text, such as `night:2 + glare:1`; `clear` is none."""
+    """Return one set of faults for each text, such as `night:2 + glare:1`; `clear` is none."""
     from roadscope.envs.sensors.faults import faults_of
 
     return _unique(tuple(map(str, faults_of(text))) for text in texts)
@@ -192,14 +192,15 @@ def _faults(texts: Names) -> tuple[Names, ...]:
 def _seeds(table: SuiteTable) -> tuple[int, ...]:
     if table.split not in SPLITS:
         raise ValueError(unknown("split", table.split, SPLITS))
-    allowed, given = SPLITS[table.split], table.seeds
-    if isinstance(given, int):
-        if given > len(allowed):
-            raise ValueError(f"split '{table.split}' has {len(allowed)} seeds, got {given}")
-        given = tuple(allowed[: max(given, 0)])
-    if not given or not all(seed in allowed for seed in given):
+    allowed, seeds = SPLITS[table.split], table.seeds
+    if isinstance(seeds, int):
+        if seeds > len(allowed):
+            raise ValueError(f"split '{table.split}' has {len(allowed)} seeds, got {seeds}")
+        seeds = tuple(allowed[: max(seeds, 0)])
+    if not seeds or not all(seed in allowed for seed in seeds):
         raise ValueError(
-            f"expected how many, or a list within {allowed.start} to {allowed.stop - 1} "
+            f"expected a number of seeds, or a list of seeds within {allowed.start} to "
+            f"{allowed.stop - 1} "
             f"(split '{table.split}'), got {table.seeds!r}"
         )
-    return _unique(given)
+    return _unique(seeds)

@@ -1,4 +1,4 @@
-"""Tables for a terminal: of scores, speeds and names."""
+"""Tables for a terminal: scores, speeds, calibrations, files and names."""
 
 from __future__ import annotations
 
@@ -45,11 +45,11 @@ MEANINGS: Mapping[str, Mapping[str, str]] = {
         "call_p50_ms": "processor time an update, median",
     },
 }
-"""What the ten main figures of each kind of plug-in mean, in the order in which they are shown."""
+"""Meanings of the ten main figures of each kind of plug-in, in the order of display."""
 
 
 def explained_table(kind: str, scores: Mapping[str, Score]) -> Table:
-    """Return the main figures of one episode with what they mean; those without unit are shares.
+    """Return the main figures of one episode with their meaning; those without unit are shares.
 
     kind: `detector` or `tracker`.
     """
@@ -97,7 +97,7 @@ def speed_table(rows: Sequence[Any]) -> Table:
 
 
 def pose_table(rows: Sequence[Any]) -> Table:
-    """Return errors by the number of poses of a target; rows are `calibrating.PoseRow`s."""
+    """Return the errors by number of poses of the target; rows are `calibrating.PoseRow`s."""
     table = plain_table()
     for name in (
         "poses",
@@ -118,8 +118,8 @@ def pose_table(rows: Sequence[Any]) -> Table:
             row.rotation_deg,
             row.corners_px,
         )
-        told = ("-" if not math.isfinite(value) else f"{value:.2f}" for value in figures)
-        table.add_row(str(row.poses), *told)
+        cells = ("-" if not math.isfinite(value) else f"{value:.2f}" for value in figures)
+        table.add_row(str(row.poses), *cells)
     return table
 
 

@@ -34,17 +34,17 @@ T = TypeVar("T")
 R = TypeVar("R")
 
 BACKENDS = ("loky", "ray", "dask")
-"""What provides workers."""
+"""The libraries that provide workers."""
 EXTRAS = {
     "ray": Requirement("ray", "pip install 'roadscope[ray]'"),
     "dask": Requirement("distributed", "pip install 'roadscope[dask]'"),
 }
-"""What the backends need that this package does not bring."""
+"""Distributions that backends need and roadscope does not install."""
 MOST_SHARED_DEATHS = 2
-"""An item during which so many workers died is computed while nothing else runs; chosen by hand."""
+"""An item whose workers died this often is computed while nothing else runs; chosen by hand."""
 _PLACE_OF_ADDRESS = re.compile(r"(?:(?:ray|tcp|tls)://)?(?P<host>[^:/]+):(?P<port>\d+)")
 CONNECT_S = 30.0
-"""How long a cluster may take to answer; chosen by hand."""
+"""Seconds that a cluster may take to answer; chosen by hand."""
 THREAD_VARIABLES = (
     "OMP_NUM_THREADS",
     "OPENBLAS_NUM_THREADS",
@@ -54,7 +54,7 @@ THREAD_VARIABLES = (
     "NUMBA_NUM_THREADS",
     "NUMEXPR_NUM_THREADS",
 )
-"""What limits the threads of libraries, which read it when they are loaded."""
+"""Environment variables that limit the threads of libraries, which read them when loaded."""
 
 
 class WorkerError(RuntimeError):
@@ -81,7 +81,7 @@ class WorkerSettings:
     `ROADSCOPE_CACHE` of its workers or else a folder of the same path as on this machine; results
     are the same, and what one machine has computed others compute again where they need it.
 
-    Whoever reaches a cluster's port may run code on it: both have settings of their own for that
+    Anybody who reaches a cluster's port can run code on it. Ray and Dask have settings against that
     (`RAY_AUTH_MODE` and `RAY_AUTH_TOKEN` of Ray, TLS of Dask), which apply here too.
 
     Workers of Dask compute one item at a time in a process: start them with `--nthreads 1` and one
@@ -123,10 +123,10 @@ class Workers:
         """Yield index and result of each item as they are done; in order in this process.
 
         An item during which a worker died is tried again, the second time while nothing else runs.
-        groups: of the items, if any: a worker goes on with items of the group of its last one, for
-        which it may have kept something, such as the scans of an episode.
-        on_death: returns what stands for the result of an item during which all of them died;
-        None: `WorkerError`. What `function` raises is raised here and ends all.
+        groups: of the items, if any. A worker prefers items of the group of its last one, of which
+        it may remember something, such as the scans of an episode.
+        on_death: returns the result of an item whose workers died in all trials; None:
+        `WorkerError`. An error of `function` is raised here and ends all work.
         """
         if self._pool is None:
             for index, item in enumerate(items):
@@ -137,7 +137,7 @@ class Workers:
 
 @contextmanager
 def open_workers(settings: WorkerSettings) -> Iterator[Workers]:
-    """Start workers or connect to those of a cluster; end afterwards what was started."""
+    """Start workers or connect to those of a cluster; end afterwards those that were started."""
     settings.check()
     if settings.backend == "loky" and settings.jobs == 1:
         yield Workers(None)
@@ -188,7 +188,7 @@ class _Pool(Protocol):
 
 
 class _Waiting:
-    """The items that wait for a worker, in order but for their groups."""
+    """The items that wait for a worker, in order; an item of the same group may go first."""
 
     def __init__(self, items: Sequence[Any], groups: Sequence[Hashable]) -> None:
         self._groups = groups or [None] * len(items)
@@ -224,7 +224,7 @@ def _share(
 ) -> Iterator[tuple[int, R]]:
     """Have the workers compute all items, never more at a time than there are workers.
 
-    So every item that was sent is being computed, and whose worker died is known.
+    So every item that was sent is being computed, and it is clear whose worker died.
     """
     deaths = [0] * len(items)
     alone = deque[int]()
@@ -268,7 +268,7 @@ def _share(
 
 
 class _LokyPool:
-    """Workers of loky, each an executor of its own: where one dies the others go on."""
+    """Workers of loky, each an executor of its own: if one dies, the others continue."""
 
     def __init__(self, settings: WorkerSettings) -> None:
         from joblib import cpu_count
@@ -302,7 +302,7 @@ class _LokyPool:
         self._idle, self._busy = [], {}
 
     def _collect(self) -> None:
-        """Take back the executors whose item is done, but those whose worker died."""
+        """Take back the executors whose item is done; end those whose worker died."""
         for future in [future for future in self._busy if future.done()]:
             executor = self._busy.pop(future)
             error = future.exception()
@@ -318,7 +318,7 @@ class _LokyPool:
 
 
 class _RayPool:
-    """Workers of Ray, whose own tasks are used; Ray itself tries nothing again."""
+    """Workers of Ray, by its tasks; Ray itself does not repeat a task."""
 
     def __init__(self, settings: WorkerSettings) -> None:
         import ray
@@ -471,9 +471,9 @@ def _interrupts_held() -> Iterator[None]:
 
 @dataclass(frozen=True, slots=True)
 class _Place:
-    """Where a run is: its workers load the same modules and use the same cache.
+    """The machine, folder, module path and cache of a run, which its workers use too.
 
-    parent: the process that workers end with; None for those of a cluster.
+    parent: the process with which workers end; None for those of a cluster.
     """
 
     host: str
@@ -488,7 +488,7 @@ class _Place:
         return cls(platform.node(), str(Path.cwd()), path, str(cache_dir().resolve()), parent)
 
     def enter(self) -> None:
-        """Bring this worker there, as far as it exists on this machine."""
+        """Use them in this worker, as far as they exist on this machine."""
         if self.parent is not None:
             _ignore_interrupts()
             leave_with(self.parent)
@@ -502,7 +502,7 @@ class _Place:
 _own_cache = os.environ.get(ENVIRONMENT_VARIABLE)
 """The cache folder that a worker was started with."""
 _one_at_a_time = threading.Lock()
-"""Workers of Dask may have threads; times, warnings and Numba's threads are of a process."""
+"""Workers of Dask may have threads; but times, warnings and Numba's threads belong to a process."""
 
 
 def _in_worker(place: _Place, function: Callable[[T], R], item: T) -> R:
@@ -513,9 +513,10 @@ def _in_worker(place: _Place, function: Callable[[T], R], item: T) -> R:
 
 @cache
 def _ignore_interrupts() -> None:
-    """Leave Ctrl-C to the parent: where a worker starts a process of its own it is blocked no more.
+    """Ignore Ctrl-C, which is for the parent.
 
-    The tracker of multiprocessing's resources, which is started then, unblocks it.
+    Blocking it is not enough: when a worker starts a process of its own, multiprocessing's resource
+    tracker unblocks it.
     """
     if threading.current_thread() is threading.main_thread():
         signal.signal(signal.SIGINT, signal.SIG_IGN)

@@ -1,4 +1,4 @@
-"""The commands, a file each. What they do is a function of `roadscope.benchmarks`.
+"""The commands of the command line, one file each; each calls a function of `roadscope.benchmarks`.
 
-Imports beyond typer happen inside the commands, so that `--help` answers at once.
+Imports other than typer are inside the commands, so that `--help` answers at once.
 """

@@ -33,7 +33,7 @@ def print_path() -> None:
     typer.echo(cache_folder())
 
 
-@cache.command("show", help="Show what the cache holds, by kind.")
+@cache.command("show", help="Show how much the cache holds of each kind of file.")
 def show_usage(
     json: Json = False,
 ) -> None:
@@ -52,12 +52,12 @@ def show_usage(
     _show_sizes(usages)
 
 
-@cache.command("clear", help="Remove computed files; what is needed again is computed again.")
+@cache.command("clear", help="Remove computed files; they are computed again when they are needed.")
 def clear(
     kind: Annotated[
         list[str] | None,
         typer.Option(
-            help="Remove this kind alone: timelines, detections, image-detections, fusions, poses, "
+            help="Remove only this kind: timelines, detections, image-detections, fusions, poses, "
             "tracks, answers, sources, camera-training. Can be given several times.",
             autocompletion=cache_kinds,
         ),
@@ -66,7 +66,7 @@ def clear(
         bool, typer.Option("--results", help="Remove the results database, too.")
     ] = False,
 ) -> None:
-    """Remove files of ours and say which and how much."""
+    """Remove computed files and print how many of each kind."""
     from roadscope.benchmarks.cache import cache_folder
     from roadscope.benchmarks.cached_files import clear_cache
 

@@ -21,12 +21,12 @@ Spec = Annotated[
 Kind = Annotated[
     str | None,
     typer.Option(
-        help="What it is, if its class does not say so: detector, camera detector, tracker, "
+        help="Kind of plug-in, if its class does not say: detector, camera detector, tracker, "
         "fusion or odometry.",
         autocompletion=plugin_kinds,
     ),
 ]
-Deadline = Annotated[float, typer.Option(min=1, help="Seconds for each item.")]
+Deadline = Annotated[float, typer.Option(min=1, help="Most seconds for each item.")]
 Trust = Annotated[bool, typer.Option("--trust", help="Run it in this process, for debugging.")]
 
 
@@ -38,20 +38,20 @@ def check(
     quiet: Quiet = False,
     json: Json = False,
 ) -> None:
-    """Check a plug-in of your own: its contract, item by item, and two seconds of traffic.
+    """Check a plug-in against its contract, item by item, and on two seconds of traffic.
 
     Exit status: 0 if every item is right, else 1.
     """
     from roadscope.testing import check as check_contract
 
     report = None if json or quiet else typer.echo
-    done = check_contract(spec, kind=kind, deadline_s=deadline, trust=trust, report=report)
+    checked = check_contract(spec, kind=kind, deadline_s=deadline, trust=trust, report=report)
     if json:
-        print_json({**asdict(done), "ok": done.ok})
+        print_json({**asdict(checked), "ok": checked.ok})
     elif quiet:
-        for item in done.broken:
+        for item in checked.broken:
             complain(str(item))
     else:
-        typer.echo(done.verdict)
-    if not done.ok:
+        typer.echo(checked.verdict)
+    if not checked.ok:
         raise typer.Exit(1)

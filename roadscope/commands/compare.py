@@ -18,23 +18,25 @@ if TYPE_CHECKING:
 
 
 A = Annotated[
-    Path, typer.Argument(help="A leaderboard.json or its folder: the one before.", metavar="A")
+    Path, typer.Argument(help="The earlier run: a leaderboard.json or its folder.", metavar="A")
 ]
 B = Annotated[
     Path | None,
     typer.Argument(
-        help="The one after; A again if left out, with --entries.", metavar="B", show_default=False
+        help="The later run; with --entries it may be left out, and is then A.",
+        metavar="B",
+        show_default=False,
     ),
 ]
 Entries = Annotated[
     tuple[str, str] | None,
-    typer.Option(help="Compare an entry of A with another one of B, or of A without B."),
+    typer.Option(help="Compare an entry of A with another entry of B (of A, if B is left out)."),
 ]
 Metrics = Annotated[
     list[str] | None,
     typer.Option(
-        help="Compare this metric, such as hota or 'f1 by range: 0-20'; all of whole episodes "
-        "if left out. Can be given several times."
+        help="Compare only this metric, such as hota or 'f1 by range: 0-20'; if left out, all "
+        "metrics of whole episodes. Can be given several times."
     ),
 ]
 Level = Annotated[
@@ -46,14 +48,14 @@ Level = Annotated[
     ),
 ]
 Times = Annotated[
-    bool, typer.Option("--times", help="Times count as regressions like other metrics.")
+    bool, typer.Option("--times", help="Count longer computing times as regressions too.")
 ]
 Every = Annotated[bool, typer.Option("--all", help="Show unchanged metrics too.")]
 FailOnRegression = Annotated[
     bool,
     typer.Option(
         "--fail-on-regression",
-        help="End with status 1 if a metric of B is worse or if a job failed in B alone.",
+        help="End with status 1 if a metric of B is worse, or if a job failed in B and not in A.",
     ),
 ]
 
@@ -82,30 +84,30 @@ def compare(
     from roadscope.benchmarks.cache import write_text
     from roadscope.benchmarks.compare import compare as compare_runs
 
-    found = compare_runs(a, b, entries=entries, metrics=metric, level=level, times=times)
+    comparison = compare_runs(a, b, entries=entries, metrics=metric, level=level, times=times)
     if out is not None:
-        write_text(out, found.to_json())
+        write_text(out, comparison.to_json())
     if json:
-        typer.echo(found.to_json(), nl=False)
+        typer.echo(comparison.to_json(), nl=False)
     elif not quiet:
-        _show(found, every)
+        _show(comparison, every)
         if out is not None:
             typer.echo(f"written: {out}")
-    if fail_on_regression and found.regressed:
-        _complain_of_regressions(found)
+    if fail_on_regression and comparison.regressed:
+        _complain_of_regressions(comparison)
         raise typer.Exit(1)
 
 
-def _show(found: Comparison, every: bool) -> None:
+def _show(comparison: Comparison, every: bool) -> None:
     from rich.text import Text
 
     screen = console()
-    for letter, label in (("A", found.a), ("B", found.b)):
+    for letter, label in (("A", comparison.a), ("B", comparison.b)):
         screen.print(Text(f"{letter}: {printable(str(label))}"))
-    if shown := found.differences if every else found.changed:
-        screen.print(_table(shown, found.level))
-    screen.print(_summary(found))
-    for line in _remarks(found):
+    if shown := comparison.differences if every else comparison.changed:
+        screen.print(_table(shown, comparison.level))
+    screen.print(_summary(comparison))
+    for line in _remarks(comparison):
         screen.print(Text(printable(line)))
 
 
@@ -145,42 +147,44 @@ def _interval(d: Difference) -> str:
     return f"{_figure(d.difference, '+')} [{_figure(d.low)}, {_figure(d.high)}]"
 
 
-def _summary(found: Comparison) -> str:
-    counts = Counter(d.verdict for d in found.differences)
+def _summary(comparison: Comparison) -> str:
+    counts = Counter(d.verdict for d in comparison.differences)
     text = (
-        f"Of {len(found.differences)} metrics {counts['better']} are better in B, "
+        f"Of {len(comparison.differences)} metrics {counts['better']} are better in B, "
         f"{counts['worse']} worse, {counts['same']} not shown to differ (false discovery rate "
-        f"{100 * (1 - found.level):.2g} %)."
+        f"{100 * (1 - comparison.level):.2g} %)."
     )
     if counts["unknown"]:
         text += f" {counts['unknown']} have too few seeds to tell."
-    if not found.times and any(d.timed and d.verdict == "worse" for d in found.differences):
+    if not comparison.times and any(
+        d.timed and d.verdict == "worse" for d in comparison.differences
+    ):
         text += " Times that are worse are no regression without --times."
     return text
 
 
-def _remarks(found: Comparison) -> Iterator[str]:
+def _remarks(comparison: Comparison) -> Iterator[str]:
     """Yield a line for each reason of failed jobs, and for what only A or only B has."""
     failed = {
-        "failed in B alone": found.new_failures,
-        "failed in A alone": [f for f in found.failures if not f.failed_in_b],
-        "failed in both": [f for f in found.failures if f.failed_in_a and f.failed_in_b],
+        "failed in B alone": comparison.new_failures,
+        "failed in A alone": [f for f in comparison.failures if not f.failed_in_b],
+        "failed in both": [f for f in comparison.failures if f.failed_in_a and f.failed_in_b],
     }
     for label, group in failed.items():
         counts = Counter((f.entry, f.name.board, f.reason) for f in group)
         for (entry, board, reason), count in counts.items():
             yield f"{label}: {entry} ({board}) in {_jobs(count)}: {reason}"
-    for each in found.unpaired:
+    for each in comparison.unpaired:
         what = f"the metric {each.metric} in" if each.metric else "the results of"
         has = f"{each.side.upper()} alone has {what} {_jobs(each.jobs)}"
         yield f"not compared: {each.entry} ({each.board}): {has}"
 
 
-def _complain_of_regressions(found: Comparison) -> None:
-    for d in found.regressions:
+def _complain_of_regressions(comparison: Comparison) -> None:
+    for d in comparison.regressions:
         values = f"{_figure(d.a)} -> {_figure(d.b)}, {_interval(d)}"
         complain(f"regression: {d.entry} ({d.board}): {d.metric} {values}")
-    failed = Counter((f.entry, f.name.board) for f in found.new_failures)
+    failed = Counter((f.entry, f.name.board) for f in comparison.new_failures)
     for (entry, board), count in failed.items():
         complain(f"regression: {entry} ({board}) failed in {_jobs(count)}, not so in A")
 

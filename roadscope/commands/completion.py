@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 
 Completion = Iterator[tuple[str, str]]
-"""Names and what a shell shows beside them."""
+"""Names, each with the text that a shell shows beside it."""
 
 
 def _beginning(incomplete: str, names: Iterable[tuple[str, str]]) -> Completion:
@@ -20,7 +20,7 @@ def scenarios(incomplete: str) -> Completion:
 
 
 def suites(incomplete: str) -> Completion:
-    """Return suites of the package."""
+    """Return the suites that come with roadscope."""
     from roadscope.benchmarks.suite_files import SUITES
 
     return _beginning(incomplete, ((name, "") for name in SUITES))
@@ -30,7 +30,7 @@ def rigs(incomplete: str) -> Completion:
     """Return rigs."""
     from roadscope.envs.sensors.rigs import RIGS
 
-    return _beginning(incomplete, ((name, place.sensor) for name, place in RIGS.items()))
+    return _beginning(incomplete, ((name, preset.sensor) for name, preset in RIGS.items()))
 
 
 def weathers(incomplete: str) -> Completion:
@@ -128,7 +128,7 @@ def _registered(registry: object) -> Iterator[tuple[str, str]]:
 
 
 def backends(incomplete: str) -> Completion:
-    """Return what provides worker processes."""
+    """Return the backends that provide worker processes."""
     from roadscope.benchmarks.workers import BACKENDS
 
     return _beginning(incomplete, ((name, "") for name in BACKENDS))

@@ -59,11 +59,11 @@ def _show(diagnosis: Diagnosis) -> None:
         if usage.files
     ]
     _section("cache", rows)
-    where = f"{kernels.folder.path} ({_writable(kernels.folder.writable)})"
+    location = f"{kernels.folder.path} ({_writable(kernels.folder.writable)})"
     amount = f"{kernels.cached}, {size_text(kernels.size_bytes)}" if kernels.cached else "none"
-    _section("kernels", [("folder", where), ("cached", amount)])
+    _section("kernels", [("folder", location), ("cached", amount)])
     isolation = diagnosis.isolation
-    rows = [(part, "yes" if there else "no") for part, there in isolation.parts.items()]
+    rows = [(part, "yes" if present else "no") for part, present in isolation.parts.items()]
     rows.append(("sandbox (bubblewrap)", isolation.sandbox_reason or "yes"))
     _section("isolation of plug-ins", rows)
     typer.echo()
@@ -76,7 +76,7 @@ def _show(diagnosis: Diagnosis) -> None:
 
 
 def _section(title: str, rows: Iterable[tuple[str, str]]) -> None:
-    """Print a heading and rows of a name and what is said of it."""
+    """Print a heading and rows of a name and a text."""
     headline(title)
     listed = list(rows)
     width = max((len(name) for name, _ in listed), default=0)

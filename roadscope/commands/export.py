@@ -12,7 +12,7 @@ from roadscope.commands.options import Quiet
 from roadscope.commands.terminal import progress_bars
 
 NONE = "none"
-
+"""Detector that stands for no detections."""
 
 SuiteName = Annotated[
     str,
@@ -22,13 +22,18 @@ SuiteName = Annotated[
         autocompletion=completion.suites,
     ),
 ]
-Folder = Annotated[Path, typer.Argument(help="New folder, or one to go on with.", metavar="DIR")]
-Seeds = Annotated[int | None, typer.Option(min=1, help="So many of the suite's seeds, the first.")]
+Folder = Annotated[
+    Path, typer.Argument(help="A new folder, or one that an earlier run has begun.", metavar="DIR")
+]
+Seeds = Annotated[
+    int | None,
+    typer.Option(min=1, help="Export only this many of the suite's seeds, the first ones."),
+]
 Scenarios = Annotated[
     list[str] | None,
     typer.Option(
         "--scenario",
-        help="This scenario of it; can be given several times.",
+        help="Export only this scenario. Can be given several times.",
         autocompletion=completion.scenarios,
     ),
 ]
@@ -55,24 +60,24 @@ def export(
 ) -> None:
     """Write a suite's scans, images, calibration and truth in KITTI's layout.
 
-    What an earlier run has written is left as it is: a run that was stopped goes on.
+    Files that an earlier run has written stay as they are: a stopped run continues.
 
     README.md in the folder says what each file is, and how results are scored: roadscope submit.
 
-    Exit status: 1 if the folder holds something else or cannot be written.
+    Exit status: 1 if the folder holds other files or cannot be written.
     """
     from roadscope.benchmarks.cached_files import size_text
     from roadscope.benchmarks.export_suite import export_suite, plan_export
 
-    wanted = [d for d in detections if d != NONE] if detections else None
+    detectors = [d for d in detections if d != NONE] if detections else None
     plan = plan_export(
-        suite, folder, seeds=seeds, scenarios=scenarios, with_truth=with_truth, detections=wanted
+        suite, folder, seeds=seeds, scenarios=scenarios, with_truth=with_truth, detections=detectors
     )
     if not quiet:
-        there = f"; {plan.done} sequences are there already" if plan.done else ""
+        done = f"; {plan.done} sequences are there already" if plan.done else ""
         typer.echo(
             f"{plan.suite.title}: {len(plan.manifest.sequences)} sequences with {plan.scans} "
-            f"scans, at most {size_text(plan.bytes_at_most)} in {folder}{there}"
+            f"scans, at most {size_text(plan.bytes_at_most)} in {folder}{done}"
         )
     with progress_bars(quiet=quiet) as progress:
         export_suite(plan, progress=progress)

@@ -24,47 +24,59 @@ DEFAULT_SUITE = "quick"
 BoardName = Annotated[
     str | None,
     typer.Argument(
-        help="A board (roadscope list boards); all that the suite has entries for if left out.",
+        help="A board (roadscope list boards); if left out, all boards that the suite has "
+        "entries for.",
         autocompletion=completion.boards,
     ),
 ]
 SuiteName = Annotated[
     str | None,
     typer.Option(
-        help="Conditions: a name (roadscope list suites) or a .toml file; if left out the usual "
-        "suite of the board, or quick.",
+        help="Episodes and entries: a name (roadscope list suites) or a .toml file; if left "
+        "out, the "
+        "usual suite of the board, or quick.",
         autocompletion=completion.suites,
     ),
 ]
 Entry = Annotated[
     list[str] | None,
     typer.Option(
-        help="Your plug-in, beside the suite's own: a name, module:Class or file.py:Class, with "
+        help="A plug-in to rank beside the suite's entries: a name, module:Class or "
+        "file.py:Class, with "
         "?argument=value. Can be given several times. Your code runs in a process of its own.",
         autocompletion=completion.entries,
     ),
 ]
-Only = Annotated[bool, typer.Option("--only", help="Run the given entries alone.")]
+Only = Annotated[bool, typer.Option("--only", help="Run only the plug-ins named with --entry.")]
 By = Annotated[
     list[str] | None,
     typer.Option(
-        help="Show it by this too, such as weather or scenario; roadscope list boards says what "
-        "each board is broken down by. Can be given several times."
+        help="Break the metrics down by this too, such as weather or scenario; roadscope "
+        "list boards "
+        "says what is possible. Can be given several times."
     ),
 ]
 Seeds = Annotated[
     int | None,
-    typer.Option(min=1, help="So many of the suite's seeds, the first, for a quick look."),
+    typer.Option(
+        min=1, help="Run only this many of the suite's seeds, the first ones, for a quick look."
+    ),
 ]
 Out = Annotated[
     Path | None,
     typer.Option(
-        help="Folder for leaderboard.json, .csv, .md, .tex and the results database; boards of "
-        "other suites in it are kept as leaderboard-SUITE-BOARD, with the calibration's name if "
-        "one was given."
+        help="Folder for leaderboard.json, .csv, .md, .tex and the results database. Boards "
+        "of other "
+        "suites that are in it are renamed to leaderboard-SUITE-BOARD, with the name of the "
+        "calibration if there was one."
     ),
 ]
-Fresh = Annotated[bool, typer.Option("--fresh", help="Do again what an earlier run has done.")]
+Fresh = Annotated[
+    bool,
+    typer.Option(
+        "--fresh", help="Compute everything again, also what an earlier run has computed."
+    ),
+]
 Kitti = Annotated[
     Path | None,
     typer.Option(
@@ -92,32 +104,36 @@ Tracks = Annotated[
 Detections = Annotated[
     list[str] | None,
     typer.Option(
-        help="Whose detections trackers get, in place of the suite's: a detector or "
-        "fused?lidar=A&camera=B&fusion=C (can be given several times).",
+        help="The detector whose detections trackers get, in place of the suite's: a name or "
+        "fused?lidar=A&camera=B&fusion=C. Can be given several times.",
         autocompletion=completion.detectors,
     ),
 ]
 Calibration = Annotated[
     Path | None,
-    typer.Option(help="What plug-ins believe of the sensors: a file of roadscope calibrate."),
+    typer.Option(help="The calibration that plug-ins get: a file of roadscope calibrate."),
 ]
 Deadline = Annotated[
-    float, typer.Option(min=1, help="Seconds for a plug-in that is not ours on one episode.")
+    float,
+    typer.Option(
+        min=1, help="Most seconds for one episode, for plug-ins that are not part of roadscope."
+    ),
 ]
 Trust = Annotated[
     bool,
     typer.Option(
         "--trust",
-        help="Run plug-ins inside the run's own processes, for debugging: they can end or falsify "
-        "it.",
+        help="Run plug-ins in the processes of the benchmark, for debugging: they can then "
+        "crash or "
+        "falsify the run.",
     ),
 ]
 Sandbox = Annotated[
     bool,
     typer.Option(
         "--sandbox",
-        help="Give plug-ins that are not ours no network and no files but a scratch folder (needs "
-        "bubblewrap, Linux).",
+        help="Give plug-ins that are not part of roadscope no network and no files but a scratch "
+        "folder (needs Linux and bubblewrap).",
     ),
 ]
 Backend = Annotated[
@@ -130,8 +146,9 @@ Backend = Annotated[
 Address = Annotated[
     str | None,
     typer.Option(
-        help="Of a running cluster of Ray or Dask, such as tcp://HOST:8786; --jobs 0 is then one "
-        "for each of its cores. Its machines should share the folder ROADSCOPE_CACHE."
+        help="Address of a running cluster of Ray or Dask, such as tcp://HOST:8786; --jobs "
+        "0 is then "
+        "one for each of its cores. Its machines should share the folder ROADSCOPE_CACHE."
     ),
 ]
 Width = Annotated[
@@ -168,10 +185,10 @@ def leaderboard(
 ) -> None:
     """Rank plug-ins on a suite of traffic, a board for each kind.
 
-    What an earlier run has finished is not done again; a stopped run goes on where it was.
+    What an earlier run has computed is not computed again: a stopped run continues.
 
-    An entry that fails becomes a row with its reason, and the exit status is 1; likewise one that
-    you name and that is not installed.
+    An entry that fails becomes a row with the reason. Exit status: 1 if an entry failed, or if one
+    that you named is not installed.
     """
     from roadscope.benchmarks.boards import chosen_boards
     from roadscope.benchmarks.isolation import Limits
@@ -236,7 +253,7 @@ def leaderboard(
         _name_written(out and out / "leaderboard.json", tracks)
         for line in _log_lines(results):
             typer.echo(line)
-        _name_kept_boards(out)
+        _name_earlier_boards(out)
     if results.failed_entries or any(map(results.not_installed, entry or ())):
         raise typer.Exit(1)
 
@@ -251,7 +268,7 @@ class _Shown:
     by: tuple[str, ...]
 
     def show(self) -> None:
-        """Print every board with what is said of it."""
+        """Print every board with its remarks."""
         from rich.text import Text
 
         from roadscope.benchmarks.boards import board_named
@@ -267,19 +284,19 @@ class _Shown:
         results, screen = self.results, self.screen
         marked = any(place.mark for place in results.standings)
         text = explanation(self.suite, results.boards(), marks=marked)
-        said = printable(f": {self.suite.summary_with_seeds}. {text}")
-        screen.print(Text.assemble((printable(self.suite.title), "bold"), said))
+        introduction = printable(f": {self.suite.summary_with_seeds}. {text}")
+        screen.print(Text.assemble((printable(self.suite.title), "bold"), introduction))
         for name in results.boards():
             board = board_named(name)
             screen.print(Text(f"\n{name} board", style="bold"))
             screen.print(board_table(results, name, screen.width))
             for line in failure_lines(results, name):
-                # One line each, however long, so that it can be searched for.
+                # Each failure is one line, however long, so that it can be searched for.
                 screen.print(line, soft_wrap=True)
             lines = [comparison(results, name), *agreement_lines(results, name)]
             lines.append(board.remark(results.manifest.get("calibration", "")))
             if results.nothing_eligible(name):
-                lines.insert(0, "No object in any episode was to be found: nothing is scored.")
+                lines.insert(0, "No object in any episode is eligible: nothing is scored.")
             for line in filter(None, lines):
                 screen.print(line)
             if text := footnote(results, name, screen.width):
@@ -318,13 +335,13 @@ def _save_tracks(
     options: RunOptions,
     progress: Any,
 ) -> list[str]:
-    """Write the tracks that the run has kept; return the entries that are left out."""
+    """Write the tracks of the run to files; return the entries that have none."""
     from roadscope.benchmarks.report.track_files import save_tracks
     from roadscope.benchmarks.run import plan
 
     with options.probing():
-        made = plan(suite, entries, only=only)
-    return save_tracks(made.jobs, folder, workers=settings, options=options, progress=progress)
+        run_plan = plan(suite, entries, only=only)
+    return save_tracks(run_plan.jobs, folder, workers=settings, options=options, progress=progress)
 
 
 def _name_written(*paths: Path | None) -> None:
@@ -333,18 +350,18 @@ def _name_written(*paths: Path | None) -> None:
             typer.echo(f"written: {path}")
 
 
-def _name_kept_boards(out: Path | None) -> None:
-    """Name boards of other suites in the folder."""
-    from roadscope.benchmarks.report.kept import kept_boards
+def _name_earlier_boards(out: Path | None) -> None:
+    """Print the names of the boards of other suites in the folder."""
+    from roadscope.benchmarks.report.board_files import earlier_boards
 
-    if out is not None and (kept := kept_boards(out)):
-        typer.echo(f"kept beside it: {', '.join(path.name for path in kept)}")
+    if out is not None and (boards := earlier_boards(out)):
+        typer.echo(f"kept beside it: {', '.join(path.name for path in boards)}")
 
 
 def _name_full_suite(
     board: str | None, entries: Sequence[str], detections: Sequence[str], *, only: bool
 ) -> None:
-    """Name the suite of a board that was shown on the quick one, with what the user gave."""
+    """Print the command for the full suite of a board that was shown on the quick one."""
     from roadscope.benchmarks.suite_files import SUITES
 
     if board in SUITES and _usual_suite(board) != board:
@@ -356,12 +373,12 @@ def _name_full_suite(
 def _usual_suite(board: str | None) -> str:
     from roadscope.benchmarks.boards import BOARDS
 
-    known = BOARDS.get(board) if board else None
-    return known.default_suite if known else DEFAULT_SUITE
+    registered = BOARDS.get(board) if board else None
+    return registered.default_suite if registered else DEFAULT_SUITE
 
 
 def _with_detections(suite: Suite, boards: Sequence[Board], detections: list[str]) -> Suite:
-    """Return the suite with other detections for the boards whose entries get some."""
+    """Return the suite with other detections for the boards whose entries get detections."""
     if suite.recorded:
         raise ValueError("--detections is for simulated traffic; recorded data have their own")
     for board in _boards_for("--detections", boards, lambda each: bool(each.detections_field)):
@@ -370,7 +387,7 @@ def _with_detections(suite: Suite, boards: Sequence[Board], detections: list[str
 
 
 def _with_fewer_seeds(suite: Suite, seeds: int) -> Suite:
-    """Return the suite with its first seeds; what is done of them need not be done again."""
+    """Return the suite with only its first seeds, so that earlier results of them count."""
     from dataclasses import replace
 
     if suite.recorded:
@@ -384,7 +401,7 @@ def _with_fewer_seeds(suite: Suite, seeds: int) -> Suite:
 
 
 def _suite(suite: str, kitti: Path | None, mot: Path | None) -> Suite:
-    """Return the suite that is meant; a folder of recorded data is a suite."""
+    """Return the suite of that name, or one of a folder of recorded data."""
     from roadscope.benchmarks.recorded.mot import MOT, mot_suite
     from roadscope.benchmarks.recorded.suite import KITTI, kitti_suite
     from roadscope.benchmarks.suite_files import load_suite
@@ -414,9 +431,9 @@ def _boards_for(option: str, boards: Sequence[Board], uses: Callable[[Board], bo
 
     using = [board for board in boards if uses(board)]
     if not using:
-        known = " and ".join(board.name for board in BOARDS.values() if uses(board))
+        possible = " and ".join(board.name for board in BOARDS.values() if uses(board))
         names = " and ".join(board.name for board in boards)
-        raise ValueError(f"{option} is for the board {known}, not {names}")
+        raise ValueError(f"{option} is for the board {possible}, not {names}")
     return using
 
 
@@ -443,6 +460,6 @@ def _complain_of_failures(results: Results) -> None:
 
 
 def _log_lines(results: Results) -> list[str]:
-    """Return in which files the output of failed entries is."""
+    """Return a line for each file that holds the output of a failed entry."""
     files = {(f.entry, f.log_file): None for f in results.failures if f.log_file}
     return [printable(f"output of {entry}: {path}") for entry, path in files]

@@ -15,7 +15,8 @@ def list_names(
     kind: Annotated[
         str | None,
         typer.Argument(
-            help="detectors, stages (of detectors), camera-detectors, fusions, trackers, "
+            help="Kind of name: detectors, stages (of detectors), camera-detectors, fusions, "
+            "trackers, "
             "odometries, boards, scenarios, suites, rigs, sensors, weathers, lights or faults; "
             "all if left out.",
             autocompletion=listed_kinds,
@@ -23,7 +24,7 @@ def list_names(
     ] = None,
     json: Json = False,
 ) -> None:
-    """Show the names that other commands take, with a line on each."""
+    """List the names that other commands take, each with a description."""
     from roadscope.benchmarks.listing import KINDS, names_of
     from roadscope.benchmarks.tables import name_table
 

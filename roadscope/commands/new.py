@@ -14,16 +14,16 @@ def new(
     kind: Annotated[
         str,
         typer.Argument(
-            help="suite, tracker, detector, camera-detector, odometry or fusion.",
+            help="What to write: suite, tracker, detector, camera-detector, odometry or fusion.",
             autocompletion=template_kinds,
         ),
     ],
     path: Annotated[
-        Path | None, typer.Argument(help="File to write, or a folder; my_KIND if left out.")
+        Path | None, typer.Argument(help="File or folder to write; my_KIND if left out.")
     ] = None,
-    force: Annotated[bool, typer.Option("--force", help="Write over a file that exists.")] = False,
+    force: Annotated[bool, typer.Option("--force", help="Overwrite an existing file.")] = False,
 ) -> None:
-    """Write a suite or a plug-in to start from, which works as it is."""
+    """Write a suite or a plug-in that works and that you can change."""
     from roadscope.benchmarks.templates import write_template
 
     written = write_template(kind, path, force=force)

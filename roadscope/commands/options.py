@@ -20,7 +20,7 @@ Rig = Annotated[
 
 
 def workers(jobs: int) -> int:
-    """Return how many processes are meant: 0 stands for one on each core."""
+    """Return the number of processes for --jobs: 0 stands for one on each core."""
     from joblib import cpu_count
 
     return jobs or int(cpu_count())

@@ -12,8 +12,12 @@ from roadscope.commands.terminal import console, headline, progress_bars, show
 
 
 def reproduce(
-    paper: Annotated[str, typer.Argument(help="lu2018, zhang2017, li2021 or zhang2022.")],
-    seeds: Annotated[int, typer.Option(min=1, help="Episodes behind each interval.")] = 30,
+    paper: Annotated[
+        str, typer.Argument(help="The paper: lu2018, zhang2017, li2021 or zhang2022.")
+    ],
+    seeds: Annotated[
+        int, typer.Option(min=1, help="Number of episodes, from which intervals are computed.")
+    ] = 30,
     jobs: Jobs = 0,
     everything: Annotated[
         bool, typer.Option("--all", help="Show every method in full, as in PAPER.json.")
@@ -22,8 +26,8 @@ def reproduce(
 ) -> None:
     """Repeat a paper's experiments and print its figures beside ours.
 
-    Minutes with two cores, but for zhang2022, whose long drives take an hour or two: --seeds 3
-    shows it in a quarter of an hour.
+    This takes minutes on two cores; zhang2022 has long drives and takes an hour or two, with
+    --seeds 3 a quarter of an hour.
     """
     from roadscope.benchmarks.cache import usable_folder
     from roadscope.benchmarks.papers import note_of, reproduction_of

@@ -25,18 +25,19 @@ Seed = Annotated[int, typer.Option(min=0, help="Another seed is another episode.
 Weather = Annotated[
     str,
     typer.Option(
-        help="Such as rain-2, see: roadscope list weathers.", autocompletion=completion.weathers
+        help="Weather, such as rain-2, see: roadscope list weathers.",
+        autocompletion=completion.weathers,
     ),
 ]
 Light = Annotated[
     str,
     typer.Option(
-        help="For a rig with a camera, see: roadscope list lights.",
+        help="Light, for a rig with a camera, see: roadscope list lights.",
         autocompletion=completion.lights,
     ),
 ]
 Faults = Annotated[
-    str, typer.Option(help="Such as 'fog:3 + dropped-scans:2', see: roadscope list faults.")
+    str, typer.Option(help="Faults, such as 'fog:3 + dropped-scans:2', see: roadscope list faults.")
 ]
 Detector = Annotated[
     str,
@@ -62,7 +63,8 @@ Image = Annotated[
 CameraDetector = Annotated[
     str,
     typer.Option(
-        help="Whose boxes, see: roadscope list camera-detectors; or oracle.",
+        help="Camera detector whose boxes --image shows, see: roadscope list "
+        "camera-detectors; or oracle.",
         autocompletion=completion.camera_detectors,
     ),
 ]
@@ -70,9 +72,7 @@ Seconds = Annotated[
     float | None,
     typer.Option(help="Length of the episode, 3600 at most; the scenario's own if left out."),
 ]
-Every = Annotated[
-    bool, typer.Option("--all", help="Show all metrics, not the ten main ones of each.")
-]
+Every = Annotated[bool, typer.Option("--all", help="Show all metrics, not only the ten main ones.")]
 
 
 def run_scenario(
@@ -102,8 +102,8 @@ def run_scenario(
     from roadscope.benchmarks.single import picture_path, run_episode, save_picture
     from roadscope.envs.sensors.faults import faults_of
 
-    parsed = tuple(map(str, faults_of(faults)))
-    episode = Episode(scenario, seed, rig, seconds, weather, light, parsed)
+    fault_names = tuple(map(str, faults_of(faults)))
+    episode = Episode(scenario, seed, rig, seconds, weather, light, fault_names)
     if picture is not None:
         picture_path(picture)
     if image is not None:
@@ -140,21 +140,21 @@ def _show(summary: Summary, detector: str, tracker: str, *, every: bool) -> None
 
     episode = summary.episode
     condition = "" if episode.condition == "clear" else f", {episode.condition}"
-    where = f"{episode.scenario}, seed {episode.seed}, {episode.rig}{condition}"
-    typer.echo(f"{where}: {len(summary.tracks)} frames, vehicles within 60 m")
+    title = f"{episode.scenario}, seed {episode.seed}, {episode.rig}{condition}"
+    typer.echo(f"{title}: {len(summary.tracks)} frames, vehicles within 60 m")
     dark = (episode.light,) if episode.light != "day" else ()
-    idle = (
+    no_effect = (
         ""
         if detection_source(detector).kind == FUSED
         else ", ".join(dark + of_camera_alone(episode.faults))
     )
-    if idle:
-        typer.echo(f"without effect on LiDAR detectors: {idle}")
+    if no_effect:
+        typer.echo(f"without effect on LiDAR detectors: {no_effect}")
     headline(f"detector {detector}")
     detection, tracking = summary.detection, summary.tracking
     show(score_table(detection) if every else explained_table("detector", detection))
-    late = " (offline)" if is_offline(TRACKERS.resolve(tracker)) else ""
-    headline(f"tracker {tracker}{late}")
+    label = " (offline)" if is_offline(TRACKERS.resolve(tracker)) else ""
+    headline(f"tracker {tracker}{label}")
     show(score_table(tracking) if every else explained_table("tracker", tracking))
     if not every:
         show("--all shows all figures, with their numbers of samples.", dim=True)

@@ -18,57 +18,66 @@ if TYPE_CHECKING:
     from roadscope.core import Pose
 
 NONE = "none"
-USUAL = "lidar-inertial"
-MANY = 0.2
-"""Share of degraded scans from which on the poses are not to be trusted as they are."""
+"""Value of --imu and --wheels that stands for no file."""
+DEFAULT_ODOMETRY = "lidar-inertial"
+MANY_DEGRADED = 0.2
+"""Share of degraded scans above which a warning is printed."""
 
 Folder = Annotated[
-    Path, typer.Argument(metavar="DIR", help="Scans in order of name: .bin, .pcd or .npy.")
+    Path,
+    typer.Argument(
+        metavar="DIR", help="Folder of scans, in the order of their names: .bin, .pcd or .npy."
+    ),
 ]
 OdometrySpec = Annotated[
     str,
     typer.Option(
         metavar="SPEC",
-        help="Name or file.py:Class; roadscope list odometries.",
+        help="The odometry: a name or file.py:Class; see: roadscope list odometries.",
         autocompletion=completion.odometries,
     ),
 ]
 Out = Annotated[Path, typer.Option(help="File for the poses.")]
-Format = Annotated[str, typer.Option(help="kitti: 3 x 4 matrices; tum: with stamps.")]
-Rate = Annotated[float, typer.Option(help="Scans a second, where DIR has no times.txt.")]
+Format = Annotated[
+    str, typer.Option(help="Of the poses: kitti (3 x 4 matrices) or tum (with stamps).")
+]
+Rate = Annotated[float, typer.Option(help="Scans per second, if DIR has no times.txt.")]
 Imu = Annotated[
     str | None,
     typer.Option(
         metavar="FILE",
-        help="Lines of stamp wx wy wz ax ay az, s, rad/s, m/s^2; imu.csv or imu.txt in DIR or "
-        "beside it if not given; none: no IMU.",
+        help="IMU samples: lines of stamp wx wy wz ax ay az, in s, rad/s and m/s^2. If left out, "
+        "imu.csv or imu.txt in DIR or beside it; none: no IMU.",
     ),
 ]
 Mounting = Annotated[
     str | None,
     typer.Option(
         metavar="X,Y,Z,ROLL,PITCH,YAW",
-        help="Where the IMU sits in the LiDAR's frame, metres and degrees.",
+        help="Mounting pose of the IMU in the LiDAR's frame, metres and degrees.",
     ),
 ]
 WheelsFile = Annotated[
     str | None,
     typer.Option(
         metavar="FILE",
-        help="Lines of stamp and speed, s, m/s, for odometries that take them, "
-        "lidar-inertial?wheels=true; wheels.csv or wheels.txt in DIR or beside it if not given; "
+        help="Wheel speeds: lines of stamp and speed, in s and m/s, for odometries that use "
+        "them, such "
+        "as lidar-inertial?wheels=true. If left out, wheels.csv or wheels.txt in DIR or beside it; "
         "none: no wheels.",
     ),
 ]
 TruthFile = Annotated[
     Path | None,
-    typer.Option(metavar="FILE", help="True poses of the LiDAR, as KITTI or TUM, to compare."),
+    typer.Option(
+        metavar="FILE", help="True poses of the LiDAR to compare with, in KITTI's or TUM's format."
+    ),
 ]
 
 
 def run_odometry(
     folder: Folder,
-    odometry: OdometrySpec = USUAL,
+    odometry: OdometrySpec = DEFAULT_ODOMETRY,
     out: Out = Path("poses.txt"),
     format: Format = "kitti",
     rate_hz: Rate = 10.0,
@@ -77,11 +86,12 @@ def run_odometry(
     wheels: WheelsFile = None,
     truth: TruthFile = None,
 ) -> None:
-    """Estimate from a folder of scans how the LiDAR moved.
+    """Estimate the poses of a LiDAR from a folder of its scans.
 
-    Scans are stamped with the middle of their sweep, by times.txt in DIR or beside it, one number
-    a line, seconds or milli-, micro- or nanoseconds. Poses are the LiDAR's in its first frame, x
-    ahead, y left, z up. After Ctrl-C, or a scan that cannot be read, those that are known are kept.
+    times.txt in DIR or beside it has the stamp of each scan, the middle of its sweep: one number a
+    line, in seconds, milli-, micro- or nanoseconds. Poses are those of the LiDAR in its first
+    frame, x ahead, y left, z up. After Ctrl-C, or at a scan that cannot be read, the poses so far
+    stay in the file.
     """
     from roadscope.benchmarks.formats.scan_folder import ScanFolder
     from roadscope.benchmarks.odometry_runner import TruePoses, write_estimates
@@ -89,14 +99,14 @@ def run_odometry(
     scans = ScanFolder.find(folder, rate_hz=rate_hz)
     inertial = _inertial(folder, scans, imu, mounting)
     true = TruePoses.read(truth, scans.stamps_s) if truth else None
-    rolled = _wheels(folder, scans, wheels)
-    found = [each.path for each in (inertial, rolled) if each is not None]
-    _spare(out, truth, scans.times_file, *scans.files, *found)
-    _tell_missing(scans, folder, without_imu=inertial is None and imu is None)
+    wheel_speeds = _wheels(folder, scans, wheels)
+    inputs = [each.path for each in (inertial, wheel_speeds) if each is not None]
+    _check_out(out, truth, scans.times_file, *scans.files, *inputs)
+    _report_assumptions(scans, folder, without_imu=inertial is None and imu is None)
     _check_use(
         odometry,
         inertial,
-        rolled,
+        wheel_speeds,
         imu_named=bool(imu or mounting),
         wheels_named=wheels is not None,
     )
@@ -105,7 +115,7 @@ def run_odometry(
     try:
         with progress_bars() as progress:
             for estimate in write_estimates(
-                scans, odometry, out, format, imu=inertial, wheels=rolled
+                scans, odometry, out, format, imu=inertial, wheels=wheel_speeds
             ):
                 poses.append(estimate.start_from_lidar)
                 reasons.update([estimate.reason] if estimate.reason else [])
@@ -114,14 +124,14 @@ def run_odometry(
         if poses:
             complain(f"{len(poses)} of {len(scans)} poses are kept in {out}")
         raise
-    _tell(odometry, poses, reasons)
+    _report_poses(odometry, poses, reasons)
     if true is not None:
         _compare(poses, true, truth)
     typer.echo(f"written: {out}")
 
 
-def _tell_missing(scans: ScanFolder, folder: Path, *, without_imu: bool) -> None:
-    """Say what is taken for granted where the recording does not tell it."""
+def _report_assumptions(scans: ScanFolder, folder: Path, *, without_imu: bool) -> None:
+    """Print what is assumed where the recording lacks it."""
     from roadscope.benchmarks.formats.samples import IMU_FILES
     from roadscope.benchmarks.formats.scan_folder import TIMES_FILE
 
@@ -135,19 +145,21 @@ def _tell_missing(scans: ScanFolder, folder: Path, *, without_imu: bool) -> None
         )
 
 
-def _spare(out: Path, *read: Path | None) -> None:
-    """Refuse to write over what is read, or where nothing can be written."""
+def _check_out(out: Path, *inputs: Path | None) -> None:
+    """Refuse to overwrite an input, or a path that cannot be written."""
     from roadscope.benchmarks.formats.table import FormatError
 
     if not out.absolute().parent.is_dir() or out.is_dir():
-        raise FormatError(f"{out}: cannot be written: --out names a file in a folder that is there")
-    given = [each for each in read if each is not None]
-    if out.exists() and any(each.samefile(out) for each in given if each.exists()):
-        raise FormatError(f"{out} is read here: --out names another file for the poses")
+        raise FormatError(f"{out}: cannot be written: --out needs a file in an existing folder")
+    existing = [each for each in inputs if each is not None and each.exists()]
+    if out.exists() and any(each.samefile(out) for each in existing):
+        raise FormatError(
+            f"{out} is an input of this run: name another file for the poses, --out FILE"
+        )
 
 
-def _tell(odometry: str, poses: Sequence[Pose], reasons: Counter[str]) -> None:
-    """Say where the last scan was taken, and in how many the odometry was degraded."""
+def _report_poses(odometry: str, poses: Sequence[Pose], reasons: Counter[str]) -> None:
+    """Print the last position, and in how many scans the odometry was degraded."""
     x, y, z = poses[-1].translation
     headline(
         f"{odometry}: {len(poses)} scans, from the first to the last {x:.2f} {y:.2f} {z:.2f} m"
@@ -158,14 +170,12 @@ def _tell(odometry: str, poses: Sequence[Pose], reasons: Counter[str]) -> None:
             f"degraded in {reasons.total()} of {len(poses)} scans, mostly: "
             f"{printable(reasons.most_common(1)[0][0])}"
         )
-        if share > MANY:
-            complain(
-                "so many degraded scans: do not trust the poses before you have looked at them"
-            )
+        if share > MANY_DEGRADED:
+            complain("many scans are degraded: check the poses before you use them")
 
 
 def _compare(poses: Sequence[Pose], true: TruePoses, path: Path | None) -> None:
-    """Say how far off the poses are, and what is odd about the true ones."""
+    """Print the errors of the poses, and a warning if the true poses seem to be a camera's."""
     if true.look_like_a_cameras():
         complain(
             f"{path}: its z axis points ahead: expected poses of the LiDAR, x ahead, not of a "
@@ -175,9 +185,12 @@ def _compare(poses: Sequence[Pose], true: TruePoses, path: Path | None) -> None:
 
 
 def _inertial(
-    folder: Path, scans: ScanFolder, given: str | None, mounting: str | None
+    folder: Path, scans: ScanFolder, file: str | None, mounting: str | None
 ) -> RecordedImu | None:
-    """Read the samples that are named or lie beside the scans."""
+    """Read the IMU samples of a file, or of one in or beside the folder; None if there are none.
+
+    file: of the option --imu. mounting: text of the option --mounting.
+    """
     import numpy as np
 
     from roadscope.benchmarks.formats.samples import IMU_FILES, find_imu, parse_mounting, read_imu
@@ -186,8 +199,8 @@ def _inertial(
     from roadscope.odometry.imu_buffer import GAP_S
 
     mounted = parse_mounting(mounting) if mounting else None
-    path = find_imu(folder) if given is None else Path(given)
-    if path is None or given == NONE:
+    path = find_imu(folder) if file is None else Path(file)
+    if path is None or file == NONE:
         if mounted is not None:
             raise FormatError(
                 f"a mounting is of an IMU: expected {' or '.join(IMU_FILES)} in or "
@@ -206,13 +219,16 @@ def _inertial(
     return inertial
 
 
-def _wheels(folder: Path, scans: ScanFolder, given: str | None) -> RecordedWheels | None:
-    """Read the wheel speeds that are named or lie beside the scans."""
+def _wheels(folder: Path, scans: ScanFolder, file: str | None) -> RecordedWheels | None:
+    """Read the wheel speeds of a file, or of one in or beside the folder; None if there are none.
+
+    file: of the option --wheels.
+    """
     from roadscope.benchmarks.formats.samples import find_wheels, read_wheels
     from roadscope.benchmarks.odometry_runner import RecordedWheels
 
-    path = find_wheels(folder) if given is None else Path(given)
-    if path is None or given == NONE:
+    path = find_wheels(folder) if file is None else Path(file)
+    if path is None or file == NONE:
         return None
     samples, left_out = read_wheels(path)
     wheels = RecordedWheels(samples, path, left_out)
@@ -228,14 +244,14 @@ def _check_use(
     imu_named: bool,
     wheels_named: bool,
 ) -> None:
-    """Say what is used beside the scans and what is not; what was named, and is not, is refused."""
+    """Print which of IMU and wheels is used; refuse a file that was named and is not used."""
     from roadscope.benchmarks.formats.table import FormatError
     from roadscope.benchmarks.isolation import open_plugin
     from roadscope.benchmarks.references import made_from_truth, pose_source
 
     source = pose_source(odometry)
     if made_from_truth(source):
-        raise FormatError(f"{odometry} is made from truth: it stands on boards only")
+        raise FormatError(f"{odometry} is made from the truth: it can run only on boards")
     with open_plugin(source) as plugin:
         traits = plugin.traits
     kinds = (

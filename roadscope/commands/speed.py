@@ -13,7 +13,10 @@ from roadscope.commands.terminal import progress_bars, show
 def speed(
     parts: Annotated[
         list[str] | None,
-        typer.Argument(help="casting, detectors, trackers, odometry, camera; all by default."),
+        typer.Argument(
+            help="What to measure: casting, detectors, trackers, odometry or camera; all if left "
+            "out."
+        ),
     ] = None,
     out: Annotated[Path | None, typer.Option(help="Folder for speed.json.")] = None,
 ) -> None:

@@ -18,35 +18,31 @@ if TYPE_CHECKING:
 Folder = Annotated[
     Path,
     typer.Argument(
-        help="Results: tracking/SEQ.txt, odometry/SEQ.txt, detection/SEQ/FRAME.txt; with --kitti "
-        "or --mot SEQ.txt.",
+        help="Folder of results: tracking/SEQ.txt, odometry/SEQ.txt, detection/SEQ/FRAME.txt; with "
+        "--kitti or --mot SEQ.txt.",
         metavar="DIR",
     ),
 ]
 Exported = Annotated[
     Path | None,
     typer.Option(
-        "--suite", help="Folder that roadscope export wrote, of the same suite; DIR if left out."
+        "--suite", help="Folder that roadscope export wrote for the suite; DIR if left out."
     ),
 ]
-Kitti = Annotated[
-    Path | None, typer.Option(help="Folder of KITTI tracking data that the results are of.")
-]
-Mot = Annotated[
-    Path | None, typer.Option(help="Folder of MOTChallenge data that the results are of.")
-]
+Kitti = Annotated[Path | None, typer.Option(help="Score on this folder of KITTI tracking data.")]
+Mot = Annotated[Path | None, typer.Option(help="Score on this folder of MOTChallenge data.")]
 Name = Annotated[str | None, typer.Option(help="Name of the entry; that of DIR if left out.")]
 Inputs = Annotated[
     str | None,
     typer.Option(
-        help="Whose detections were tracked, as the suite calls it, to compare the tracker "
-        "with those that got the same."
+        help="The detector whose detections were tracked, by its name in the suite; the board then "
+        "compares the tracker with those that got the same."
     ),
 ]
 Beside = Annotated[
     Path | None,
     typer.Option(
-        help="Show it as a row of this board: leaderboard.json of the suite, or its folder."
+        help="Show the entry as a row of this board: leaderboard.json of the suite, or its folder."
     ),
 ]
 Every = Annotated[bool, typer.Option("--all", help="Show all metrics.")]
@@ -66,11 +62,11 @@ def submit(
     quiet: Quiet = False,
     json: Json = False,
 ) -> None:
-    """Score results that were made elsewhere under the rules of a suite's board.
+    """Score results of another program by the rules of a suite's board.
 
-    Tracks are KITTI tracking results with 3-D boxes (MOTChallenge's with --mot), detections are
-    KITTI object results, a file for each scan, poses of the LiDAR are KITTI's 12 numbers a line or
-    TUM's. JSON holds the scores as roadscope compare reads them.
+    Tracks: KITTI tracking results with 3-D boxes (with --mot, MOTChallenge's). Detections: KITTI
+    object results, a file for each scan. Poses: of the LiDAR, KITTI's 12 numbers a line or TUM's.
+    The JSON can be read by roadscope compare.
 
     Exit status: 1 if a file is malformed or a sequence has no results.
     """
@@ -79,30 +75,30 @@ def submit(
     from roadscope.benchmarks.submit import submit as submit_suite
 
     if sum(each is not None for each in (suite, kitti, mot)) > 1:
-        raise SubmitError("--suite, --kitti and --mot exclude one another; give one of them")
+        raise SubmitError("--suite, --kitti and --mot exclude one another; use one of them")
     if inputs is not None and (kitti or mot):
         raise SubmitError("--inputs is for an exported suite")
     with progress_bars(quiet=quiet) as progress:
         if kitti is not None:
-            found = submit_kitti(folder, kitti, name=name)
+            submission = submit_kitti(folder, kitti, name=name)
         elif mot is not None:
-            found = submit_mot(folder, mot, name=name)
+            submission = submit_mot(folder, mot, name=name)
         else:
-            found = submit_suite(
+            submission = submit_suite(
                 folder, suite=suite, name=name, inputs=inputs or OWN, progress=progress
             )
-    results = None if beside is None else found.beside(beside)
+    results = None if beside is None else submission.beside(beside)
     if out is not None:
-        write_text(out, found.to_json())
+        write_text(out, submission.to_json())
     if json:
-        typer.echo(found.to_json(), nl=False)
+        typer.echo(submission.to_json(), nl=False)
     elif not quiet:
-        _show(found, every) if results is None else _show_board(results)
+        _show(submission, every) if results is None else _show_board(results)
         if out is not None:
             typer.echo(f"written: {out}")
-    missing = [e for e in found.episodes if e.reason is not None]
+    missing = [e for e in submission.episodes if e.reason is not None]
     for e in missing:
-        complain(f"failed: {found.name} on {e.board}, {e.scenario}, seed {e.seed}: {e.reason}")
+        complain(f"failed: {submission.name} on {e.board}, {e.scenario}, seed {e.seed}: {e.reason}")
     if missing:
         raise typer.Exit(1)
 
@@ -115,7 +111,7 @@ FIRST = {
 """Metrics that are shown first; of recorded data those of tracking."""
 
 
-def _show(found: Submission, every: bool) -> None:
+def _show(submission: Submission, every: bool) -> None:
     from rich.text import Text
 
     from roadscope.benchmarks.metrics.breakdown import split_name
@@ -123,10 +119,10 @@ def _show(found: Submission, every: bool) -> None:
     from roadscope.benchmarks.tables import score_table
 
     screen = console()
-    for board in found.boards():
-        of_board = [e for e in found.episodes if e.board == board]
+    for board in submission.boards():
+        of_board = [e for e in submission.episodes if e.board == board]
         sound = [e.scores for e in of_board if e.reason is None]
-        title = f"{found.name} on {board}: {len(sound)} of {len(of_board)} sequences"
+        title = f"{submission.name} on {board}: {len(sound)} of {len(of_board)} sequences"
         screen.print(Text(printable(title), style="bold"))
         if not sound:
             continue

@@ -1,4 +1,4 @@
-"""What is shown: results on stdout, complaints and progress on stderr."""
+"""Output of the commands: results on stdout, complaints and progress on stderr."""
 
 from __future__ import annotations
 
@@ -12,15 +12,13 @@ from typing import Any
 import typer
 
 LINE_EACH_S = 10.0
-"""Where no terminal shows bars, a line says at most this often how far a stage is."""
-
-
+"""Without a terminal, progress is a line of text, at most this often, seconds."""
 PIPED_WIDTH = 80
 """Width of tables that go to a file or pipe, characters."""
 
 
 def console(*, stderr: bool = False, width: int | None = None) -> Any:
-    """Return a rich console that takes text as it is, without markup, and colours nothing.
+    """Return a rich console that prints text unchanged: no markup, no colours of its own.
 
     width: characters; None: as wide as the terminal.
     """
@@ -45,12 +43,12 @@ def headline(text: str) -> None:
 
 
 def print_json(content: Any) -> None:
-    """Print what JSON can hold, and nothing else."""
+    """Print content as JSON, and nothing else."""
     typer.echo(json.dumps(content, indent=1, allow_nan=False))
 
 
 def printable(text: str) -> str:
-    """Return a text that strangers wrote, or that names what they did, as one harmless line."""
+    """Return a text that may come from a plug-in or a file as one line that is safe to print."""
     from roadscope.core.text import one_line
 
     return one_line(text)
@@ -63,7 +61,7 @@ def complain(text: str) -> None:
 
 @contextmanager
 def progress_bars(*, quiet: bool = False) -> Iterator[Callable[[str, int, int], None]]:
-    """Show one bar for each stage, with time spent and left; in a log, plain lines.
+    """Yield a function that shows progress: a bar for each stage; without a terminal, lines.
 
     quiet: show nothing.
     """
@@ -80,31 +78,31 @@ def progress_bars(*, quiet: bool = False) -> Iterator[Callable[[str, int, int], 
         bars.TimeElapsedColumn(),
         bars.TimeRemainingColumn(),
     )
-    shown = bars.Progress(*columns, console=console(stderr=True))
+    display = bars.Progress(*columns, console=console(stderr=True))
     tasks: dict[str, bars.TaskID] = {}
-    logged, begun = not shown.console.is_terminal, monotonic()
+    logged, start_s = not display.console.is_terminal, monotonic()
     written_s = dict[str, float]()
 
     def log(stage: str, done: int, total: int) -> None:
         now_s = monotonic()
         if done == total or now_s - written_s.get(stage, -LINE_EACH_S) >= LINE_EACH_S:
             written_s[stage] = now_s
-            complain(f"{stage} {done}/{total}, {now_s - begun:.0f} s")
+            complain(f"{stage} {done}/{total}, {now_s - start_s:.0f} s")
 
-    def tell(stage: str, done: int, total: int) -> None:
+    def update(stage: str, done: int, total: int) -> None:
         if logged:
             log(stage, done, total)
             return
         # Started late, so that an error in the input is the only line there is.
-        shown.start()
+        display.start()
         if stage not in tasks:
-            tasks[stage] = shown.add_task(stage, total=total)
-        shown.update(tasks[stage], completed=done, total=total)
+            tasks[stage] = display.add_task(stage, total=total)
+        display.update(tasks[stage], completed=done, total=total)
 
     try:
-        yield tell
-        for task in shown.tasks:
-            shown.update(task.id, completed=task.total)
+        yield update
+        for task in display.tasks:
+            display.update(task.id, completed=task.total)
     finally:
         if tasks:
-            shown.stop()
+            display.stop()

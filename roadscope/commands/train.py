@@ -12,11 +12,14 @@ from roadscope.commands.terminal import headline, progress_bars, show
 
 
 def train(
-    what: Annotated[str, typer.Argument(help="camera.")],
+    what: Annotated[str, typer.Argument(help="What to train: camera.")],
     recipe: Annotated[
-        str, typer.Option(help="full (half an hour on two cores), small or trial.")
+        str,
+        typer.Option(
+            help="Size of the training: full (half an hour on two cores), small or trial."
+        ),
     ] = "full",
-    seed: Annotated[int, typer.Option(min=0, help="Seed of all random numbers.")] = 0,
+    seed: Annotated[int, typer.Option(min=0, help="Seed of all random draws.")] = 0,
     jobs: Jobs = 0,
     work: Annotated[
         Path | None,
@@ -28,21 +31,21 @@ def train(
         Path, typer.Option(help="File for the weights; a .toml comes beside it.")
     ] = Path("network.safetensors"),
 ) -> None:
-    """Train the shipped detector again.
+    """Train the camera detector from simulated pictures.
 
-    What an earlier run has rendered and learned is kept: a stopped run goes on where it was.
+    Pictures and checkpoints of an earlier run are used: a stopped run continues.
     """
     from roadscope.benchmarks.train.camera import train_camera
 
     if what != "camera":
-        raise ValueError(f"nothing called '{what}' can be trained; known: camera")
+        raise ValueError(f"'{what}' cannot be trained; possible: camera")
     with progress_bars() as progress:
-        done = train_camera(
+        result = train_camera(
             out, recipe=recipe, seed=seed, work=work, jobs=workers(jobs), progress=progress
         )
     from roadscope.benchmarks.tables import score_table
 
-    for name, scores in {"validation seeds": done.scores, **done.held_out}.items():
+    for name, scores in {"validation seeds": result.scores, **result.held_out}.items():
         headline(f"{name.replace('_', ' ')}: {scores.ap50.n} road users")
         show(score_table(scores.named()))
-    typer.echo(f"written: {done.weights}, {done.record}")
+    typer.echo(f"written: {result.weights}, {result.record}")

@@ -1,4 +1,7 @@
-"""Records that cross rooms, geometry and the registry; imports nothing of ours."""
+"""The records that all other packages share, poses, specs and registries.
+
+It imports nothing else of roadscope.
+"""
 
 from roadscope.core.category import Category, Family
 from roadscope.core.checks import RecordError

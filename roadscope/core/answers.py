@@ -22,8 +22,6 @@ R = TypeVar("R")
 STAMP_TOLERANCE_S = 1e-6
 FARTHEST_POSE_M = 1e6
 """A pose farther from the start, along any axis, is refused; farther than any drive."""
-
-
 MOST_OBJECTS = 2000
 """Most objects in an answer; nuScenes allows 500. Matching them takes space for all pairs."""
 MOST_MASSES = 16
@@ -42,7 +40,7 @@ def same_stamp(one_s: float, other_s: float) -> bool:
 
 
 def check_detections(answer: Any, *, stamps_s: Sequence[float]) -> Detections:
-    """Return a LiDAR detector's answer; its stamp is one of those of the frames so far."""
+    """Return a LiDAR detector's answer; its stamp must be that of a frame so far, in `stamps_s`."""
     detections = _of_class(answer, Detections, "detect")
     _check_count(detections, "detections")
     _check_values(detections, ("centres", "sizes", "yaws"))
@@ -68,7 +66,7 @@ def check_image_detections(answer: Any, *, stamp_s: float) -> ImageDetections:
 def check_tracks(answer: Any, *, stamp_s: float, posed: bool, method: str = "update") -> Tracks:
     """Return a tracker's answer to the detections at a stamp.
 
-    posed: whether the tracker was given the ego's pose; only then it can answer in frame `world`.
+    posed: whether the tracker got the ego's pose; only then may it answer in frame `world`.
     """
     tracks = _of_class(answer, Tracks, method)
     _check_count(tracks, "tracks")
@@ -82,7 +80,10 @@ def check_tracks(answer: Any, *, stamp_s: float, posed: bool, method: str = "upd
 def check_rescored(
     answer: Any, *, stamps_s: Sequence[float], posed: Sequence[bool]
 ) -> tuple[Tracks, ...]:
-    """Return an offline tracker's answer to the history of an episode, one record a frame."""
+    """Return an offline tracker's answer to the history of an episode, one record a frame.
+
+    posed: for each frame whether the tracker got the ego's pose.
+    """
     if not isinstance(answer, Sequence) or isinstance(answer, str):
         raise AnswerError(f"rescored returned {type(answer).__name__}, not a sequence of Tracks")
     if len(answer) != len(stamps_s):
@@ -97,7 +98,10 @@ def check_rescored(
 
 
 def check_fused(answer: Any, *, stamp_s: float) -> FusedDetections:
-    """Return a fusion's answer to the detections at a stamp: the LiDAR's, else the camera's."""
+    """Return a fusion's answer to the detections of one moment.
+
+    stamp_s: of the LiDAR detections, or of the camera's if the LiDAR has none.
+    """
     fused = _of_class(answer, FusedDetections, "fuse")
     _check_count(fused, "targets")
     _check_values(fused, ("centres", "sizes", "yaws", "distances_m", "image_boxes"))
@@ -106,7 +110,7 @@ def check_fused(answer: Any, *, stamp_s: float) -> FusedDetections:
 
 
 def check_estimate(answer: Any, *, stamp_s: float, returns: int) -> OdometryEstimate:
-    """Return an odometry's answer to a scan; returns: the number of the scan's returns."""
+    """Return an odometry's answer to a scan. returns: how many returns the scan has."""
     estimate = _of_class(answer, OdometryEstimate, "update")
     _check_stamp(estimate.stamp_s, stamp_s, "the estimate", "scan")
     if len(estimate.dynamic) != returns:
@@ -119,9 +123,9 @@ def check_estimate(answer: Any, *, stamp_s: float, returns: int) -> OdometryEsti
 
 
 def check_masses(masses: np.ndarray | None, columns: set[int]) -> None:
-    """Refuse masses with another number of columns than those before.
+    """Raise `AnswerError` unless masses have as many columns as in earlier answers.
 
-    columns: the numbers so far, to which this one is added.
+    columns: the numbers of columns so far; that of these masses is added.
     """
     if masses is None or not len(masses):
         return

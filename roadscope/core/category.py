@@ -1,4 +1,4 @@
-"""What kind of road user an object is."""
+"""Categories of road users, and the families that they belong to."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Shape, dtype and value checks that say what was wrong."""
+"""Checks of shapes, dtypes and values for records; errors name the record and the field."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ def settle_arrays(record: object, /, **fields: tuple[DTypeLike, Shape]) -> None:
     A letter in a shape is a length that must agree between all fields that use it; floats must
     be finite. Values of another dtype are converted where that changes no value beyond rounding:
     floats to integers if they are whole, numbers to booleans if they are 0 or 1. Raises
-    `RecordError` naming record, field, expectation and what was given.
+    `RecordError` with the record, the field, what was expected and the actual value.
     """
     lengths: dict[str, tuple[int, str]] = {}
     for name, (dtype, shape) in fields.items():
@@ -35,10 +35,10 @@ def settle_arrays(record: object, /, **fields: tuple[DTypeLike, Shape]) -> None:
         object.__setattr__(record, name, array)
 
 
-def require(condition: bool, record: object, name: str, expected: str, given: object) -> None:
-    """Raise `RecordError` unless the condition holds."""
+def require(condition: bool, record: object, name: str, expected: str, actual: object) -> None:
+    """Raise `RecordError` unless the condition holds; the other arguments are for its message."""
     if not condition:
-        raise RecordError(f"{_label(record, name)}: expected {expected}, got {given!r}")
+        raise RecordError(f"{_label(record, name)}: expected {expected}, got {actual!r}")
 
 
 def check_sizes(record: object, name: str, sizes: np.ndarray) -> None:
@@ -48,9 +48,9 @@ def check_sizes(record: object, name: str, sizes: np.ndarray) -> None:
 
 def check_categories(record: object, name: str, categories: np.ndarray) -> None:
     """Raise `RecordError` where one of (N,) is no value of `Category`."""
-    known = (categories >= 0) & (categories < len(Category))
+    valid = (categories >= 0) & (categories < len(Category))
     expected = f"values of Category, 0 to {len(Category) - 1}"
-    _require_rows(known, record, name, expected, categories)
+    _require_rows(valid, record, name, expected, categories)
 
 
 def check_scores(record: object, name: str, scores: np.ndarray) -> None:
@@ -79,31 +79,31 @@ def _label(record: object, name: str) -> str:
 def _convert(record: object, name: str, value: Any, dtype: DTypeLike) -> np.ndarray:
     wanted = np.dtype(dtype)
     try:
-        given = np.asarray(value)
-        _check_exact(given, wanted)
-        return np.ascontiguousarray(given, dtype=wanted).reshape(given.shape)
+        array = np.asarray(value)
+        _check_exact(array, wanted)
+        return np.ascontiguousarray(array, dtype=wanted).reshape(array.shape)
     except (TypeError, ValueError) as error:
         raise RecordError(f"{_label(record, name)}: not an array of {wanted}: {error}") from error
 
 
-def _check_exact(given: np.ndarray, wanted: np.dtype[Any]) -> None:
+def _check_exact(array: np.ndarray, wanted: np.dtype[Any]) -> None:
     """Raise `ValueError` where conversion would change a value by more than rounding."""
-    if given.dtype == wanted or not given.size:
+    if array.dtype == wanted or not array.size:
         return
-    if given.dtype.kind not in "biuf":
-        raise ValueError(f"expected numbers, got {given.dtype} such as {given.flat[0]!r}")
+    if array.dtype.kind not in "biuf":
+        raise ValueError(f"expected numbers, got {array.dtype} such as {array.flat[0]!r}")
     if wanted.kind == "b":
-        exact, expected = (given == 0) | (given == 1), "True or False"
-    elif wanted.kind in "iu" and not np.can_cast(given.dtype, wanted):
+        exact, expected = (array == 0) | (array == 1), "True or False"
+    elif wanted.kind in "iu" and not np.can_cast(array.dtype, wanted):
         limits = np.iinfo(wanted)
         # Below the limit plus one: the greatest int64 itself is no float.
-        exact = (given >= limits.min) & (given < limits.max + 1)
-        exact &= np.trunc(given) == given if given.dtype.kind == "f" else True
+        exact = (array >= limits.min) & (array < limits.max + 1)
+        exact &= np.trunc(array) == array if array.dtype.kind == "f" else True
         expected = f"whole numbers from {limits.min} to {limits.max}"
     else:
         return
     if not exact.all():
-        raise ValueError(f"expected {expected}, got {given[~exact].flat[0]}")
+        raise ValueError(f"expected {expected}, got {array[~exact].flat[0]}")
 
 
 def _check_shape(
@@ -112,16 +112,16 @@ def _check_shape(
     text = "(" + ", ".join(map(str, shape)) + ("," if len(shape) == 1 else "") + ")"
     if array.ndim != len(shape):
         raise RecordError(f"{_label(record, name)}: expected shape {text}, got {array.shape}")
-    for given, wanted in zip(array.shape, shape, strict=True):
+    for length, wanted in zip(array.shape, shape, strict=True):
         if isinstance(wanted, int):
-            if given != wanted:
+            if length != wanted:
                 raise RecordError(
                     f"{_label(record, name)}: expected shape {text}, got {array.shape}"
                 )
             continue
-        known, source = lengths.setdefault(wanted, (given, name))
-        if given != known:
+        earlier, source = lengths.setdefault(wanted, (length, name))
+        if length != earlier:
             raise RecordError(
-                f"{_label(record, name)}: expected shape {text} with {wanted} = {known} "
+                f"{_label(record, name)}: expected shape {text} with {wanted} = {earlier} "
                 f"as in {source}, got {array.shape}"
             )

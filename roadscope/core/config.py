@@ -13,14 +13,14 @@ from roadscope.core.names import unknown
 
 T = TypeVar("T", bound=msgspec.Struct)
 PLACE = re.compile(r" - at `\$(.*)`$")
-"""Where msgspec says that a value is wrong, behind the reason."""
+"""The part of a message of msgspec that names the value, behind the reason."""
 
 
 class ConfigError(ValueError):
     """A file of settings cannot be read; `problems` has one text for each problem."""
 
     def __init__(self, problems: Iterable[str]) -> None:
-        """Take what is wrong."""
+        """Take one text for each problem."""
         self.problems = tuple(problems)
         several = [f"{len(self.problems)} problems:"] if len(self.problems) > 1 else []
         super().__init__("\n- ".join([*several, *self.problems]))
@@ -39,7 +39,7 @@ def read_config(content: str, kind: type[T]) -> T:
 
 
 def _problems(table: Mapping[str, Any], kind: type[msgspec.Struct], prefix: str) -> Iterator[str]:
-    """Say what is wrong with a table and those below it; prefix: `camera.` for the table camera."""
+    """Yield the problems of a table and of the tables in it; prefix: `camera.` for table camera."""
     fields = {field.encode_name: field for field in msgspec.structs.fields(kind)}
     known = [prefix + name for name in fields]
     for key in table:
@@ -68,7 +68,7 @@ def _is_table(kind: Any) -> bool:
 
 
 def _wrong(value: Any, kind: Any, key: str) -> Iterator[str]:
-    """Say why a value is not of a kind, if it is not."""
+    """Yield why a value is not of a type, if it is not."""
     try:
         msgspec.convert(value, kind)
     except msgspec.ValidationError as error:

@@ -1,4 +1,4 @@
-"""What detectors say."""
+"""Detections: boxes in space from a LiDAR, boxes in an image from a camera."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from roadscope.core.record import Record
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Detections(Record):
-    """Boxes found in one frame.
+    """Boxes that a detector reports for one frame.
 
     centres: (N, 3) float64, metres, box centres.
     sizes: (N, 3) float64, metres, length width height, all positive.
@@ -58,7 +58,7 @@ class Detections(Record):
 
     @staticmethod
     def empty(stamp_s: float, frame: str = "ego") -> Detections:
-        """Return detections of nothing."""
+        """Return a record without detections."""
         return Detections(
             np.empty((0, 3)),
             np.empty((0, 3)),
@@ -70,7 +70,7 @@ class Detections(Record):
         )
 
     def select(self, index: np.ndarray) -> Detections:
-        """Keep the rows that a mask or an index array names."""
+        """Return the rows that a mask or an index array selects."""
         centres = self.centres[index]
         require(centres.ndim == 2, self, "select", "a mask or an index array", index)
         return self._trusted(
@@ -83,7 +83,7 @@ class Detections(Record):
         )
 
     def moved(self, a_from_b: Pose, frame: str) -> Detections:
-        """Express boxes of frame b in frame a, named `frame`."""
+        """Return the boxes, which are in frame b, in frame a. frame: name of frame a."""
         return self._trusted(
             centres=a_from_b.apply(self.centres),
             yaws=wrap_angle(self.yaws + a_from_b.yaw),
@@ -93,7 +93,7 @@ class Detections(Record):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ImageDetections(Record):
-    """Boxes found in one image.
+    """Boxes that a detector reports for one image.
 
     boxes: (N, 4) float64, pixels, left top right bottom, right not left of left, bottom not above
         top.
@@ -101,7 +101,7 @@ class ImageDetections(Record):
     scores: (N,) float64 in 0 to 1.
     stamp_s: seconds since reset.
     masses: (N, K) float64 Dempster-Shafer masses, the last column for ignorance, or None.
-    size_px: width and height of the image, None where they are not known.
+    size_px: width and height of the image, None if the detector does not report them.
     """
 
     boxes: np.ndarray
@@ -128,13 +128,13 @@ class ImageDetections(Record):
 
     @staticmethod
     def empty(stamp_s: float, size_px: tuple[int, int] | None = None) -> ImageDetections:
-        """Return detections of nothing."""
+        """Return a record without detections."""
         return ImageDetections(
             np.empty((0, 4)), np.empty(0, np.int8), np.empty(0), stamp_s, size_px=size_px
         )
 
     def select(self, index: np.ndarray) -> ImageDetections:
-        """Keep the rows that a mask or an index array names."""
+        """Return the rows that a mask or an index array selects."""
         boxes = self.boxes[index]
         require(boxes.ndim == 2, self, "select", "a mask or an index array", index)
         return replace(
@@ -149,7 +149,7 @@ class ImageDetections(Record):
 def check_boxes(
     record: Record, sizes: np.ndarray, categories: np.ndarray, scores: np.ndarray
 ) -> None:
-    """Refuse boxes without extent, categories that do not exist and scores beyond 0 to 1."""
+    """Raise `RecordError` for sizes of 0 or less, unknown categories, and scores outside 0 to 1."""
     check_sizes(record, "sizes", sizes)
     check_categories(record, "categories", categories)
     check_scores(record, "scores", scores)

@@ -1,4 +1,4 @@
-"""What one tick of a rig hands to perception."""
+"""Frames: what perception gets at one tick of a rig."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from roadscope.core.wheels import WheelSamples
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Calibration(Record):
-    """Where the user believes the sensors to be.
+    """The mounting poses of the sensors as the user believes them to be.
 
     ego_from_sensor: pairs of a sensor's name and its mounting pose.
     """
@@ -34,9 +34,9 @@ class Frame(Record):
     """The measurements of one tick; any of them may be missing.
 
     stamp_s: seconds since reset.
-    previous_from_ego: estimate of the own motion since the last tick: maps points of the
-        ego frame now into the ego frame of the last tick; None when unknown.
-    imu, wheels: samples since the last tick that had some, up to the end of this one's scan.
+    previous_from_ego: estimate of the ego's motion since the last tick; maps points of the ego
+        frame at this tick into the ego frame at the last tick. None without an estimate.
+    imu, wheels: samples since the last tick that had samples, up to the end of this tick's scan.
     """
 
     stamp_s: float

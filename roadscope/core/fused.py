@@ -1,4 +1,4 @@
-"""What fusion says: targets that LiDAR, camera or both found."""
+"""Fused detections: targets that LiDAR, camera or both detected."""
 
 from __future__ import annotations
 
@@ -25,16 +25,16 @@ _FAMILY_COLUMN = np.array([list(Family).index(category.family) for category in C
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FusedDetections(Record):
-    """Targets of one moment.
+    """The targets that a fusion reports for one moment.
 
     categories: (N,) int8, values of `Category`. scores: (N,) float64 in 0 to 1.
-    by_lidar, by_camera: (N,) bool, which sensors found the target.
+    by_lidar, by_camera: (N,) bool, whether that sensor detected the target.
     has_box: (N,) bool, whether centre, size and yaw are known.
     centres, sizes: (N, 3) float64, metres, yaws: (N,) radians, frame `ego`; 0, 1 and 0 where
         unknown.
     distances_m: (N,) float64, from the ego over ground, -1 where unknown.
-    numbers: (N,) int64, row of the LiDAR detection the target rests on, -1 without one; several
-        targets in a crowd may share one.
+    numbers: (N,) int64, row of the LiDAR detection that the target is made from, -1 without one;
+        several targets in a crowd may share one.
     has_image_box: (N,) bool. image_boxes: (N, 4) float64, pixels, left top right bottom; 0
         where unknown.
     masses: (N, K) float64 Dempster-Shafer masses, the last column for ignorance.
@@ -77,8 +77,8 @@ class FusedDetections(Record):
         check_scores(self, "scores", self.scores)
         check_sizes(self, "sizes", self.sizes[self.has_box])
         check_image_boxes(self, "image_boxes", self.image_boxes[self.has_image_box])
-        found = self.by_lidar | self.by_camera
-        require(bool(found.all()), self, "by_lidar", "a sensor for every target", "none")
+        detected = self.by_lidar | self.by_camera
+        require(bool(detected.all()), self, "by_lidar", "a sensor for every target", "none")
 
     def __len__(self) -> int:
         return len(self.scores)
@@ -97,27 +97,27 @@ class FusedDetections(Record):
         its LiDAR detection, the image box of its camera detection, the greater score and the
         category that goes with it.
 
-        lidar, camera: detections in frame `ego` and in the image, None for a sensor that brought
-            nothing; one of them must be there.
+        lidar, camera: detections in frame `ego` and in the image, None for a sensor without
+            measurement; at least one of them is needed.
         pairs: (M, 2) rows of `lidar` and `camera` that belong together; each row once at most.
         scores: (M,) of the pairs, in place of the greater score.
         """
         rows = _pair_rows(pairs, _count(lidar), _count(camera))
-        of_lidar = np.setdiff1d(np.arange(_count(lidar)), rows[:, 0])
-        of_camera = np.setdiff1d(np.arange(_count(camera)), rows[:, 1])
-        lidar_rows = np.concatenate([rows[:, 0], of_lidar, np.full(len(of_camera), -1)])
-        camera_rows = np.concatenate([rows[:, 1], np.full(len(of_lidar), -1), of_camera])
-        given = None
+        lidar_only = np.setdiff1d(np.arange(_count(lidar)), rows[:, 0])
+        camera_only = np.setdiff1d(np.arange(_count(camera)), rows[:, 1])
+        lidar_rows = np.concatenate([rows[:, 0], lidar_only, np.full(len(camera_only), -1)])
+        camera_rows = np.concatenate([rows[:, 1], np.full(len(lidar_only), -1), camera_only])
+        all_scores = None
         if scores is not None:
-            given = np.concatenate(
+            all_scores = np.concatenate(
                 [
                     np.asarray(scores, np.float64),
-                    _scores(lidar)[of_lidar],
-                    _scores(camera)[of_camera],
+                    _scores(lidar)[lidar_only],
+                    _scores(camera)[camera_only],
                 ]
             )
         return FusedDetections.from_rows(
-            lidar, camera, lidar_rows=lidar_rows, camera_rows=camera_rows, scores=given
+            lidar, camera, lidar_rows=lidar_rows, camera_rows=camera_rows, scores=all_scores
         )
 
     @staticmethod
@@ -132,39 +132,39 @@ class FusedDetections(Record):
         masses: np.ndarray | None = None,
         lidar_boxes: np.ndarray | None = None,
     ) -> FusedDetections:
-        """Return targets of which each is a row of one sensor's detections or of both.
+        """Return targets, each made from a row of one sensor's detections or of both.
 
         lidar, camera: as in `of`.
         lidar_rows, camera_rows: (N,) rows of the detections, -1 where a target has none.
         categories, scores: (N,); those of the sensor with the greater score if left out.
         masses: (N, K) with ignorance last; if left out (N, 4) with the score as the mass of the
             family, in the order vehicle, cyclist, pedestrian.
-        lidar_boxes: (L, 4) all LiDAR detections projected into the image, zeros where outside; the
-            image boxes of targets that the camera does not have.
+        lidar_boxes: (L, 4) the boxes of all LiDAR detections in the image, zeros where outside:
+            the image boxes of targets that the camera did not detect.
         """
         points, image = _both(lidar, camera)
         lidar_rows = _rows("lidar_rows", lidar_rows, len(points))
         camera_rows = _rows("camera_rows", camera_rows, len(image))
-        _check_as_many(lidar_rows, camera_rows)
+        _check_equal_lengths(lidar_rows, camera_rows)
         by_lidar, by_camera = lidar_rows >= 0, camera_rows >= 0
-        of_lidar = _taken(points.scores, lidar_rows, -1.0)
-        of_camera = _taken(image.scores, camera_rows, -1.0)
+        lidar_scores = _rows_or(points.scores, lidar_rows, -1.0)
+        camera_scores = _rows_or(image.scores, camera_rows, -1.0)
         if categories is None:
             categories = np.where(
-                of_lidar > of_camera,
-                _taken(points.categories, lidar_rows, 0),
-                _taken(image.categories, camera_rows, 0),
+                lidar_scores > camera_scores,
+                _rows_or(points.categories, lidar_rows, 0),
+                _rows_or(image.categories, camera_rows, 0),
             )
         if scores is None:
-            scores = np.maximum(of_lidar, of_camera)
-        boxes = _taken(image.boxes, camera_rows, 0.0)
+            scores = np.maximum(lidar_scores, camera_scores)
+        boxes = _rows_or(image.boxes, camera_rows, 0.0)
         candidates = np.zeros_like(boxes)
         if lidar_boxes is not None:
-            candidates = _taken(np.asarray(lidar_boxes, np.float64), lidar_rows, 0.0)
+            candidates = _rows_or(np.asarray(lidar_boxes, np.float64), lidar_rows, 0.0)
         inside = (candidates[:, 2:] > candidates[:, :2]).all(axis=1)
         projected = by_lidar & ~by_camera & inside
         boxes[projected] = candidates[projected]
-        centres = _taken(points.centres, lidar_rows, 0.0)
+        centres = _rows_or(points.centres, lidar_rows, 0.0)
         return FusedDetections(
             categories=categories,
             scores=scores,
@@ -172,8 +172,8 @@ class FusedDetections(Record):
             by_camera=by_camera,
             has_box=by_lidar,
             centres=centres,
-            sizes=_taken(points.sizes, lidar_rows, 1.0),
-            yaws=_taken(points.yaws, lidar_rows, 0.0),
+            sizes=_rows_or(points.sizes, lidar_rows, 1.0),
+            yaws=_rows_or(points.yaws, lidar_rows, 0.0),
             distances_m=np.where(by_lidar, np.hypot(centres[:, 0], centres[:, 1]), -1.0),
             numbers=lidar_rows,
             has_image_box=by_camera | projected,
@@ -183,22 +183,28 @@ class FusedDetections(Record):
         )
 
     def select(self, index: np.ndarray) -> FusedDetections:
-        """Keep the rows that a mask or an index array names."""
+        """Return the rows that a mask or an index array selects."""
         names = [name for name in FusedDetections.__slots__ if name != "stamp_s"]
         return replace(self, **{name: getattr(self, name)[index] for name in names})
 
     def detections(self) -> Detections:
         """Return the targets with a box in space, as a tracker takes them."""
-        kept = self.select(self.has_box)
+        boxed = self.select(self.has_box)
         return Detections(
-            kept.centres, kept.sizes, kept.yaws, kept.categories, kept.scores, "ego", kept.stamp_s
+            boxed.centres,
+            boxed.sizes,
+            boxed.yaws,
+            boxed.categories,
+            boxed.scores,
+            "ego",
+            boxed.stamp_s,
         )
 
 
 def _both(
     lidar: Detections | None, camera: ImageDetections | None
 ) -> tuple[Detections, ImageDetections]:
-    """Return the detections of both sensors, none where one is missing; refuse other frames."""
+    """Return the detections of both sensors, an empty record in place of None."""
     if lidar is not None and lidar.frame != "ego":
         raise RecordError(
             f"FusedDetections: expected detections in frame ego, got those in frame {lidar.frame}"
@@ -219,13 +225,16 @@ def _scores(detections: Detections | ImageDetections | None) -> np.ndarray:
 
 
 def _pair_rows(pairs: np.ndarray | None, lidar: int, camera: int) -> np.ndarray:
-    """Return (M, 2) rows; refuse other shapes, rows that do not exist and rows named twice."""
-    given = np.empty((0, 2), np.int64) if pairs is None else np.asarray(pairs)
-    if given.size == 0:
+    """Return (M, 2) rows; refuse other shapes, rows that do not exist and rows used twice.
+
+    lidar, camera: numbers of detections.
+    """
+    array = np.empty((0, 2), np.int64) if pairs is None else np.asarray(pairs)
+    if array.size == 0:
         return np.empty((0, 2), np.int64)
-    if given.ndim != 2 or given.shape[1] != 2:
-        raise RecordError(f"FusedDetections: expected pairs (M, 2), got shape {given.shape}")
-    columns = (("LiDAR", given[:, 0], lidar), ("camera", given[:, 1], camera))
+    if array.ndim != 2 or array.shape[1] != 2:
+        raise RecordError(f"FusedDetections: expected pairs (M, 2), got shape {array.shape}")
+    columns = (("LiDAR", array[:, 0], lidar), ("camera", array[:, 1], camera))
     for sensor, column, count in columns:
         rows = _rows(f"rows of {sensor} in pairs", column, count)
         if (rows < 0).any() or len(np.unique(rows)) < len(rows):
@@ -233,26 +242,26 @@ def _pair_rows(pairs: np.ndarray | None, lidar: int, camera: int) -> np.ndarray:
                 f"FusedDetections: expected each row of {sensor} detections once at "
                 f"most in pairs, from 0 to {count - 1}, got {rows.tolist()}"
             )
-    return given.astype(np.int64)
+    return array.astype(np.int64)
 
 
 def _rows(name: str, rows: np.ndarray, count: int) -> np.ndarray:
-    """Return (N,) rows; refuse those that are not whole or do not exist."""
-    given = np.asarray(rows)
-    whole = given.dtype.kind in "iu" or given.size == 0
+    """Return (N,) rows; refuse numbers that are not whole and rows that do not exist."""
+    array = np.asarray(rows)
+    whole = array.dtype.kind in "iu" or array.size == 0
     if (
-        given.ndim != 1
+        array.ndim != 1
         or not whole
-        or (given.size and not -1 <= given.min() <= given.max() < count)
+        or (array.size and not -1 <= array.min() <= array.max() < count)
     ):
         raise RecordError(
             f"FusedDetections: expected {name} (N,), whole numbers from -1 to "
-            f"{count - 1}, got {given.tolist()}"
+            f"{count - 1}, got {array.tolist()}"
         )
-    return given.astype(np.int64)
+    return array.astype(np.int64)
 
 
-def _check_as_many(lidar_rows: np.ndarray, camera_rows: np.ndarray) -> None:
+def _check_equal_lengths(lidar_rows: np.ndarray, camera_rows: np.ndarray) -> None:
     if len(lidar_rows) != len(camera_rows):
         raise RecordError(
             f"FusedDetections: expected as many lidar_rows as camera_rows, got "
@@ -260,15 +269,15 @@ def _check_as_many(lidar_rows: np.ndarray, camera_rows: np.ndarray) -> None:
         )
 
 
-def _taken(values: np.ndarray, rows: np.ndarray, otherwise: float) -> np.ndarray:
-    """Return the named rows of values, a constant where the row is -1."""
-    taken = np.full((len(rows), *values.shape[1:]), otherwise, values.dtype)
-    taken[rows >= 0] = values[rows[rows >= 0]]
-    return taken
+def _rows_or(values: np.ndarray, rows: np.ndarray, otherwise: float) -> np.ndarray:
+    """Return these rows of values, the constant `otherwise` where the row is -1."""
+    picked = np.full((len(rows), *values.shape[1:]), otherwise, values.dtype)
+    picked[rows >= 0] = values[rows[rows >= 0]]
+    return picked
 
 
 def _simple_masses(categories: np.ndarray, scores: np.ndarray) -> np.ndarray:
-    """Return (N, 4) masses: the score on the family, the rest on ignorance."""
+    """Return (N, 4) masses: the score for the family, one minus the score for ignorance."""
     families = _FAMILY_COLUMN[np.asarray(categories, np.int64)]
     masses = np.zeros((len(families), len(Family) + 1))
     masses[np.arange(len(families)), families] = scores

@@ -1,4 +1,4 @@
-"""What one exposure of a camera brings."""
+"""Camera images."""
 
 from __future__ import annotations
 
@@ -10,13 +10,13 @@ from roadscope.core.checks import settle_arrays
 from roadscope.core.record import Record
 
 DARK = 8
-"""Brightest byte of an image that shows nothing, and how far bytes of an even one lie apart."""
+"""Bytes: brightest pixel of a black image, and the range of an evenly dark one without noise."""
 DIM = 64
-"""Greatest mean byte of a covered lens, whose noise is amplified."""
+"""Greatest mean byte of an image behind a covered lens; the camera amplifies its noise."""
 BLOCK = 16
 """Side of the blocks over which noise is averaged, pixels."""
 CHANCE = 8.0
-"""Standard deviations by which the darkest and the brightest block differ by noise alone."""
+"""Standard deviations of the mean of a block, by which noise alone may make blocks differ."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -51,12 +51,15 @@ class CameraImage(Record):
         if self.pixels.max(initial=0) <= DARK or self.pixels.min(initial=255) >= 255 - DARK:
             return True
         green = self.pixels[..., 1]
-        # Nearly all images are told by few of their pixels.
+        # One pixel in sixteen is enough to tell that nearly any image is not blank.
         return _even(green[::4, ::4], BLOCK // 4) and _even(green, BLOCK)
 
 
 def _even(values: np.ndarray, side: int) -> bool:
-    """Whether blocks of an (H, W) channel are dark and differ by no more than noise makes them."""
+    """Return whether an (H, W) channel is dark, and its blocks differ by no more than noise.
+
+    side: of a block, pixels.
+    """
     rows, columns = (length - length % side for length in values.shape)
     if values.mean() > DIM or not rows or not columns:
         return False

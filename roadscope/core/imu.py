@@ -1,4 +1,4 @@
-"""What an inertial measurement unit brings."""
+"""Samples of an inertial measurement unit (IMU)."""
 
 from __future__ import annotations
 

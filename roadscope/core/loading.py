@@ -18,13 +18,13 @@ from typing import Any, get_args
 from roadscope.core.text import error_text
 
 LOADERS = (__file__, importlib.__file__)
-
-
+"""Files whose lines are left out when an error in a plug-in's module is located."""
 LITERAL_KINDS: Mapping[Any, str] = {
     bool: "True or False",
     int: "a whole number",
     float: "a number",
 }
+"""Types of arguments that are checked, in words."""
 
 
 class SpecError(ValueError):
@@ -41,7 +41,9 @@ class NotInstalledError(SpecError):
 
 @dataclass(frozen=True, slots=True)
 class Requirement:
-    """What a plug-in needs and this package does not bring; its class says so as `requires`.
+    """A distribution that a plug-in needs and roadscope does not install.
+
+    The plug-in's class has it as its attribute `requires`.
 
     distribution: its name on the package index.
     command: what installs it.
@@ -79,19 +81,19 @@ def load_class(target: str) -> type[Any]:
         raise SpecError(f"'{target}': name a class after the colon: {place}:Class")
     module = _import_file(Path(place)) if place.endswith(".py") else _import_module(place)
     try:
-        found = getattr(module, attribute)
+        value = getattr(module, attribute)
     except AttributeError:
-        known = [
+        classes = [
             name
             for name, value in vars(module).items()
             if inspect.isclass(value) and value.__module__ == module.__name__ and name[0] != "_"
         ]
         raise SpecError(
-            f"no class '{attribute}' in {place}; it has: {', '.join(known) or 'no class'}"
+            f"no class '{attribute}' in {place}; it has: {', '.join(classes) or 'no class'}"
         ) from None
-    if not inspect.isclass(found):
+    if not inspect.isclass(value):
         raise SpecError(f"'{target}' is not a class")
-    return found
+    return value
 
 
 def file_of(place: str) -> Path | None:
@@ -117,7 +119,8 @@ def file_of(place: str) -> Path | None:
 def parameters_of(kind: type[Any]) -> dict[str, str]:
     """Return the names of a constructor's parameters with their defaults as text.
 
-    One without a default has an empty text. Empty for a class that does not tell its parameters.
+    A parameter without a default has an empty text. The result is empty for a class whose
+    parameters cannot be inspected.
     """
     try:
         parameters = inspect.signature(kind).parameters.values()
@@ -137,7 +140,7 @@ def positional_parameters_of(kind: type[Any]) -> tuple[str, ...]:
 
 
 def binding_problem(kind: type[Any], arguments: Mapping[str, Any]) -> str:
-    """Say why a constructor does not take the arguments; empty if it does."""
+    """Return why a constructor does not take the arguments; empty if it does."""
     try:
         signature = inspect.signature(kind)
     except (TypeError, ValueError):
@@ -145,11 +148,11 @@ def binding_problem(kind: type[Any], arguments: Mapping[str, Any]) -> str:
     try:
         signature.bind(**arguments)
     except TypeError as error:
-        known = [
+        possible = [
             f"{name}={default}" if default else name
             for name, default in parameters_of(kind).items()
         ]
-        return f"{error}; its arguments: {', '.join(known) or 'none'}"
+        return f"{error}; its arguments: {', '.join(possible) or 'none'}"
     return ""
 
 
@@ -196,7 +199,7 @@ def _loading_error(place: object, error: BaseException) -> SpecError:
 
 
 def _where(error: BaseException) -> str:
-    """Say at which line of the module that is loaded; empty where it was not found or read."""
+    """Return the line of the loaded module in which the error arose; empty if none of it ran."""
     frames = [
         frame
         for frame in traceback.extract_tb(error.__traceback__)

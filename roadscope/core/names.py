@@ -1,4 +1,4 @@
-"""What is said of a name that nothing bears."""
+"""The error text for an unknown name."""
 
 from __future__ import annotations
 
@@ -6,12 +6,12 @@ import difflib
 from collections.abc import Iterable
 
 
-def unknown(kind: str, name: str, known: Iterable[str], *, hint: str = "") -> str:
-    """Say that a name does not exist, which one may be meant, and which do.
+def unknown(kind: str, name: str, possible: Iterable[str], *, hint: str = "") -> str:
+    """Return the text of an error: a name does not exist, which similar one does, and which do.
 
-    hint: what stands in place of the name that is spelled most alike.
+    hint: shown in place of the similar name.
     """
-    names = list(known)
+    names = list(possible)
     close = difflib.get_close_matches(name, names, n=1)
     if hint:
         hint = f" ({hint})"

@@ -1,4 +1,4 @@
-"""What an odometry tells after a scan."""
+"""Odometry estimates."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from roadscope.core.record import Record
 
 
 class OdometryStatus(StrEnum):
-    """Whether an estimate rests on what was measured."""
+    """Whether an estimate was measured, or predicted because the scan did not determine it."""
 
     OK = "ok"
     DEGRADED = "degraded"
@@ -21,16 +21,16 @@ class OdometryStatus(StrEnum):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class OdometryEstimate(Record):
-    """Where the LiDAR is, as far as an odometry knows.
+    """The pose of the LiDAR that an odometry estimates from a scan.
 
     start_from_lidar: maps points of the LiDAR frame at the stamp into that of the first scan
         after a reset.
     covariance: (6, 6) float64, of a small motion in the LiDAR frame that would correct the pose:
         metres along x, y, z, then radians about them.
-    dynamic: (N,) bool, returns of the scan held to be of things that move.
+    dynamic: (N,) bool, returns of the scan that the odometry takes for moving objects.
     stamp_s: the scan's.
-    status: degraded where the pose is carried on from what was known before, wholly or in part.
-    reason: why it is degraded, for a reader; empty when it is not.
+    status: degraded if the pose is predicted from earlier scans, wholly or in part.
+    reason: why it is degraded, as text; empty if it is not.
     """
 
     start_from_lidar: Pose
@@ -58,5 +58,5 @@ class OdometryEstimate(Record):
 
     @property
     def ok(self) -> bool:
-        """Whether the estimate rests on what was measured."""
+        """Whether the estimate was measured."""
         return self.status is OdometryStatus.OK

@@ -1,4 +1,4 @@
-"""What every pixel of an image shows."""
+"""The truth for every pixel of an image."""
 
 from __future__ import annotations
 
@@ -17,15 +17,16 @@ GROUND_CLASS, SCENERY_CLASS, SKY_CLASS = -1, -2, -3
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PixelTruth(Record):
-    """Depth, instance and category by pixel, at the middle of the exposure, nothing blurred.
+    """Depth, instance and category of every pixel, at the middle of the exposure.
 
-    What lies on a pixel's ray through its middle counts: bodies, ground, scenery with what of
-    foliage is drawn solid, not fog, rain or lamps' light.
+    They are those of the first surface on the ray through the middle of the pixel, without motion
+    blur. Bodies, ground and scenery are surfaces, foliage as far as it is drawn solid; fog, rain
+    and the light of lamps are not.
 
     depth: (H, W) float32, metres along the optical axis, 0 in the sky.
-    instances: (H, W) int64, ids as in `Truth.ids`, `GROUND`, `SKY`, or otherwise -2 and below for
-        scenery, parked vehicles included; a thing of scenery has one number in an image and
-        maybe another in the next.
+    instances: (H, W) int64, ids as in `Truth.ids`, `GROUND`, `SKY`, or -2 and below for
+        scenery, parked vehicles included. The number of a piece of scenery may be another one in
+        another image.
     categories: (H, W) int8, values of `Category`, or `GROUND_CLASS`, `SCENERY_CLASS`,
         `SKY_CLASS`.
     stamp_s: middle of the exposure, seconds since reset, whatever the image's own stamp says.

@@ -95,27 +95,30 @@ class Pose(Record):
         return float(np.arctan2(self.matrix[1, 0], self.matrix[0, 0]))
 
     def __matmul__(self, other: Pose) -> Pose:
-        """Chain: `a_from_b @ b_from_c` is `a_from_c`."""
+        """Compose: `a_from_b @ b_from_c` is `a_from_c`."""
         return Pose(self.matrix @ other.matrix)
 
     def inverse(self) -> Pose:
-        """Turn `a_from_b` into `b_from_a`."""
+        """Return `b_from_a` of `a_from_b`."""
         rotation = self.rotation.T
         return Pose.from_parts(rotation, -rotation @ self.translation)
 
     def apply(self, points: np.ndarray) -> np.ndarray:
         """Map (..., 3) points of frame b into frame a, in float64."""
-        # Sums instead of a matrix product: the same bits on every machine, and no threads to wait
-        # for.
-        given = np.asarray(points)
-        x, y, z = given[..., 0], given[..., 1], given[..., 2]
-        mapped = np.empty(given.shape)
+        # Sums instead of a matrix product: the same bits on every machine, and no threads of a
+        # linear algebra library to wait for.
+        array = np.asarray(points)
+        x, y, z = array[..., 0], array[..., 1], array[..., 2]
+        mapped = np.empty(array.shape)
         for axis, (a, b, c) in enumerate(self.rotation):
             mapped[..., axis] = x * a + y * b + z * c + self.translation[axis]
         return mapped
 
     def interpolate(self, other: Pose, fraction: float) -> Pose:
-        """Go the given fraction of the way to the other pose, turning at a constant rate."""
+        """Return the pose at a fraction, 0 to 1, of the motion from this pose to the other.
+
+        Translation and rotation are at constant rates.
+        """
         from scipy.spatial.transform import Rotation
 
         turn = Rotation.from_matrix(self.rotation.T @ other.rotation).as_rotvec()
@@ -126,5 +129,5 @@ class Pose(Record):
 
 
 def wrap_angle(angle: np.ndarray | float) -> np.ndarray:
-    """Bring angles in radians into [-pi, pi)."""
+    """Return angles in radians as the equal ones in [-pi, pi)."""
     return (np.asarray(angle) + np.pi) % (2 * np.pi) - np.pi

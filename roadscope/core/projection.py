@@ -1,4 +1,4 @@
-"""From places around the ego to pixels."""
+"""Projection of points around the ego into the image."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from roadscope.core.pose import Pose
 from roadscope.core.record import Record
 
 NEAR_M = 0.1
-"""What is nearer to the image plane, or behind it, has no place in the image."""
+"""Points nearer to the image plane, or behind it, have no pixel."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -51,7 +51,7 @@ class Projection(Record):
 
     @staticmethod
     def of(intrinsics: np.ndarray, ego_from_camera: Pose, width: int, height: int) -> Projection:
-        """Join (3, 3) intrinsics and the mounting pose of a camera."""
+        """Return the projection of a camera with (3, 3) intrinsics and this mounting pose."""
         camera_from_ego = ego_from_camera.inverse().matrix[:3]
         return Projection(np.asarray(intrinsics) @ camera_from_ego, width, height)
 
@@ -61,9 +61,9 @@ class Projection(Record):
         return float(np.linalg.solve(self.matrix[:, :3], -self.matrix[:, 3])[2])
 
     def project(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Map (..., 3) points to (..., 2) pixels and (...) depths in metres.
+        """Return (..., 2) pixels and (...) depths in metres of (..., 3) points of the ego frame.
 
-        Pixels of points nearer than 0.1 m to the image plane or behind it mean nothing.
+        Pixels of points nearer than `NEAR_M` to the image plane, or behind it, are meaningless.
         """
         homogeneous = points @ self.matrix[:, :3].T + self.matrix[:, 3]
         depths = homogeneous[..., 2]

@@ -29,14 +29,14 @@ class Record:
     __hash__ = None  # type: ignore[assignment]
 
     def _trusted(self, **changes: object) -> Self:
-        """Replace fields by values that need no check, since those they come from had theirs."""
-        made = object.__new__(type(self))
+        """Return a copy with changed fields, unchecked: for values taken from checked records."""
+        copy = object.__new__(type(self))
         for name in self.__dataclass_fields__:
             value = changes[name] if name in changes else getattr(self, name)
             if name in changes and isinstance(value, np.ndarray):
                 value = np.ascontiguousarray(value)
-            object.__setattr__(made, name, value)
-        return made
+            object.__setattr__(copy, name, value)
+        return copy
 
 
 def same_value(a: object, b: object) -> bool:

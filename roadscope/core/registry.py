@@ -26,11 +26,11 @@ class Registry(Generic[T]):
         summaries: Mapping[str, str] | None = None,
         made: str = "",
     ) -> None:
-        """Take the kind's name, and by registered name the specs that stand behind them.
+        """Take the kind of plug-in, such as `tracker`, and the spec of the class of each name.
 
-        group: the entry point group that other packages join.
-        summaries: one line for a reader, by name.
-        made: how a plug-in is put together from parts, for errors.
+        group: the entry point group by which other packages add names.
+        summaries: one line on each name, for lists.
+        made: for error messages, how a plug-in can be composed of parts.
         """
         self.kind, self._made = kind, made
         self.summaries = dict(summaries or {})
@@ -48,7 +48,7 @@ class Registry(Generic[T]):
         return list(self._entries) + sorted(set(self._external()) - set(self._entries))
 
     def installed(self) -> list[str]:
-        """Return those of `names` that can be made here."""
+        """Return those of `names` whose requirements are installed."""
         return [name for name in self.names() if not self.missing(name)]
 
     def missing(self, spec: str | Spec) -> str | None:
@@ -56,16 +56,16 @@ class Registry(Generic[T]):
         return self.resolve(spec).missing
 
     def resolve(self, spec: str | Spec) -> Spec:
-        """Return the spec with its kind, its class's place and all arguments; nothing is loaded."""
-        given = Spec.parse(spec) if isinstance(spec, str) else spec
-        if given.is_class:
-            return replace(given, kind=self.kind, target=given.name)
-        if given.name.endswith(".py"):
-            raise SpecError(name_the_class(given))
-        registered = Spec.parse(self.target(given.name))
+        """Return the spec with its kind, its class and all arguments; nothing is imported."""
+        parsed = Spec.parse(spec) if isinstance(spec, str) else spec
+        if parsed.is_class:
+            return replace(parsed, kind=self.kind, target=parsed.name)
+        if parsed.name.endswith(".py"):
+            raise SpecError(name_the_class(parsed))
+        registered = Spec.parse(self.target(parsed.name))
         return replace(
-            given,
-            arguments={**registered.arguments, **given.arguments},
+            parsed,
+            arguments={**registered.arguments, **parsed.arguments},
             kind=self.kind,
             target=registered.name,
         )

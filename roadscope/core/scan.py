@@ -1,4 +1,4 @@
-"""What one turn of a LiDAR brings."""
+"""LiDAR scans."""
 
 from __future__ import annotations
 
@@ -10,13 +10,13 @@ from roadscope.core.checks import require, settle_arrays
 from roadscope.core.record import Record
 
 FARTHEST_M = 5000.0
-"""Farther than any LiDAR on the road reaches: a number that stands for no return is no place."""
+"""Farther than any LiDAR on the road measures: refuses numbers that stand for `no return`."""
 MOST_RINGS, MOST_COLUMNS = 1024, 1 << 16
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LidarScan(Record):
-    """The returns of one sweep, in firing order, as measured: not corrected for own motion.
+    """The returns of one sweep, in firing order, as measured: not corrected for the ego's motion.
 
     points: (N, 3) float32, metres, lidar frame at each point's own time; no coordinate beyond
         `FARTHEST_M`.

@@ -31,10 +31,10 @@ from roadscope.core.loading import (
 from roadscope.core.names import unknown
 
 KINDS = ("detector", "camera detector", "tracker", "fusion", "odometry")
-"""What a plug-in can be. A class may say so itself by an attribute: `kind = "tracker"`."""
+"""The kinds of plug-in. A class may declare its kind by an attribute: `kind = "tracker"`."""
 ORACLE, FUSED = "oracle", "fused"
 TRUE_POSES, NO_POSES = "truth", "none"
-"""What `ego=` may name beside an odometry; without it trackers get the true poses."""
+"""Values of `ego=` beside an odometry; without `ego=`, trackers get the true poses."""
 EGO, ODOMETRY = "ego", "odometry"
 FUSED_PARTS = ("lidar", "camera", "fusion")
 _EGO_PART = re.compile(rf"[?&]{EGO}=")
@@ -101,19 +101,19 @@ class Spec:
 
     @property
     def ego(self) -> Spec | None:
-        """Who tells a tracker the ego's poses; None: nothing is said."""
+        """Where a tracker gets the ego's poses from; None if the spec does not say."""
         return self.parts.get(EGO)
 
     @property
     def plain(self) -> Spec:
-        """The plug-in alone, without who tells it the ego's poses."""
+        """The spec without `ego=`: the plug-in alone."""
         if self.ego is None:
             return self
         parts = {key: part for key, part in self.parts.items() if key != EGO}
         return replace(self, text=_EGO_PART.split(self.text, maxsplit=1)[0], parts=parts)
 
     def with_ego(self, ego: str) -> Spec:
-        """Return the spec with the ego's poses of `truth`, `none` or an odometry."""
+        """Return the spec with the ego's poses from `truth`, `none` or an odometry."""
         text = self.plain.text
         return replace(
             Spec.parse(f"{text}{'&' if '?' in text else '?'}{EGO}={ego}"),
@@ -129,33 +129,33 @@ class Spec:
 
     @property
     def ours(self) -> bool:
-        """Whether the plug-in ships with this package. A file never does, whatever its name."""
+        """Whether the plug-in is part of roadscope. A file never is, whatever its name."""
         place = self.target.partition(":")[0]
         return place.startswith("roadscope.") and not place.endswith(".py")
 
     @property
     def factory(self) -> Any:
-        """The class, loaded into this process when it is first asked for."""
+        """The class, imported into this process."""
         return load_class(self.target)
 
     @property
     def requirement(self) -> Requirement | None:
-        """What a plug-in of ours needs beside this package, if anything."""
+        """The distribution that a plug-in of roadscope needs and does not install, if any."""
         required = getattr(self.factory, "requires", None) if self.ours else None
         return required if isinstance(required, Requirement) else None
 
     @property
     def missing(self) -> str | None:
-        """Why a plug-in of ours cannot be made here, or None if it can."""
+        """Why a plug-in of roadscope cannot be made here, or None if it can."""
         return self.requirement.missing if self.requirement else None
 
     @property
     def isolated(self) -> bool:
-        """Whether it runs in a process of its own: what is not ours, and wrappers of such."""
+        """Whether it runs in a process of its own: plug-ins of others, and our wrappers of them."""
         return not self.ours or self.requirement is not None
 
     def make(self) -> Any:
-        """Construct the plug-in in this process; wrong arguments are named."""
+        """Construct the plug-in in this process; `SpecError` names wrong arguments."""
         factory = self.factory
         if problem := binding_problem(factory, self.arguments):
             raise SpecError(f"'{self.text}': {problem}")
@@ -175,14 +175,17 @@ def _literal(text: str) -> Any:
 
 
 def name_the_class(spec: Spec) -> str:
-    """Return what is wrong with a spec that names a file and no class in it."""
+    """Return the error text for a spec that names a file and no class in it."""
     return f"'{spec}': name the class in the file too: {spec.name}:Class"
 
 
-def unknown_name(kind: str, name: str, known: list[str], composed: str = "") -> str:
-    """Return what is wrong with a name that no plug-in of a kind has, and what is possible."""
+def unknown_name(kind: str, name: str, possible: list[str], composed: str = "") -> str:
+    """Return the error text for a name that no plug-in of a kind has, with what is possible.
+
+    composed: how a plug-in can be composed of parts; empty if it cannot.
+    """
     more = f"or put one together: {composed}; " if composed else ""
     return (
-        f"{unknown(kind, name, known)}; {more}"
+        f"{unknown(kind, name, possible)}; {more}"
         "or name your own: package.module:Class, path/to/file.py:Class"
     )

@@ -1,4 +1,4 @@
-"""Text that strangers wrote, made fit to be shown."""
+"""Makes text from plug-ins and files safe to print."""
 
 from __future__ import annotations
 
@@ -7,24 +7,25 @@ import unicodedata
 MOST_CHARACTERS = 2000
 """Chosen by hand: a reason in a row of a board is read by people."""
 UNPRINTABLE = frozenset({"Cc", "Cf", "Cs", "Co", "Cn"})
-"""Unicode categories of control characters, of marks that turn or hide text, and of no text."""
+"""Unicode categories of control characters, of marks that reverse or hide text, of code points
+without a character."""
 
 
 def one_line(text: str, most: int = MOST_CHARACTERS) -> str:
     """Return a text as one line without control characters, shortened to `most` characters."""
-    # Long before it is searched: it may be a gigabyte.
+    # Cut before it is searched: the text may be a gigabyte.
     words = " ".join(_printable(text[: 4 * most]).split())
     return words if len(words) <= most and len(text) <= 4 * most else words[: most - 3] + "..."
 
 
 def lines(text: str, most: int) -> str:
-    """Return the end of a text of several lines, without control characters."""
-    kept = [_printable(line) for line in text[-4 * most :].splitlines()]
-    return "\n".join(kept)[-most:]
+    """Return the last `most` characters of a text of several lines, without control characters."""
+    printable = [_printable(line) for line in text[-4 * most :].splitlines()]
+    return "\n".join(printable)[-most:]
 
 
 def error_text(error: BaseException) -> str:
-    """Return an exception's type and text in one line, also where its text cannot be made."""
+    """Return an exception's type and text in one line, even if its own `__str__` fails."""
     try:
         name = str(type(error).__name__)
     except BaseException:

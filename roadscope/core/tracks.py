@@ -1,4 +1,4 @@
-"""What trackers say."""
+"""Tracks: what a tracker reports at one tick."""
 
 from __future__ import annotations
 
@@ -14,7 +14,10 @@ from roadscope.core.record import Record
 
 
 class TrackState(IntEnum):
-    """How sure a tracker is of a track; records store it as int8."""
+    """State of a track; records store it as int8.
+
+    Tentative: not yet confirmed by enough detections. Coasting: predicted without a detection.
+    """
 
     TENTATIVE = 0
     CONFIRMED = 1
@@ -64,17 +67,17 @@ class Tracks(Record):
             scores=(np.float64, ("N",)),
             states=(np.int8, ("N",)),
         )
-        rising = bool((self.ids[1:] > self.ids[:-1]).all())  # As most are, and quickly seen.
+        rising = bool((self.ids[1:] > self.ids[:-1]).all())  # The usual case, and a fast check.
         unique = rising or len(np.unique(self.ids)) == len(self.ids)
         require(unique, self, "ids", "unique ids", self.ids.tolist())
         check_boxes(self, self.sizes, self.categories, self.scores)
-        known = (self.states >= 0) & (self.states < len(TrackState))
+        valid = (self.states >= 0) & (self.states < len(TrackState))
         require(
-            bool(known.all()),
+            bool(valid.all()),
             self,
             "states",
             f"values of TrackState, 0 to {max(TrackState)}",
-            self.states[~known][:1].tolist(),
+            self.states[~valid][:1].tolist(),
         )
 
     def __len__(self) -> int:
@@ -100,9 +103,9 @@ class Tracks(Record):
 
     @staticmethod
     def of(detections: Detections, ids: np.ndarray) -> Tracks:
-        """Take detections for tracks: confirmed, at rest, variances of 1.
+        """Return detections as confirmed tracks with velocity 0 and variances of 1.
 
-        For trackers that know of each object only where it is. ids: (N,) int64.
+        For trackers that estimate neither velocities nor covariances. ids: (N,) int64.
         """
         n = len(detections)
         return Tracks(
@@ -120,7 +123,7 @@ class Tracks(Record):
         )
 
     def select(self, index: np.ndarray) -> Tracks:
-        """Keep the rows that a mask or an index array names."""
+        """Return the rows that a mask or an index array selects."""
         return Tracks(
             self.ids[index],
             self.centres[index],
@@ -137,12 +140,15 @@ class Tracks(Record):
 
     @property
     def sure(self) -> Tracks:
-        """Those that are not tentative."""
-        kept = self.states != TrackState.TENTATIVE
-        return self if kept.all() else self.select(kept)
+        """The tracks that are not tentative."""
+        sure = self.states != TrackState.TENTATIVE
+        return self if sure.all() else self.select(sure)
 
     def moved(self, a_from_b: Pose, frame: str) -> Tracks:
-        """Express tracks of frame b in frame a, named `frame`, both frames held still."""
+        """Return the tracks, which are in frame b, in frame a. frame: name of frame a.
+
+        Velocities are rotated only: the motion of one frame in the other is not added.
+        """
         turn = np.kron(np.eye(2), a_from_b.rotation[:2, :2])
         return Tracks(
             self.ids,

@@ -1,4 +1,4 @@
-"""What was really there. Truth travels beside frames and never reaches a plug-in."""
+"""The ground truth of a frame. It travels beside frames and never reaches a plug-in."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from roadscope.core.record import Record
 GROUND = -1
 """Source of a return that came from the ground."""
 WEATHER = 1 - 2**31
-"""Source of a return that came from rain or fog; below that of any scenery."""
+"""Source of a return that came from rain or fog; less than the number of any scenery."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -29,16 +29,16 @@ class Truth(Record):
     velocities: (N, 2) float64, m/s.
     lidar_returns: (N,) int64, returns of this tick's scan that came from the object.
     visible_pixels: (N,) int64, pixels of this tick's image that show the object.
-    occluded_fraction: (N,) float64 in 0 to 1, share of the object's rays that something else
-        caught first; 1 when no ray of the sensor reaches its outline. What is not known of
-        recorded traffic (returns, pixels, this) is -1.
+    occluded_fraction: (N,) float64 in 0 to 1, share of the rays towards the object that hit
+        something else before it; 1 if no ray of the sensor points at it. In recorded traffic,
+        returns, pixels and this share are -1 where they are unknown.
     world_from_ego: pose of the ego at the stamp.
     stamp_s: seconds since reset.
     sources: (P,) int64, for each return of the scan the id of the object it came from,
-        `GROUND`, `WEATHER`, or otherwise -2 and below for scenery.
+        `GROUND`, `WEATHER`, or -2 and below for scenery.
     image_boxes: (N, 4) float64, left top right bottom in pixels of this tick's image, of the
         whole object as far as it is inside, without extent where it is not; None without image.
-    pixels: what each pixel of this tick's image shows; None unless that was asked for.
+    pixels: the truth of each pixel of this tick's image; None unless the sensing was asked for it.
     """
 
     ids: np.ndarray

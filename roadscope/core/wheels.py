@@ -1,4 +1,4 @@
-"""What wheels tell of the speed."""
+"""Samples of the wheel speed."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from roadscope.core.record import Record
 
 @dataclass(frozen=True, slots=True, eq=False)
 class WheelSamples(Record):
-    """A block of speeds of the rear axle.
+    """A block of speeds of the rear axle, measured by the wheels.
 
     stamps_s: (K,) float64, seconds since reset.
     speeds: (K,) float64, m/s along the vehicle, negative backwards.

@@ -82,7 +82,7 @@ _PLAIN = frozenset({NoneType, bool, int, float, str})
 
 
 class WireError(ValueError):
-    """A value cannot be sent, or bytes are no message."""
+    """A value cannot be encoded, or bytes are not a message."""
 
 
 def encode(value: Any, *, most_bytes: int | None = None) -> bytes:
@@ -112,7 +112,7 @@ def decode(message: bytes | bytearray | memoryview) -> Any:
     """Return the value of a message; its arrays are fresh copies that can be written to.
 
     Records are made by their constructors, so that they are checked again. `WireError` for
-    whatever `encode` cannot have made.
+    bytes that `encode` cannot have made.
     """
     view = memoryview(message)
     if len(view) < LENGTH_BYTES:
@@ -148,7 +148,7 @@ class _Payload:
 
 
 def _described(value: Any, arrays: list[np.ndarray]) -> Any:
-    """Return a value as MessagePack takes it, and put its arrays aside."""
+    """Return a value as MessagePack can encode it; append its arrays to `arrays`."""
     kind = type(value)
     if kind in _PLAIN:
         return value
@@ -278,7 +278,7 @@ def _sent_key(key: Any) -> str:
 
 
 def _fits(value: Any, expected: Any) -> bool:
-    """Say whether a restored value is of the type that a record's field is annotated with."""
+    """Return whether a restored value has the annotated type of a record's field."""
     origin = get_origin(expected)
     if origin in (Union, UnionType):
         return any(_fits(value, kind) for kind in get_args(expected))

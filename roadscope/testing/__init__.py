@@ -10,8 +10,8 @@ suite of your own, with pytest:
     def test_contract(item):
         item.verify()
 
-The tests of roadscope do the same with every registered name. A class that is not ours runs in a
-process of its own.
+The tests of roadscope do the same with every registered name. A class that is not part of
+roadscope runs in a process of its own.
 """
 
 from roadscope.testing.contract import ContractItem, Item, Report, check, contract_items

@@ -1,4 +1,4 @@
-"""What a camera detector promises."""
+"""The promises of camera detectors."""
 
 from __future__ import annotations
 
@@ -31,14 +31,14 @@ SCENE = Episode("street", 1, "wide", 2.0)
 ROWS = (0, 10, 20, 30)
 """Images of the scene, by number, that most promises use."""
 EVERY_S = 0.4
-"""From image to image where the figure is measured."""
+"""Seconds from image to image where average precision is measured."""
 SIZES_PX = ((480, 640), (240, 320), (600, 1000))
-"""Heights and widths of images that are tried."""
+"""Heights and widths of images that a detector must accept."""
 REFERENCE, MARK = "network", "colour-blobs"
 SHARE_OF_MARK = 0.5
 """A detector with a smaller share of the lower mark's average precision is broken.
 
-Chosen by hand: the mark has 0.009, so this refuses what finds nobody and boxes in other units.
+Chosen by hand: the mark has 0.009, so this refuses detectors that find nobody, and other units.
 """
 
 

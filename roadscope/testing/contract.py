@@ -1,4 +1,4 @@
-"""The promises of a plug-in, checked for a report or one by one in a test suite."""
+"""Checks all promises of a plug-in, for a report, or one by one in a test suite."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ from roadscope.testing.subject import DEADLINE_S, Promise, PromiseError, Subject
 LOADED = "can be loaded"
 QUIET = "prints nothing"
 SAME = "for the same reason as above"
-"""Stands for a reason that an earlier item has already given."""
+"""The remark of an item that is wrong for the same reason as an earlier one."""
 MODULES: Mapping[str, str] = {
     DETECTOR.name: "detectors",
     CAMERA_DETECTOR.name: "camera_detectors",
@@ -41,18 +41,18 @@ MODULES: Mapping[str, str] = {
     FUSION.name: "fusions",
     ODOMETRY.name: "odometries",
 }
-"""Where the promises of each kind are."""
+"""The module of `roadscope.testing` that has the promises of each kind."""
 WARNING = re.compile(r"^.*:\d+: \w*Warning: .*\n(?:  .*\n?)?", re.MULTILINE)
-"""A warning of Python as it is printed, with its line of code."""
+"""A printed warning of Python and its line of code."""
 MOST_SHOWN = 60
-"""Characters of what a plug-in printed; chosen by hand."""
+"""Most characters that a report shows of what a plug-in printed; chosen by hand."""
 
 
 @dataclass(frozen=True, slots=True)
 class Item:
     """The result of checking one promise.
 
-    remark: what is wrong, or a figure of what is good; may be empty.
+    remark: what is wrong, or a figure if the promise is kept; may be empty.
     """
 
     promise: str
@@ -68,7 +68,7 @@ class Item:
 class Report:
     """The results of checking all promises of a plug-in.
 
-    kind: the plug-in's kind, empty if it could not be loaded.
+    kind: of the plug-in, empty if it could not be loaded.
     """
 
     spec: str
@@ -127,9 +127,9 @@ def contract_items(
     Arguments are those of `check`.
     """
     with probing(Limits(first_call_s=deadline_s), trust=trust):
-        plugin, known = _resolved(spec, kind)
-        promises = _promises(plugin, known)
-    return [ContractItem(plugin, known, promise, deadline_s, trust) for promise in promises]
+        plugin, resolved_kind = _resolved(spec, kind)
+        promises = _promises(plugin, resolved_kind)
+    return [ContractItem(plugin, resolved_kind, promise, deadline_s, trust) for promise in promises]
 
 
 def check(
@@ -143,12 +143,13 @@ def check(
     """Check everything that a plug-in promises and return the results.
 
     spec: a registered name, `module:Class` or `path/to/file.py:Class`, with arguments if you like.
-    kind: detector, camera detector, tracker, fusion or odometry; None: as the class says by an
-        attribute `kind`, or the only kind whose method it has.
-    deadline_s: seconds that loading the class and all its calls may take together for one
-        promise. A plug-in that takes longer hangs, and no more promises are checked.
-    trust: run a class that is not ours in this process, where nothing ends it if it hangs.
-    report: is called with each item as soon as it is checked.
+    kind: detector, camera detector, tracker, fusion or odometry. None: the attribute `kind` of the
+        class, or else the only kind whose method it has.
+    deadline_s: most seconds for one promise, loading and all calls together. A plug-in that takes
+        longer counts as hanging, and no more promises are checked.
+    trust: run a class that is not part of roadscope in this process, where nothing ends it if it
+        hangs.
+    report: called with each item as soon as it is checked.
     """
     if kind is not None:
         _kind_named(kind)
@@ -215,21 +216,21 @@ def _verify(promise: Promise, subject: Subject) -> str:
 
 
 def _resolved(text: str, kind: str | None) -> tuple[Spec, Kind]:
-    """Return the spec of a plug-in and its kind; refuse what is no plug-in."""
+    """Return the spec of a plug-in and its kind; raise `SpecError` for what is no plug-in."""
     spec = Spec.parse(text).plain
     if spec.name == FUSED:
         raise SpecError(f"'{text}' joins two detectors by a fusion; check each of the three")
     registries = (NOISES, CAMERA_NOISES, ODOMETRY_NOISES)
     if spec.name == ORACLE or any(spec.name in registry for registry in registries):
-        raise SpecError(f"'{text}' is made from the truth and is no plug-in: it promises nothing")
+        raise SpecError(f"'{text}' is made from the truth: it is no plug-in and has no contract")
     if kind is not None:
-        known = _kind_named(kind)
+        resolved_kind = _kind_named(kind)
     else:
-        known = DETECTOR if spec.name in NAMED_BY_SUITES else entry_kind(spec)
-    plugin = resolved(spec, known)
+        resolved_kind = DETECTOR if spec.name in NAMED_BY_SUITES else entry_kind(spec)
+    plugin = resolved(spec, resolved_kind)
     if failure := traits_of(plugin).failure:
         raise SpecError(failure)
-    return plugin, known
+    return plugin, resolved_kind
 
 
 def _kind_named(kind: str) -> Kind:

@@ -1,4 +1,4 @@
-"""What a LiDAR detector promises."""
+"""The promises of LiDAR detectors."""
 
 from __future__ import annotations
 
@@ -38,7 +38,8 @@ SHARE_OF_ONE_CLUSTER = 0.5
 Chosen by hand: the mark, one box around everything, has 0.24, our detectors have 0.7 and more.
 """
 WATCHED_FRAMES = 8
-"""Of the scene, for input that is compared before and after; chosen by hand, for speed."""
+"""Frames of the scene whose arrays are compared before and after a call; chosen by hand, for
+speed."""
 
 
 @lru_cache(maxsize=1)
@@ -47,11 +48,11 @@ def frames() -> tuple[Frame, ...]:
     return tuple(frame for frame, _ in sensed(SCENE))
 
 
-def detect(instance: Instance, given: Sequence[Frame]) -> list[Detections]:
-    """Return the detections of frames that follow on each other."""
+def detect(instance: Instance, consecutive: Sequence[Frame]) -> list[Detections]:
+    """Return the detections of consecutive frames."""
     stamps_s: list[float] = []
     answers = []
-    for frame in given:
+    for frame in consecutive:
         stamps_s.append(frame.stamp_s)
         answers.append(check_detections(instance.call("detect", frame), stamps_s=stamps_s))
     return answers
@@ -70,7 +71,7 @@ def answers(subject: Subject) -> str:
 
 
 def nothing_to_detect(subject: Subject) -> str:
-    """Refuse detections in a first frame that has no scan or no return, and go on after such."""
+    """Refuse detections in a first frame without scan or returns; the next frames must work."""
     first, *others = frames()
     scan = first.lidar
     assert scan is not None

@@ -1,4 +1,4 @@
-"""What a fusion promises."""
+"""The promises of fusions."""
 
 from __future__ import annotations
 
@@ -51,9 +51,9 @@ CENTRES = np.array([[12.0, 1.0, 0.8], [20.0, -4.0, 0.85], [28.0, 5.0, 0.8], [15.
 SIZES = np.array([[4.4, 1.8, 1.6], [0.5, 0.6, 1.7], [4.4, 1.8, 1.6], [1.8, 0.6, 1.7]])
 CATEGORIES = np.array([Category.CAR, Category.PEDESTRIAN, Category.CAR, Category.CYCLIST], np.int8)
 SCENE, EVERY_S = Episode("street", 0, "wide", 2.0), 0.2
-"""Traffic, one of the training seeds, sensors, seconds; from scan to scan."""
+"""Traffic, one of the training seeds, sensors, seconds; and the seconds from scan to scan."""
 LIDAR, CAMERA = "noisy-misses", "noisy-camera"
-"""Whose detections are fused there: made from truth, so that they take no time."""
+"""Detectors whose detections are fused there: noise models, which take no time."""
 REFERENCE = "consistent"
 SHARE_OF_BETTER_SENSOR = 0.45
 """A fusion with a smaller share of the better sensor's average precision is broken.
@@ -64,7 +64,7 @@ Chosen by hand: `lidar-first`, which leaves out whatever the LiDAR does not dete
 
 @dataclass(frozen=True, slots=True)
 class FusionInput:
-    """The detections of both sensors, None for one that brought nothing."""
+    """The detections of both sensors, None for one without measurement."""
 
     lidar: Detections | None
     camera: ImageDetections | None
@@ -80,7 +80,7 @@ def both() -> FusionInput:
 
 @lru_cache(maxsize=1)
 def moments() -> tuple[FusionInput, ...]:
-    """Return what may come: both sensors, one of them, and either or both without detections."""
+    """Return all cases: both sensors, one of them, and either or both without detections."""
     lidar, camera = both().lidar, both().camera
     no_lidar, no_camera = Detections.empty(SCAN_S), ImageDetections.empty(IMAGE_S)
     return (
@@ -131,15 +131,18 @@ def order(subject: Subject) -> str:
     lidar, camera = both().lidar, both().camera
     assert lidar is not None
     assert camera is not None
-    back = np.arange(len(lidar))[::-1]
-    turned = FusionInput(
-        lidar.select(back),
+    backwards = np.arange(len(lidar))[::-1]
+    reordered = FusionInput(
+        lidar.select(backwards),
         ImageDetections(
-            camera.boxes[back], camera.categories[back], camera.scores[back], camera.stamp_s
+            camera.boxes[backwards],
+            camera.categories[backwards],
+            camera.scores[backwards],
+            camera.stamp_s,
         ),
     )
     distances = []
-    for moment in (both(), turned):
+    for moment in (both(), reordered):
         with subject.started() as instance:
             distances.append(np.sort(fuse(instance, moment).distances_m))
     one, other = distances

@@ -1,4 +1,4 @@
-"""What an odometry promises."""
+"""The promises of odometries."""
 
 from __future__ import annotations
 
@@ -29,16 +29,17 @@ from roadscope.testing.subject import Instance, Promise, PromiseError, Subject
 SCENE = Episode("two-way", 0, "vlp16-imu", 2.0)
 """Traffic, one of the training seeds, sensors, seconds."""
 FEW = 8
-"""Scans of the scene that most promises use."""
+"""Number of scans, the first of the scene, that most promises use."""
 EVERY_EMPTY = 3
-"""One of so many scans has no returns where such are tried."""
+"""One scan in this many has no returns where empty scans are tested."""
 START_TOLERANCE = 1e-6
-"""Of the first pose: metres, and entries of the rotation matrix."""
+"""For the first pose: metres, and entries of the rotation matrix."""
 REFERENCE, MARK = "lidar-inertial", "still"
 SHARE_OF_STILL = 0.5
-"""An odometry that is off by a greater share of the way, which is the error of `still`, is broken.
+"""An odometry is broken if its error is a greater share of the distance driven, which is the error
+of `still`.
 
-Chosen by hand: one that uses its scans is off by a few hundredths of the way.
+Chosen by hand: an odometry that uses its scans has an error of a few hundredths of the distance.
 """
 
 
@@ -48,15 +49,15 @@ def steps() -> tuple[Step, ...]:
     return tuple(drive(SCENE))
 
 
-def estimate(instance: Instance, given: Sequence[Step]) -> list[OdometryEstimate]:
-    """Return the estimates of scans that follow on each other."""
+def estimate(instance: Instance, consecutive: Sequence[Step]) -> list[OdometryEstimate]:
+    """Return the estimates of consecutive scans."""
     return [
         check_estimate(
             instance.call("update", step.scan, step.imu),
             stamp_s=step.scan.stamp_s,
             returns=len(step.scan),
         )
-        for step in given
+        for step in consecutive
     ]
 
 
@@ -87,19 +88,19 @@ def without_imu(subject: Subject) -> str:
 
 
 def empty_scans(subject: Subject) -> str:
-    """Run it over scans some of which have no returns, the first one too."""
-    given = [
+    """Run it over scans of which some, also the first, have no returns."""
+    scans = [
         step if number % EVERY_EMPTY else replace(step, scan=select(step.scan, slice(0, 0)))
         for number, step in enumerate(steps()[: FEW + 2])
     ]
     with subject.started() as instance:
-        estimates = estimate(instance, given)[::EVERY_EMPTY]
+        estimates = estimate(instance, scans)[::EVERY_EMPTY]
     good = all(each.status is OdometryStatus.DEGRADED for each in estimates)
     return "" if good else "a scan without returns is not called degraded"
 
 
 def compare(subject: Subject) -> str:
-    """Follow two seconds of traffic; refuse an odometry that is off by much of the way."""
+    """Estimate two seconds of a drive; refuse an error that is a large share of the distance."""
     error_m = _end_error_m(subject.spec, subject.options)
     still = _standard(MARK)
     words = figure_in_words(
@@ -124,7 +125,7 @@ def _end_error_m(spec: Spec, options: RunOptions) -> float:
 
 
 RESETS: tuple[tuple[Pose | None, ...], ...] = ((), (Pose.identity(),))
-"""Without and with `lidar_from_imu`."""
+"""Arguments of `reset`: without and with `lidar_from_imu`."""
 PROMISES = (
     *start_promises("update", "scan, imu", RESETS),
     Promise("answers each scan with a pose, the first at the start", answers),

@@ -1,4 +1,4 @@
-"""What an offline tracker promises beside: of the pass over an episode that is over."""
+"""The further promises of offline trackers, about `rescored`, which gets a whole episode."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from roadscope.testing.trackers import (
 
 
 def rescore(instance: Instance, history: Sequence[Tracks]) -> tuple[Tracks, ...]:
-    """Return the tracks of an episode once it is over."""
+    """Return the tracks that `rescored` answers for the history of an episode."""
     return check_rescored(
         instance.call("rescored", tuple(history)),
         stamps_s=[tracks.stamp_s for tracks in history],
@@ -44,14 +44,14 @@ def same_moments(subject: Subject) -> str:
 
 
 def history_left_alone(subject: Subject) -> str:
-    """Refuse a pass that changes what update answered."""
+    """Refuse a `rescored` that changes the tracks in its history."""
     with subject.started(watch_arguments=True) as instance:
         rescore(instance, update_all(instance, parallel_cars(posed=True)))
     return ""
 
 
 def repeats(subject: Subject) -> str:
-    """Refuse a pass that answers the same history in another way."""
+    """Refuse a `rescored` that answers the same history differently the second time."""
     with subject.started() as instance:
         history = update_all(instance, parallel_cars(posed=True))
         once, twice = (rescore(instance, history) for _ in range(2))
@@ -61,7 +61,7 @@ def repeats(subject: Subject) -> str:
 
 
 def update_goes_on(subject: Subject) -> str:
-    """Refuse a pass that changes what update answers next."""
+    """Refuse a `rescored` that changes what `update` answers next."""
     ticks, runs = parallel_cars(), []
     next_tick = TrackerInput(cars(ticks[-1].detections.centres[:, :2], FRAMES * PERIOD_S))
     for rescored in (False, True):

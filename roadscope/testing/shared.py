@@ -1,4 +1,4 @@
-"""Promises that plug-ins of all kinds make in the same words."""
+"""Promises that plug-ins of several kinds make."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ Run = Callable[[Instance], object]
 def start_promises(
     method: str, signature: str, resets: Sequence[tuple[Any, ...]] = ((),)
 ) -> tuple[Promise, ...]:
-    """Return what every plug-in promises first.
+    """Return the first promises of every plug-in: it can be made, and it has its methods.
 
-    method: what the benchmark calls; signature: its arguments, for a reader.
-    resets: arguments with which `reset` is called, one time after the other.
+    method: that the benchmark calls. signature: its parameters, for error messages.
+    resets: the arguments of each call of `reset`.
     """
 
     def has_methods(subject: Subject) -> str:
@@ -40,7 +40,7 @@ def start_promises(
 
 
 def made_by_name(subject: Subject) -> str:
-    """Refuse a constructor that a name alone does not satisfy, or that takes arguments by place."""
+    """Refuse a constructor with arguments that have no default or can be given by position."""
     traits = traits_of(resolved(subject.spec.name, subject.kind))
     if traits.problem:
         raise PromiseError(f"{traits.problem}; give every argument of the constructor a default")
@@ -68,7 +68,7 @@ def input_promise(run: Run) -> Promise:
 
 @dataclass(frozen=True, slots=True)
 class Words:
-    """What a kind of plug-in gets and answers, in the plural."""
+    """Words for what a kind of plug-in gets and answers, in the plural."""
 
     inputs: str
     answers: str
@@ -108,7 +108,7 @@ def memory_promises(run: Run, words: Words) -> tuple[Promise, ...]:
 
 @dataclass(frozen=True, slots=True)
 class Standard:
-    """What a plug-in's figure is compared with: a method of ours, or a mark."""
+    """A figure that a plug-in's is compared with: that of a method of roadscope or of a mark."""
 
     name: str
     value: float
@@ -117,6 +117,6 @@ class Standard:
 def figure_in_words(
     figure: str, value: float, *, beside: Sequence[Standard], unit: str = ""
 ) -> str:
-    """Return a figure beside those of a method of ours and of marks."""
+    """Return a figure with others in brackets, as one line of text."""
     others = ", ".join(f"{each.name}: {each.value:.2f}{unit}" for each in beside)
     return f"{figure} {value:.2f}{unit} ({others})"

@@ -1,4 +1,4 @@
-"""The plug-in under test, and one promise of it."""
+"""The plug-in under test, and the form of a promise."""
 
 from __future__ import annotations
 
@@ -18,13 +18,15 @@ from roadscope.benchmarks.references import NAMED_BY_SUITES
 from roadscope.core import Spec
 
 DEADLINE_S = 120.0
-"""Of one promise; chosen by hand: what compiles or loads weights does so in every process."""
+"""Seconds for one promise; chosen by hand: plug-ins that compile or load weights do so in every
+process."""
 GRACE_S = 1.0
-"""By how much all calls together may exceed it, so that one call that hangs is named."""
+"""Seconds by which all calls together may exceed the deadline, so that the error names the call
+that hangs."""
 
 
 def resolved(spec: str | Spec, kind: Kind) -> Spec:
-    """Return the resolved spec of a plug-in, of a detector that only suites name too."""
+    """Return the resolved spec of a plug-in, also of a detector that only suites may name."""
     parsed = Spec.parse(spec) if isinstance(spec, str) else spec
     registry = NAMED_BY_SUITES if parsed.name in NAMED_BY_SUITES else kind.registry
     return registry.resolve(parsed)
@@ -37,9 +39,9 @@ class PromiseError(AssertionError):
 class Subject:
     """A plug-in under test.
 
-    spec: resolved. logs: what it printed, one text for each time that it was opened.
-    deadline_s: for loading it and all its calls; only a plug-in in its own process has one.
-    spent_s: how much of that it has used.
+    spec: resolved. logs: what it printed, two texts for each time that it was opened.
+    deadline_s: for loading it and all its calls, if it runs in a process of its own.
+    spent_s: how much of the deadline it has used.
     """
 
     def __init__(
@@ -62,12 +64,12 @@ class Subject:
 
     @property
     def traits(self) -> Traits:
-        """What its class says of itself."""
+        """What the benchmark reads from its class."""
         return traits_of(self.spec)
 
     @property
     def options(self) -> RunOptions:
-        """How the benchmark runs it."""
+        """The options with which the benchmark runs it."""
         left_s = max(self.deadline_s - self.spent_s, 0.0)
         limits = Limits(first_call_s=left_s, call_s=left_s, episode_s=left_s + GRACE_S)
         return RunOptions(limits=limits, trust=self._trust, fresh=True)
@@ -98,7 +100,7 @@ class Subject:
 
     @contextmanager
     def started(self, *reset: Any, watch_arguments: bool = False) -> Iterator[Instance]:
-        """Make an instance and reset it, as the benchmark does; reset: arguments of that."""
+        """Make an instance and reset it, as the benchmark does. reset: arguments of `reset`."""
         with self.opened(watch_arguments=watch_arguments) as instance:
             instance.call("reset", *reset)
             yield instance
@@ -108,16 +110,16 @@ class Instance:
     """An instance of a plug-in under test."""
 
     def __init__(self, subject: Subject, handle: PluginHandle) -> None:
-        """Take the plug-in and what calls it."""
+        """Take the plug-in and the handle that calls it."""
         self._subject, self._handle = subject, handle
 
     def call(self, method: str, *arguments: Any) -> Any:
-        """Return the answer of a method, unchecked; what it does with its arguments is its own."""
+        """Return the unchecked answer of a method; it gets copies of the arguments."""
         copied = arguments if self._subject.isolated else deepcopy(arguments)
         start_s = monotonic()
         try:
             with warnings.catch_warnings():
-                # What a plug-in warns of, such as a black image, is no matter of its contract.
+                # Warnings, such as of a black image, are no breach of the contract.
                 warnings.simplefilter("ignore")
                 return self._handle.call(method, *copied).answer
         finally:
@@ -128,9 +130,9 @@ class Instance:
 class Promise:
     """One promise of all plug-ins of a kind.
 
-    words: what is promised.
-    verify: returns a remark, or raises `PromiseError`, or whatever the plug-in's calls and the
-        validators of `core.answers` raise.
+    words: the promise, after the name of the plug-in.
+    verify: returns a remark; raises `PromiseError`, or what the plug-in's calls and the validators
+        of `core.answers` raise.
     """
 
     words: str

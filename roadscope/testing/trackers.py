@@ -1,4 +1,4 @@
-"""What a tracker promises."""
+"""The promises of trackers."""
 
 from __future__ import annotations
 
@@ -36,18 +36,18 @@ NEAR_M = 1.0
 RING_M, RING_AT_M = 6.0, (20.0, 0.0)
 """Radius and middle of the circle on which cars drive."""
 FRESH_INSTANCES = 5
-"""If ids are drawn at random, so many fresh instances do not give them in one order."""
+"""Fresh instances whose ids are compared: random ids would not have one order in all of them."""
 FIELDS = ("centres", "sizes", "yaws", "velocities", "covariances", "categories", "scores")
 SCENE = Episode("motorway", 0, "lux", 2.0)
 """Traffic, one of the training seeds, sensors, seconds."""
 RULE = Eligibility()
 REFERENCE = "existence"
 UNLINKED = "new ids in every frame"
-"""The lower mark: true boxes, no two of which belong together."""
+"""The lower mark: true boxes, each with an id of its own."""
 LEAST_OF_UNLINKED = 2.0
-"""A tracker whose HOTA is not so many times that of `UNLINKED` is broken.
+"""A tracker is broken if its HOTA is less than this many times that of `UNLINKED`.
 
-Chosen by hand: ids that are the numbers of rows have 1.9 times as much, `nearest` has 5 times.
+Chosen by hand: row numbers as ids have 1.9 times as much, `nearest` has 5 times.
 """
 
 
@@ -60,7 +60,7 @@ class TrackerInput:
 
 
 def parallel_cars(seed: int = 0, *, posed: bool = False) -> list[TrackerInput]:
-    """Return four cars 12 m and more from each other, one in ten not detected.
+    """Return frames with four cars at least 12 m from each other; one in ten is not detected.
 
     posed: whether the ego drives and its poses are known.
     """
@@ -80,9 +80,9 @@ def parallel_cars(seed: int = 0, *, posed: bool = False) -> list[TrackerInput]:
 
 
 def circling_cars(first: int = 0) -> list[TrackerInput]:
-    """Return four cars on a circle, each of which ends where another one begins.
+    """Return frames with four cars on a circle; each ends where another one begins.
 
-    first: number of the first frame; the cars begin at the same places whatever it is.
+    first: number of the first frame, which decides the stamps; the positions are always the same.
     """
     rng = np.random.default_rng(first)
     ticks = []
@@ -116,7 +116,7 @@ def update(instance: Instance, tick: TrackerInput) -> Tracks:
 
 
 def update_all(instance: Instance, ticks: Iterable[TrackerInput]) -> list[Tracks]:
-    """Return the tracks of frames that follow on each other."""
+    """Return the tracks of consecutive frames."""
     return [update(instance, tick) for tick in ticks]
 
 
@@ -147,7 +147,7 @@ def no_detections(subject: Subject) -> str:
 
 
 def unique_ids(subject: Subject) -> str:
-    """Refuse ids that go on to another object: cars flash up far from each other."""
+    """Refuse ids that pass to another object: cars appear for a frame, far from each other."""
     last: dict[int, np.ndarray] = {}
     with subject.started() as instance:
         for k in range(FRAMES):
@@ -167,7 +167,7 @@ def unique_ids(subject: Subject) -> str:
 
 
 def one_id(subject: Subject) -> str:
-    """Refuse a tracker that gives other ids to a car that is detected in every frame."""
+    """Refuse a tracker that changes the id of a car that is detected in every frame."""
     ids: list[int] = []
     with subject.started() as instance:
         for k in range(FRAMES):
@@ -195,7 +195,7 @@ def order(subject: Subject) -> str:
 
 
 def repeats(subject: Subject) -> str:
-    """Refuse a tracker that answers the same input in another way."""
+    """Refuse a tracker that answers the same input differently the second time."""
     ticks = parallel_cars(posed=True)
     if words := difference(answer_anew(subject, ticks), answer_anew(subject, ticks)):
         raise PromiseError(f"the same input gives other tracks the second time: {words}")
@@ -203,11 +203,11 @@ def repeats(subject: Subject) -> str:
 
 
 def forgets(subject: Subject) -> str:
-    """Refuse a tracker that keeps anything at a reset.
+    """Refuse a tracker whose answers after a reset depend on what was before it.
 
-    Once the clock goes on and every car begins where another one ended and drives on like that:
-    tracks that are left match the new cars, and their ids are in another order. Once the clock
-    starts anew.
+    In the first case the clock continues, and every car begins where another one ended: tracks
+    that survive the reset match the new cars, and change the order of ids. In the second case the
+    clock starts again at 0.
     """
     episodes = (
         (circling_cars(), circling_cars(FRAMES)),
@@ -219,7 +219,7 @@ def forgets(subject: Subject) -> str:
             instance.call("reset")
             answered = update_all(instance, after)
         expected = answer_anew(subject, after)
-        words = difference(expected, answered) or known_ids(
+        words = difference(expected, answered) or repeated_ids(
             earlier, expected=expected, answered=answered
         )
         if not words and not in_order(expected, answered):
@@ -251,7 +251,7 @@ def moving_ego(subject: Subject) -> str:
 
 
 def compare(subject: Subject) -> str:
-    """Track two seconds of traffic on perfect detections; refuse what is no better than no ids."""
+    """Track two seconds of perfect detections; refuse a tracker near the lower mark."""
     tracks = track(subject.spec, true_boxes(), options=subject.options)
     if not any(map(len, tracks.tracks)):
         raise PromiseError("two seconds of a motorway with perfect detections: there is no track")
@@ -266,7 +266,7 @@ def compare(subject: Subject) -> str:
 
 @lru_cache(maxsize=1)
 def true_boxes() -> EpisodeDetections:
-    """Return the true boxes of the scene, those of every frame in an order of its own."""
+    """Return the true boxes of the scene, in random order in every frame."""
     rng = np.random.default_rng(2)
     boxes = DetectionNode(detection_source("oracle"), SCENE, RULE).compute(RunOptions())
     mixed = tuple(each.select(rng.permutation(len(each))) for each in boxes.detections)
@@ -294,8 +294,8 @@ def _hota(tracks: EpisodeTracks) -> float:
 
 
 def difference(expected: Sequence[Tracks], answered: Sequence[Tracks]) -> str:
-    """Return in which frame two runs differ, but for the names of tracks; empty if nowhere."""
-    names: dict[int, int] = {}
+    """Return how and when two runs differ, apart from the values of ids; empty if they do not."""
+    id_map: dict[int, int] = {}
     for one, other in zip(expected, answered, strict=True):
         when = f"at {one.stamp_s:.1f} s"
         if len(one) != len(other):
@@ -305,35 +305,35 @@ def difference(expected: Sequence[Tracks], answered: Sequence[Tracks]) -> str:
             if not np.allclose(getattr(one, field)[first], getattr(other, field)[second]):
                 return f"the {field} of tracks differ {when}"
         for a, b in zip(one.ids[first].tolist(), other.ids[second].tolist(), strict=True):
-            if names.setdefault(a, b) != b:
+            if id_map.setdefault(a, b) != b:
                 return f"identities are mixed up {when}"
-    return "" if len(set(names.values())) == len(names) else "two tracks become one"
+    return "" if len(set(id_map.values())) == len(id_map) else "two tracks become one"
 
 
-def known_ids(
+def repeated_ids(
     earlier: Sequence[Tracks], *, expected: Sequence[Tracks], answered: Sequence[Tracks]
 ) -> str:
-    """Return which id of an earlier episode comes back; empty where all are new or as expected.
+    """Return which id of an earlier episode comes back; empty if none does.
 
-    Ids may begin anew or go on: those that begin anew are those of a fresh instance.
+    Ids may begin again, and are then those of a fresh instance, or continue with new ones.
     """
     if all(a == b for a, b in _renamed(expected, answered)):
         return ""
-    known = {identity for tracks in earlier for identity in tracks.ids.tolist()}
+    earlier_ids = {identity for tracks in earlier for identity in tracks.ids.tolist()}
     for tracks in answered:
-        if back := known.intersection(tracks.ids.tolist()):
+        if back := earlier_ids.intersection(tracks.ids.tolist()):
             return f"its id {min(back)} comes back at {tracks.stamp_s:.1f} s"
     return ""
 
 
 def in_order(expected: Sequence[Tracks], answered: Sequence[Tracks]) -> bool:
-    """Return whether the ids of two runs that differ in nothing else have the same order."""
+    """Return whether the ids of two runs that are otherwise equal have the same order."""
     second = [b for _, b in sorted(_renamed(expected, answered))]
     return second == sorted(second)
 
 
 def _renamed(expected: Sequence[Tracks], answered: Sequence[Tracks]) -> set[tuple[int, int]]:
-    """Return the ids of each track in two runs that differ in nothing else."""
+    """Return the pair of ids of each track in two runs that are otherwise equal."""
     return {
         names
         for one, other in zip(expected, answered, strict=True)

@@ -49,11 +49,11 @@ class Text(str):
 
 def test_what_is_kept_is_made_once_and_again_on_request(tmp_path: Path) -> None:
     path, made = tmp_path / "sub" / "file.cache", iter(map(Text, ("one", "two", "three")))
-    assert cache.kept(path, Text.load, lambda: next(made)) == "one"
+    assert cache.read_or_make(path, Text.load, lambda: next(made)) == "one"
     first = cache.digest_of(path)
-    assert cache.kept(path, Text.load, lambda: next(made)) == "one"
+    assert cache.read_or_make(path, Text.load, lambda: next(made)) == "one"
     assert cache.digest_of(path) == first
-    assert cache.kept(path, Text.load, lambda: next(made), recompute=True) == "two"
+    assert cache.read_or_make(path, Text.load, lambda: next(made), recompute=True) == "two"
     assert cache.digest_of(path) != first
     assert cache.read_kept(path, Text.load) == "two"
 
@@ -111,7 +111,7 @@ def test_every_damaged_file_is_named_and_made_again(
     path.write_bytes(damaged)
     made = []
     with pytest.warns(UserWarning, match="arrays.cache is damaged"):
-        cache.kept(path, Arrays.load, lambda: made.append(1) or _arrays())
+        cache.read_or_make(path, Arrays.load, lambda: made.append(1) or _arrays())
     assert made == [1]
     assert path.read_bytes() == whole
 
@@ -129,8 +129,8 @@ def test_content_that_cannot_be_read_is_made_again(tmp_path: Path, error: Except
         return Text("read")
 
     with pytest.warns(UserWarning, match=r"file\.cache .*" + type(error).__name__):
-        assert cache.kept(path, load, lambda: Text("new")) == "new"
-    assert cache.kept(path, load, lambda: Text("newest")) == "read"
+        assert cache.read_or_make(path, load, lambda: Text("new")) == "new"
+    assert cache.read_or_make(path, load, lambda: Text("newest")) == "read"
 
 
 def test_a_folder_in_the_place_of_a_file_is_named(tmp_path: Path) -> None:

@@ -5,7 +5,7 @@ import pytest
 
 from roadscope import Spec
 from roadscope.benchmarks.fingerprint import plugin_hash
-from roadscope.benchmarks.plugin_sources import source_hash
+from roadscope.benchmarks.sources import source_hash
 from roadscope.core import NotInstalledError, Registry, Requirement, SpecError
 from roadscope.trackers import TRACKERS
 

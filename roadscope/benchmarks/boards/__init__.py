@@ -1,4 +1,4 @@
-"""The boards, one file each."""
+"""The leaderboards, one file each."""
 
 from __future__ import annotations
 
@@ -25,14 +25,14 @@ BOARDS: Mapping[str, Board] = {
         OdometryBoard(),
     )
 }
-"""Boards of simulated traffic, by name: a new one needs its line here, and nothing else."""
+"""Boards of simulated traffic, by name: a new board needs a file and its line here."""
 RECORDED_BOARDS: Mapping[str, Board] = {board.name: board for board in (*KITTI_BOARDS, *MOT_BOARDS)}
 
 __all__ = ["BOARDS", "RECORDED_BOARDS", "Board", "board_named", "boards_of", "chosen_boards"]
 
 
 def board_named(name: str) -> Board:
-    """Return a board, also of recorded data; `SpecError` says which there are."""
+    """Return a board by its name, also one of recorded data; `SpecError` if there is none."""
     every = {**BOARDS, **RECORDED_BOARDS}
     if name not in every:
         raise SpecError(unknown("board", name, every))
@@ -46,7 +46,7 @@ def boards_of(suite: Suite) -> list[Board]:
 
 
 def chosen_boards(suite: Suite, names: Sequence[str] | None) -> list[Board]:
-    """Return the boards that are asked for; None: those that the suite has entries for.
+    """Return the boards with these names; None: those that the suite has entries for.
 
     On recorded data a name stands for all boards that rank plug-ins of the same kind.
     """

@@ -1,4 +1,4 @@
-"""What a board is: which plug-ins it ranks, what they get, how they are scored and shown."""
+"""The base of boards: which plug-ins they rank, what these get, how scores are shown."""
 
 from __future__ import annotations
 
@@ -27,17 +27,17 @@ CONDITIONS: Mapping[str, Condition] = {
     "scenario": lambda episode: episode.scenario,
     "condition": lambda episode: episode.condition,
 }
-"""What whole episodes of simulated traffic are broken down by; the condition is weather, light
-and faults together."""
+"""By what whole episodes of simulated traffic are broken down; `condition` is weather, light and
+faults together."""
 CALIBRATION_ERROR = "calibration_error"
 
 
 @dataclass(frozen=True, slots=True)
 class Column:
-    """One figure of a board as it is shown.
+    """One column of a board.
 
-    metric: its name in scores. heading: of the column; may be broken at spaces.
-    decimals: digits after the point. note: what is said of it below the table.
+    metric: its name in scores. heading: of the column; it may be broken at spaces.
+    decimals: digits after the point. note: its explanation below the table.
     """
 
     metric: str
@@ -48,10 +48,10 @@ class Column:
 
 @dataclass(frozen=True, slots=True)
 class Breakdown:
-    """Something by which a board's figures are divided.
+    """A quantity or condition by which a board's figures are broken down.
 
-    by: its name, as `--by` takes it. title: as a table's title has it; empty: the name.
-    note: what is said below the tables.
+    by: its name, as `--by` takes it. title: its name in the title of a table; empty: `by`.
+    note: explanation below the tables.
     """
 
     by: str
@@ -60,7 +60,7 @@ class Breakdown:
 
 
 def time_columns(decimals: int, per: str) -> tuple[Column, Column]:
-    """Return the columns of what the median call costs; per: what a call is for, `frame`."""
+    """Return the columns of the median times of a call. per: what a call is for, `frame`."""
     return (
         Column("call_p50_ms", "ms p50", decimals, f"ms p50: median processor time for one {per}."),
         Column("wall_p50_ms", "wall ms", decimals, "wall: median time on the clock."),
@@ -68,15 +68,15 @@ def time_columns(decimals: int, per: str) -> tuple[Column, Column]:
 
 
 def slow_calls_column(decimals: int) -> Column:
-    """Return the column of what the slowest calls cost."""
+    """Return the column of the times of the slowest calls."""
     return Column("call_p99_ms", "ms p99", decimals, "ms p99: 99th percentile.")
 
 
 class SuiteCheck(NamedTuple):
-    """One thing that must be right in a suite.
+    """One check of a suite.
 
-    key: where in the suite it stands, `tracking.detectors`.
-    check: raises `ValueError` with the reason when it is called with the argument.
+    key: of the suite's file that is checked, `tracking.detectors`.
+    check: called with the argument; raises `ValueError` with the reason.
     """
 
     key: str
@@ -85,24 +85,23 @@ class SuiteCheck(NamedTuple):
 
 
 class Board(ABC):
-    """One board.
+    """A leaderboard.
 
-    Adding a board is a subclass in a file of its own, and its line in `boards.BOARDS`.
+    To add a board, write a subclass in a file of its own and add its line to `boards.BOARDS`.
 
-    A board ranks its entries. Beside them it may show marks, which have no rank: what an entry
-    could reach at best (upper mark) or reaches with the least effort (lower mark), imitations made
-    from truth, or one sensor alone.
+    A board ranks its entries. Beside them it may show marks, which have no rank: the best that can
+    be expected (upper mark), the least (lower mark), noise models, or one sensor alone.
     """
 
     name: str
     kind: Kind
     """Kind of the plug-ins that it ranks."""
     settings_type: type[BoardSettings] = BoardSettings
-    """Record of what a suite says of the board; all of its fields have defaults."""
+    """Record of a suite's settings for the board; all of its fields have defaults."""
     headline: str
     """The metric that it ranks by."""
     columns: Sequence[Column]
-    """What is shown, the most important first: as many as the width allows."""
+    """The columns, the most important first; the table shows as many as its width allows."""
     breakdowns: Sequence[Breakdown]
     by_condition: Sequence[str]
     """Metrics of whole episodes that are broken down by conditions."""
@@ -110,35 +109,36 @@ class Board(ABC):
     """Metrics that are shown broken down; the heading is part of a title."""
     conditions: Mapping[str, Condition] = CONDITIONS
     detections_field: str = ""
-    """Field of its settings that names whose detections entries get; empty: they get none."""
+    """Field of its settings that names the detectors whose detections entries get; empty: they get
+    none."""
     inputs_name: str = ""
-    """The breakdown by whose detections an entry gets; empty: it gets none."""
+    """The breakdown by the detector whose detections an entry gets; empty: it gets none."""
     object_metric: str = ""
-    """A metric that has a value wherever an object counts: without one no object counted."""
+    """A metric that has a value unless no object is eligible."""
     summed: Sequence[str] = ()
-    """Counts that are shown as sums over episodes, as papers have them."""
+    """Counts that are shown as sums over episodes, as in papers."""
     medians: Sequence[str] = ()
-    """Metrics whose median over episodes is a figure too, `NAME_median`."""
+    """Metrics whose median over episodes is shown too, as `NAME_median`."""
     marks_note: str = ""
-    """What is said of its marks where they are shown."""
+    """Explanation of its marks, where they are shown."""
     three_digits: bool = False
-    """Whether figures are shown with three digits: for those from millimetres to kilometres."""
+    """Whether figures have three significant digits: for metrics from millimetres to kilometres."""
     alarms: str = ""
     """Heading of `false_alarms` beside detection rates in breakdowns; empty: they are not shown."""
     always_by: tuple[str, str] | None = None
-    """A breakdown, and its one metric, that is shown although nobody asks for it."""
+    """A breakdown, and its one metric, that is shown even without `--by`."""
     uses_calibration: bool = False
-    """Whether its plug-ins believe the file that a run gives as calibration."""
+    """Whether its plug-ins get the calibration of a run."""
     compared_with: str = ""
-    """Of recorded data: the board of simulated traffic that its ranks are compared with."""
+    """For recorded data: the board of simulated traffic that its ranks are compared with."""
     default_suite: str = "quick"
-    """The suite of a run that names none."""
+    """The suite of a run without `--suite`."""
     sample: str = "seeds"
-    """What intervals are computed over."""
+    """What intervals are computed over, in words."""
 
     @property
     def summary(self) -> str:
-        """What it ranks, in one line: that of its class."""
+        """What it ranks: the first line of its class's docstring."""
         return (type(self).__doc__ or "").partition("\n")[0]
 
     @abstractmethod
@@ -147,22 +147,22 @@ class Board(ABC):
 
     @abstractmethod
     def score(self, job: Job, answers: Any, options: RunOptions) -> Scores:
-        """Return the scores of a job's answers; options: to read the inputs of the entry."""
+        """Return the scores of a job's answers. options: for reading the inputs of the entry."""
 
     @abstractmethod
     def explanation(self, suite: Suite) -> str:
-        """Return what counts on the board and what entries get, for a reader."""
+        """Return as text which objects are eligible and what entries get."""
 
     def suite_entries(self, suite: Suite) -> Sequence[str]:
         """Return the entries that a suite compares on this board."""
         return suite.settings(self.name, self.settings_type).entries
 
     def check_entry(self, spec: Spec) -> Spec:
-        """Return an entry's resolved spec; `SpecError` says why it cannot be one."""
+        """Return an entry's resolved spec; raise `SpecError` if it cannot be an entry."""
         return check_plugin_spec(spec, self.kind)
 
     def suite_checks(self, suite: Suite) -> list[SuiteCheck]:
-        """Return the checks of what a suite says of the board, done before anything runs."""
+        """Return the checks of a suite's settings for the board, done before anything runs."""
         key = f"{self.name}.entries"
 
         def check(text: str) -> None:
@@ -171,18 +171,18 @@ class Board(ABC):
         return [SuiteCheck(key, check, text) for text in self.suite_entries(suite)]
 
     def pooled(self, metric: str, scores: Sequence[Scores]) -> list[Score]:
-        """Return the scores of a metric as they are pooled over episodes, one for each episode."""
+        """Return the scores of a metric in the form that is pooled, one for each episode."""
         bins = [part_name(EXCESS, "score", band) for band in BANDS["score"].labels]
         if metric == CALIBRATION_ERROR and all(b in each for b in bins for each in scores):
             return pooled_calibration([[each[b] for b in bins] for each in scores])
         return [each[metric] for each in scores]
 
     def is_silent(self, metric: str, scores: Sequence[Scores]) -> bool:
-        """Return whether a metric has no figure, since the entry never reports what it measures."""
+        """Return whether a metric is left out because the entry never reports what it measures."""
         return False
 
     def remark(self, calibration: str) -> str:
-        """Return what a reader must know of a run with a calibration, a file; empty if nothing."""
+        """Return a remark on a run with a calibration file; empty if there is none."""
         return ""
 
 
@@ -191,7 +191,7 @@ class JobOptions:
     """Options of a run that change the jobs of a board.
 
     marks: whether marks are shown beside the entries.
-    calibration: a file that plug-ins believe in place of the rig's; empty: they believe the rig's.
+    calibration: a file with the calibration that plug-ins get; empty: that of the rig.
     """
 
     marks: bool = True
@@ -199,7 +199,7 @@ class JobOptions:
 
 
 def check_camera(suite: Suite) -> None:
-    """Refuse a suite whose rig has no camera."""
+    """Raise `ValueError` for a suite whose rig has no camera."""
     from roadscope.benchmarks.images import camera_of
     from roadscope.envs.sensors.rigs import rig
 
@@ -209,7 +209,7 @@ def check_camera(suite: Suite) -> None:
 def episodes(suite: Suite) -> list[Episode]:
     """Return every scenario with every seed in every weather, light and set of faults.
 
-    These are not crossed: further lights and faults come with the first of the others.
+    They are not combined: only one of weather, light and faults differs from its first value.
     """
     (weather, *weathers), (light, *lights) = suite.weathers, suite.lights
     first, *faults = suite.faults
@@ -225,7 +225,7 @@ def episodes(suite: Suite) -> list[Episode]:
 
 
 def call_cost(times: CallTimes, percentiles: Sequence[int] = (50, 99)) -> dict[str, Score]:
-    """Return what a plug-in's calls cost: percentiles of processor time, median of wall time.
+    """Return the times of a plug-in's calls: percentiles of processor time, median of wall time.
 
     The first call is left out: it may compile or load what the plug-in needs.
     """

@@ -1,4 +1,4 @@
-"""The camera board: detectors of road users in images."""
+"""The camera board: camera detectors."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ _NOTES = {
 
 
 class CameraSettings(BoardSettings, frozen=True, kw_only=True):
-    """The table `[camera]`; every_s: time from one image to the next."""
+    """The table `[camera]`; every_s: seconds from one image to the next."""
 
     every_s: Positive = 0.5
 
@@ -101,7 +101,7 @@ class CameraBoard(Board):
         return check_image_source(spec)
 
     def jobs(self, suite: Suite, entries: Sequence[Spec], options: JobOptions) -> list[Job]:
-        """Return every detector on all episodes, and as a mark the true boxes."""
+        """Return every detector on all episodes, and the true boxes as a mark."""
         check_camera(suite)
         every_s = suite.settings(self.name, CameraSettings).every_s
         sources = {str(entry): entry for entry in entries}
@@ -120,7 +120,7 @@ class CameraBoard(Board):
         ]
 
     def score(self, job: Job, answers: EpisodeImageDetections, options: RunOptions) -> Scores:
-        """Return the scores of a job's answers, and their cost unless made from truth."""
+        """Return the scores of a job's answers, and times of calls unless made from truth."""
         assert isinstance(job.answers, ImageNode)
         labels = answers.labels(extinction_per_m(job.answers.episode))
         scores = camera_scores(answers.filled, labels)
@@ -130,7 +130,7 @@ class CameraBoard(Board):
         return scores | call_cost(answers.times.select(has_image))
 
     def explanation(self, suite: Suite) -> str:
-        """Return which objects count."""
+        """Return as text which objects are eligible."""
         return (
             "To be found in images: road users with at least 40 visible pixels, 8 pixels high, at "
             "most three quarters hidden and not lost in fog or rain; parked cars count neither way."

@@ -112,7 +112,7 @@ class DetectionBoard(Board):
     object_metric = "detection_rate"
 
     def jobs(self, suite: Suite, entries: Sequence[Spec], options: JobOptions) -> list[Job]:
-        """Return every detector on all episodes, and as marks the oracle and one cluster."""
+        """Return every detector on all episodes, and the oracle and one cluster as marks."""
         sources = {name: detection_source(name) for name in (MARKS if options.marks else ())}
         sources |= {str(entry): entry for entry in entries}
         return [
@@ -138,12 +138,12 @@ class DetectionBoard(Board):
         }
 
     def explanation(self, suite: Suite) -> str:
-        """Return which objects count."""
+        """Return as text which objects are eligible."""
         return rule_in_words(suite.eligibility)
 
 
 def rule_in_words(rule: Eligibility) -> str:
-    """Return which objects count, for a reader."""
+    """Return as text which objects are eligible."""
     near, far = rule.range_m
     families = " and ".join(f"{family}s" for family in rule.families)
     place = f"within {far:g} m" if near == 0 else f"{near:g} to {far:g} m away"
@@ -153,10 +153,10 @@ def rule_in_words(rule: Eligibility) -> str:
 def detection_scores(
     answers: EpisodeDetections, rule: Eligibility, *, timed: bool = True
 ) -> dict[str, Score]:
-    """Return a detector's scores on an episode; timed: its delay and cost too.
+    """Return a detector's scores on an episode. timed: with delay and times of calls.
 
-    unseen_per_frame: objects that have too few returns to count, the same for every entry.
-    delay_s: from a frame to its answer, mean of the answered ones.
+    unseen_per_frame: objects that are not eligible for too few returns, the same for every entry.
+    delay_s: from a frame to its answer, mean of the answered frames.
     """
     detections, truths = answers.detections, answers.truths
     pairings = rule.pairings(detections, truths, answers.parked)

@@ -43,15 +43,15 @@ from roadscope.envs.sensors.rigs import rig
 
 INPUTS = "inputs"
 PASSED_ON = "union"
-"""The fusion that passes on what one sensor detected, where the other brings nothing."""
+"""The fusion of the marks: with one sensor alone it passes its detections on."""
 
 
 class FusionSettings(BoardSettings, frozen=True, kw_only=True):
     """The table `[fusion]`.
 
-    lidar, camera: all fusions get the detections of each LiDAR detector with those of each camera
-        detector.
-    every_s: time from one pair of detections to the next.
+    lidar, camera: detectors; fusions get the detections of each LiDAR detector with those of each
+        camera detector.
+    every_s: seconds from one pair of detections to the next.
     """
 
     lidar: Names = ()
@@ -127,7 +127,7 @@ class FusionBoard(Board):
         ]
 
     def jobs(self, suite: Suite, entries: Sequence[Spec], options: JobOptions) -> list[Job]:
-        """Return every fusion of all pairs of detectors, and as marks one sensor alone."""
+        """Return every fusion on all pairs of detectors, and each sensor alone as marks."""
         check_camera(suite)
         if options.calibration:
             fitting_calibration(options.calibration, projection_of(rig(suite.rig)))
@@ -167,12 +167,12 @@ class FusionBoard(Board):
         return jobs
 
     def score(self, job: Job, answers: EpisodeFusions, options: RunOptions) -> Scores:
-        """Return the scores of a job's answers, and their cost unless it is a mark."""
+        """Return the scores of a job's answers, and times of calls unless it is a mark."""
         scores = fusion_scores(answers.fused, answers.targets)
         return scores if job.mark else scores | call_cost(answers.times)
 
     def explanation(self, suite: Suite) -> str:
-        """Return which objects count, and whose detections fusions get."""
+        """Return as text which objects are eligible, and which detections fusions get."""
         settings = suite.settings(self.name, FusionSettings)
         lidar, camera = " and ".join(settings.lidar), " and ".join(settings.camera)
         text = (
@@ -185,5 +185,5 @@ class FusionBoard(Board):
         return text
 
     def remark(self, calibration: str) -> str:
-        """Return which calibration fusions believe, if not the rig's."""
+        """Return which calibration fusions get, if not the rig's."""
         return f"Fusions believe the calibration {calibration}." if calibration else ""

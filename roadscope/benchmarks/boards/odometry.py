@@ -1,4 +1,4 @@
-"""The odometry board: how the sensor moved, from scans and inertial samples."""
+"""The odometry board: poses of the LiDAR from scans and inertial samples."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ ERROR_NOTE = "mean, std, min, max: of the positions' errors, mean of the episode
 
 
 class OdometrySettings(BoardSettings, frozen=True, kw_only=True):
-    """The table `[odometry]`; lengths_m: drift is measured over stretches of these lengths."""
+    """The table `[odometry]`; lengths_m: lengths of the stretches over which drift is measured."""
 
     lengths_m: Annotated[tuple[Positive, ...], Meta(min_length=1)] = SHORT_M
 
@@ -137,7 +137,7 @@ class OdometryBoard(Board):
         return check_pose_source(spec)
 
     def jobs(self, suite: Suite, entries: Sequence[Spec], options: JobOptions) -> list[Job]:
-        """Return every odometry on all episodes, and as marks the same without moving objects."""
+        """Return every odometry on all episodes, and on scans without moving objects as marks."""
         ranked = [entry for entry in entries if _mark(entry) is None]
         oracles = [pose_source(f"{ORACLE}?odometry={entry}") for entry in ranked]
         sources = dict.fromkeys([*entries, *(oracles if options.marks else [])])
@@ -164,13 +164,13 @@ class OdometryBoard(Board):
         )
 
     def is_silent(self, metric: str, scores: Sequence[Scores]) -> bool:
-        """Return whether a recall is of an odometry that never holds a return to be dynamic."""
+        """Return whether this is the recall of an odometry that marks no return as dynamic."""
         if metric != "dynamic_recall":
             return False
         return not any(each["dynamic_precision"].n for each in scores if metric in each)
 
     def explanation(self, suite: Suite) -> str:
-        """Return what drift is measured over."""
+        """Return as text over which lengths drift is measured."""
         lengths_m = suite.settings(self.name, OdometrySettings).lengths_m
         *lengths, last = (f"{length_m:g}" for length_m in lengths_m)
         over = f"{', '.join(lengths)} and {last}" if lengths else last
@@ -180,10 +180,11 @@ class OdometryBoard(Board):
 def pose_scores(
     answers: EpisodePoses, lengths_m: Sequence[float] = SHORT_M, *, without_movers: bool = False
 ) -> dict[str, Score]:
-    """Return an odometry's scores on an episode and what its calls cost.
+    """Return an odometry's scores on an episode and the times of its calls.
 
-    lengths_m: stretches that drift is measured over.
-    without_movers: its scans had no moving objects, or were not used: none could be found.
+    lengths_m: lengths of the stretches over which drift is measured.
+    without_movers: its scans had no moving objects, or were not used: dynamic returns are not
+        scored.
     """
     both, timed = answers.trajectories, len(answers.times.wall_ms) > 0
     moving = score_moving(answers.dynamic, answers.moving).named() if not without_movers else {}

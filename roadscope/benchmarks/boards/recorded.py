@@ -47,7 +47,7 @@ from roadscope.core import Spec, SpecError
 from roadscope.core.spec import NO_POSES, TRUE_POSES
 
 SEQUENCES: Mapping[str, Condition] = {"sequence": lambda recording: recording.sequence}
-"""What recordings are broken down by."""
+"""By what recordings are broken down."""
 SUMS_NOTE = "Counts: sums over the sequences."
 SAMOTA_NOTE = (
     "sAMOTA: mean of sequences; with tentative tracks of trackers that weigh them (weighed = True)."
@@ -64,7 +64,7 @@ NEES_BAND_NOTE = (
 
 @dataclass(frozen=True)
 class RecordedNode(Node):
-    """The detections of a recording; they are read from its own files whenever they are needed."""
+    """The detections of a recording, which are read from its own files for every use."""
 
     recording: Recording
 
@@ -84,12 +84,12 @@ class RecordedNode(Node):
     def read(
         self, options: RunOptions | None = None, *, recompute: bool = False
     ) -> EpisodeDetections:
-        """Read the recording; nothing is kept beside it."""
+        """Read the recording; nothing is written to the cache."""
         return self.recording.replayed()
 
 
 def _image_columns(data: str) -> tuple[Column, ...]:
-    """Return the first columns of a board, of scores by image boxes; data: whose rules hold."""
+    """Return the first columns of a board, scores of image boxes. data: whose rules are used."""
     note = f"HOTA, MOTA, IDF1: image boxes, all sequences as one ({data})."
     return (
         Column("hota", "HOTA", 3, note),
@@ -148,7 +148,7 @@ class RecordedBoard(Board):
         ]
 
     def score(self, job: Job, answers: EpisodeTracks, options: RunOptions) -> Scores:
-        """Return the scores of a job's answers, its cost, and whether the tracker is offline."""
+        """Return the scores of a job's answers, times of calls, and `offline`."""
         assert isinstance(job.answers, TrackNode)
         assert isinstance(job.episode, Recording)
         offline = is_offline(job.answers.tracker)
@@ -159,13 +159,13 @@ class RecordedBoard(Board):
         }
 
     def pooled(self, metric: str, scores: Sequence[Scores]) -> list[Score]:
-        """Return each sequence's part in the figure of all sequences as one."""
+        """Return scores that pool to the figure of all sequences taken as one."""
         if metric in COMBINED and scores:
             return COMBINED[metric](scores, metric)
         return super().pooled(metric, scores)
 
     def explanation(self, suite: Suite) -> str:
-        """Return whose detections are tracked, and in which sequences."""
+        """Return as text which detections are tracked, and in which sequences."""
         settings = suite.settings(self.name, RecordedSettings)
         sequences = len(dict.fromkeys(r.sequence for r in settings.recordings))
         first, *others = settings.detectors

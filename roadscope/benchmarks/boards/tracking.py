@@ -49,7 +49,7 @@ from roadscope.core.spec import FUSED, NO_POSES, ORACLE, TRUE_POSES
 OFFLINE = "offline"
 """Metric that is 1 for an offline tracker, which uses all frames of an episode."""
 BY_DETECTOR = "detector"
-"""The breakdown by whose detections a tracker gets."""
+"""The breakdown by the detector whose detections a tracker gets."""
 NEES = Column(
     "nees_position",
     "NEES",
@@ -68,8 +68,7 @@ ALPHA_BREAKDOWN = Breakdown(
     note="A pair is a hit where its similarity reaches alpha; HOTA is the mean over alphas.",
 )
 ALPHA_METRICS = (Column("det_a", "DetA"), Column("ass_a", "AssA"), Column("loc_a", "LocA"))
-"""What is shown at each alpha."""
-
+"""The metrics that are shown at each alpha."""
 
 PoseSource = Annotated[str, Meta(min_length=1)]
 
@@ -77,10 +76,10 @@ PoseSource = Annotated[str, Meta(min_length=1)]
 class TrackingSettings(BoardSettings, frozen=True, kw_only=True):
     """The table `[tracking]`.
 
-    detectors: whose detections all trackers get; `oracle` stands for the true boxes of all
+    detectors: all trackers get the detections of each; `oracle` stands for the true boxes of all
         eligible objects.
-    ego: from where trackers get the poses of the ego, one text or several: `truth`, `none` or an
-        odometry. Every tracker is compared with each, unless it names its own (`gnn?ego=none`).
+    ego: where trackers get the poses of the ego from, one text or several: `truth`, `none` or an
+        odometry. Every tracker is run with each, unless its spec names one (`gnn?ego=none`).
     """
 
     detectors: Names = ()
@@ -177,9 +176,9 @@ class TrackingBoard(Board):
         ]
 
     def jobs(self, suite: Suite, entries: Sequence[Spec], options: JobOptions) -> list[Job]:
-        """Return every tracker on the detections of every detector; those of the oracle are marks.
+        """Return every tracker on the detections of every detector; those on the oracle are marks.
 
-        Where the oracle is the only detector, trackers are ranked on it.
+        If the oracle is the only detector, trackers are ranked on it.
         """
         settings = suite.settings(self.name, TrackingSettings)
         if entries and not settings.detectors:
@@ -216,7 +215,7 @@ class TrackingBoard(Board):
         return scores
 
     def explanation(self, suite: Suite) -> str:
-        """Return which objects count, and whose detections trackers get."""
+        """Return as text which objects are eligible, and which detections trackers get."""
         text = rule_in_words(suite.eligibility)
         detectors = suite.settings(self.name, TrackingSettings).detectors
         if not detectors:
@@ -252,7 +251,7 @@ def track_node(tracker: Spec, detector: str, episode: Episode, rule: Eligibility
 
 
 def missing_requirement(tracker: Spec) -> str:
-    """Return what a tracker, or the odometry of its poses, needs and is not installed."""
+    """Return what a tracker or its odometry needs and is not installed; empty if nothing."""
     if missing := traits_of(tracker).requires:
         return missing
     if tracker.ego is None or str(tracker.ego) in (TRUE_POSES, NO_POSES):
@@ -266,7 +265,7 @@ def missing_requirement(tracker: Spec) -> str:
 def tracking_scores(
     answers: EpisodeTracks, inputs: EpisodeDetections, rule: Eligibility
 ) -> dict[str, Score]:
-    """Return a tracker's scores on an episode, and its cost."""
+    """Return a tracker's scores on an episode, and the times of its calls."""
     pairings = rule.pairings(answers.tracks, inputs.truths, inputs.parked)
     scores = score_tracks(answers.tracks, inputs.truths, pairings).named()
     return scores | call_cost(answers.times)

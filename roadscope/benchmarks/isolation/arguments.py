@@ -1,4 +1,4 @@
-"""Calls whose arguments must stay as they were."""
+"""Calls of methods that must not change their arguments."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ class ChangedArgumentError(RuntimeError):
 def call_watched(function: Callable[..., Any], arguments: Sequence[Any]) -> Any:
     """Call a function and return its answer; `ChangedArgumentError` if it changed an argument.
 
-    Must run in the process of the function: what is sent elsewhere is a copy.
+    It must run in the process of the function, as other processes get copies of the arguments.
     """
     before = [encode(argument) for argument in arguments]
     answer = function(*arguments)
@@ -30,5 +30,5 @@ def _encoded(argument: Any) -> bytes:
     try:
         return encode(argument)
     except WireError:
-        # It can be encoded before the call only.
+        # It could be encoded before the call, so it was changed.
         return b""

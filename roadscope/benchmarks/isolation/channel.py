@@ -1,8 +1,8 @@
 """Messages over sockets: eight bytes of length, little endian, and as many bytes.
 
 Long messages to a plug-in, scans and images, go through a file in memory that both processes have
-open, and only their length, with a mark, goes over the socket: in pieces of what a socket holds
-they would wake both processes a dozen times. The worker writes to that file and never reads it.
+open; only their length, with a mark, goes over the socket. Over the socket they would go in a dozen
+pieces, each of which wakes both processes. The worker writes to that file and never reads it.
 """
 
 from __future__ import annotations
@@ -17,10 +17,10 @@ LENGTH_BYTES = 8
 IN_BUFFER = 1 << 63
 """Marks the length of a message that lies in the buffer."""
 SHORT_BYTES = 1 << 16
-"""What fits a socket in one piece on every system."""
+"""Bytes that a socket holds in one piece on every system."""
 PIECE_BYTES = 1 << 20
 END, CLOSED, LOG = b"E", b"C", b"L"
-"""Commands to a guard: end the plug-in; end it, for its socket is closed; send the log."""
+"""Commands to a guard: end the plug-in; end it because its socket is closed; send the log."""
 
 
 class ClosedError(EOFError):
@@ -28,7 +28,7 @@ class ClosedError(EOFError):
 
 
 class TooLongError(ValueError):
-    """A message is longer than it may be; nothing of it was read. The text is its size."""
+    """A message is longer than allowed; nothing of it was read. The text is its size in bytes."""
 
 
 def framed(message: bytes) -> bytes:
@@ -43,7 +43,7 @@ def send_all(connection: socket.socket, message: bytes) -> None:
 
 
 def _parts(message: bytes) -> list[bytes]:
-    """Return what is to be sent: a short message in one piece, so that its reader wakes once."""
+    """Return the pieces to send: one piece for a short message, so that its reader wakes once."""
     if len(message) <= SHORT_BYTES:
         return [framed(message)]
     return [len(message).to_bytes(LENGTH_BYTES, "little"), message]
@@ -65,7 +65,7 @@ def receive_all(connection: socket.socket, buffer: int) -> bytearray:
 
 
 def receive_exactly(connection: socket.socket, count: int) -> bytearray:
-    """Receive so many bytes from a blocking socket; `ClosedError` where it ends before."""
+    """Receive `count` bytes from a blocking socket; `ClosedError` if it ends before."""
     data = bytearray(count)
     view, done = memoryview(data), 0
     while done < count:
@@ -85,7 +85,7 @@ def open_buffer() -> int:
 
 
 class Channel:
-    """The worker's end: every wait has an end, and nothing longer than agreed is read."""
+    """The worker's end of a socket: every wait has a deadline, every message a greatest length."""
 
     def __init__(
         self,
@@ -96,8 +96,8 @@ class Channel:
     ) -> None:
         """Take a socket.
 
-        ended: a socket on which something arrives when the other process ended. buffer: a file
-        for long messages.
+        ended: a socket that becomes readable when the other process has ended.
+        buffer: number of the file for long messages.
         """
         connection.setblocking(False)
         self._buffer = buffer
@@ -131,7 +131,7 @@ class Channel:
         return self._exactly(length, deadline)
 
     def surplus(self) -> bool:
-        """Say whether something arrived that nobody waits for."""
+        """Return whether something arrived that was not asked for."""
         try:
             return bool(self._connection.recv(1, socket.MSG_PEEK))
         except OSError:
@@ -168,7 +168,7 @@ class Channel:
 
 
 def _write(buffer: int, message: bytes) -> None:
-    # Not through a mapping: where the other process shortens the file, that would end this one.
+    # Not through a memory map: if the other process shortens the file, a map crashes this one.
     view, done = memoryview(message), 0
     while done < len(message):
         done += os.pwrite(buffer, view[done:], done)

@@ -1,6 +1,6 @@
-"""The process of one plug-in: loads its class, makes it and answers calls.
+"""Runs in the process of one plug-in: loads its class, makes it and answers calls.
 
-The worker trusts nothing here: it checks every answer.
+The plug-in can change anything here, so the worker checks every answer.
 """
 
 from __future__ import annotations
@@ -34,19 +34,19 @@ from roadscope.core.text import one_line
 from roadscope.core.wire import WireError, decode, encode
 
 CONNECTION, BUFFER = 3, 4
-"""Numbers of the files that a plug-in's process has open beside input, output and errors."""
+"""Numbers of the files that a plug-in's process has open beside stdin, stdout and stderr."""
 FREE_NUMBER = 10
-"""Files have at least this number before they get their own."""
+"""Files are first moved to numbers from this one on, so that 0 to 4 are free."""
 MOST_PIECE_CHARACTERS = 1000
-"""Of a line of a traceback in the log; chosen by hand."""
+"""Longest piece of a traceback in the log; chosen by hand."""
 PLAIN = (SpecError, ChangedArgumentError)
-"""Errors made for the reader: no place in the code is added to them."""
+"""Errors with texts for the reader, to which no line of code is added."""
 PARENT_DEATH_SIGNAL, CHILD_SUBREAPER = 1, 36
 """Numbers of PR_SET_PDEATHSIG and PR_SET_CHILD_SUBREAPER, from linux/prctl.h."""
 
 
 def control_process(option: int, value: int) -> None:
-    """Set an option of this process by `prctl`; nothing happens where there is none."""
+    """Set an option of this process by `prctl`; without effect on other systems than Linux."""
     if sys.platform == "linux":
         ctypes.CDLL(None, use_errno=True).prctl(option, value, 0, 0, 0)
 
@@ -61,7 +61,7 @@ def run_plugin(
     """
     status = 1
     try:
-        _settle()
+        _reset_process()
         _use_files(connection=connection, buffer=buffer, output=output)
         with suppress(OSError):
             os.chdir(request["folder"])
@@ -76,8 +76,8 @@ def run_plugin(
         os._exit(status)
 
 
-def _settle() -> None:
-    """Leave everything behind that is the supervisor's."""
+def _reset_process() -> None:
+    """Drop the session, signal handlers and random state inherited from the supervisor."""
     os.setsid()
     control_process(PARENT_DEATH_SIGNAL, signal.SIGKILL)
     for signal_number in signal.valid_signals() - {signal.SIGKILL, signal.SIGSTOP}:
@@ -92,7 +92,7 @@ def _settle() -> None:
 
 
 def _use_files(*, connection: int, buffer: int, output: int) -> None:
-    """Close all files but these, and give them their numbers."""
+    """Close all other files, and give these their numbers."""
     import fcntl
 
     null = os.open(os.devnull, os.O_RDONLY)
@@ -108,7 +108,7 @@ def _use_files(*, connection: int, buffer: int, output: int) -> None:
         open(number, "w", buffering=1, errors="backslashreplace", closefd=False)  # noqa: SIM115
         for number in (1, 2)
     )
-    # After a crash the log says in which line.
+    # After a crash, the log has the line.
     faulthandler.enable()
 
 
@@ -116,15 +116,15 @@ def _limit() -> None:
     import resource
 
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
-    # Where memory runs out before the limit is noticed, the kernel ends this process first.
+    # If memory runs out before the limit is noticed, the kernel ends this process first.
     with suppress(OSError):
         Path("/proc/self/oom_score_adj").write_text("1000")
 
 
 def _serve(request: Mapping[str, Any], worker: socket.socket) -> None:
-    """Load the plug-in and answer calls until the worker is gone.
+    """Load the plug-in and answer calls until the worker closes the socket.
 
-    The answer to loading is what the class says of itself, or the user's mistake in naming it.
+    The answer to loading is the traits of the class, or the user's mistake in naming it.
     """
     clocks = Clocks(perf_counter, process_time)
     most = request["answer_bytes"]
@@ -159,17 +159,17 @@ def _serve(request: Mapping[str, Any], worker: socket.socket) -> None:
     while True:
         call = decode(receive_all(worker, BUFFER))
 
-        def made_call(call: Mapping[str, Any] = call) -> Any:
+        def run_call(call: Mapping[str, Any] = call) -> Any:
             method, arguments = getattr(plugin, call["method"]), call["arguments"]
             if request["watch_arguments"]:
                 return call_watched(method, arguments)
             return method(*arguments)
 
-        _answer(worker, call["number"], made_call, most=most, clocks=clocks)
+        _answer(worker, call["number"], run_call, most=most, clocks=clocks)
 
 
 class Clocks(NamedTuple):
-    """Clocks that were bound before the plug-in was loaded, seconds."""
+    """Clocks, seconds, bound before the plug-in was loaded, which might replace them."""
 
     wall: Callable[[], float]
     processor: Callable[[], float]
@@ -183,7 +183,7 @@ def _answer(
     most: int,
     clocks: Clocks,
 ) -> bool:
-    """Call a function, send its answer or what it raised, and return whether it answered."""
+    """Call a function, send its answer or its error, and return whether there was an answer."""
     error, answer = "", None
     wall_s, processor_s = clocks.wall(), clocks.processor()
     try:
@@ -212,7 +212,7 @@ def _answer(
 
 
 def _text(raised: BaseException, *, plain: bool) -> str:
-    """Describe an exception; a plain one is made for the reader and names no place."""
+    """Return an exception as text; plain: only its own text, without type and line of code."""
     try:
         return str(raised) if plain else describe(raised)
     except BaseException:

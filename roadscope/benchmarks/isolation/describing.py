@@ -1,4 +1,4 @@
-"""What a plug-in says of itself and of its errors; runs beside the plug-in."""
+"""Reads the traits of plug-in classes and describes their errors; runs in their process."""
 
 from __future__ import annotations
 
@@ -23,14 +23,14 @@ from roadscope.core.text import error_text, one_line
 HARNESS = Path(__file__).resolve().parent
 PACKAGE = Path(__file__).resolve().parents[2]
 SLOW_LIBRARIES = frozenset({"filterpy", "numba", "scipy", "sklearn", "torch"})
-"""What takes long to import and may be imported before a process is forked: no threads start."""
+"""Libraries that take long to import, and start no threads: they may be imported before a fork."""
 OUR_ROOMS = frozenset({"core", "detectors", "fusion", "odometry", "trackers"})
 MISTAKE = "mistake"
-"""Key of a message: what the user named is not there, or cannot be imported."""
+"""Key of a message: the plug-in that the user named does not exist or cannot be imported."""
 
 
 def traits_of(kind: type[Any], arguments: Mapping[str, Any], plugin: object = None) -> Traits:
-    """Return what a class says of itself, or its instance if there is one."""
+    """Return the traits of a class, or of its instance if there is one."""
     described = kind if plugin is None else plugin
     methods = _public_methods(described)
     declared, need = getattr(kind, "kind", ""), getattr(kind, "requires", None)
@@ -56,7 +56,7 @@ def traits_of(kind: type[Any], arguments: Mapping[str, Any], plugin: object = No
 
 
 def _public_methods(plugin: object) -> frozenset[str]:
-    """Return the names of methods of an object or a class; no property is computed for it."""
+    """Return the names of the public methods of an object or class; no property is computed."""
     named = {
         name: getattr_static(plugin, name, None) for name in dir(plugin) if not name.startswith("_")
     }
@@ -66,9 +66,9 @@ def _public_methods(plugin: object) -> frozenset[str]:
 
 
 def traits_of_source(target: str, failure: str) -> Traits:
-    """Return what the source of a class says of it, where the class cannot be loaded.
+    """Return the traits of a class that cannot be loaded, from its source.
 
-    Only what stands in the body of the class is found: its methods and a text `kind`.
+    Only the body of the class is read: its methods and a string `kind`.
     """
     place, _, name = target.rpartition(":")
     file = file_of(place)
@@ -93,7 +93,7 @@ def traits_of_source(target: str, failure: str) -> Traits:
 
 
 def may_preload(module: str) -> bool:
-    """Return whether a supervisor may import a module for all plug-ins to come."""
+    """Return whether a supervisor may import a module for all later plug-ins."""
     package, _, rest = module.partition(".")
     if package == PACKAGE.name:
         return rest.partition(".")[0] in OUR_ROOMS
@@ -101,9 +101,9 @@ def may_preload(module: str) -> bool:
 
 
 def describe(error: BaseException) -> str:
-    """Return in one line what was raised, and at which line of the plug-in's own file.
+    """Return an error as one line, with the line of the plug-in's own file.
 
-    The plug-in's file is the first one on the stack that is not of this package.
+    The plug-in's file is the first file on the stack that is not part of roadscope.
     """
     try:
         frames = [

@@ -87,34 +87,35 @@ ENVIRONMENT = (
     "LC_ALL",
     "LC_CTYPE",
 )
-"""What a plug-in's process gets of this one's environment: no keys, no folders of ours."""
+"""Environment variables that a plug-in's process gets from this one: no keys, no cache folder."""
 MARK = "PLUGIN_MARK"
-"""Variable of all processes below one supervisor, by which they are known when it was ended."""
+"""Environment variable by which the processes below a supervisor are recognised once it has
+ended."""
 MOST_SWEEPS = 20
-"""How often processes are looked for that start others as they end; chosen by hand."""
+"""Most searches for remaining processes, which may start others while they end; chosen by hand."""
 MOST_PRELOADED = 1000
-"""Far more than there are such modules."""
+"""Most modules that are preloaded, far more than there are."""
 REPORT_S = 8.0
-"""How long a guard may take to end a plug-in with all that it started, and to report."""
+"""Seconds that a guard may take to end a plug-in with all its processes, and to report."""
 MOST_REPORT_BYTES = 1 << 20
 CLOCK_ERROR_S = 0.01
-"""By how much a call may seem longer than the wait for it; chosen by hand."""
+"""Seconds by which a reported call time may exceed the wait for it; chosen by hand."""
 
 
 class PluginHandle(Protocol):
-    """A plug-in that was made.
+    """A plug-in that can be called.
 
-    log: the end of what it printed, once it is closed; empty for one in this process.
+    log: the end of what it printed, once it is closed; empty for a plug-in in this process.
     """
 
     traits: Traits
     log: str
 
     def call(self, method: str, *arguments: Any) -> Timed:
-        """Call a method and return its answer and cost; `PluginError` when it fails."""
+        """Call a method and return its answer and time; `PluginError` if it fails."""
 
     def has(self, method: str) -> bool:
-        """Say whether it has a method of the protocols."""
+        """Return whether it has a public method of this name."""
 
 
 @contextmanager
@@ -127,13 +128,14 @@ def open_plugin(
     hidden: Sequence[Path] = (),
     watch_arguments: bool = False,
 ) -> Iterator[PluginHandle]:
-    """Make a plug-in, in a process of its own unless it is ours, and end it afterwards.
+    """Make a plug-in, in a process of its own unless it is part of roadscope; end it afterwards.
 
-    isolated: whether it gets its own process; None: as the spec says. sandbox: whether that has
-    no network and only an empty scratch folder to write to; hidden: folders that look empty then
-    beside that of our cache, such as that of results. watch_arguments: whether a call that changes
-    its arguments fails, for which they are compared in the plug-in's own process. `PluginError`
-    says how the plug-in failed, `SandboxError` why there is no sandbox.
+    isolated: whether it gets a process of its own; None: as the spec says.
+    sandbox: whether that process has no network, and only an empty scratch folder to write to.
+    hidden: folders that look empty in the sandbox, beside that of the cache.
+    watch_arguments: whether a call that changes its arguments fails.
+
+    `PluginError` says how the plug-in failed, `SandboxError` why the sandbox cannot be used.
     """
     if not (spec.isolated if isolated is None else isolated):
         yield _InProcess(spec, watch_arguments=watch_arguments)
@@ -157,11 +159,11 @@ def open_plugin(
 
 
 def probe(spec: PluginSpec) -> Traits:
-    """Return what the class of a plug-in says of itself; a stranger's is loaded in a child.
+    """Return the traits of a plug-in's class, which is loaded in a child process if it is not ours.
 
-    `SpecError` if the user named what is not there or cannot be imported. If the class fails in
-    another way when it is loaded, its source is read, and `failure` says how it fails. Remembered
-    until its file changes. `probing` sets the limits of the child.
+    `SpecError` if it does not exist or cannot be imported. If loading fails in another way, the
+    traits are read from its source, and `failure` has the reason. Traits are remembered until the
+    file changes. `probing` sets the limits of the child.
     """
     if not spec.isolated:
         return traits_of(load_class(spec.target), spec.arguments)
@@ -196,7 +198,7 @@ def _loaded_in_child(spec: PluginSpec, options: _Probing) -> Traits:
 
 @dataclass(frozen=True, slots=True)
 class _Probing:
-    """How classes of strangers are loaded to see what they say of themselves."""
+    """The options with which classes are loaded to read their traits."""
 
     limits: Limits = Limits()  # noqa: RUF009
     sandbox: bool = False
@@ -205,7 +207,7 @@ class _Probing:
 
 @contextmanager
 def probing(limits: Limits, *, sandbox: bool = False, trust: bool = False) -> Iterator[None]:
-    """Load the classes that are probed meanwhile as the plug-ins of a run: see `open_plugin`.
+    """Within the context, `probe` loads classes with these options: see `open_plugin`.
 
     trust: load them in this process.
     """
@@ -229,7 +231,7 @@ def _changed(file: Path | None) -> int:
 
 
 class _InProcess:
-    """A plug-in in this process: nothing is limited, only its exceptions are caught."""
+    """A plug-in in this process: it has no limits; only its exceptions are caught."""
 
     def __init__(self, spec: PluginSpec, *, watch_arguments: bool) -> None:
         self._text, self.log = spec.text, ""
@@ -262,7 +264,7 @@ class _InProcess:
 
 
 def _literal(value: Any) -> str:
-    """Return a value as `ast.literal_eval` reads it; infinity has no literal of its own."""
+    """Return a value as text for `ast.literal_eval`; infinity is written as 1e999."""
     return repr(value).replace("inf", "1e999") if isinstance(value, float) else repr(value)
 
 
@@ -326,7 +328,7 @@ class _Isolated:
             self.traits = _checked_traits(loaded.answer)
             self._supervisor.remember(loaded.answer["loaded"])
         except (KeyError, TypeError, ValueError):
-            self._fail("what it says of itself is malformed")
+            self._fail("the description of its class is malformed")
         return self.traits
 
     def call(self, method: str, *arguments: Any) -> Timed:
@@ -344,7 +346,7 @@ class _Isolated:
         )
 
     def close(self) -> None:
-        """End the process with all that it started."""
+        """End the process with all processes that it started."""
         self._end(END)
         if self._own is not None:
             self._own.close()
@@ -352,7 +354,7 @@ class _Isolated:
     def _answer(self, message: bytes | None, number: int, *, limit_s: float, doing: str) -> Timed:
         """Send a call, wait for its answer and check it."""
         most = round(self._limits.answer_mb * 1e6) + MOST_REPORT_BYTES
-        # It loads without being asked, maybe before this process goes on.
+        # Loading starts by itself, maybe before this line is reached.
         start = self._opened if message is None else time.monotonic()
         deadline = start + min(limit_s, self._left_s)
         try:
@@ -394,7 +396,7 @@ class _Isolated:
         return Timed(content["answer"], content["processor_ms"], content["wall_ms"])
 
     def _fail(self, reason: str, command: bytes = END) -> NoReturn:
-        """End the plug-in and raise the reason, followed by how its process ended."""
+        """End the plug-in and raise `PluginError` with the reason and how its process ended."""
         report = self._end(command)
         if report is None:
             reason = f"{reason}: the process that watches over it does not answer"
@@ -404,7 +406,7 @@ class _Isolated:
         raise self._failed
 
     def _end(self, command: bytes) -> Mapping[str, str] | None:
-        """Have the process ended and return the last report, None if there is none."""
+        """End the process and return the last report, None if there is none."""
         if self._watch.fileno() < 0:
             return None
         report = self._report(command)
@@ -431,24 +433,24 @@ class _Isolated:
 
 
 class _Supervisor:
-    """A process that forks those of plug-ins."""
+    """The handle of a supervisor, the process that forks those of plug-ins."""
 
     _running: dict[int, _Supervisor] = {}  # noqa: RUF012
     _lock = threading.Lock()
 
     def __init__(self, before: Sequence[str] = ()) -> None:
-        """Start it; `before` are words before its command."""
+        """Start it. before: words before its command, such as those of a sandbox."""
         self._control, control = socket.socketpair()
         words = [*before, sys.executable, "-c", RUN, str(control.fileno())]
         self._mark = secrets.token_hex(16)
-        known = {name: os.environ[name] for name in ENVIRONMENT if name in os.environ}
+        environment = {name: os.environ[name] for name in ENVIRONMENT if name in os.environ}
         with control:
             self._process = subprocess.Popen(
                 [*words, *_import_path(), str(ROOT)],
                 pass_fds=[control.fileno()],
                 stdin=subprocess.DEVNULL,
                 stdout=subprocess.DEVNULL,
-                env=known | {MARK: self._mark},
+                env=environment | {MARK: self._mark},
                 start_new_session=True,
             )
         self._control.settimeout(REPORT_S)
@@ -458,7 +460,7 @@ class _Supervisor:
 
     @classmethod
     def of_this_process(cls) -> _Supervisor:
-        """Return this process's supervisor, a new one if it is not there or has ended."""
+        """Return the supervisor of this process; start one if there is none or it has ended."""
         with cls._lock:
             running = cls._running.get(os.getpid())
             if running is None or running._process.poll() is not None:
@@ -476,10 +478,10 @@ class _Supervisor:
             running.close()
 
     def open(self, request: Mapping[str, Any], files: Sequence[int]) -> int:
-        """Ask for a plug-in's process and its guard, and return the number of the guard.
+        """Start a plug-in's process and its guard, and return the number of the guard.
 
-        files: the other ends of two sockets, and a buffer. If the supervisor is gone, reading
-        from the sockets raises `ClosedError`.
+        files: numbers of the plug-in's socket, its buffer and the guard's socket. If the supervisor
+        has ended, reading from the sockets raises `ClosedError`.
         """
         number = next(self._numbers)
         more = {"end": False, "number": number, "preload": list(self._preload)}
@@ -490,7 +492,7 @@ class _Supervisor:
         return number
 
     def end(self, number: int) -> None:
-        """End a guard that does not answer, with its plug-in; all plug-ins if this cannot."""
+        """End a guard that does not answer, with its plug-in; if that fails, end all plug-ins."""
         self.resume()
         with self._sending, suppress(OSError):
             self._control.sendall(framed(encode({"end": True, "number": number})))
@@ -499,7 +501,7 @@ class _Supervisor:
         self.close()
 
     def resume(self) -> None:
-        """Resume all processes below: a plug-in may have stopped those that watch over it."""
+        """Resume all processes below: a plug-in may have stopped its guard or supervisor."""
         import psutil
 
         with suppress(psutil.Error):
@@ -509,7 +511,7 @@ class _Supervisor:
                     process.resume()
 
     def remember(self, modules: Sequence[str]) -> None:
-        """Have slow libraries that a plug-in loaded imported before the next one is opened."""
+        """Preload the slow libraries that a plug-in loaded before the next one is opened."""
         names = [name for name in modules if type(name) is str and may_preload(name)]
         self._preload |= dict.fromkeys(names[:MOST_PRELOADED])
 
@@ -524,7 +526,7 @@ class _Supervisor:
             self._end_marked()
 
     def _end_marked(self) -> None:
-        """End what is left of a supervisor that was ended: nobody is above those processes now."""
+        """End the remaining processes of a supervisor that was killed, which have no parent now."""
         import psutil
 
         for _ in range(MOST_SWEEPS):
@@ -567,7 +569,7 @@ def _sandboxed(spec: PluginSpec, hidden: Sequence[Path]) -> list[str]:
 
 
 def _is_answer(content: Any, number: int, most_s: float) -> bool:
-    """Return whether a message is the answer to a call, and its times are possible."""
+    """Return whether a message is the answer to this call, with possible times."""
     names = {"number", "error", "answer", "wall_ms", "processor_ms"}
     if type(content) is not dict or content.keys() != names or content["number"] != number:
         return False
@@ -583,7 +585,7 @@ def _checked_traits(content: Any) -> Traits:
 
 
 def _shown(value: Any) -> Any:
-    """Return a value with all its texts fit to be shown."""
+    """Return a value with all its texts safe to print."""
     if isinstance(value, str):
         return one_line(value)
     if isinstance(value, dict):

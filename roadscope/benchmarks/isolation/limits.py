@@ -1,4 +1,4 @@
-"""What a plug-in may use, and what is said when it fails."""
+"""Limits of plug-ins, their errors, and the records of their calls and traits."""
 
 from __future__ import annotations
 
@@ -10,20 +10,20 @@ from typing import Any, Protocol
 from roadscope.core.text import lines, one_line
 
 MOST_LOG_CHARACTERS = 4000
-"""Chosen by hand: the end of a traceback and some lines before it."""
+"""Longest log of an error, chosen by hand: the end of a traceback and some lines before it."""
 
 
 @dataclass(frozen=True, slots=True)
 class Limits:
-    """What a plug-in that runs in its own process may use.
+    """The limits of a plug-in in a process of its own.
 
-    first_call_s: for loading and making it, and for the first call of each method: libraries
-        load weights and compile then.
+    first_call_s: for loading and making it, and for the first call of each method, which may load
+        weights and compile.
     call_s: for each later call.
-    episode_s: for all calls together, loading included.
+    episode_s: for all calls of an episode together, loading included.
     memory_gb: resident memory of its process and of all that it started, 10^9 bytes.
     answer_mb: size of an answer, 10^6 bytes.
-    output_mb: what it may print, 10^6 bytes.
+    output_mb: size of its output, 10^6 bytes.
     """
 
     first_call_s: float = 120.0
@@ -37,8 +37,8 @@ class Limits:
 class PluginError(RuntimeError):
     """A plug-in failed; the text is one line that begins with its spec.
 
-    log: the end of what it printed, at most 4,000 characters. mistake: whether the user named
-        something that is not there, or that cannot be imported.
+    log: the end of what it printed, at most 4,000 characters.
+    mistake: whether the user named a plug-in that does not exist or cannot be imported.
     """
 
     def __init__(self, spec: str, reason: str, log: str = "", *, mistake: bool = False) -> None:
@@ -47,7 +47,7 @@ class PluginError(RuntimeError):
         self.log, self.mistake = lines(log, MOST_LOG_CHARACTERS), mistake
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """Pickle it: it goes from workers to the process that started them."""
+        """Support pickling, as errors are sent from workers to the process that started them."""
         return _plugin_error, (str(self), self.log)
 
 
@@ -57,10 +57,10 @@ class SandboxError(RuntimeError):
 
 @dataclass(frozen=True, slots=True)
 class Timed:
-    """An answer of a plug-in and what its call alone cost.
+    """An answer of a plug-in and the time of its call.
 
     processor_ms: processor time of its process, all threads together.
-    wall_ms: time that passed.
+    wall_ms: elapsed time.
     """
 
     answer: Any
@@ -69,7 +69,7 @@ class Timed:
 
 
 class PluginSpec(Protocol):
-    """What is needed of the string that names a plug-in, once it is parsed."""
+    """The part of a parsed spec, `core.Spec`, that is used here."""
 
     @property
     def text(self) -> str:
@@ -93,17 +93,17 @@ class PluginSpec(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class Traits:
-    """What a plug-in's class says of itself.
+    """The traits of a plug-in's class that the benchmark uses.
 
-    file: where it was loaded from, None for one without a file. module, class_name: its names.
-    methods: those of the protocols that it has. kind: the board's kind that it declares, or "".
+    file: that it was loaded from, or None. module, class_name: its names.
+    methods: its public methods. kind: the kind that it declares, or "".
     offline, weighed, takes_imu, takes_wheels: see the protocols of trackers and odometries.
-    requires: what is not installed that it needs, or "". requirement: the distribution that it
-        needs and its version, "" without one.
-    parameters: of the constructor, by name the default as text, "" without one.
-    positional: those of them that can be given by position.
+    requires: the distribution that it needs and that is not installed, as text, or "".
+    requirement: the distribution that it needs and its version, or "".
+    parameters: the defaults of the constructor's parameters as text, by name; "" without one.
+    positional: the parameters that can be given by position.
     problem: why the constructor does not take the arguments, or "".
-    failure: why the class cannot be loaded, or ""; what it says is read from its source then.
+    failure: why the class cannot be loaded, or ""; then the traits are read from its source.
     """
 
     file: Path | None

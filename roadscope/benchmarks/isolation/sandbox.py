@@ -1,4 +1,4 @@
-"""The supervisor in a sandbox of bubblewrap: no network, no file to write, no process to see."""
+"""Sandboxes a supervisor with bubblewrap: no network, no other processes, no files to write."""
 
 from __future__ import annotations
 
@@ -11,17 +11,18 @@ from functools import cache
 from pathlib import Path
 
 SCRATCH = Path("/tmp")
-"""The one folder that can be written; it is empty at the start and vanishes at the end."""
+"""The only folder that can be written; it is empty at first and is deleted at the end."""
 MASKED = (Path("/run"), Path("/var/run"), Path("/dev/shm"))
-"""Folders of sockets and of memory that other processes share."""
+"""Folders of sockets and of shared memory, which look empty in the sandbox."""
 SCRATCH_BYTES = 2_000_000_000
-"""What the scratch folder holds: it lies in memory and is not counted as a plug-in's own."""
+"""Size of the scratch folder, which is in memory and not part of a plug-in's limit."""
 TRY_S = 20.0
+"""Seconds that a trial of bubblewrap may take."""
 
 
 @cache
 def sandbox_available() -> str:
-    """Say why plug-ins cannot be sandboxed here; empty if they can."""
+    """Return why plug-ins cannot be sandboxed here; empty if they can."""
     if sys.platform != "linux":
         return "a sandbox needs Linux"
     if shutil.which("bwrap") is None:
@@ -44,8 +45,8 @@ def sandbox_available() -> str:
 def sandbox_command(*, readable: Iterable[Path], hidden: Sequence[Path]) -> list[str]:
     """Return the words before a command that run it in a sandbox.
 
-    readable: files and folders that the command needs, also where they lie in the scratch folder
-        or in a hidden one. hidden: folders that look empty.
+    readable: files and folders that the command needs, even inside the scratch folder or a hidden
+        one. hidden: folders that look empty.
     """
     masks = [path for path in (*MASKED, *hidden) if path.is_dir()]
     needed = {path.resolve() for path in (Path(sys.prefix), Path(sys.base_prefix), *readable)}
@@ -58,7 +59,7 @@ def sandbox_command(*, readable: Iterable[Path], hidden: Sequence[Path]) -> list
         if path.exists() and any(path.is_relative_to(mask) for mask in (SCRATCH, *masks)):
             words += ["--ro-bind", str(path), str(path)]
     for path in hidden:
-        # Again: one may lie within what is readable.
+        # Once more, because a hidden folder may be inside a readable one.
         if path.is_dir() and any(path.is_relative_to(place) for place in needed):
             words += ["--tmpfs", str(path)]
     for path in masks:

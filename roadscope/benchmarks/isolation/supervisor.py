@@ -1,8 +1,8 @@
-"""The process that starts plug-ins' processes and the ones that watch over them.
+"""Runs in the supervisor, which starts plug-ins' processes, and in the guards that watch these.
 
-A worker has one supervisor. It imports what all plug-ins need once and never holds anything
-of a suite; for each plug-in it forks a guard, and the guard forks the plug-in's process. The
-guard watches it and ends it with all that it started.
+A worker has one supervisor. It imports once what all plug-ins need and never has data of a suite;
+for each plug-in it forks a guard, and the guard forks the plug-in's process. The guard watches
+that process and ends it with all processes that it started.
 """
 
 from __future__ import annotations
@@ -38,18 +38,18 @@ FILES = 3
 ENDED = b"E"
 """Answer to a request to end a plug-in."""
 POLL_S = 0.1
-"""How often memory is measured."""
+"""Seconds from one measurement of memory to the next."""
 POLL_SHARE = 0.05
-"""Most of a core that measuring may use, where there are very many processes."""
+"""Greatest share of a core that measuring may use, if there are very many processes."""
 CLOSING_S = 1.0
-"""How long a process may take to end by itself once its socket is closed."""
+"""Seconds that a process may take to end by itself once its socket is closed."""
 ENDING_S = 5.0
-"""How long processes are given to vanish once they were killed."""
+"""Seconds that killed processes may take to disappear."""
 LOG_BYTES = 16_000
 LISTED = Path(f"/proc/self/task/{os.getpid()}/children").exists()
 """Whether the system lists the children of a process."""
 MOST_PROCESSES = 1000
-"""Chosen by hand: more than any library's pool, fewer than a machine has room for."""
+"""Most processes of a plug-in, chosen by hand: more than any library's pool has."""
 
 
 def supervise(control: int) -> NoReturn:
@@ -67,7 +67,7 @@ def supervise(control: int) -> NoReturn:
     poll.register(worker, select.POLLIN)
     while True:
         ready = poll.poll(POLL_S * 1e3 if guards or orphans else None)
-        # A guard that was killed leaves processes behind, and they are this one's children now.
+        # The processes of a guard that was killed are now children of this process.
         orphans = (_reap_guards(guards) or orphans) and _end_orphans(guards)
         if not ready:
             continue
@@ -103,10 +103,10 @@ def _request(worker: socket.socket) -> tuple[Mapping[str, Any], list[int]]:
 
 
 def _preload(modules: Sequence[str]) -> None:
-    """Import what earlier plug-ins imported, once for all to come: torch takes seconds."""
+    """Import what earlier plug-ins imported, once for all later ones: torch takes seconds."""
     missing = [name for name in modules if name not in sys.modules]
     for name in missing:
-        # One that fails here fails in the plug-in's process too, where it is noticed.
+        # An import that fails here fails in the plug-in's process too, where it is reported.
         with suppress(Exception):
             importlib.import_module(name)
     if missing:
@@ -115,7 +115,7 @@ def _preload(modules: Sequence[str]) -> None:
 
 
 def _reap_guards(guards: dict[int, int]) -> bool:
-    """Forget the guards that ended, and return whether one of them failed or was killed."""
+    """Remove the guards that ended, and return whether one of them failed or was killed."""
     statuses = {process: status for process, status in _reap().items() if process in guards}
     for process in statuses:
         del guards[process]
@@ -135,7 +135,7 @@ def _end_guard(guards: dict[int, int], number: int) -> None:
 
 
 def _end_orphans(guards: Mapping[int, int]) -> bool:
-    """End all children that are no guards, with theirs, and return whether there were any."""
+    """End all children that are not guards, with theirs; return whether there were any."""
     orphans = [child for child in psutil.Process().children() if child.pid not in guards]
     for orphan in orphans:
         for process in [orphan, *_below(orphan)]:
@@ -180,20 +180,20 @@ def _below(process: psutil.Process) -> list[psutil.Process]:
 def _listed_below(number: int) -> list[psutil.Process]:
     """Return the processes below one as Linux lists them.
 
-    That costs a tenth of looking through all processes, but may miss some while others end.
+    This takes a tenth of the time of `_below`, but may miss some while others end.
     """
-    found = []
+    processes = []
     for file in Path(f"/proc/{number}/task").glob("*/children"):
         with suppress(OSError):
             for child in map(int, file.read_text().split()):
                 with suppress(psutil.Error):
-                    found.append(psutil.Process(child))
-                found += _listed_below(child)
-    return found
+                    processes.append(psutil.Process(child))
+                processes += _listed_below(child)
+    return processes
 
 
 def _guard(request: Mapping[str, Any], data: int, buffer: int, watch: int) -> NoReturn:
-    """Start the plug-in's process, watch over it, and report to the worker how it ended."""
+    """Start the plug-in's process, watch it, and report to the worker how it ended."""
     try:
         os.setsid()
         control_process(CHILD_SUBREAPER, 1)
@@ -215,7 +215,7 @@ def _guard(request: Mapping[str, Any], data: int, buffer: int, watch: int) -> No
 
 
 class Guard:
-    """Watches over the process of one plug-in."""
+    """Watches the process of one plug-in."""
 
     def __init__(
         self, request: Mapping[str, Any], plugin: int, *, output: int, worker: socket.socket
@@ -235,7 +235,7 @@ class Guard:
                 self._poll.register(os.pidfd_open(plugin), select.POLLIN)
 
     def watch(self) -> None:
-        """Watch until the plug-in ended or has to end, end it and report."""
+        """Watch until the plug-in has ended or must be ended; end it and report."""
         while True:
             ready = {number for number, _ in self._poll.poll(POLL_S * 1e3)}
             if self._output in ready and not self._read():
@@ -258,14 +258,14 @@ class Guard:
             self._report(how, ended=True)
 
     def _command(self) -> bytes:
-        """Return the command of the worker, nothing where the worker is gone."""
+        """Return the command of the worker; empty if the worker has closed the socket."""
         try:
             return self._worker.recv(1)
         except OSError:
             return b""
 
     def _reason_to_end(self) -> str:
-        """Return why the plug-in has to end or how it ended, empty while neither is so."""
+        """Return why the plug-in must be ended or how it ended; empty while it may run."""
         if self._ended():
             return _status_in_words(self._status or 0)
         if self._written > self._output_bytes:
@@ -298,7 +298,7 @@ class Guard:
         return _status_in_words(self._status)
 
     def _read(self) -> bool:
-        """Read output, keep its end for the log, and return whether more may come."""
+        """Read output, store its end for the log, and return whether more may come."""
         try:
             piece = os.read(self._output, 1 << 16)
         except BlockingIOError:
@@ -317,9 +317,9 @@ class Guard:
 
 
 def _used_bytes(tree: Sequence[psutil.Process], most: int) -> int:
-    """Return the resident memory of processes; those that are gone count nothing.
+    """Return the resident memory of processes; those that have ended do not count.
 
-    What processes share counts once where the system says how much that is.
+    Shared memory counts once, if the system reports it.
     """
     used = 0
     for process in tree:

@@ -1,1 +1,1 @@
-"""What is computed and kept in a run: traffic, detections, images, fusions, poses, tracks."""
+"""The nodes of a run: traffic, detections, image detections, fusions, poses and tracks."""

@@ -1,4 +1,4 @@
-"""Detections in space: a LiDAR detector's, those made from truth, or fused ones."""
+"""Detections in space: of a LiDAR detector, or made from truth."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ from roadscope.core.spec import ORACLE
 class DetectionNode(Node):
     """The detections of a LiDAR detector, the oracle or a noise model on an episode.
 
-    rule: what is to be found; only what is made from truth depends on it.
+    rule: which objects are eligible; only detections made from truth depend on it.
     """
 
     source: Spec
@@ -62,14 +62,14 @@ class DetectionNode(Node):
             replies = run_plugin(self.source, DETECTOR, inputs, _check_of(), options=options)
             truths, times = replies.contexts, replies.times
             answers = [answer for answer in replies.answers if answer is not None]
-            detections, delays_s = _filed(self.source, answers, truths)
+            detections, delays_s = _by_frame(self.source, answers, truths)
         if not truths:
             raise ValueError("the episode is shorter than one sweep of the LiDAR")
         centres = parked_centres(self.episode, parked)
         return EpisodeDetections(detections, truths, times, centres, delays_s)
 
     def _from_truth(self) -> Callable[[Truth], Detections]:
-        """Return what makes the detections of one frame after the other from its truth."""
+        """Return a function that makes the detections of consecutive frames from their truth."""
         if self.source.kind == ORACLE:
             return partial(oracle_detections, rule=self.rule)
         return NoisyDetections(self.source.make(), self.episode, self.rule).of
@@ -90,14 +90,14 @@ def oracle_detections(truth: Truth, rule: Eligibility) -> Detections:
 
 
 def _inputs(episode: Episode, parked: set[int]) -> Iterator[CallInput[Truth]]:
-    """Yield the scans of an episode with their truth, and note the owners of parked cars."""
+    """Yield scans with their truth, and add the numbers of parked cars to `parked`."""
     for frame, truth in sensed(episode):
         parked |= parked_owners(truth)
         yield CallInput((frame,), without_sources(truth))
 
 
 def _check_of() -> Callable[[Any, CallInput[Truth]], Detections]:
-    """Return a check of one answer after the other: it may be to any frame so far."""
+    """Return a check of consecutive answers, each of which may be for any frame so far."""
     stamps_s: list[float] = []
     columns: set[int] = set()
 
@@ -110,10 +110,10 @@ def _check_of() -> Callable[[Any, CallInput[Truth]], Detections]:
     return check
 
 
-def _filed(
+def _by_frame(
     source: Spec, answers: Sequence[Detections], truths: Sequence[Truth]
 ) -> tuple[tuple[Detections, ...], np.ndarray]:
-    """Return answers, frame `world`, by the frames whose stamps they have, and their delays."""
+    """Return the answers, frame `world`, ordered by the frames with their stamps, and delays."""
     detections = [Detections.empty(truth.stamp_s, "world") for truth in truths]
     delays_s = np.full(len(truths), np.nan)
     for now, row in enumerate(_frames_answered(source, answers, truths)):
@@ -126,16 +126,16 @@ def _filed(
 def _frames_answered(
     source: Spec, answers: Sequence[Detections], truths: Sequence[Truth]
 ) -> list[int | None]:
-    """Return the frame that each answer is filed under; None: another answer takes its place.
+    """Return the frame that each answer is for; None if a later answer replaces it.
 
-    An empty answer leaves its frame open: a detector that answers late has none to give yet. A
-    second answer to a frame that has detections is refused.
+    A late detector may first give an empty answer for a frame, which a later one replaces. A
+    second answer for a frame that has detections raises `PluginError`.
     """
     rows: list[int | None] = []
-    filed: dict[int, int] = {}
+    answer_of: dict[int, int] = {}
     for now, answer in enumerate(answers):
         row = next(k for k in range(now, -1, -1) if same_stamp(answer.stamp_s, truths[k].stamp_s))
-        before = filed.get(row)
+        before = answer_of.get(row)
         if before is not None and len(answers[before]):
             raise PluginError(
                 str(source),
@@ -144,7 +144,7 @@ def _frames_answered(
             )
         if before is not None:
             rows[before] = None
-        filed[row] = now
+        answer_of[row] = now
         rows.append(row)
     return rows
 

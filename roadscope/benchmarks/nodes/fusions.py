@@ -31,16 +31,17 @@ from roadscope.fusion.overlap import projected_boxes
 from roadscope.fusion.pairing import ALONE, ClocksApartError, moved_projection, nearest_images
 
 NEAREST_M = 3.0
+"""Least distance of eligible objects; the next four limits are explained in `targets_of`."""
 LEAST_RETURNS, LEAST_PIXELS, LEAST_HEIGHT_PX = 5, 60, 12.0
 MOST_HIDDEN = 0.9
 
 
 @dataclass(frozen=True)
 class FusionNode(Node):
-    """What a fusion makes of the kept detections of both sensors.
+    """The answers of a fusion to the detections of both sensors.
 
-    fusion: the resolved spec; with `alone` it only passes on what one sensor detected.
-    calibration: a file that the fusion believes; empty: what the rig is believed to be.
+    fusion: the resolved spec; with `alone` it gets the detections of one sensor only.
+    calibration: a file with the calibration that the fusion gets; empty: that of the rig.
     every_s: seconds from scan to scan; 0: all scans.
     alone: `LIDAR_ALONE`, `CAMERA_ALONE` or empty.
     """
@@ -82,18 +83,18 @@ class FusionNode(Node):
 
     @property
     def inputs(self) -> str:
-        """Whose detections are fused, in words."""
+        """The two detectors whose detections are fused, in words."""
         return f"{self.lidar.source} + {self.camera.source}"
 
     def content(self) -> Mapping[str, Any]:
-        """Return what the fused detections depend on: of a calibration its matrix, not its file."""
+        """Return what the fused detections depend on; of a calibration its matrix, not its path."""
         believed = read_calibration(self.calibration).matrix.tolist() if self.calibration else None
         return {**super().content(), "calibration": believed}
 
     def compute(self, options: RunOptions) -> EpisodeFusions:
         """Fuse each scan with the image nearest in time, moved by the ego's motion in between.
 
-        A black image counts as none. Without an image, or without a scan, fusions get None.
+        A blank image counts as missing. Fusions get None for a missing image or scan.
         """
         lidar: EpisodeDetections = self.lidar.read(options)
         camera: EpisodeImageDetections = self.camera.read(options)
@@ -119,10 +120,10 @@ class FusionNode(Node):
     def _inputs(
         self, lidar: EpisodeDetections, camera: EpisodeImageDetections, rows: np.ndarray
     ) -> Iterator[CallInput[float]]:
-        """Yield the pairs of scans and images, in the frames in which the user believes."""
+        """Yield the detections of scans paired with those of images, with the projection."""
         sensing = sensing_of(self.episode)
         believed = self._believed_projection()
-        # What a detector makes of a black image says nothing about the scene.
+        # Detections in a lost (black) image say nothing about the scene.
         usable = [
             detections
             for detections, image in zip(camera.detections, camera.rows.tolist(), strict=True)
@@ -141,7 +142,7 @@ class FusionNode(Node):
             yield CallInput(arguments, truth.stamp_s, call=not (no_scan and boxes is None))
 
     def _believed_projection(self) -> Projection:
-        """Return the projection in which the user believes, at the stamp of an image."""
+        """Return the projection that the user believes, at the stamp of an image."""
         sensing = sensing_of(self.episode)
         if self.calibration:
             return fitting_calibration(self.calibration, projection_of(sensing.rig))
@@ -151,9 +152,9 @@ class FusionNode(Node):
 
 @dataclass(frozen=True)
 class FusedDetectionNode(Node):
-    """Fused detections of all scans as those of a detector; targets without a place are left out.
+    """Fused detections of all scans as those of a detector; targets without a box are left out.
 
-    Their times are those of both detectors and of the fusion.
+    Times are the sum of both detectors and the fusion.
     """
 
     fusion: FusionNode
@@ -168,7 +169,7 @@ class FusedDetectionNode(Node):
         return self.fusion.episode
 
     def compute(self, options: RunOptions) -> EpisodeDetections:
-        """Take the targets that have a box in space."""
+        """Select the targets with a box in space."""
         fusions: EpisodeFusions = self.fusion.read(options)
         lidar: EpisodeDetections = self.fusion.lidar.read(options)
         camera: EpisodeImageDetections = self.fusion.camera.read(options)
@@ -187,20 +188,20 @@ class FusedDetectionNode(Node):
 
 
 def detection_node(source: Spec, episode: Episode, rule: Eligibility) -> Node:
-    """Return the node of whatever makes detections in space."""
+    """Return the node of a source of detections in space, `references.detection_source`."""
     if source.kind == FUSED:
         return FusedDetectionNode(FusionNode.of(source, episode, rule))
     return DetectionNode(source, episode, rule)
 
 
 def scan_rows(episode: Episode, scans: int, every_s: float) -> np.ndarray:
-    """Return (K,) int64, which scans are fused; not the first, before which nothing is known."""
+    """Return (K,) int64, which scans are fused: all, or one each `every_s` without the first."""
     step = max(1, round(every_s / rig(episode.rig).lidar.spec.period_s))
     return np.arange(0 if step == 1 else step, scans, step)
 
 
 def fitting_calibration(path: str, rig_projection: Projection) -> Projection:
-    """Read a calibration; refuse one for images of another size than the rig's."""
+    """Read a calibration; raise `ValueError` if it is for images of another size than the rig's."""
     calibration = read_calibration(path)
     width, height = rig_projection.width, rig_projection.height
     if (calibration.width, calibration.height) != (width, height):
@@ -212,7 +213,7 @@ def fitting_calibration(path: str, rig_projection: Projection) -> Projection:
 
 
 def _expected_stamp_s(call_input: CallInput[float]) -> float:
-    """Return the stamp that an answer has: the scan's, or the image's without a scan."""
+    """Return the stamp that an answer must have: that of the scan, else that of the image."""
     points, boxes, _ = call_input.arguments
     first: Detections | ImageDetections = boxes if points is None else points
     return first.stamp_s
@@ -222,12 +223,12 @@ def _nearest_images(scan_s: np.ndarray, image_s: np.ndarray) -> np.ndarray:
     try:
         return nearest_images(scan_s, image_s)
     except ClocksApartError:
-        # Clocks of an episode agree: the images near these few scans were lost.
+        # The clocks of an episode agree, so the images near these few scans are lost.
         return np.full(len(scan_s), ALONE)
 
 
 def _moved(projection: Projection, lidar: EpisodeDetections, row: int, gap_s: float) -> Projection:
-    """Move a projection to another moment by the ego's motion, which trackers get too."""
+    """Return the projection gap_s seconds after a scan, moved by the ego's true motion."""
     truths = lidar.truths
     if len(truths) < 2:
         return projection
@@ -242,7 +243,7 @@ def _targets(
     camera: EpisodeImageDetections,
     rows: np.ndarray,
 ) -> tuple[FusionTargets, ...]:
-    """Return what both sensors could detect; the image is the nearest one, lost or not."""
+    """Return the objects at each scan; their image boxes are of the nearest image, lost or not."""
     true_projection = projection_of(rig(episode.rig))
     image_s = np.array([t.stamp_s for t in camera.truths])
     targets = []
@@ -257,10 +258,10 @@ def _targets(
 def targets_of(
     truth: Truth, image: Truth, parked: np.ndarray, projection: Projection
 ) -> FusionTargets:
-    """Join the truth of a scan and of its image; (P, 2) parked cars come last, not eligible.
+    """Return the objects in a scan and its image; (P, 2) parked cars come last, not eligible.
 
-    To be found is who is in the image, 3 to 60 m away, and gave 5 returns or shows 60 pixels, 12
-    high, and less than nine tenths hidden.
+    Eligible are objects in the image, 3 to 60 m away, less than nine tenths hidden, with at least 5
+    returns, or with 60 visible pixels and a height of 12.
     """
     assert image.image_boxes is not None
     rows = {int(k): i for i, k in enumerate(image.ids)}
@@ -273,8 +274,8 @@ def targets_of(
     in_image &= image.occluded_fraction[other] < MOST_HIDDEN
     shows = (image.visible_pixels[other] >= LEAST_PIXELS) & (sides[:, 1] >= LEAST_HEIGHT_PX)
     returns = truth.lidar_returns[both] >= LEAST_RETURNS
-    far = np.hypot(centres[:, 0], centres[:, 1])
-    eligible = in_image & (shows | returns) & (far >= NEAREST_M) & (far <= FARTHEST_M)
+    ranges = np.hypot(centres[:, 0], centres[:, 1])
+    eligible = in_image & (shows | returns) & (ranges >= NEAREST_M) & (ranges <= FARTHEST_M)
     cars = truth.world_from_ego.inverse().apply(
         np.column_stack([parked, np.full(len(parked), 0.75)])
     )

@@ -1,4 +1,4 @@
-"""Detections in images: a camera detector's, or those made from truth."""
+"""Detections in images: of a camera detector, or made from truth."""
 
 from __future__ import annotations
 
@@ -47,7 +47,8 @@ class ImageNode(Node):
     """The detections of a camera detector, the oracle or a noise model in images of an episode.
 
     every_s: seconds from one image that is used to the next.
-    of_scans: use the images nearest to scans so far apart, by the stamps that a user gets.
+    of_scans: use the images nearest in time to scans at these intervals, by the stamps that a user
+        gets.
     """
 
     source: Spec
@@ -60,7 +61,7 @@ class ImageNode(Node):
     record = EpisodeImageDetections
 
     def content(self) -> Mapping[str, Any]:
-        """Return what the detections depend on, the library that runs networks too."""
+        """Return what the detections depend on, also the version of torch."""
         return {**super().content(), "torch": package_version("torch")}
 
     def sources(self) -> tuple[Node, ...]:
@@ -92,7 +93,7 @@ class ImageNode(Node):
 
 
 def detect_in_picture(source: Spec, episode: Episode, picture: Picture) -> ImageDetections:
-    """Return what a camera detector, the oracle or a noise model detects in one image."""
+    """Return the detections of a camera detector, the oracle or a noise model in one image."""
     if made_from_truth(source):
         return image_detections_from_truth(source, episode)(picture)
     replies = run_plugin(source, CAMERA_DETECTOR, _inputs([picture]), partial(_check, set()))
@@ -102,7 +103,7 @@ def detect_in_picture(source: Spec, episode: Episode, picture: Picture) -> Image
 
 
 def _check(columns: set[int], answer: Any, call_input: CallInput[_ImageTruth]) -> ImageDetections:
-    """Return a checked answer; columns: those of the masses so far."""
+    """Return the checked answer. columns: as of `check_masses`."""
     detections = check_image_detections(answer, stamp_s=call_input.context.stamp_s)
     check_masses(detections.masses, columns)
     return detections
@@ -110,7 +111,7 @@ def _check(columns: set[int], answer: Any, call_input: CallInput[_ImageTruth]) -
 
 @dataclass(frozen=True, slots=True)
 class _ImageTruth:
-    """What is true of an image, and the stamp that a user gets."""
+    """The truth of an image, and the stamp that a user gets."""
 
     truth: Truth
     parked: ParkedBoxes
@@ -122,14 +123,14 @@ class _ImageTruth:
         return _ImageTruth(truth, picture.parked, picture.frame.stamp_s)
 
 
-def _inputs(shown: Iterable[Picture]) -> Iterator[CallInput[_ImageTruth]]:
-    for picture in shown:
+def _inputs(images: Iterable[Picture]) -> Iterator[CallInput[_ImageTruth]]:
+    for picture in images:
         has_image = picture.frame.camera is not None
         yield CallInput((picture.frame,), _ImageTruth.of(picture), call=has_image)
 
 
 def image_detections_from_truth(source: Spec, episode: Episode) -> PictureDetector:
-    """Return what makes detections from truth, one image of an episode after the other."""
+    """Return a function that makes the detections of consecutive images from their truth."""
     air = extinction_per_m(episode)
     if source.kind == ORACLE:
         return lambda p: oracle_in_image(labels_of(p.truth, p.parked).in_air(air), p.frame.stamp_s)
@@ -153,7 +154,7 @@ def image_detections_from_truth(source: Spec, episode: Episode) -> PictureDetect
 
 
 def extinction_per_m(episode: Episode) -> float:
-    """Return how much light the air of an episode takes, 1/m."""
+    """Return the extinction coefficient of the air of an episode, 1/m."""
     for fault in episode.faults:
         kind, _, severity = fault.partition(":")
         if kind in ("fog", "rain"):
@@ -167,13 +168,13 @@ def is_dark(episode: Episode) -> bool:
 
 
 def lit_share(episode: Episode) -> float:
-    """Return the share of what a camera detects by day that night and glare leave it."""
+    """Return the factor by which night and glare lower a noise model's chance of detection."""
     faults = [fault.partition(":") for fault in episode.faults]
     return math.prod(LIT[kind][int(severity) - 1] for kind, _, severity in faults if kind in LIT)
 
 
 def oracle_in_image(labels: Labels, stamp_s: float) -> ImageDetections:
-    """Return the true boxes of all that is to be found."""
+    """Return the true boxes of all eligible objects."""
     rows = np.flatnonzero(labels.eligible)
     return ImageDetections(
         labels.boxes[rows], labels.categories[rows].astype(np.int8), np.ones(len(rows)), stamp_s

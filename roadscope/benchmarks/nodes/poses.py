@@ -1,4 +1,4 @@
-"""Poses: an odometry's, those of one that lacks moving objects, or those made from truth."""
+"""Poses: of an odometry, of one whose scans lack moving objects, or made from truth."""
 
 from __future__ import annotations
 
@@ -73,22 +73,24 @@ class PoseNode(Node):
 
 
 def start_from_ego(poses: EpisodePoses, episode: Episode, stamps_s: Sequence[float]) -> list[Pose]:
-    """Return the ego's pose that an odometry last estimated at each stamp, seconds.
+    """Return the pose of the ego that an odometry estimated last before each stamp, seconds.
 
-    In the ego frame of the first scan, by the calibration as the user believes it; the start
-    before the first scan.
+    Poses are in the ego frame of the first scan, by the calibration as the user believes it;
+    before the first scan they are the identity.
     """
     sensing = sensing_of(episode)
     mount = sensing.calibration.pose(sensing.rig.lidar.name)
-    back = mount.inverse()
-    known = [(mount @ Pose(pose) @ back).matrix for pose in poses.trajectories.estimate]
+    lidar_from_ego = mount.inverse()
+    estimates = [
+        (mount @ Pose(pose) @ lidar_from_ego).matrix for pose in poses.trajectories.estimate
+    ]
     rows = np.searchsorted(poses.stamps_s, np.asarray(stamps_s) + STAMP_TOLERANCE_S) - 1
-    return [Pose(np.eye(4) if row < 0 else known[row]) for row in rows]
+    return [Pose(np.eye(4) if row < 0 else estimates[row]) for row in rows]
 
 
 @dataclass(frozen=True, slots=True)
 class _ScanTruth:
-    """What is true of a scan: its stamp, the LiDAR's pose (4, 4), and the moving returns (N,)."""
+    """The truth of a scan: its stamp, the LiDAR's pose (4, 4), and the moving returns (N,)."""
 
     stamp_s: float
     world_from_lidar: np.ndarray
@@ -107,7 +109,7 @@ def _check(answer: Any, call_input: CallInput[_ScanTruth]) -> OdometryEstimate:
 
 
 def _from_truth(source: Spec, episode: Episode) -> EpisodePoses:
-    """Return poses that a noise model makes from the true ones; no call costs anything."""
+    """Return the poses that a noise model makes from the true ones."""
     steps = list(drive(episode))
     truth = [step.world_from_lidar for step in steps]
     noisy = noisy_poses(source.make(), truth, episode.seed)

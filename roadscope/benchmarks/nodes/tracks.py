@@ -1,4 +1,4 @@
-"""Tracks: a tracker's, from detections and the ego's poses."""
+"""Tracks: of a tracker, from detections and the ego's poses."""
 
 from __future__ import annotations
 
@@ -22,16 +22,16 @@ from roadscope.core.answers import AnswerError, check_rescored, check_tracks
 class TrackNode(Node):
     """The tracks of a tracker in frame `world`.
 
-    Detections are the same wherever the poses come from: they reach the tracker in frame `ego`. The
-    tracker lives in the world of the poses that it gets: that of an odometry begins in the first
-    ego frame and drifts; without poses it lives in the ego frame. Its tracks go into the ego
-    frame by the pose that it got, and from there into the true world by the true pose. So slow
-    drift costs little, and a jump of the poses costs tracks.
+    The tracker gets detections in frame `ego`, whatever the source of its poses. It tracks in the
+    world frame of these poses: that of an odometry begins in the first ego frame and drifts;
+    without poses it is the ego frame. Its tracks are moved into the ego frame by the pose that it
+    got, and from there into the true world by the true pose. So slow drift costs little, and a
+    jump of the poses costs tracks.
 
     tracker: its resolved spec. detections: the node whose detections it gets.
     ego: the node of the poses that it gets; None: the true ones.
-    posed: False: it gets no poses.
-    tentative: keep tentative tracks too.
+    posed: whether it gets poses at all.
+    tentative: whether tentative tracks are kept.
     """
 
     tracker: Spec
@@ -67,9 +67,9 @@ class TrackNode(Node):
 
 @dataclass(frozen=True, slots=True)
 class _Ego:
-    """The ego at one frame, in the world in which the tracker lives.
+    """The ego at one frame, in the world frame of the tracker.
 
-    world_from_ego: where the tracker believes it; the identity where it gets no pose.
+    world_from_ego: the pose that the tracker gets; the identity if it gets none.
     posed: whether the tracker gets the pose.
     motion: (3,) velocity in x and y, m/s, and yaw rate, rad/s.
     """
@@ -80,7 +80,7 @@ class _Ego:
     motion: np.ndarray
 
     def in_world(self, tracks: Tracks) -> Tracks:
-        """Express tracks in that world; those in frame `ego` are relative to the ego's motion."""
+        """Return tracks in that world frame; velocities in frame `ego` are relative to the ego."""
         if tracks.frame == "world":
             return tracks
         moved = tracks.moved(self.world_from_ego, "world")
@@ -99,11 +99,11 @@ def track(
 ) -> EpisodeTracks:
     """Run a tracker over an episode's detections and return its tracks in frame `world`.
 
-    Of an offline tracker they are what it answered after the last frame; every call has its
-    share of the time of that.
+    For an offline tracker, these are the tracks that it answers after the last frame; the time of
+    that call is shared among all calls.
 
-    poses: what the tracker gets in place of the true poses, None where it gets none.
-    tentative: keep tentative tracks too.
+    poses: that the tracker gets in place of the true poses, None in frames without.
+    tentative: whether tentative tracks are kept.
     """
     true_poses = [truth.world_from_ego for truth in inputs.truths]
     stamps_s = [truth.stamp_s for truth in inputs.truths]
@@ -146,13 +146,13 @@ def track(
 
 
 def is_offline(tracker: Spec) -> bool:
-    """Return whether a tracker answers again when all frames are known, and is scored by that."""
+    """Return whether a tracker is scored by the tracks that it answers after the last frame."""
     traits = traits_of(tracker)
     return traits.offline and "rescored" in traits.methods
 
 
 def scores_tentative_tracks(tracker: Spec) -> bool:
-    """Return whether the scores of a tracker's tentative tracks mean something."""
+    """Return whether a tracker gives meaningful scores to its tentative tracks."""
     return traits_of(tracker).weighed
 
 
@@ -168,7 +168,7 @@ def ego_motions(stamps_s: Sequence[float], poses: Sequence[Pose]) -> np.ndarray:
 
 
 def _egos(stamps_s: Sequence[float], poses: Sequence[Pose | None]) -> list[_Ego]:
-    """Return the ego at each frame; None: the tracker gets no pose then."""
+    """Return the ego at each frame. poses: None where the tracker gets no pose."""
     believed = [
         Pose.identity() if pose is None else pose for _, pose in zip(stamps_s, poses, strict=True)
     ]
@@ -177,7 +177,7 @@ def _egos(stamps_s: Sequence[float], poses: Sequence[Pose | None]) -> list[_Ego]
 
 
 def _in_ego(detections: Detections, world_from_ego: Pose) -> Detections:
-    """Express detections in frame `ego`; recorded ones are in it already."""
+    """Return detections in frame `ego`; recorded ones are in it already."""
     if detections.frame == "ego":
         return detections
     return detections.moved(world_from_ego.inverse(), "ego")

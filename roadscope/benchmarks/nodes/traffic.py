@@ -15,7 +15,7 @@ from roadscope.envs.traffic.timeline import Timeline
 
 @dataclass(frozen=True)
 class TrafficNode(Node):
-    """Traffic; episodes that differ in weather, light, faults or rig share it."""
+    """Recorded traffic; episodes that differ only in weather, light, faults or rig share it."""
 
     episode: Episode
 
@@ -35,7 +35,7 @@ class TrafficNode(Node):
 
     @property
     def path(self) -> Path:
-        """The kept file."""
+        """Its file in the cache."""
         return timeline_path(self.episode)
 
     def compute(self, options: RunOptions) -> Timeline:

@@ -1,1 +1,1 @@
-"""Results as tables, files and pictures."""
+"""Shows results as tables, files and pictures."""

@@ -1,4 +1,4 @@
-"""Results broken down, as tables for a terminal and for files."""
+"""Tables of results broken down, for a terminal and for files."""
 
 from __future__ import annotations
 
@@ -28,14 +28,14 @@ NAME_WIDTH, LONGEST_WORD = 24, 22
 
 Cells = Mapping[tuple[str, str], Row]
 Remarks = Mapping[tuple[str, str], str]
-"""By entry and band: what stands in brackets behind a figure."""
+"""Text in brackets behind a figure, by entry and band."""
 
 
 @dataclass(frozen=True, slots=True)
 class Part:
     """One metric of a board, broken down.
 
-    cells: rows by entry and band. remarks: what stands in brackets behind a figure.
+    cells: rows by entry and band. remarks: texts in brackets behind figures.
     """
 
     title: str
@@ -52,7 +52,7 @@ class Part:
         return text if remark is None else f"{text} ({remark})"
 
     def width(self, band: str) -> int:
-        """Return the width of a band's column, at which no figure and no usual word is broken."""
+        """Return the width of a band's column at which no figure and no usual word is broken."""
         words = [word[:LONGEST_WORD] for word in band.split()]
         cells = {*self.cells, *self.remarks}
         texts = [self.text(entry, own) for entry, own in cells if own == band]
@@ -62,10 +62,10 @@ class Part:
 def breakdown_tables(
     results: Results, name: str, by: str, width: int, *, metrics: Sequence[str] = ()
 ) -> list[Table]:
-    """Return tables of each metric that is known, entries by bands, in rank order.
+    """Return a table of each metric: entries by bands, in rank order.
 
-    metrics: these alone, if any are named. Bands that the width has no space for continue in a
-    table below.
+    metrics: only these, if there are any. Bands that do not fit in the width are in a further
+    table.
     """
     tables = []
     for part in parts_of(results, name, by):
@@ -85,12 +85,12 @@ def breakdown_tables(
 
 
 def note(name: str, by: str) -> str:
-    """Return what is said below a board's tables by something; often nothing."""
+    """Return the explanation below a board's tables of a breakdown; often empty."""
     return _breakdown(board_named(name), by).note
 
 
 def parts_of(results: Results, name: str, by: str) -> Iterator[Part]:
-    """Yield each metric that a board shows broken down by something."""
+    """Yield each metric of a board that is shown broken down."""
     board = board_named(name)
     rows = _rows_with_whole(results, board, by)
     # A band without objects is left out: matched detections may lie a little beyond the farthest.
@@ -105,9 +105,9 @@ def parts_of(results: Results, name: str, by: str) -> Iterator[Part]:
         else:
             cells = {(r.entry, r.band): r for r in own if not wanted or r.band in wanted}
         if by == "sequence" and cells and metric not in (NEES, FALSE_ALARMS):
-            bare = [r for r in rows if r.metric == FALSE_ALARMS]
-            unknown = [replace(row, metric=metric, value=None, samples=0) for row in bare]
-            cells = {(row.entry, row.band): row for row in unknown} | cells
+            alarms = [r for r in rows if r.metric == FALSE_ALARMS]
+            empty = [replace(row, metric=metric, value=None, samples=0) for row in alarms]
+            cells = {(row.entry, row.band): row for row in empty} | cells
         if not cells:
             continue
         ranked = {cell: r for cell, r in cells.items() if not results.standing(name, r.entry).mark}
@@ -118,13 +118,13 @@ def parts_of(results: Results, name: str, by: str) -> Iterator[Part]:
 
 
 def bands_of(rows: Sequence[Row]) -> list[str]:
-    """Return the bands of rows, quantities and sequences ascending, conditions as in the suite."""
+    """Return the bands of rows: quantities and sequences ascending, conditions as in the suite."""
     bands = dict.fromkeys(row.band for row in rows)
     if rows and rows[0].by == "sequence":
         return sorted(bands, key=lambda band: (band == ALL, band))
     ordered = BANDS[rows[0].by].labels if rows and rows[0].by in BANDS else tuple(bands)
-    known = [band for band in ordered if band in bands]
-    return known + [band for band in bands if band not in known]
+    first = [band for band in ordered if band in bands]
+    return first + [band for band in bands if band not in first]
 
 
 def _breakdown(board: Board, by: str) -> Breakdown:
@@ -132,7 +132,7 @@ def _breakdown(board: Board, by: str) -> Breakdown:
 
 
 def _rows_with_whole(results: Results, board: Board, by: str) -> list[Row]:
-    """Return the rows of a board by something; beside NEES of each sequence that of all."""
+    """Return the rows of a breakdown; of sequences with the NEES of all sequences."""
     parts = results.breakdown(by, board.name)
     if by != "sequence":
         return parts
@@ -145,7 +145,7 @@ def _rows_with_whole(results: Results, board: Board, by: str) -> list[Row]:
 def _remarks(
     board: Board, metric: str, by: str, rows: Sequence[Row], cells: Cells
 ) -> tuple[Remarks, str]:
-    """Return what stands in brackets, a rank, false alarms or a band, and how a title names it."""
+    """Return texts in brackets (ranks, false alarms or 95 % bands), and their name in the title."""
     if board.alarms and metric == DETECTION_RATE:
         alarms = {
             (row.entry, row.band): f"{row.value:.2f}"
@@ -199,7 +199,7 @@ def _table(
 
 
 def _pages(widths: Mapping[str, int], width: int) -> list[list[str]]:
-    """Divide the bands into those that fit side by side in a width, at least one."""
+    """Divide the bands into groups that fit side by side in a width, at least one in each."""
     pages: list[list[str]] = []
     left = 0
     for band, needed in widths.items():
@@ -212,11 +212,11 @@ def _pages(widths: Mapping[str, int], width: int) -> list[list[str]]:
 
 
 def _add_counts(table: Table, rows: Sequence[Row], bands: Sequence[str]) -> None:
-    """Add how many objects were to be found, and how many had too few returns."""
+    """Add rows with the numbers of eligible objects and of those with too few returns."""
     counts = {band: [0, 0] for band in bands}
     for row in rows:
         if row.band in counts and row.metric == DETECTION_RATE:
-            # Entries that failed in some episodes had fewer to find.
+            # Entries that failed in some episodes have fewer eligible objects.
             counts[row.band][0] = max(counts[row.band][0], row.samples)
         if row.band in counts and row.metric == "unseen_per_frame":
             unseen = round((row.value or 0.0) * row.samples)
@@ -228,7 +228,7 @@ def _add_counts(table: Table, rows: Sequence[Row], bands: Sequence[str]) -> None
 
 
 def _add_object_frames(table: Table, rows: Sequence[Row], bands: Sequence[str]) -> None:
-    """Add in how many frames objects of each sequence are, summed over the objects."""
+    """Add a row with the number of frames of all objects of each sequence."""
     counts = [
         max((r.samples for r in rows if (r.metric, r.band) == ("mota", band)), default=0)
         for band in bands

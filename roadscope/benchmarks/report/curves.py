@@ -1,4 +1,4 @@
-"""The odometry board as a picture: drift against the distance driven."""
+"""Draws the odometry board: drift over the distance driven."""
 
 from __future__ import annotations
 
@@ -19,20 +19,20 @@ if TYPE_CHECKING:
 BOARD = "odometry"
 PANELS = {"t_rel": "t_rel (%)", "position_error": "error of the position (m)"}
 STYLES = ("-", "--", ":")
-"""One for each ten entries, which are as many colours."""
+"""Line styles; each is for ten entries, which have ten colours."""
 SIZE_INCHES = 10.0, 4.5
 
 
 def has_curves(results: Results) -> bool:
-    """Say whether any entry's drift is known over any distance."""
+    """Return whether any entry has a drift over any distance."""
     rows = results.breakdown(DISTANCE, BOARD) if BOARD in results.boards() else []
     return any(row.value is not None for row in rows)
 
 
 def draw_curves(results: Results, path: Path) -> None:
-    """Write t_rel and error of the position against distance, each with its 95 % interval.
+    """Write a picture of t_rel and position error over distance, with 95 % intervals.
 
-    Entries in rank order, marks last. The path's ending says the format: svg, png or pdf.
+    Entries are in rank order, marks last. The path's ending decides the format: svg, png or pdf.
     """
     import matplotlib as mpl
     from matplotlib.figure import Figure
@@ -45,25 +45,25 @@ def draw_curves(results: Results, path: Path) -> None:
             own = [row for row in rows if (row.entry, row.metric) == (entry, metric)]
             if own:
                 _curve(place, own, f"C{k % 10}", STYLES[k // 10 % len(STYLES)])
-        _settle(place, label)
+        _style(place, label)
     lines, names = axes[0].get_legend_handles_labels()
     figure.legend(lines, names, loc="outside right upper", fontsize="small", frameon=False)
     ending = path.suffix[1:]
-    # The same results give the same bytes, and words stay words.
+    # The same results give the same bytes; text stays text.
     with mpl.rc_context({"svg.hashsalt": "roadscope", "svg.fonttype": "none"}):
         dated = {"Date": None} if ending == "svg" else {}
         write_atomically(path, partial(figure.savefig, format=ending, metadata=dated))
 
 
 def _curve(place: Axes, rows: Sequence[Row], colour: str, style: str) -> None:
-    # An interval that is not known is no number, and leaves a gap.
+    # A missing interval becomes NaN and leaves a gap.
     figures = [(row.band, row.value, row.low, row.high) for row in rows]
     at, values, low, high = np.array(figures, np.float64).T
     place.plot(at, values, style, color=colour, label=rows[0].entry, marker="o", markersize=3)
     place.fill_between(at, low, high, color=colour, alpha=0.12, linewidth=0)
 
 
-def _settle(place: Axes, label: str) -> None:
+def _style(place: Axes, label: str) -> None:
     from matplotlib.ticker import LogLocator, NullLocator
 
     place.set(xscale="log", xlabel="distance driven (m)", ylabel=label)

@@ -13,21 +13,20 @@ from typing import Any
 
 from roadscope.benchmarks.boards import board_named
 from roadscope.benchmarks.cache import write_atomically
+from roadscope.benchmarks.report.board_files import CURVES, NAME, label_of, set_aside
 from roadscope.benchmarks.report.breakdowns import parts_of
 from roadscope.benchmarks.report.curves import draw_curves, has_curves
-from roadscope.benchmarks.report.kept import CURVES, NAME, label_of, set_aside
 from roadscope.benchmarks.report.tables import failure_lines, figure
 from roadscope.benchmarks.report.track_files import folder_names
 from roadscope.benchmarks.results import Results, Row
 from roadscope.core.text import one_line
 
 FORMULA_SIGNS = ("=", "+", "-", "@", "\t", "\r")
-"""A spreadsheet takes a text that begins so for a formula (OWASP, CSV injection)."""
+"""Texts that begin with these are formulas for a spreadsheet (OWASP, CSV injection)."""
 LOGS = "logs"
-"""Folder of what failed entries printed."""
+"""Folder for the output of failed entries."""
 MOST_NAME = 50
-"""Characters of an entry in the name of a file, its last: no file system takes more than 255 bytes.
-"""
+"""Characters of an entry in the name of a file, the last ones; file systems allow 255 bytes."""
 LATEX_ESCAPES = {
     "\\": r"\textbackslash{}",
     "&": r"\&",
@@ -54,9 +53,8 @@ class TextTable:
 def save_all(results: Results, folder: Path) -> list[Path]:
     """Write `leaderboard.json`, `.csv`, `.md` and `.tex` to a folder and return their paths.
 
-    With an odometry board also `drift.svg`, its drift against the distance driven. Files of another
-    suite or of other boards that are there are kept under names of their own
-    (`leaderboard-SUITE-BOARD[-CALIBRATION].json`).
+    With an odometry board also `drift.svg`, its drift over the distance driven. Existing files of
+    another suite or of other boards are renamed (`leaderboard-SUITE-BOARD[-CALIBRATION].json`).
     """
     set_aside(folder, label_of(results.manifest))
     contents = {
@@ -75,9 +73,9 @@ def save_all(results: Results, folder: Path) -> list[Path]:
 
 
 def save_logs(results: Results, folder: Path) -> Results:
-    """Write what failed entries printed to `logs/BOARD-ENTRY.txt`, and name the files in failures.
+    """Write the output of failed entries to `logs/BOARD-ENTRY.txt`; return results with the paths.
 
-    A file has the output of every episode of an entry, under the reason.
+    A file has the output of every failed episode of an entry, after the reason.
     """
     titles = {f: f"{f.board}-{f.entry[-MOST_NAME:]}" for f in results.failures if f.log}
     names = folder_names(list(titles.values()))
@@ -93,7 +91,7 @@ def save_logs(results: Results, folder: Path) -> Results:
 
 
 def to_csv(results: Results) -> str:
-    """Return one line for each row, as in the JSON: the whole first, then its parts."""
+    """Return one line for each row of the JSON: first those of whole episodes, then breakdowns."""
     text = StringIO()
     writer = csv.DictWriter(text, [field.name for field in fields(Row)], lineterminator="\n")
     writer.writeheader()
@@ -103,7 +101,7 @@ def to_csv(results: Results) -> str:
 
 
 def to_markdown(results: Results) -> str:
-    """Return each board as a table, intervals with its first figure, then broken down."""
+    """Return each board as a table, with intervals of its headline metric, then its breakdowns."""
     sections = []
     for name in results.boards():
         table = _board_table(results, name)
@@ -115,7 +113,7 @@ def to_markdown(results: Results) -> str:
 
 
 def to_latex(results: Results) -> str:
-    """Return each board as a tabular (package booktabs), then broken down."""
+    """Return each board as a tabular (package booktabs), then its breakdowns."""
     tables = []
     for name in results.boards():
         board = _board_table(results, name)
@@ -128,7 +126,7 @@ def to_latex(results: Results) -> str:
 
 
 def latex_text(text: str) -> str:
-    """Return text as LaTeX prints it."""
+    """Return text escaped for LaTeX."""
     return "".join(LATEX_ESCAPES.get(letter, letter) for letter in one_line(text))
 
 
@@ -164,14 +162,14 @@ def _part_tables(results: Results, name: str) -> Iterator[TextTable]:
 
 
 def _paragraphs(results: Results, name: str) -> list[str]:
-    """Return what is said below a board, each with an empty line before it."""
+    """Return the remark and failures of a board as lines, each with an empty line before it."""
     remark = board_named(name).remark(results.manifest.get("calibration", ""))
     texts = [*([remark] if remark else []), *failure_lines(results, name)]
     return [line for text in texts for line in ("", _markdown(text))]
 
 
 def _csv_cell(value: Any) -> Any:
-    """Return a cell that a spreadsheet takes for what it is."""
+    """Return a cell that no spreadsheet reads as a formula."""
     if not isinstance(value, str):
         return value
     text = one_line(value)
@@ -179,7 +177,7 @@ def _csv_cell(value: Any) -> Any:
 
 
 def _markdown(text: str) -> str:
-    """Return text without tags, and in one cell of a table."""
+    """Return text escaped for a cell of a Markdown table."""
     return html.escape(one_line(text), quote=False).replace("|", "\\|")
 
 

@@ -1,4 +1,4 @@
-"""Boards as tables for a terminal, as wide as it is."""
+"""Tables of boards for a terminal, with the columns that fit in its width."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from roadscope.core.spec import ORACLE
 from roadscope.core.text import one_line
 
 LEAST_NAME_WIDTH, MOST_NAME_WIDTH = 12, 48
-"""Limits of the width that names of entries get before columns share the rest, characters."""
+"""Limits of the width of names before columns get their intervals, characters."""
 RANK_WIDTH = 5
 """Space that the column of ranks takes, with the blanks beside it, characters."""
 NO_COMPARISON = (
@@ -49,17 +49,20 @@ class ShownColumn:
 
 @dataclass(frozen=True, slots=True)
 class Layout:
-    """What of a board fits in a width."""
+    """The columns of a board that fit in a width."""
 
     columns: tuple[ShownColumn, ...]
     name_width: int
 
 
 def explanation(suite: Suite, boards: Sequence[str], *, marks: bool = True) -> str:
-    """Return what is to be found, by whom, and what intervals are over; marks: whether shown."""
+    """Return as text which objects are eligible, what entries get, and what intervals are over.
+
+    marks: whether marks are shown.
+    """
     chosen = [board_named(name) for name in boards]
     texts = dict.fromkeys(board.explanation(suite) for board in chosen)
-    # The rule of eligibility is the same for the boards of LiDAR: said once.
+    # Boards of LiDAR share the rule of eligibility, which is printed once.
     whole = [t for t in texts if not any(o != t and o.startswith(t) for o in texts)]
     whole += [board.marks_note for board in chosen if marks and board.marks_note]
     if not suite.recorded and len(suite.seeds) == 1:
@@ -69,7 +72,7 @@ def explanation(suite: Suite, boards: Sequence[str], *, marks: bool = True) -> s
 
 
 def board_table(results: Results, name: str, width: int) -> Table:
-    """Return a board in rank order, then entries that failed everywhere, then marks."""
+    """Return a board as a table: entries in rank order, those that always failed, then marks."""
     layout = layout_of(results, name, width)
     table = plain_table()
     table.add_column("", justify="right", style="dim")
@@ -93,9 +96,9 @@ def board_table(results: Results, name: str, width: int) -> Table:
 def layout_of(results: Results, name: str, width: int) -> Layout:
     """Divide a width among the names of the entries and the columns of a board.
 
-    Names get what the longest needs, a third of the width at most. Columns follow, the most
-    important first, as long as they fit: the first with its interval, the others without. Then
-    columns get their intervals in the same order, and names what is left.
+    Names get the width of the longest, at most a third. Columns follow, the most important first,
+    as long as they fit: the headline with its interval, the others without. Then further columns
+    get their intervals in the same order, and names the space that is left.
     """
     board, entries = board_named(name), results.entries(name)
     longest = max(len(_name(results, results.standing(name, entry))) for entry in entries)
@@ -119,7 +122,7 @@ def layout_of(results: Results, name: str, width: int) -> Layout:
 
 
 def footnote(results: Results, name: str, width: int) -> str:
-    """Return what the shown columns mean, and where the others are."""
+    """Return the explanations of the shown columns, and where the others can be seen."""
     shown = [each.column for each in layout_of(results, name, width).columns]
     texts = list(dict.fromkeys(column.note for column in shown if column.note))
     jobs = results.manifest.get("jobs", 1)
@@ -148,16 +151,16 @@ def failure_lines(results: Results, board: str) -> list[str]:
 
 
 def reason_alone(entry: str, reason: str) -> str:
-    """Return a reason without the entry's own name at its beginning."""
-    spec, _, rest = reason.partition(": ")
+    """Return a reason without the name of the entry at its beginning."""
+    spec, _, remainder = reason.partition(": ")
     own = entry == spec or entry.startswith((f"{spec} on ", f"{spec}?ego=", f"{spec}&ego="))
-    return one_line(rest if own else reason)
+    return one_line(remainder if own else reason)
 
 
 def agreement_lines(results: Results, name: str) -> list[str]:
     """Return how the ranks of a board of recorded data agree with those on simulated traffic.
 
-    Where nothing was run that they could be compared with, return what to run.
+    If there is nothing to compare with, return what to run.
     """
     lines = [
         f"Ranks agree with those of suite {a.suite} by {a.rho:.2f} (Spearman, "
@@ -185,7 +188,7 @@ def comparison(results: Results, name: str) -> str:
 
 
 def figure(row: Row | None, decimals: int, *, interval: bool) -> str:
-    """Return a value, with its interval if that is wanted, known and not a point."""
+    """Return a value as text. interval: with its interval, if it has one that is not a point."""
     if row is None or row.value is None:
         return "-"
     if row.metric == OFFLINE:
@@ -199,7 +202,7 @@ def figure(row: Row | None, decimals: int, *, interval: bool) -> str:
 
 
 def wrapped_name(name: str, width: int) -> str:
-    """Return the name of an entry in lines that end where its parts do, if it is too long."""
+    """Return the name of an entry, broken into lines between its parts if it is too long."""
     lines = [""]
     for part in re.findall(r"[?&]?[^?&/: ]*[/: ]?", name):
         if lines[-1] and len(lines[-1]) + len(part.rstrip()) > width:
@@ -209,13 +212,13 @@ def wrapped_name(name: str, width: int) -> str:
 
 
 def _name(results: Results, standing: Standing, width: int | None = None) -> Text:
-    """Return an entry with what must be known of it in brackets; width: wrapped to that."""
+    """Return an entry with its mark and failures in brackets. width: of lines; None: one line."""
     board, entry, mark = standing.board, standing.entry, standing.mark or ""
     shown = one_line(entry)
     name = Text(
         shown if width is None else wrapped_name(shown, width), style="not bold" if mark else ""
     )
-    # Some names say already which mark they are, or that they need all frames at once.
+    # Some names already contain their mark, or that they are offline.
     if mark and not entry.endswith(f" on {ORACLE}") and mark.split()[0] not in entry:
         name.append(f" ({mark})")
     offline = results.row(board, entry, OFFLINE)
@@ -231,9 +234,9 @@ def _name(results: Results, standing: Standing, width: int | None = None) -> Tex
 
 
 def _measured_columns(results: Results, board: Board) -> list[Column]:
-    """Return the columns of which any entry has a value."""
-    known = {r.metric for r in results.rows if r.board == board.name and r.value is not None}
-    return [column for column in board.columns if column.metric in known]
+    """Return the columns in which any entry has a value."""
+    measured = {r.metric for r in results.rows if r.board == board.name and r.value is not None}
+    return [column for column in board.columns if column.metric in measured]
 
 
 def _shown(results: Results, board: Board, column: Column, *, interval: bool) -> ShownColumn:
@@ -243,6 +246,6 @@ def _shown(results: Results, board: Board, column: Column, *, interval: bool) ->
 
 
 def _interval_end(value: float, decimals: int) -> str:
-    """Return an end of an interval without the zero before its point, so that it is narrow."""
+    """Return an end of an interval without the zero before its point, to save width."""
     text = f"{value:.{decimals}f}"
     return text.replace("0.", ".", 1) if text.startswith(("0.", "-0.")) else text

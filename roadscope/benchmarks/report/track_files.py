@@ -1,4 +1,4 @@
-"""Tracks of recorded sequences as result files of KITTI and of MOTChallenge."""
+"""Writes tracks of recorded sequences as result files of KITTI and of MOTChallenge."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ KITTI_FOLDER, MOT_FOLDER = "kitti", "motchallenge"
 
 @dataclass(frozen=True, slots=True)
 class _SequenceTask:
-    """Jobs of one tracker on one sequence, one of each class, and where their tracks go."""
+    """Jobs of one tracker on one sequence, one for each class, and the folder of their files."""
 
     jobs: tuple[Job, ...]
     folder: Path
@@ -43,18 +43,17 @@ def save_tracks(
     options: RunOptions | None = None,
     progress: Progress | None = None,
 ) -> list[str]:
-    """Write the tracks of recorded sequences as files; return the entries that are left out.
+    """Write the tracks of recorded sequences as files; return the entries that failed.
 
-    jobs: of boards of recorded data; their tracks are read where a run has kept them.
-    folder: gets `kitti/TRACKER/SEQ.txt`, all classes in one file, and
-        `motchallenge/TRACKER/CLASS/SEQ.txt`, for results in that format have no class. Boxes in the
-        image are those around the projected boxes; tracks outside of the image are left out. Of
-        image sequences there is the latter alone. A folder that cannot be written to raises
-        `FolderError`.
+    Tracks are read from the cache, or computed. A tracker that fails on a sequence has no files of
+    it. Tentative tracks are left out.
 
-    workers: which processes compute what is not kept; None: this one, which writes all files.
-
-    A tracker that fails on a sequence has no files of it. Tentative tracks are left out.
+    jobs: of boards of recorded data.
+    folder: for `kitti/TRACKER/SEQ.txt`, with all classes in one file, and
+        `motchallenge/TRACKER/CLASS/SEQ.txt`, as that format has no classes. Boxes in the image are
+        those around the projected boxes; tracks outside of the image are left out. Image sequences
+        have only the latter. `FolderError` if it cannot be written.
+    workers: the processes that compute; None: this process.
     """
     root = usable_folder(folder)
     names = folder_names([job.entry for job in jobs])
@@ -79,11 +78,11 @@ def save_tracks(
 
 
 def folder_names(entries: Sequence[str]) -> Mapping[str, str]:
-    """Return a name that every file system takes for each entry, no two alike."""
+    """Return a different name for each entry that every file system allows."""
     names: dict[str, str] = {}
     for entry in dict.fromkeys(entries):
         plain = name = re.sub(r"[^\w.=+-]+", "_", entry).strip("._") or "tracker"
-        while name.lower() in {known.lower() for known in names.values()}:
+        while name.lower() in {other.lower() for other in names.values()}:
             name = f"{plain}_{len(names)}"
         names[entry] = name
     return names
@@ -113,7 +112,7 @@ def _save(task: _SequenceTask, answers: Sequence[EpisodeTracks]) -> None:
             continue
         rows, boxes = _rows(tracks, recording)
         _write_mot(task, recording, boxes)
-        # Each class had a tracker of its own, but a file has each id once.
+        # Each class has a tracker of its own, so ids repeat; in a file they must differ.
         kitti.append([_renumbered(row, next_id) for row in rows])
         next_id += 1 + max((int(row.ids.max(initial=-1)) for row in rows), default=-1)
         sequence = recording.sequence
@@ -127,7 +126,7 @@ def _save(task: _SequenceTask, answers: Sequence[EpisodeTracks]) -> None:
 def _rows(
     tracks: Sequence[Tracks], recording: Recording
 ) -> tuple[list[KittiObjects], list[MotRows]]:
-    """Return the rows of every frame in either format."""
+    """Return the rows of every frame in both formats."""
     kitti, image_rows = sequence_of(recording).result_rows(tracks), []
     for frame, (record, rows) in enumerate(zip(tracks, kitti, strict=True), start=1):
         boxes = np.zeros((len(record), 4))
@@ -142,5 +141,5 @@ def _write_mot(task: _SequenceTask, recording: Recording, rows: Sequence[MotRows
 
 
 def _renumbered(rows: KittiObjects, first: int) -> KittiObjects:
-    """Return rows whose ids are raised by `first`."""
+    """Return rows with `first` added to their ids."""
     return replace(rows, ids=rows.ids + first)

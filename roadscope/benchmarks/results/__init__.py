@@ -1,4 +1,4 @@
-"""From the scores of jobs to rows, standings and what they agree with."""
+"""Joins the scores of jobs into rows, ranks and intervals."""
 
 from roadscope.benchmarks.results.job_scores import JobScores
 from roadscope.benchmarks.results.results import Results, gather, results_of

@@ -1,4 +1,4 @@
-"""How well the ranks of two boards agree."""
+"""The agreement of ranks on two boards."""
 
 from __future__ import annotations
 
@@ -8,12 +8,12 @@ from dataclasses import dataclass
 import numpy as np
 
 LEAST = 3
-"""Two entries always agree or disagree in full."""
+"""Least number of entries that are compared: two can only agree or disagree completely."""
 
 
 @dataclass(frozen=True, slots=True)
 class BoardAgreement:
-    """Agreement of a board with the tracking board of a suite.
+    """Agreement of the ranks on a board with those on a suite.
 
     board: of recorded data.
     suite: of simulated traffic, with its version.
@@ -30,9 +30,9 @@ class BoardAgreement:
     def of(
         board: str, suite: str, recorded: Mapping[str, float], simulated: Mapping[str, float]
     ) -> BoardAgreement | None:
-        """Compare figures of entries by rank; None with fewer than three on both boards.
+        """Return the rank correlation of entries; None with fewer than three on both boards.
 
-        Entries without a figure, NaN, are left out; so is a comparison in which all are alike.
+        Entries without a figure (NaN) are left out. None also if all figures of a board are equal.
         """
         both = [
             entry
@@ -46,7 +46,7 @@ class BoardAgreement:
 
 
 def spearman(ones: Sequence[float], others: Sequence[float]) -> float:
-    """Return Spearman's rank correlation; NaN where one side does not tell its values apart."""
+    """Return Spearman's rank correlation; NaN if all values of one side are equal."""
     from scipy.stats import spearmanr
 
     if min(len(set(ones)), len(set(others))) < 2:

@@ -1,4 +1,4 @@
-"""The scores of one job, as a board is computed from them and as files hold them."""
+"""The scores of one job, in the form of `leaderboard.json`."""
 
 from __future__ import annotations
 
@@ -10,9 +10,9 @@ from roadscope.benchmarks.metrics.score import Score
 
 
 class JobName(NamedTuple):
-    """What two jobs have in common that are compared.
+    """What identifies a job beside its entry; jobs of two runs with equal names are compared.
 
-    condition: weather, light and faults in words. inputs: whose detections the entry got.
+    condition: weather, light and faults in words. inputs: the detector whose detections it gets.
     """
 
     board: str
@@ -27,12 +27,12 @@ class JobScores:
     """The scores of one entry on one episode.
 
     condition: weather, light and faults in words.
-    inputs: whose detections the entry got; empty where it makes its own.
-    scores: by metric; none where it failed.
-    reason: why it failed, or None. log: the end of what the plug-in printed then.
+    inputs: the detector whose detections the entry gets; empty if it gets none.
+    scores: by metric; empty if it failed.
+    reason: why it failed, or None. log: the end of what the failed plug-in printed.
     not_installed: whether it failed because something that it needs is not installed.
     mark: which mark of the board the entry is, or None.
-    conditions: by name of a condition of the board (`weather`, `sequence`) its value.
+    conditions: the value of each condition of the board, such as `weather` or `sequence`.
     """
 
     board: str
@@ -50,18 +50,18 @@ class JobScores:
 
     @property
     def name(self) -> JobName:
-        """What it has in common with the same job of another run."""
+        """The name by which it is compared with the same job of another run."""
         return JobName(self.board, self.scenario, self.seed, self.condition, self.inputs)
 
     def to_json(self) -> dict[str, Any]:
-        """Return the job as JSON holds it; logs stay in the results file."""
+        """Return the job as a JSON object, without its log."""
         named = {each.name: getattr(self, each.name) for each in fields(self) if each.name != "log"}
         scores = {name: score.to_json() for name, score in self.scores.items()}
         return {**named, "scores": scores, "conditions": dict(self.conditions)}
 
     @classmethod
     def from_json(cls, item: Mapping[str, Any]) -> Self:
-        """Undo `to_json`; marks and conditions may be missing."""
+        """Read what `to_json` returned; marks and conditions may be missing."""
         texts = {name: str(item[name]) for name in ("board", "entry", "scenario")}
         texts |= {name: str(item.get(name) or "") for name in ("condition", "inputs")}
         reason, mark = item.get("reason"), item.get("mark")

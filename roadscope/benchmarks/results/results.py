@@ -19,7 +19,7 @@ from roadscope.core.names import unknown
 
 
 class BreakdownError(ValueError):
-    """Results are not broken down by that."""
+    """Unknown breakdown."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,7 +28,7 @@ class Failure:
 
     condition: weather, light and faults in words. log: the end of what the plug-in printed.
     not_installed: whether it failed because something that it needs is not installed.
-    log_file: where that was written, with what it printed in other episodes; empty if nowhere.
+    log_file: file with the output, also of other episodes; empty if there is none.
     """
 
     board: str
@@ -46,12 +46,12 @@ class Failure:
 class Results:
     """The results of a run.
 
-    manifest: its conditions.
+    manifest: its versions, suite and machine.
     rows: figures over all episodes, entries in rank order, marks last.
-    parts: the same broken down.
+    parts: figures broken down.
     standings: the order of the entries, and how certain it is.
     agreements: on recorded data, how its ranks agree with those on simulated traffic.
-    jobs: the scores of every job, which all the rest is computed from.
+    jobs: the scores of every job, from which all other fields are computed.
     """
 
     manifest: Mapping[str, Any]
@@ -71,22 +71,22 @@ class Results:
         return list(dict.fromkeys(row.entry for row in self.rows if row.board == board))
 
     def row(self, board: str, entry: str, metric: str) -> Row | None:
-        """Return one figure, or None where it was not measured."""
+        """Return the row of a metric, or None if it was not measured."""
         named = (r for r in self.rows if (r.board, r.entry, r.metric) == (board, entry, metric))
         return next(named, None)
 
     def breakdown(self, by: str, board: str = "detection") -> list[Row]:
-        """Return the rows of a board by one of its breakdowns; else `BreakdownError`."""
+        """Return the rows of a breakdown of a board; `BreakdownError` if it has none such."""
         check_breakdown(by, [board_named(board)])
         return [row for row in self.parts if (row.board, row.by) == (board, by)]
 
     def standing(self, board: str, entry: str) -> Standing:
-        """Return the place of an entry; an unknown one has none."""
+        """Return the standing of an entry; that of an unknown one is empty."""
         places = (s for s in self.standings if (s.board, s.entry) == (board, entry))
         return next(places, Standing(board, entry, None))
 
     def nothing_eligible(self, board: str) -> bool:
-        """Return whether a board had nothing that was to be found."""
+        """Return whether no object of any episode was eligible on a board."""
         metric = board_named(board).object_metric
         values = [row.value for row in self.rows if (row.board, row.metric) == (board, metric)]
         return bool(values) and all(value is None for value in values)
@@ -98,7 +98,7 @@ class Results:
 
     @property
     def failed_entries(self) -> list[str]:
-        """The entries that failed in any episode, but for those that are not installed."""
+        """The entries that failed in any episode, without those that are not installed."""
         names = dict.fromkeys(failure.entry for failure in self.failures)
         return [name for name in names if not self.not_installed(name)]
 
@@ -117,22 +117,22 @@ class Results:
 
 
 def check_breakdown(by: str, boards: Sequence[Board]) -> None:
-    """Refuse what none of the boards is broken down by."""
-    known = list(dict.fromkeys(each.by for board in boards for each in board.breakdowns))
-    if by not in known:
+    """Raise `BreakdownError` if none of the boards has this breakdown."""
+    possible = list(dict.fromkeys(each.by for board in boards for each in board.breakdowns))
+    if by not in possible:
         board = f"{boards[0].name} " if len(boards) == 1 else ""
-        raise BreakdownError(unknown(f"{board}breakdown", by, known))
+        raise BreakdownError(unknown(f"{board}breakdown", by, possible))
 
 
 def gather(
     jobs: Sequence[Job], outcomes: Mapping[str, Outcome], manifest: Mapping[str, Any]
 ) -> Results:
-    """Join the outcomes of jobs into rows, ranked."""
+    """Return the results of jobs with these outcomes."""
     return results_of([_job_scores(job, outcomes[job.key]) for job in jobs], manifest)
 
 
 def results_of(scores: Sequence[JobScores], manifest: Mapping[str, Any]) -> Results:
-    """Join the scores of jobs, of a run or of a file, into rows, ranked."""
+    """Return the results of jobs, of a run or of a file."""
     grouped: dict[str, dict[str, list[JobScores]]] = {}
     for job in scores:
         grouped.setdefault(job.board, {}).setdefault(job.entry, []).append(job)

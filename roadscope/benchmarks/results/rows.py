@@ -1,4 +1,4 @@
-"""Figures of entries, pooled from the scores of their jobs."""
+"""Rows: the metrics of entries, pooled over the scores of their jobs."""
 
 from __future__ import annotations
 
@@ -14,19 +14,17 @@ from roadscope.benchmarks.results.job_scores import JobScores
 from roadscope.benchmarks.results.statistics import merged, pooled_interval
 
 Block = tuple[str, int]
-"""Scenario and seed: what is the same traffic."""
+"""Scenario and seed: jobs of a block are on the same traffic."""
 
 
 @dataclass(frozen=True, slots=True)
 class Row:
-    """One figure of one entry.
+    """One metric of one entry.
 
-    value: pooled over episodes; low and high: its 95 % interval over seeds; all three None
-        where there is none.
-    n: number of episodes behind it.
-    by, band: what it is broken down by (`range`) and which part it is of (`0-20`); empty where
-        it is of the whole.
-    samples: number of objects, detections, frames or the like behind it.
+    value: pooled over episodes. low, high: its 95 % interval over seeds. None if not measured.
+    n: number of episodes.
+    by, band: the breakdown (`range`) and its part (`0-20`); empty for whole episodes.
+    samples: number of objects, detections, frames or the like.
     """
 
     board: str
@@ -45,11 +43,11 @@ class Row:
 
 @dataclass(frozen=True, slots=True)
 class EntryResult:
-    """What came of all jobs of an entry.
+    """The scores of all jobs of an entry.
 
-    mark: which mark it is, or None when it is ranked.
-    sound: the jobs without a failure.
-    episodes: number of all.
+    mark: which mark it is, or None if it is ranked.
+    sound: the jobs that did not fail.
+    episodes: number of all jobs.
     reason: why all failed, or None if any did not.
     """
 
@@ -67,7 +65,7 @@ class EntryResult:
 
 
 def whole_rows(result: EntryResult) -> list[Row]:
-    """Return an entry's figures over all episodes, and how often it failed."""
+    """Return the rows of an entry over whole episodes, and the number of failures."""
     names = [name for name in _names(result) if _is_whole(name) and not _silent(result, name)]
     rows = [_row(result, name, samples_of(result, name)) for name in names]
     rows += [_median_row(result, name) for name in result.board.medians if name in names]
@@ -77,7 +75,7 @@ def whole_rows(result: EntryResult) -> list[Row]:
 
 
 def part_rows(result: EntryResult) -> list[Row]:
-    """Return an entry's figures broken down; bands without anything to be found are left out."""
+    """Return the rows of an entry broken down; bands without samples are left out."""
     names = _names(result)
     rows = [_row(result, n, samples_of(result, n)) for n in names if not _is_whole(n)]
     metrics = [name for name in result.board.by_condition if not _silent(result, name)]
@@ -94,7 +92,7 @@ def part_rows(result: EntryResult) -> list[Row]:
 
 
 def conditions_of(result: EntryResult) -> dict[str, list[str]]:
-    """Return by name of a condition its value in each of the sound episodes."""
+    """Return the value of each condition in each sound episode, by its name."""
     board = result.board
     values = {by: [each.conditions.get(by, "") for each in result.sound] for by in board.conditions}
     if board.inputs_name:
@@ -106,7 +104,7 @@ Samples = Sequence[tuple[Block, Score]]
 
 
 def blocks(samples: Samples) -> dict[Block, Score]:
-    """Pool what comes from the same traffic: seeds are the sample, not weathers or detectors."""
+    """Pool the scores of each block: seeds are the sample, not weathers or detectors."""
     groups: dict[Block, list[Score]] = {}
     for block, score in samples:
         groups.setdefault(block, []).append(score)
@@ -114,12 +112,12 @@ def blocks(samples: Samples) -> dict[Block, Score]:
 
 
 def headline_scores(result: EntryResult) -> dict[Block, Score]:
-    """Return by scenario and seed what an entry is ranked by."""
+    """Return the metric that an entry is ranked by, for each block."""
     return blocks(samples_of(result, result.board.headline))
 
 
 def samples_of(result: EntryResult, name: str) -> Samples:
-    """Return a metric's score in each sound episode that has it, as it is pooled."""
+    """Return a metric in each sound episode that has it, in the form that is pooled."""
     having = [each for each in result.sound if name in each.scores]
     pooled = result.board.pooled(name, [each.scores for each in having])
     return [((each.scenario, each.seed), score) for each, score in zip(having, pooled, strict=True)]
@@ -153,7 +151,7 @@ def _row(result: EntryResult, name: str, samples: Samples) -> Row:
 
 
 def _median_row(result: EntryResult, name: str) -> Row:
-    """Return the median over episodes, which one hard scenario does not carry away."""
+    """Return the median over episodes, which is robust against one hard scenario."""
     scores = [score for _, score in samples_of(result, name)]
     values = [score.value for score in scores if math.isfinite(score.value)]
     median = statistics.median(values) if values else None

@@ -1,4 +1,4 @@
-"""Who is better than whom, as far as the seeds tell."""
+"""Ranks of entries with confidence intervals over seeds."""
 
 from __future__ import annotations
 
@@ -17,13 +17,12 @@ LEVEL = 0.95
 class Standing:
     """The place of one entry on its board.
 
-    mark: `upper mark` or `lower mark`, or None when it is ranked.
-    rank: its place, from 1; None for marks and for who failed in every episode.
-    rank_low, rank_high: the places that it may truly have, at 95 % for the entry; None where one
-        seed does not tell.
-    behind: by how much the best entry's first metric is better than its own, on the same episodes;
-        behind_low and behind_high: its 95 % interval.
-    reason: why it failed in every episode; None if it came through any.
+    mark: such as `upper mark`, or None if it is ranked.
+    rank: from 1; None for marks and for entries that failed in every episode.
+    rank_low, rank_high: 95 % confidence interval of its rank; None if there are too few seeds.
+    behind: by how much the headline metric of the best entry is better, on the same episodes.
+    behind_low, behind_high: its 95 % interval.
+    reason: why it failed in every episode; None if it succeeded in any.
     """
 
     board: str
@@ -39,7 +38,7 @@ class Standing:
 
     @property
     def place(self) -> str:
-        """The rank, with those that it may truly be, which mark an entry is, or that it failed."""
+        """The rank with its interval, or the mark, or `failed`, as text."""
         if self.rank is None:
             return self.mark or ("failed" if self.reason else "")
         if self.rank_low == self.rank_high:
@@ -50,9 +49,9 @@ class Standing:
 def standings(results: Sequence[EntryResult]) -> list[Standing]:
     """Return the entries of one board in rank order, then its marks.
 
-    Entries that failed come after all others, those that failed everywhere last and without a
-    rank. An entry's rank lies between the number of those that are surely better and of those that
-    are surely worse, by paired intervals at a level that holds for all of its comparisons together
+    Entries with failures come after all others; those that failed in every episode come last and
+    have no rank. The interval of a rank follows from the numbers of entries that are significantly
+    better and worse, by paired intervals at a level for all comparisons of the entry together
     (Bonferroni; Mogstad et al. 2024).
     """
     ranked = sorted((r for r in results if r.mark is None), key=_order)
@@ -63,7 +62,7 @@ def standings(results: Sequence[EntryResult]) -> list[Standing]:
     for i, result in enumerate(ranked):
         best, worst = _place(i, scores, sound) if i in sound else (None, None)
         behind = _compared(scores[sound[0]], scores[i], LEVEL) if sound and scores[i] else None
-        gap = (None, None, None) if behind is None else _known(behind)
+        gap = (None, None, None) if behind is None else _finite(behind)
         board, rank = result.board.name, i + 1 if result.sound else None
         place = Standing(board, result.entry, None, rank, best, worst, *gap, result.reason)
         places.append(place)
@@ -86,7 +85,7 @@ def _order(result: EntryResult) -> tuple[int, float, str]:
 def _place(
     own: int, scores: Sequence[Mapping[Block, Score]], rivals: Sequence[int]
 ) -> tuple[int | None, int | None]:
-    """Return the best and the worst rank that an entry may have among its rivals, itself one."""
+    """Return the lowest and highest rank that an entry may have among its rivals and itself."""
     others = [i for i in rivals if i != own]
     level = 1 - (1 - LEVEL) / max(len(others), 1)
     leads = [_compared(scores[i], scores[own], level) for i in others]
@@ -98,7 +97,7 @@ def _place(
 
 
 def _compared(ones: Mapping[Block, Score], others: Mapping[Block, Score], level: float) -> Interval:
-    """Return by how much the ones are better than the others."""
+    """Return by how much `ones` are better than `others`, with an interval."""
     common = [block for block in ones if block in others]
     if any(ones[block].better == "lower" for block in common):
         ones, others = others, ones
@@ -110,7 +109,7 @@ def _compared(ones: Mapping[Block, Score], others: Mapping[Block, Score], level:
     )
 
 
-def _known(interval: Interval) -> tuple[float | None, float | None, float | None]:
+def _finite(interval: Interval) -> tuple[float | None, float | None, float | None]:
     ends = interval.mean, interval.low, interval.high
     mean, low, high = (end if math.isfinite(end) else None for end in ends)
     return mean, low, high

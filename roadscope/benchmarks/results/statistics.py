@@ -1,4 +1,4 @@
-"""Confidence intervals of means over episodes that hold for few seeds too."""
+"""Confidence intervals of means over episodes, also for few seeds."""
 
 from __future__ import annotations
 
@@ -12,10 +12,8 @@ from roadscope.benchmarks.metrics.score import Score
 SMALL = 10
 """Strata below this size get Student's t: studentised resampling is unstable there."""
 ALIKE = 0.01
-"""Share of the variance below which a resample has none, and share of such resamples that is
-borne."""
-
-
+"""A resample with less than this share of the variance is degenerate; more than this share of
+degenerate resamples makes the bootstrap unusable."""
 EXACT = 13
 """Number of episodes up to which all flips of signs are tried, 2 to that power."""
 
@@ -33,7 +31,7 @@ class Interval:
     n: int
 
     def clipped(self, least: float, most: float) -> Interval:
-        """Keep the ends within what the value can be."""
+        """Return the interval with its ends clipped to the range of possible values."""
         low, high = np.clip([self.low, self.high], least, most)
         return Interval(self.mean, float(low), float(high), self.n)
 
@@ -76,7 +74,7 @@ def mean_interval(
 def pooled_interval(
     scores: Sequence[Score], strata: Sequence[object] | None = None, *, level: float = 0.95
 ) -> Interval:
-    """Pool one score over episodes by its weight, as if they were one, with an interval.
+    """Return a score pooled over episodes by weight, with an interval.
 
     The pooled value is a ratio of sums, in RMS errors the root of one; its spread over episodes
     is that of the linearised ratio (Cochran 1977, ch. 6), w_i (x_i - r) / mean(w), to which
@@ -114,9 +112,9 @@ def paired_interval(
     one, moved = linearised([ones[i] for i in used])
     other, moved_too = linearised([others[i] for i in used])
     labels = None if strata is None else [strata[i] for i in used]
-    found = mean_interval(moved - moved_too, labels, level=level)
-    shift = one - other - found.mean
-    return Interval(one - other, found.low + shift, found.high + shift, len(used))
+    interval = mean_interval(moved - moved_too, labels, level=level)
+    shift = one - other - interval.mean
+    return Interval(one - other, interval.low + shift, interval.high + shift, len(used))
 
 
 def paired_p_value(
@@ -125,9 +123,9 @@ def paired_p_value(
     """Return the p-value of no difference of two pooled scores on the same episodes.
 
     It is that of Student's t, stratified, with the degrees of freedom of Welch and Satterthwaite.
-    Where some episodes differ by the same amount, as counts do, Student's t is too sure of few of
-    them, and the p-value is at least that of the exact test by flips of signs. NaN where no stratum
-    has two episodes. All scores have measured something.
+    Where several episodes differ by the same amount, as counts do, Student's t gives too small
+    p-values for few episodes: the result is then at least that of the exact test of sign flips.
+    NaN if no stratum has two episodes. All scores must be measured.
     """
     from scipy.special import stdtr
 
@@ -153,21 +151,21 @@ def paired_p_value(
 
 
 def _p_of_sign_flips(values: np.ndarray) -> float:
-    """Return the exact p-value of a mean of zero where each sign is as probable as the other."""
+    """Return the exact p-value of a mean of zero, both signs equally likely."""
     from scipy.stats import permutation_test
 
-    found = permutation_test(
+    result = permutation_test(
         (values,),
         lambda x, axis: x.mean(axis=axis),
         permutation_type="samples",
         vectorized=True,
         n_resamples=2**EXACT,
     )
-    return float(found.pvalue)
+    return float(result.pvalue)
 
 
 def linearised(scores: Sequence[Score]) -> tuple[float, np.ndarray]:
-    """Return the pooled value of scores, all measured, and (N,) by how much each one moves it.
+    """Return the pooled value of scores, all measured, and (N,) how far each one moves it.
 
     RMS errors are linearised at their pooled value (the delta method).
     """
@@ -189,7 +187,7 @@ def _ratio(scores: Sequence[Score]) -> tuple[float, np.ndarray]:
 
 
 def merged(scores: Sequence[Score]) -> Score:
-    """Pool one score over episodes that are no independent sample, such as one in two weathers."""
+    """Return a score pooled over dependent episodes, such as one in two weathers."""
     first = next((s for s in scores if _measured(s)), scores[0])
     used = [s for s in scores if _measured(s)]
     if len(used) < 2:
@@ -207,15 +205,15 @@ def _measured(score: Score) -> bool:
 def _grouped(values: np.ndarray, strata: Sequence[object] | None) -> list[np.ndarray]:
     """Return the values of each stratum that are not NaN."""
     labels = [str(s) for s in strata] if strata is not None else [""] * len(values)
-    kept = [(s, v) for s, v in zip(labels, values, strict=True) if np.isfinite(v)]
-    names = sorted({s for s, _ in kept})
-    return [np.array([v for s, v in kept if s == name]) for name in names]
+    finite = [(s, v) for s, v in zip(labels, values, strict=True) if np.isfinite(v)]
+    names = sorted({s for s, _ in finite})
+    return [np.array([v for s, v in finite if s == name]) for name in names]
 
 
 def _mean_and_error(groups: list[np.ndarray]) -> tuple[float, float, float]:
     """Return the mean over strata, its standard error and the degrees of freedom.
 
-    A stratum of one value borrows the variance of the others; NaN where all have one.
+    A stratum of one value gets the pooled variance of the others; NaN if all have one value.
     """
     mean = float(np.mean([g.mean() for g in groups]))
     repeated = [g for g in groups if len(g) > 1]
@@ -237,8 +235,8 @@ def _studentised(
 ) -> np.ndarray | None:
     """Return the studentised mean of resamples within strata, (R,).
 
-    Where a few values differ from many that are alike, resamples without those few have next to
-    no variance and the quotient is without bounds: then None.
+    If a few values differ from many equal ones, resamples without those few have nearly no variance
+    and the quotient is unbounded: then None.
     """
     shift, variance = np.zeros(resamples), np.zeros(resamples)
     observed = 0.0

@@ -1,1 +1,1 @@
-"""Trains the detectors that learn from pictures."""
+"""Trains the camera detector from rendered pictures."""

@@ -1,9 +1,10 @@
-"""What boxes are worth: the chance of being right, from pictures that were not learned from."""
+"""Calibrates scores: the chance that a box is right, from pictures that were not trained on."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -13,68 +14,82 @@ from roadscope.core import ImageDetections
 from roadscope.detectors.camera.calibration import TERM_COUNT, Calibration
 from roadscope.detectors.camera.decode import TRAITS, Peaks
 
-STEPS = 100
-PRIOR = 30.0
-"""Weight of the heat as it is, as if so many boxes had been seen for each term."""
-LEAST_SPREAD = 0.01
+NEWTON_STEPS = 100
 LONGEST_STEP = 0.5
+"""Greatest change of a weight in a Newton step, chosen by hand."""
+PRIOR = 30.0
+"""Strength of the prior, which draws the weights to scores that are the heat itself: about as
+strong as so many boxes for each term. Chosen by hand."""
+LEAST_SPREAD = 0.01
+"""Least standard deviation of a trait, so that none is divided by 0."""
 DIGITS = 4
-"""That are kept of what is fitted."""
+"""Decimals that fitted values are rounded to."""
 
 
-def calibrated(peaks: Sequence[Peaks], labels: Sequence[Labels]) -> Calibration:
+def fitted_calibration(peaks: Sequence[Peaks], labels: Sequence[Labels]) -> Calibration:
     """Fit one logistic curve of traits and their products for each family.
 
-    A box is right if it would count as found with boxes taken by falling heat.
+    peaks, labels: of the same pictures. A box is right if it matches an object when boxes are
+    matched by falling heat.
     """
-    found = [
+    detections = [
         ImageDetections(
             p.boxes, p.categories.astype(np.int8), 1 / (1 + np.exp(-p.log_odds)), float(i)
         )
         for i, p in enumerate(peaks)
     ]
-    seen = np.concatenate([np.empty((0, len(TRAITS))), *(p.traits for p in peaks)])
-    plain = _standard(seen)
-    start = np.zeros(TERM_COUNT)
-    start[0], start[1] = plain.middles[0], plain.spreads[0]
-    judged = (_judged(peaks, found, labels, family) for family in range(len(FAMILIES)))
-    each = [logistic(plain.terms(traits), right, start) for traits, right in judged]
-    return replace(plain, weights=np.round(each, DIGITS))
+    traits = np.concatenate([np.empty((0, len(TRAITS))), *(p.traits for p in peaks)])
+    standardised = _standardised(traits)
+    # The prior's weights: scores that are the heat, which is the first trait.
+    prior = np.zeros(TERM_COUNT)
+    prior[0], prior[1] = standardised.middles[0], standardised.spreads[0]
+    weights = []
+    for family in range(len(FAMILIES)):
+        boxes = _judged_boxes(peaks, detections, labels, family)
+        weights.append(logistic(standardised.terms(boxes.traits), boxes.right, prior))
+    return replace(standardised, weights=np.round(weights, DIGITS))
 
 
-def _judged(
+class _JudgedBoxes(NamedTuple):
+    """Boxes that are right or wrong. traits: (N, 9). right: (N,) bool."""
+
+    traits: np.ndarray
+    right: np.ndarray
+
+
+def _judged_boxes(
     peaks: Sequence[Peaks],
-    found: Sequence[ImageDetections],
+    detections: Sequence[ImageDetections],
     labels: Sequence[Labels],
     family: int,
-) -> tuple[np.ndarray, np.ndarray]:
-    """Return the traits of a family's boxes that count, (N, 9), and which are right, (N,) bool."""
+) -> _JudgedBoxes:
+    """Return the boxes of a family without those that are neither right nor wrong."""
     traits, right = [np.empty((0, len(TRAITS)))], [np.empty(0, bool)]
-    for p, image in zip(peaks, images_of_family(found, labels, family), strict=True):
+    for p, image in zip(peaks, images_of_family(detections, labels, family), strict=True):
         rows, hits = match_image(image)
         traits.append(p.traits[np.flatnonzero(p.families == family)[rows]])
         right.append(hits)
-    return np.concatenate(traits), np.concatenate(right)
+    return _JudgedBoxes(np.concatenate(traits), np.concatenate(right))
 
 
-def _standard(traits: np.ndarray) -> Calibration:
-    """Return a calibration with middles and spreads of (N, 9) traits."""
+def _standardised(traits: np.ndarray) -> Calibration:
+    """Return a calibration with the means and standard deviations of (N, 9) traits."""
     if not len(traits):
         return Calibration()
     spreads = np.maximum(traits.std(axis=0), LEAST_SPREAD)
     return Calibration(traits.mean(axis=0).round(DIGITS), spreads.round(DIGITS))
 
 
-def logistic(terms: np.ndarray, right: np.ndarray, start: np.ndarray) -> np.ndarray:
-    """Return weights, (T,), of (N, T) terms in the log odds of being right, (N,) bool.
+def logistic(terms: np.ndarray, right: np.ndarray, prior: np.ndarray) -> np.ndarray:
+    """Return (T,) weights of (N, T) terms in the log odds of being right, by Newton's method.
 
-    start: (T,) to which a prior draws them.
+    right: (N,) bool. prior: (T,) mean of a normal prior of the weights.
     """
-    weights = start.copy()
-    for _ in range(STEPS):
+    weights = prior.copy()
+    for _ in range(NEWTON_STEPS):
         chance = 1 / (1 + np.exp(-np.clip(terms @ weights, -40, 40)))
-        slope = terms.T @ (right - chance) - PRIOR * (weights - start)
-        bend = (terms * (chance * (1 - chance))[:, None]).T @ terms + PRIOR * np.eye(len(start))
-        step = np.linalg.solve(bend, slope)
+        gradient = terms.T @ (right - chance) - PRIOR * (weights - prior)
+        hessian = (terms * (chance * (1 - chance))[:, None]).T @ terms + PRIOR * np.eye(len(prior))
+        step = np.linalg.solve(hessian, gradient)
         weights += step * min(1.0, LONGEST_STEP / max(float(np.abs(step).max()), 1e-12))
     return weights

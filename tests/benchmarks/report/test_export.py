@@ -7,8 +7,8 @@ from dataclasses import replace
 import pytest
 
 from roadscope.benchmarks.cache import FolderError
+from roadscope.benchmarks.report.board_files import check_targets, earlier_boards, label_of
 from roadscope.benchmarks.report.export import latex_text, save_all, to_csv, to_latex, to_markdown
-from roadscope.benchmarks.report.kept import check_targets, kept_boards, label_of
 from roadscope.benchmarks.results import Results, Row, Standing
 from roadscope.benchmarks.results.results import Failure
 
@@ -198,13 +198,13 @@ def test_a_board_of_another_suite_is_kept_beside_the_latest(tmp_path) -> None:
     save_all(of_suite("quick", "tracking"), tmp_path)
     save_all(of_suite("kitti", "tracking"), tmp_path)
     save_all(of_suite("quick", "detection", "tracking"), tmp_path)
-    kept = [path.name for path in kept_boards(tmp_path)]
+    kept = [path.name for path in earlier_boards(tmp_path)]
     assert kept == ["leaderboard-kitti-tracking.json", "leaderboard-quick-tracking.json"]
     assert [suite_in(tmp_path / name) for name in kept] == ["kitti", "quick"]
     assert suite_in(tmp_path / "leaderboard.json") == "quick"
     assert (tmp_path / "leaderboard-kitti-tracking.csv").is_file()
     save_all(of_suite("kitti", "tracking"), tmp_path)
-    kept = [path.name for path in kept_boards(tmp_path)]
+    kept = [path.name for path in earlier_boards(tmp_path)]
     assert kept == ["leaderboard-quick-detection-tracking.json", "leaderboard-quick-tracking.json"]
     assert suite_in(tmp_path / "leaderboard.json") == "kitti"
 
@@ -212,7 +212,7 @@ def test_a_board_of_another_suite_is_kept_beside_the_latest(tmp_path) -> None:
 def test_the_same_board_again_takes_its_place(tmp_path) -> None:
     for _ in range(2):
         save_all(of_suite("quick", "tracking"), tmp_path)
-    assert kept_boards(tmp_path) == []
+    assert earlier_boards(tmp_path) == []
     assert len(list(tmp_path.iterdir())) == 4
 
 

@@ -1,7 +1,8 @@
 import numpy as np
 from toy_pictures import toy_pictures
 
-from roadscope.benchmarks.train.calibration import PRIOR, calibrated, logistic
+from roadscope.benchmarks.train.calibration import PRIOR, fitted_calibration, logistic
+from roadscope.benchmarks.train.pictures import PixelSize
 from roadscope.detectors.camera.decode import TRAITS, Peaks
 
 
@@ -28,21 +29,25 @@ def test_without_detections_heat_stays_as_it_is() -> None:
     assert logistic(np.empty((0, 2)), np.empty(0, bool), start).tolist() == [0.0, 1.0]
     heat = np.zeros((3, len(TRAITS)))
     heat[:, 0] = [-1.0, 0.0, 2.0]
-    scores = calibrated([], []).scores(heat, np.arange(3))
+    scores = fitted_calibration([], []).scores(heat, np.arange(3))
     np.testing.assert_allclose(scores, 1 / (1 + np.exp([1.0, 0.0, -2.0])))
 
 
 def test_each_family_has_its_own_curve() -> None:
-    pictures = toy_pictures(0, 60, (320, 640))
+    pictures = toy_pictures(0, 60, PixelSize(320, 640))
     peaks = [
         Peaks(
             # People are always right, cars never.
             x.boxes + np.where(x.families == 0, 1000.0, 0.0)[:, None],
-            x.families, x.categories, np.zeros((len(x), len(TRAITS))),
+            x.families,
+            x.categories,
+            np.zeros((len(x), len(TRAITS))),
         )
         for x in pictures.labels
-    ]  # fmt: skip
-    scores = calibrated(peaks, pictures.labels).scores(np.zeros((3, len(TRAITS))), np.arange(3))
+    ]
+    scores = fitted_calibration(peaks, pictures.labels).scores(
+        np.zeros((3, len(TRAITS))), np.arange(3)
+    )
     assert scores[0] < 0.25
     assert scores[2] > 0.75
     assert scores[1] == 0.5
@@ -50,7 +55,7 @@ def test_each_family_has_its_own_curve() -> None:
 
 def test_boxes_beside_surer_ones_are_worth_less_where_they_are_wrong() -> None:
     """As sure by the heat, but one of two shows again what the other shows."""
-    pictures, rng = toy_pictures(1, 60, (320, 640)), np.random.default_rng(1)
+    pictures, rng = toy_pictures(1, 60, PixelSize(320, 640)), np.random.default_rng(1)
     peaks = []
     for x in pictures.labels:
         traits = np.zeros((2 * len(x), len(TRAITS)))
@@ -58,7 +63,7 @@ def test_boxes_beside_surer_ones_are_worth_less_where_they_are_wrong() -> None:
         traits[:, 0] = rng.normal(0, 1, 2 * len(x))
         boxes = np.concatenate([x.boxes, x.boxes + 20.0])
         peaks.append(Peaks(boxes, np.tile(x.families, 2), np.tile(x.categories, 2), traits))
-    worth = calibrated(peaks, pictures.labels)
+    worth = fitted_calibration(peaks, pictures.labels)
     alone, again = np.zeros((2, 1, len(TRAITS)))
     again[0, 1] = 0.4
     assert worth.scores(alone, np.zeros(1, int)) > 0.7

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from toy_pictures import toy_pictures
 
-from roadscope.benchmarks.train import batches, camera, views
+from roadscope.benchmarks.train import camera, crops, pictures
 from roadscope.benchmarks.train.camera import train_camera
 from roadscope.benchmarks.train.recipe import RECIPES
 from roadscope.core import Calibration as Mounting
@@ -16,34 +16,36 @@ from roadscope.detectors.camera.detector import CameraDetector
 
 @pytest.fixture(autouse=True)
 def toy(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(views, "render", lambda view: toy_pictures(view.seed, 2))
-    monkeypatch.setattr(batches, "CROPS", ((96, 128),))
+    monkeypatch.setattr(pictures, "render", lambda episode: toy_pictures(episode.seed, 2))
+    monkeypatch.setattr(crops, "CROP_SIZES", (pictures.PixelSize(96, 128),))
     small = replace(RECIPES["trial"], steps=3, pixels=2 * 96 * 128)
     monkeypatch.setitem(camera.RECIPES, "trial", small)
 
 
 def test_a_run_writes_weights_that_detect_and_their_record(tmp_path: Path) -> None:
-    told: set[str] = set()
+    stages: set[str] = set()
     done = train_camera(
-        tmp_path / "net", recipe="trial", work=tmp_path / "work",
-        progress=lambda stage, *_: told.add(stage),
-    )  # fmt: skip
-    assert told == {"pictures", "training", "scores"}
+        tmp_path / "net",
+        recipe="trial",
+        work=tmp_path / "work",
+        progress=lambda stage, *_: stages.add(stage),
+    )
+    assert stages == {"pictures", "training", "scores"}
     record = tomllib.loads(done.record.read_text("utf-8"))
     assert record["command"] == "roadscope train camera --recipe trial --seed 0 --jobs 1"
     assert record["precision"] in ("float32", "bfloat16")
     assert record["data"] == done.data_hash
     assert record["validation"]["objects"] == done.scores.ap50.n == 12
-    apart = {f"held_out_{name}" for name in ("scenarios", "looks", "weathers", "faults")}
-    assert {*apart, "clear_days", "test", "test_clear_days"} < set(record)
+    held_out = {f"held_out_{name}" for name in ("scenarios", "looks", "weathers", "faults")}
+    assert {*held_out, "clear_days", "test", "test_clear_days"} < set(record)
     image = CameraImage(np.full((64, 64, 3), 99, np.uint8), np.eye(3), 0.0, "camera")
     CameraDetector(weights=str(done.weights)).detect(Frame(0.0, Mounting(), camera=image))
 
 
 def test_run_twice_nothing_is_done_twice(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     first = train_camera(tmp_path / "a", recipe="trial", work=tmp_path / "work")
-    monkeypatch.setattr(views, "render", None)
-    monkeypatch.setattr(batches, "batch", None)
+    monkeypatch.setattr(pictures, "render", None)
+    monkeypatch.setattr(crops, "batch", None)
     again = train_camera(tmp_path / "b", recipe="trial", work=tmp_path / "work")
     assert again.weights.read_bytes() == first.weights.read_bytes()
 

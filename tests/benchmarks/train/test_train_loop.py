@@ -5,9 +5,9 @@ import pytest
 import torch
 from toy_pictures import toy_pictures
 
-from roadscope.benchmarks.train import batches as batching
-from roadscope.benchmarks.train import training
-from roadscope.benchmarks.train.batches import Deck, batch
+from roadscope.benchmarks.train import crops, training
+from roadscope.benchmarks.train.crops import ShuffledPictures, batch
+from roadscope.benchmarks.train.pictures import PixelSize
 from roadscope.benchmarks.train.recipe import Recipe
 from roadscope.benchmarks.train.training import Trainer, train
 
@@ -17,8 +17,8 @@ CPU = torch.device("cpu")
 
 @pytest.fixture(autouse=True)
 def small_crops(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(batching, "CROPS", ((96, 128),))
-    monkeypatch.setattr(training, "SAVED_EVERY", 3)
+    monkeypatch.setattr(crops, "CROP_SIZES", (PixelSize(96, 128),))
+    monkeypatch.setattr(training, "CHECKPOINT_EVERY", 3)
 
 
 def same(a: Trainer, b: Trainer) -> bool:
@@ -44,9 +44,9 @@ def test_killed_and_resumed_is_as_never_stopped(tmp_path: Path) -> None:
             raise Killed
 
     with pytest.raises(Killed):
-        train(Trainer(RECIPE, "key", CPU), pictures, tmp_path / "part.pt", told=kill)
+        train(Trainer(RECIPE, "key", CPU), pictures, tmp_path / "part.pt", on_step=kill)
     again, steps = Trainer(RECIPE, "key", CPU), []
-    train(again, pictures, tmp_path / "part.pt", told=lambda step, _: steps.append(step))
+    train(again, pictures, tmp_path / "part.pt", on_step=lambda step, _: steps.append(step))
     assert steps == [4, 5, 6]
     assert same(whole, again)
 
@@ -64,19 +64,21 @@ def test_checkpoints_of_other_data_or_damaged_are_left_alone(tmp_path: Path) -> 
 
 def test_the_loss_falls_on_toy_pictures(tmp_path: Path) -> None:
     recipe = replace(RECIPE, steps=40, pixels=4 * 96 * 128)
-    told: list[float] = []
+    step_losses: list[float] = []
     train(
-        Trainer(recipe, "key", CPU), [toy_pictures(0)], tmp_path / "c.pt",
-        told=lambda _, loss: told.append(loss),
-    )  # fmt: skip
-    assert sum(told[-8:]) < 0.6 * sum(told[:8])
+        Trainer(recipe, "key", CPU),
+        [toy_pictures(0)],
+        tmp_path / "c.pt",
+        on_step=lambda _, loss: step_losses.append(loss),
+    )
+    assert sum(step_losses[-8:]) < 0.6 * sum(step_losses[:8])
 
 
 def test_batches_depend_on_their_number_alone() -> None:
     pictures = [toy_pictures(0)]
-    first = batch(Deck(pictures, 0), RECIPE, 3)
-    later = batch(Deck(pictures, 0), RECIPE, 3)
-    other = batch(Deck(pictures, 0), RECIPE, 4)
+    first = batch(ShuffledPictures(pictures, 0), RECIPE, 3)
+    later = batch(ShuffledPictures(pictures, 0), RECIPE, 3)
+    other = batch(ShuffledPictures(pictures, 0), RECIPE, 4)
     assert torch.equal(first.pixels, later.pixels)
     assert not torch.equal(first.pixels, other.pixels)
     assert first.targets.heat.shape == (2, 3, 48, 64)

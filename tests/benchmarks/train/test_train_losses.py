@@ -1,18 +1,27 @@
 import numpy as np
 import torch
 
-from roadscope.benchmarks.train.losses import TargetMaps, box_loss, boxes_of, heat_loss, losses
-from roadscope.benchmarks.train.targets import Objects, targets_of
+from roadscope.benchmarks.train.losses import (
+    CropObjects,
+    TargetMaps,
+    box_loss,
+    boxes_of,
+    heat_loss,
+    losses,
+    targets_of,
+)
+from roadscope.benchmarks.train.pictures import PixelSize
 from roadscope.detectors.camera.network import Maps
 
 
 def toy_targets() -> TargetMaps:
-    made = targets_of(
-        Objects(np.array([[8.0, 8, 40, 30], [36, 4, 60, 28]]), np.array([0, 1]), np.array([1, 5]),
-                np.array([True, True])), 32, 64,
-    )  # fmt: skip
-    columns = (made.heat, made.judged, made.boxes, made.weights, made.vehicles)
-    return TargetMaps(*(torch.from_numpy(c)[None] for c in columns))
+    objects = CropObjects(
+        np.array([[8.0, 8, 40, 30], [36, 4, 60, 28]]),
+        np.array([0, 1]),
+        np.array([1, 5]),
+        np.array([True, True]),
+    )
+    return TargetMaps.stacked([targets_of(objects, PixelSize(32, 64))])
 
 
 def perfect(targets: TargetMaps) -> Maps:
@@ -41,7 +50,7 @@ def test_each_part_notices_its_own_error() -> None:
     assert other.vehicle > base.vehicle + 1
 
 
-def test_what_is_not_judged_costs_nothing() -> None:
+def test_masked_squares_cost_nothing() -> None:
     hot = torch.full((1, 3, 4, 4), 5.0)
     assert float(heat_loss(hot, torch.zeros_like(hot), torch.zeros_like(hot))) == 0.0
     assert float(heat_loss(hot, torch.zeros_like(hot), torch.ones_like(hot))) > 1.0

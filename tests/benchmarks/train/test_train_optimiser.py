@@ -2,8 +2,8 @@ import numpy as np
 import pytest
 import torch
 
-from roadscope.benchmarks.train.optimiser import Optimiser
 from roadscope.benchmarks.train.recipe import Recipe
+from roadscope.benchmarks.train.training import Optimiser
 from roadscope.detectors.camera.network import CentreNetwork, channels_last
 
 RECIPE = Recipe(steps=5, kernel_rate=0.01, learning_rate=1e-3, weight_decay=0.0)
@@ -48,8 +48,8 @@ def test_it_goes_on_as_if_never_stopped() -> None:
         stepped(first, whole, seed)
         stepped(second, part, seed)
         if seed == 1:
-            kept = part.state_dict()
+            state = part.state_dict()
             part = Optimiser(second, RECIPE)
-            part.load_state_dict(kept)
+            part.load_state_dict(state)
     for one, two in zip(first.parameters(), second.parameters(), strict=True):
         np.testing.assert_array_equal(one.detach().numpy(), two.detach().numpy())

@@ -3,10 +3,12 @@
 import numpy as np
 
 from roadscope.benchmarks.metrics.image_labels import Labels
-from roadscope.benchmarks.train.views import Pictures
+from roadscope.benchmarks.train.pictures import Pictures, PixelSize
+
+SIZE = PixelSize(480, 640)
 
 
-def toy_pictures(seed: int, count: int = 4, size: tuple[int, int] = (480, 640)) -> Pictures:
+def toy_pictures(seed: int, count: int = 4, size: PixelSize = SIZE) -> Pictures:
     rng = np.random.default_rng(seed)
     pixels, labels = [], []
     for _ in range(count):
@@ -16,7 +18,7 @@ def toy_pictures(seed: int, count: int = 4, size: tuple[int, int] = (480, 640)) 
             person = bool(rng.random() < 0.5)
             width, height = (14, 44) if person else (70, 40)
             left = 20 + place * 100 + int(rng.integers(0, 20))
-            top = int(rng.integers(120, size[0] - 120))
+            top = int(rng.integers(120, size.height - 120))
             image[top : top + height, left : left + width] = (
                 (20, 20, 220) if person else (220, 20, 20)
             )

@@ -5,8 +5,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from roadscope.benchmarks.train import camera, views
-from roadscope.benchmarks.train.recipe import RECIPES
+from roadscope.benchmarks.train.camera import evaluate
+from roadscope.benchmarks.train.pictures import read_pictures, store_pictures
+from roadscope.benchmarks.train.recipe import RECIPES, held_out_episodes
 from roadscope.core import Calibration, CameraImage, Frame
 from roadscope.detectors.camera import CAMERA_DETECTORS
 from roadscope.detectors.camera.network import ARCHITECTURE
@@ -34,10 +35,10 @@ def test_shipped_weights_load_and_see_nothing_in_a_plain_image() -> None:
 @pytest.mark.slow
 def test_the_weights_reach_what_their_record_says(tmp_path: Path) -> None:
     record = tomllib.loads(SHIPPED.with_suffix(".toml").read_text("utf-8"))["clear_days"]
-    chosen = camera.held_out(RECIPES["full"])["clear_days"]
-    for view in chosen:
-        views.keep(view, tmp_path)
-    scores = camera.evaluate(SHIPPED, [views.read(view, tmp_path) for view in chosen])
+    episodes = held_out_episodes(RECIPES["full"])["clear_days"]
+    for episode in episodes:
+        store_pictures(episode, tmp_path)
+    scores = evaluate(SHIPPED, [read_pictures(episode, tmp_path) for episode in episodes])
     assert scores.ap50.n == record["objects"]
     for name in ("ap50", "ap50_16px", "detection_rate", "false_alarms"):
         # Other processors round otherwise: a box or two may lie on the other side of a threshold.
