@@ -18,8 +18,7 @@ from roadscope.benchmarks.speed.rows import SpeedRow, interleaved
 from roadscope.core import Frame
 from roadscope.detectors import DETECTORS, Detector
 from roadscope.detectors.cloud import Cloud
-from roadscope.detectors.clustering import CLUSTERINGS
-from roadscope.detectors.clustering.density import density_labels
+from roadscope.detectors.clustering import CLUSTERINGS, density_labels
 from roadscope.detectors.ground import GROUNDS
 from roadscope.detectors.horizon import Horizon
 from roadscope.detectors.shape import SHAPES

@@ -23,7 +23,7 @@ from roadscope.benchmarks.papers.zhang2022_scene import Shot, film
 from roadscope.benchmarks.speed.rows import SpeedRow, interleaved
 from roadscope.core import LidarScan, Pose
 from roadscope.detectors.cloud import Cloud
-from roadscope.detectors.ground.polar import polar_above_ground
+from roadscope.detectors.ground import polar_above_ground
 from roadscope.odometry import ODOMETRIES
 from roadscope.odometry.above_ground import sensor_height, standing
 from roadscope.odometry.clusters.features import cluster_features, of_partners

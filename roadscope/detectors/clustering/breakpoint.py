@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
 
 from roadscope.core import wrap_angle
 from roadscope.detectors.cloud import Cloud
-from roadscope.detectors.clustering.union import components
 from roadscope.detectors.sorting import order_by, order_within, starts_of
 
 INCIDENCE_RAD = np.radians(10.0)
@@ -37,7 +38,9 @@ def cluster_breakpoint(cloud: Cloud, *, range_noise_m: float = 0.1) -> np.ndarra
     steps = np.concatenate([steps, np.full(columns.shape[1], step)])
     gaps = np.hypot(*(cloud.points[pairs[0], :2] - cloud.points[pairs[1], :2]).T)
     linked = gaps <= reach(ranges[pairs].min(axis=0), steps) + 3 * range_noise_m
-    return components(len(cloud), *pairs[:, linked & (steps < MAX_STEPS * step)])
+    links = pairs[:, linked & (steps < MAX_STEPS * step)]
+    graph = coo_array((np.ones(links.shape[1], bool), (links[0], links[1])), (len(cloud),) * 2)
+    return np.asarray(connected_components(graph, directed=False)[1], np.int64)
 
 
 def reach(ranges: np.ndarray, steps: np.ndarray) -> np.ndarray:
