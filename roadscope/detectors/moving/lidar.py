@@ -1,4 +1,4 @@
-"""What a scan tells of the LiDAR that made it."""
+"""The beams and columns of a LiDAR, estimated from one of its scans."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def lidar_of(
     if range_noise_m is None:
         range_noise_m = float(range_noise_of(image))
     return LidarSpec(
-        "seen",
+        "estimated",
         elevations,
         np.zeros(len(slopes)),
         azimuth,
