@@ -16,7 +16,7 @@ class Detector(Protocol):
     """
 
     def reset(self) -> None:
-        """Forget everything seen."""
+        """Forget all frames so far."""
 
     def detect(self, frame: Frame) -> Detections | ImageDetections:
         """Return what is seen in this frame, or in an earlier one that needed later frames.
@@ -27,7 +27,7 @@ class Detector(Protocol):
         with detections is not answered again.
 
         A frame without a scan has no detections of a LiDAR detector, with the frame's stamp, since
-        scans are dropped on the way: whoever must know looks at `frame.lidar`, and gives a fusion
-        None for that sensor. A frame without an image is refused by a camera detector, since
+        scans are dropped in transmission: a caller that must know looks at `frame.lidar`, and gives
+        a fusion None for that sensor. A frame without an image is refused by a camera detector, since
         images have a clock of their own and frames between them are not for it.
         """

@@ -11,7 +11,7 @@ from roadscope.benchmarks.metrics.image_detection import of_family
 from roadscope.benchmarks.metrics.image_labels import FAMILIES, Labels
 from roadscope.benchmarks.metrics.image_precision import outcomes
 from roadscope.core import ImageDetections
-from roadscope.detectors.camera.calibration import TERM_COUNT, Calibration
+from roadscope.detectors.camera.calibration import TERM_COUNT, BoxCalibration
 from roadscope.detectors.camera.decode import TRAITS, Peaks
 
 STEPS = 100
@@ -23,7 +23,7 @@ DIGITS = 4
 """That are kept of what is fitted."""
 
 
-def calibrated(peaks: Sequence[Peaks], labels: Sequence[Labels]) -> Calibration:
+def calibrated(peaks: Sequence[Peaks], labels: Sequence[Labels]) -> BoxCalibration:
     """Fit one logistic curve of traits and their products for each family.
 
     A box is right if it would count as found with boxes taken by falling heat.
@@ -56,12 +56,12 @@ def _judged(
     return np.concatenate(traits), np.concatenate(right)
 
 
-def _standard(traits: np.ndarray) -> Calibration:
+def _standard(traits: np.ndarray) -> BoxCalibration:
     """Return a calibration with middles and spreads of (N, 9) traits."""
     if not len(traits):
-        return Calibration()
+        return BoxCalibration()
     spreads = np.maximum(traits.std(axis=0), LEAST_SPREAD)
-    return Calibration(traits.mean(axis=0).round(DIGITS), spreads.round(DIGITS))
+    return BoxCalibration(traits.mean(axis=0).round(DIGITS), spreads.round(DIGITS))
 
 
 def logistic(terms: np.ndarray, right: np.ndarray, start: np.ndarray) -> np.ndarray:

@@ -174,11 +174,11 @@ def _learn(
 def _calibrate(network: CentreNetwork, target: Path, episodes: Sequence[Pictures]) -> None:
     """Write the network with what its scores are worth on these pictures."""
     from roadscope.benchmarks.train.calibration import calibrated
-    from roadscope.detectors.camera.calibration import Calibration
+    from roadscope.detectors.camera.calibration import BoxCalibration
     from roadscope.detectors.camera.detector import CameraDetector
     from roadscope.detectors.camera.weight_file import save
 
-    save(target, network, Calibration())
+    save(target, network, BoxCalibration())
     # In one precision everywhere: what is written must not depend on what is fast here.
     detector = CameraDetector(weights=str(target), precision="float32")
     peaks = [detector.peaks(np.asarray(p)) for e in episodes for p in e.pixels]

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from roadscope.core import CameraImage, Frame, ImageDetections, RecordError
-from roadscope.detectors.camera.calibration import Calibration
+from roadscope.detectors.camera.calibration import BoxCalibration
 from roadscope.detectors.camera.decode import FINE, Peaks, decode
 from roadscope.detectors.camera.precision import AUTO, PRECISIONS, fastest, whole_float32
 from roadscope.detectors.camera.weight_file import SHIPPED, load
@@ -112,7 +112,7 @@ class CameraDetector:
         return Peaks(boxes, peaks.families, peaks.categories, peaks.traits)
 
     @cached_property
-    def _loaded(self) -> tuple[CentreNetwork, Calibration]:
+    def _loaded(self) -> tuple[CentreNetwork, BoxCalibration]:
         import torch
 
         if self.device != "cpu" and not torch.cuda.is_available():

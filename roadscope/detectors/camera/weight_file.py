@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from roadscope.detectors.camera.calibration import Calibration
+from roadscope.detectors.camera.calibration import BoxCalibration
 
 if TYPE_CHECKING:
     from torch import Tensor
@@ -30,7 +30,7 @@ class WeightsError(ValueError):
     """A file has no weights of this network."""
 
 
-def save(path: Path, network: CentreNetwork, calibration: Calibration) -> None:
+def save(path: Path, network: CentreNetwork, calibration: BoxCalibration) -> None:
     """Write a network and what its scores are worth."""
     from safetensors.torch import save as packed
 
@@ -45,7 +45,7 @@ def save(path: Path, network: CentreNetwork, calibration: Calibration) -> None:
     path.write_bytes(packed(tensors, {ABOUT: json.dumps(about)}))
 
 
-def load(path: Path | str) -> tuple[CentreNetwork, Calibration]:
+def load(path: Path | str) -> tuple[CentreNetwork, BoxCalibration]:
     """Read a network; `WeightsError` names the file and what is wrong with it."""
     from safetensors import SafetensorError, safe_open
 
@@ -105,9 +105,9 @@ def _kind(tensor: Tensor) -> str:
     return f"{str(tensor.dtype).removeprefix('torch.')} {tuple(tensor.shape)}"
 
 
-def _calibration(path: Path, about: Mapping[str, Any]) -> Calibration:
+def _calibration(path: Path, about: Mapping[str, Any]) -> BoxCalibration:
     try:
-        return Calibration(**{name: np.array(about[name], float) for name in WORTH})
+        return BoxCalibration(**{name: np.array(about[name], float) for name in WORTH})
     except KeyError as error:
         raise WeightsError(
             f"{path} does not say what its scores are worth: no {error}; weights of an older "
