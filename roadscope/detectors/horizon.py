@@ -18,12 +18,12 @@ the LUX's range noise to either side."""
 
 
 class HorizonArrays(NamedTuple):
-    """A `Horizon` for kernels; its view is infinite for a full turn."""
+    """A `Horizon` for kernels; ends: of its view, infinite for a full turn."""
 
     azimuths: np.ndarray
     ranges: np.ndarray
     step: float
-    view: tuple[float, float]
+    ends: tuple[float, float]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -78,8 +78,8 @@ class Horizon:
     @property
     def around(self) -> HorizonArrays:
         """What kernels need of a horizon."""
-        view = (-np.inf, np.inf) if self.view is None else self.view
-        return HorizonArrays(self.azimuths, self.ranges, self.step, view)
+        ends = (-np.inf, np.inf) if self.view is None else self.view
+        return HorizonArrays(self.azimuths, self.ranges, self.step, ends)
 
 
 def _sweep(cloud: Cloud, view: tuple[float, float]) -> tuple[float, bool]:
@@ -121,7 +121,7 @@ def _hides(point: np.ndarray, side: int, origin: np.ndarray, around: HorizonArra
     step, azimuths = around.step, around.azimuths
     x, y = point[0] - origin[0], point[1] - origin[1]
     azimuth, reach = np.arctan2(y, x), np.hypot(x, y)
-    end = around.view[(side + 1) // 2]
+    end = around.ends[(side + 1) // 2]
     if np.isfinite(end):
         left = (end - azimuth + np.pi) % (2 * np.pi) - np.pi
         if abs(left) < 1.5 * step:

@@ -59,13 +59,13 @@ def load(path: Path | str) -> tuple[CentreNetwork, BoxCalibration]:
             tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118
     except SafetensorError as error:
         raise WeightsError(f"{path} is not a safetensors file: {error}") from error
-    found = about.get("architecture")
-    if found != ARCHITECTURE:
-        raise WeightsError(f"{path}: expected architecture '{ARCHITECTURE}', got {found!r}")
+    architecture = about.get("architecture")
+    if architecture != ARCHITECTURE:
+        raise WeightsError(f"{path}: expected architecture '{ARCHITECTURE}', got {architecture!r}")
     network = CentreNetwork()
-    wanted = network.state_dict()
-    for name in sorted(set(wanted) | set(tensors)):
-        _check_tensor(path, name, wanted, tensors)
+    expected = network.state_dict()
+    for name in sorted(set(expected) | set(tensors)):
+        _check_tensor(path, name, expected, tensors)
     network.load_state_dict(tensors)
     return network.eval(), _calibration(path, about)
 
@@ -92,11 +92,11 @@ def _check_beginning(path: Path) -> None:
 
 
 def _check_tensor(
-    path: Path, name: str, wanted: Mapping[str, Tensor], tensors: Mapping[str, Tensor]
+    path: Path, name: str, expected: Mapping[str, Tensor], tensors: Mapping[str, Tensor]
 ) -> None:
-    expected, given = (_kind(t[name]) if name in t else "none" for t in (wanted, tensors))
-    if expected != given:
-        raise WeightsError(f"{path}: tensor '{name}': expected {expected}, got {given}")
+    kind, actual = (_kind(t[name]) if name in t else "none" for t in (expected, tensors))
+    if kind != actual:
+        raise WeightsError(f"{path}: tensor '{name}': expected {kind}, got {actual}")
     if not bool(tensors[name].isfinite().all()):
         raise WeightsError(f"{path}: tensor '{name}': expected finite numbers")
 

@@ -8,8 +8,9 @@ from roadscope.detectors.camera.decode import (
     AGREEING_IOU,
     TRAITS,
     VOTING_IOU,
+    Answers,
+    averaged,
     distinct,
-    looked_around,
 )
 
 
@@ -47,7 +48,8 @@ def test_what_is_around_a_box_is_that_of_its_definition(seed: int, count: int) -
     families, heat = rng.integers(0, 3, count), -np.sort(-rng.normal(0, 2, count)).round(1)
     kept = distinct(boxes, families, 0.6)
     expected = slowly(boxes, families, heat, kept)
-    for got, wanted in zip(looked_around(boxes, families, heat, kept), expected, strict=True):
+    found = averaged(Answers(boxes, families, heat), kept)
+    for got, wanted in zip(found, expected, strict=True):
         np.testing.assert_allclose(got, wanted, rtol=1e-9, atol=1e-9)
 
 
