@@ -55,13 +55,13 @@ def reach(ranges: np.ndarray, steps: np.ndarray) -> np.ndarray:
 
 
 def _resolution(steps: np.ndarray, columns: np.ndarray) -> float:
-    """Radians from column to column, from the steps between returns that are columns apart."""
-    apart = columns > 0
-    return float(np.median(steps[apart] / columns[apart])) if apart.any() else 0.0
+    """Return radians from column to column, from the steps between returns of two columns."""
+    several = columns > 0
+    return float(np.median(steps[several] / columns[several])) if several.any() else 0.0
 
 
 def _along_rings(ring: np.ndarray, azimuths: np.ndarray) -> np.ndarray:
-    """Pairs of returns that follow one another in a beam, around the circle too, (2, P)."""
+    """Return pairs of neighbouring returns of a beam, around the circle too, (2, P)."""
     order = order_by(ring)
     starts = starts_of(ring[order])
     order = order[order_within(azimuths[order], starts)]
@@ -70,7 +70,7 @@ def _along_rings(ring: np.ndarray, azimuths: np.ndarray) -> np.ndarray:
 
 
 def _along_columns(column: np.ndarray, ring: np.ndarray) -> np.ndarray:
-    """Pairs of returns whose beams follow one another in a column, (2, P)."""
+    """Return pairs of returns of neighbouring beams in a column, (2, P)."""
     order = order_by(ring)
     order = order[order_by(column[order])]
     return np.stack([order[:-1], order[1:]])[:, column[order[:-1]] == column[order[1:]]]

@@ -1,4 +1,4 @@
-"""What moves in a scan, known from earlier ones."""
+"""Moving objects in a scan, from comparison with earlier ones."""
 
 from roadscope.detectors.moving.extraction import Candidate, extract
 from roadscope.detectors.moving.view import Memory

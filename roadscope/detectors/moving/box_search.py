@@ -99,9 +99,9 @@ def boxes_in(
     boxes = slide(grid, rule.sides, rule.least)
     # They come by x, then by y.
     boxes = boxes[np.argsort(-boxes[:, SCORE], kind="stable")]
-    kept: np.ndarray = boxes[suppress(boxes, grid, rule.sides, rule.least)]
-    kept[:, :2] += corner
-    return kept
+    best: np.ndarray = boxes[suppress(boxes, grid, rule.sides, rule.least)]
+    best[:, :2] += corner
+    return best
 
 
 def evidence_grid(
@@ -339,7 +339,7 @@ def suppress(boxes: np.ndarray, grid: EvidenceGrid, sides: BoxSides, least: floa
     """
     cells = len(grid.places)
     taken, rows = np.zeros(cells, np.bool_), np.empty(cells, np.int64)
-    kept, count = np.empty(len(boxes), np.int64), 0
+    stays, count = np.empty(len(boxes), np.int64), 0
     for b in range(len(boxes)):
         first, last = _columns(boxes[b, X], sides.half_length + sides.half_width, grid)
         n = fill_rows(rows, grid.places[first:last], boxes[b], grid.origin, sides)
@@ -351,9 +351,9 @@ def suppress(boxes: np.ndarray, grid: EvidenceGrid, sides: BoxSides, least: floa
             continue
         for row in rows[:n]:
             taken[row] = True
-        kept[count] = b
+        stays[count] = b
         count += 1
-    return kept[:count]
+    return stays[:count]
 
 
 @compiled(borrowing=True)

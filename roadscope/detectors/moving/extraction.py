@@ -34,19 +34,19 @@ from roadscope.detectors.shape.bodies import LONGEST_M, WIDEST_M
 # Moving vehicles out of a scan (Zhang 2017, section 1): temporal cue, geometric cue, box model.
 
 LOW_M, HIGH_M = 0.3, 2.8
-"""Heights above the road at which things are looked at: clear of the ground, below bridges and
-most of a crown."""
+"""Heights above the road of the returns that are used: clear of the ground, below bridges and most
+of a crown."""
 SILL_M = 0.15
-"""A vehicle's returns are taken from here on: far away its lower half is met by one beam."""
+"""A vehicle's returns are taken from here on: far away one beam alone hits its lower half."""
 REACH_M = 120.0
 SIDES = BoxSides(2.7, 1.3, 0.75, 0.75)
 """A car whose place in the box is unknown by half a stride and its heading by half a turn."""
 CELL_M, SLAB_M = 0.25, 0.3
-"""Sides of the voxels of which one return each is looked at: a near flank has thousands."""
+"""Sides of the voxels of which one return each is used: a near flank has thousands."""
 RULE = BoxRule(SIDES, CELL_M, limit=3.0, least=3.0)
-"""Evidence that makes a vehicle: three returns where the road was seen free."""
+"""The least evidence is that of three returns where rays went through before."""
 NEIGHBOUR_M = 0.6
-"""Returns up to twice as far away are seen of the same thing."""
+"""Returns up to twice as far away are taken for parts of the same object."""
 MIN_VIEWS = 2
 MIN_POINTS = 3
 CHANCE = 1
@@ -62,7 +62,7 @@ class Candidate(Record):
     rows: (N,) int64, which return of the scan each one is.
     times_s: (N,) float64, seconds after the stamp. time_s: their median.
     origin: (2,) float64, metres, where the sensor was then.
-    box: (3,) float64, x, y in metres and yaw of the box that found it.
+    box: (3,) float64, x, y in metres and yaw of the box that holds it.
     evidence: of motion, summed over the cells of the box.
     """
 
@@ -108,9 +108,9 @@ def _at_vehicle_height(view: View) -> np.ndarray:
 def motion(points: np.ndarray, earlier: Sequence[EarlierView]) -> np.ndarray:
     """Return (N,) evidence that each of the places (N, 3), ego frame now, holds something moving.
 
-    Temporal cue: where an earlier scan saw something too it is background, where it saw through
-    the place what stands there now has come. One that could not see the place says nothing; what
-    none has seen taken is a little suspect. Between -3.5 and 5.
+    Temporal cue: where an earlier scan has a return too there is background; where its rays went
+    through the place, what stands there now has moved there. A scan without a ray to the place
+    says nothing; a place where no scan has a return is weak evidence of motion. Between -3.5 and 5.
     """
     counts, heights = np.zeros((2, len(points)), np.int64), height_spans(points, NEIGHBOUR_M)
     for then in earlier:
@@ -137,7 +137,7 @@ def sorted_by_body(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return the rows of returns by body, then by z, y and x, and where each body begins, (B + 1,).
 
-    points: (N, 3) metres, of all returns. rows: (K,) int64, those that were looked at. body: (K,)
+    points: (N, 3) metres, of all returns. rows: (K,) int64, those that were used. body: (K,)
     int64, from 0 up to `bodies`, -1 for none: those are left out.
     """
     rows, body = rows[body >= 0], body[body >= 0]
@@ -161,7 +161,7 @@ def _candidate(now: View, rows: np.ndarray, box: np.ndarray) -> Candidate:
 
 
 # --------------------------------------------------------------------------------------------------
-# The rest of a body of which a part was seen to move: compiled.
+# From the part of a body in a box to all of its returns: compiled.
 
 LINK_M = 1.0
 """Parts of one body come this near to each other; cars in a queue keep farther apart."""
@@ -177,8 +177,8 @@ def bodies(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return which body each point belongs to, (N,), -1 for none, and each body's box, (K,).
 
-    points: (N, 3) metres. boxes: (B, 8), best first. origin: (2,) metres, the sensor. What is
-    mostly of a body that was found already is found once.
+    points: (N, 3) metres. boxes: (B, 8), best first. origin: (2,) metres, the sensor. A box
+    whose returns mostly belong to an earlier body is left out.
     """
     body, first_box, count = np.full(len(points), -1), np.empty(len(boxes), np.int64), 0
     rows = np.empty(len(points), np.int64)
@@ -199,8 +199,8 @@ def bodies(
 def whole_body(points: np.ndarray, part: np.ndarray) -> np.ndarray:
     """Return the rows of the body that a part belongs to; the part's where that is no vehicle.
 
-    points: (N, 3) metres, z from the ground. part: (K,) int64, rows of it. A slow vehicle still
-    stands where its rear half was seen a second ago, and a lorry fills several boxes.
+    points: (N, 3) metres, z from the ground. part: (K,) int64, rows of it. The rear half
+    of a slow vehicle is where its front was a second ago, and a lorry fills several boxes.
     """
     rows = linked(points, part, LINK_M, LONGEST_M)
     grown = points[rows]

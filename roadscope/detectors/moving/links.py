@@ -23,7 +23,7 @@ MISSED = 2
 """Scans in a row without the vehicle after which it is forgotten."""
 FASTEST_M_S = 45.0
 NEAR_M = 2.0
-"""How far from where it was expected a vehicle may be met: its visible part changes."""
+"""Gate about the predicted place of a vehicle: its visible part changes."""
 FACE_M = 1.0
 """Depth of the part nearest to the sensor whose mean stands for the vehicle."""
 SLOWEST_M_S = 1.5
@@ -86,9 +86,9 @@ def unsteady(times: np.ndarray, marks: np.ndarray, velocity: np.ndarray) -> floa
 class Sighting:
     """A candidate in the drive's frame, which stays put while the ego moves.
 
-    stamp_s: of its scan. met_s: when the vehicle was met within the sweep.
-    points: (N, 3) metres. origin: (2,) metres, the sensor then. mark: (2,) metres, what the
-        vehicle is followed by.
+    stamp_s: of its scan. met_s: when the sweep met the vehicle.
+    points: (N, 3) metres. origin: (2,) metres, the sensor then. mark: (2,) metres, the point
+        that stands for the vehicle.
     """
 
     stamp_s: float
@@ -101,8 +101,8 @@ class Sighting:
     def at_stamp(self, velocity: np.ndarray, most: int) -> np.ndarray:
         """Return at most so many points, (N, 2), where they were at the stamp.
 
-        velocity: (2,) m/s, of the body. One across the seam of a sweep is met at its beginning
-        and at its end.
+        velocity: (2,) m/s, of the body. The sweep meets one across its seam at its beginning and at
+        its end.
         """
         step = -(-len(self.points) // most)
         moved = self.candidate.times_s[::step, None] * velocity
@@ -119,11 +119,11 @@ class Sighting:
 
 
 class Chain:
-    """One vehicle as it was seen lately.
+    """The latest sightings of one vehicle.
 
     sightings: oldest first. count: of all of them, with those that are forgotten. times: (K,)
-    seconds, when it was met in each, marks: (K, 2) metres, where. velocity: (2,) m/s; all in the
-    drive's frame; zero after one sighting.
+    seconds, when the sweep met it in each, marks: (K, 2) metres, where. velocity: (2,) m/s, zero
+    after one sighting. All in the drive's frame.
     """
 
     def __init__(self) -> None:
@@ -141,14 +141,14 @@ class Chain:
 
     @property
     def moves(self) -> bool:
-        """Whether it was seen again and, as far as that can be told, elsewhere."""
+        """Whether it was sighted again and, as far as its speed is known, elsewhere."""
         if len(self.sightings) < SURE:
             return len(self.sightings) > 1
         return math.hypot(*self.velocity.tolist()) >= SLOWEST_M_S
 
 
 class Links:
-    """Follows candidates from scan to scan, each to the nearest of where it is expected."""
+    """Links the candidates of successive scans to vehicles, each to the nearest prediction."""
 
     def __init__(self) -> None:
         self.chains: list[Chain] = []
@@ -164,8 +164,8 @@ class Links:
                 free.remove(column)
         stamps = sorted({s.stamp_s for c in self.chains for s in c.sightings} | {stamp_s})
         oldest_s = stamps[-min(len(stamps), MISSED + 1)]
-        kept = [c for c in self.chains if c.sightings[-1].stamp_s >= oldest_s]
-        self.chains = kept + [_begun(sightings[column]) for column in free]
+        recent = [c for c in self.chains if c.sightings[-1].stamp_s >= oldest_s]
+        self.chains = recent + [_begun(sightings[column]) for column in free]
 
     def _pairs(self, sightings: Sequence[Sighting]) -> list[tuple[float, int, int]]:
         """Return distance over gate, chain and sighting of all pairs that can be one vehicle."""
@@ -179,10 +179,10 @@ class Links:
         known = np.array([len(chain.sightings) > 1 for chain in self.chains])
         elapsed_s = met_s - last_s[:, None]
         off = marks - (last[:, None] + elapsed_s[..., None] * velocities[:, None])
-        apart = np.hypot(off[..., 0], off[..., 1])
+        distances = np.hypot(off[..., 0], off[..., 1])
         gate = np.where(known[:, None], NEAR_M, FASTEST_M_S * elapsed_s)
-        rows, columns = np.nonzero(apart <= gate)
-        shares = apart[rows, columns] / gate[rows, columns]
+        rows, columns = np.nonzero(distances <= gate)
+        shares = distances[rows, columns] / gate[rows, columns]
         return list(zip(shares.tolist(), rows.tolist(), columns.tolist(), strict=True))
 
 
@@ -193,11 +193,10 @@ def _begun(sighting: Sighting) -> Chain:
 
 
 # --------------------------------------------------------------------------------------------------
-# How large a vehicle is taken to be of which a part is seen.
+# The size of a vehicle of which a part is visible.
 
 VEHICLES = (Category.CAR, Category.VAN, Category.TRUCK)
-"""Buses go as trucks: what tells them apart is their height, and roofs are often above the beams.
-"""
+"""Buses count as trucks: they differ in height, and roofs are often above the beams."""
 TWO_WHEELERS = [b for b in BODIES if b.category is Category.MOTORCYCLE]
 TRIED = TWO_WHEELERS + [b for b in BODIES if b.category in VEHICLES]
 LIMITS_M = np.array(
@@ -214,18 +213,19 @@ Size = tuple[float, float, float]
 
 
 def usual(chains: Sequence[Chain]) -> list[tuple[Body, Size]]:
-    """Return for each chain the first usual body that is as large as what is seen, and its size.
+    """Return for each chain the first usual body that is as large as its returns, and its size.
 
-    Two-wheelers come first, and are told by their rider: as narrow a part of a car is low.
+    Two-wheelers come first, and only for what is as high as a rider: as narrow a part of a car is
+    low.
     """
     if not any(chain.sightings for chain in chains):
         return []
     extents = iter(_extents(chains).tolist())
     bodies = []
     for chain in chains:
-        seen = [next(extents) for _ in chain.sightings]
-        long, wide = (median(extent[axis] for extent in seen) for axis in range(2))
-        top = max(extent[2] for extent in seen)
+        own = [next(extents) for _ in chain.sightings]
+        long, wide = (median(extent[axis] for extent in own) for axis in range(2))
+        top = max(extent[2] for extent in own)
         fits = (np.array([long, wide, top]) <= LIMITS_M).all(axis=1)
         fits[: len(TWO_WHEELERS)] &= top > RIDER_M
         # The last one is taken for whatever is larger.

@@ -1,4 +1,4 @@
-"""Scans of the last second, freed of the own motion, and what they say about a place."""
+"""Scans of the last second, freed of the own motion, and what they show of a place."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from roadscope.core.jit import compiled
 from roadscope.core.record import Record
 
 # --------------------------------------------------------------------------------------------------
-# One scan as later ones look back at it: a range image, and points freed of the own motion.
+# One scan: a range image, and points freed of the own motion.
 
 
 class RangeImage(NamedTuple):
@@ -195,8 +195,8 @@ def evenly(columns: np.ndarray, azimuths: np.ndarray) -> tuple[float, float]:
 
 
 NOISE_SAMPLES, NOISE_ROUNDS = 600, 4
-"""Most threes of neighbours from which the range noise is estimated, and how often those that lie
-on an edge are told from the others."""
+"""Most threes of neighbours from which the range noise is estimated, and how often those on an
+edge are left out anew."""
 NOISE_LEAST, NOISE_LEAST_M, NOISE_USUAL_M = 30, 0.005, 0.02
 """With fewer threes the noise is taken for a usual one; and it is no less than this, metres."""
 
@@ -258,7 +258,7 @@ def carried(points: np.ndarray, matrix: np.ndarray) -> np.ndarray:
 
 
 # --------------------------------------------------------------------------------------------------
-# What scans say about places.
+# What scans show of places.
 
 OCCUPIED_M = 0.5
 """A return this near in range says that the place was taken: three standard deviations of range
@@ -266,13 +266,13 @@ noise on either scan, slanted surfaces, and one second of the odometry's error."
 BEYOND_M = 1.0
 """A return this much farther says that the place was free."""
 PASS_M = 0.1
-"""Rays that pass this much above or below what is seen of a thing still tell whether it was
-there. A guard rail is low and thin: between two beams it is missed, and where a beam meets it
-travels along with the sensor, as a vehicle would."""
+"""Rays that pass this much above or below the visible part of an object still show whether it was
+there. A guard rail is low and thin: between two beams it is missed, and the place where a beam hits
+it travels along with the sensor, as a vehicle would."""
 BODY_LOW_M, BODY_HIGH_M = 0.8, 1.2
 """Heights at which any vehicle stops a ray."""
 BEHIND_M = 5.5
-"""What a ray over the bonnet meets this far behind is not the same vehicle."""
+"""What a ray over the bonnet hits this far behind is not the same vehicle."""
 
 
 @compiled()
@@ -331,10 +331,10 @@ def height_spans(points: np.ndarray, cell_m: float) -> np.ndarray:
 def count_free_and_taken(
     points: np.ndarray, heights: np.ndarray, image: RangeImage, counts: np.ndarray
 ) -> None:
-    """Count up, in place, which places (N, 3) a scan saw free, and which it saw taken.
+    """Add one, in place, for places (N, 3) that a scan shows free, and for those it shows taken.
 
-    points: metres, the scan's ego frame. heights: (N, 2) metres, from where to where the thing
-    at the place is seen to reach. counts: (2, N) int64, free and taken.
+    points: metres, the scan's ego frame. heights: (N, 2) metres, lowest and highest return of the
+    object at the place. counts: (2, N) int64, free and taken.
     """
     ranges, slopes = image.ranges, image.slopes
     for i in range(len(points)):
@@ -344,13 +344,13 @@ def count_free_and_taken(
         free_rays, taken, above = 0, False, np.searchsorted(slopes, slope)
         for row in range(max(int(above) - 1, 0), min(int(above) + 1, len(slopes))):
             height = points[i, 2] + (slopes[row] - slope) * flat
-            tells = heights[i, 0] - PASS_M < height < heights[i, 1] + PASS_M
+            relevant = heights[i, 0] - PASS_M < height < heights[i, 1] + PASS_M
             for beside in range(max(column - 1, 0), min(column + 2, ranges.shape[1])):
                 measured = ranges[row, beside]
                 if abs(measured - reach) < OCCUPIED_M:
                     taken = True
-                elif tells:
-                    # No return is a ray that met nothing within its reach.
+                elif relevant:
+                    # No return means that the ray hit nothing within its reach.
                     beyond = np.isnan(measured) or measured > reach + BEYOND_M
                     free_rays += 1 if beyond else -99
         counts[0, i] += 1 if free_rays >= 3 and not taken else 0
@@ -407,7 +407,7 @@ def _ray_to(point: np.ndarray, image: RangeImage) -> tuple[int, float, float, fl
 # The scans of the last second, each with the transform from now to then.
 
 AGES_S = (0.1, 0.2, 0.3, 0.5, 0.7, 1.0)
-"""How far back to look: a slow car needs long to leave its place, a fast one is soon far away."""
+"""Ages of earlier scans: a slow car needs long to leave its place, a fast one is soon far off."""
 SLACK_S = 0.05
 
 
@@ -424,7 +424,7 @@ class EarlierView:
 
 
 class Memory:
-    """Keeps what was seen lately, in frames tied together by the estimate of the own motion.
+    """Keeps the scans of the last second, and where the ego was at each by its own estimate.
 
     A frame that brings no estimate is taken as the sensor standing still since the last one:
     so it is with a sensor by the road. On a moving sensor without odometry the roadside then
@@ -436,7 +436,7 @@ class Memory:
         self.reset()
 
     def reset(self) -> None:
-        """Forget everything seen; the drive's frame, `drive_from_ego`, begins anew."""
+        """Forget all scans; the drive's frame, `drive_from_ego`, begins anew."""
         self.now: View | None = None
         self.stamp_s = float("nan")
         self.drive_from_ego = Pose.identity()
@@ -482,7 +482,7 @@ class Memory:
         now = self.now if self._first is None else View.of(*self._first, twist)
         self._kept.insert(0, (self.stamp_s, now, self.drive_from_ego))
         oldest_s = self.stamp_s - AGES_S[-1] - SLACK_S
-        self._kept = [kept for kept in self._kept if kept[0] >= oldest_s]
+        self._kept = [earlier for earlier in self._kept if earlier[0] >= oldest_s]
 
 
 def _twist(previous_from_now: Pose | None, elapsed_s: float) -> np.ndarray:

@@ -21,9 +21,9 @@ from roadscope.detectors.shape.recognition import Vehicle
 
 MIN_POINTS = 3
 LEAST_M = 0.25
-"""Least diagonal of what is seen: a thin post is nobody."""
+"""Least diagonal of a cluster: a thin post is nobody."""
 FIT_MIN = -18.0
-"""Least log likelihood of the best kind of body; far below that of any that was seen."""
+"""Least log likelihood of the best kind of body; far below that of any road user in our scans."""
 JUMP_M = 0.6
 """Neighbouring outline points farther apart may lie on two bodies; more than the rounding of a
 corner and range noise make of one."""
@@ -151,7 +151,7 @@ SLACK_M = 0.1
 """Uncertainty of an edge beside the spacing of the returns: noise and rounding."""
 LOST, GRAZING = 0.1, 0.2
 """Chance that the far end of a face returns nothing, and the cosine of incidence at which it has
-grown by most of the rest: what is met at a grazing angle returns too little to be seen."""
+grown by most of the rest: what is hit at a grazing angle returns too little to be detected."""
 CORNER_M, NO_FACE = 0.5, 0.6
 """As much of a side as a rounded corner and noise show of it; no more than that is rather a side
 that returns nothing than a short one."""
@@ -344,19 +344,19 @@ def _centre_along(side: BodySide, extent: float) -> float:
 def _side_fits(
     side: BodySide, other: BodySide, step: float, mean: float, spread: float
 ) -> tuple[float, float]:
-    """Return the log likelihood of what is seen along an axis, and the expected extent, metres.
+    """Return the log likelihood of what is visible along an axis, and the expected extent, metres.
 
-    What is seen is either the whole, less up to a spacing of returns, or any part of it. other:
+    What is visible is either the whole, less up to a spacing of returns, or any part of it. other:
     the other axis. step: radians from column to column. mean, spread: mean and standard deviation
     of the extent, metres.
     """
     across = abs(other.face - other.sensor) if other.facing != 0.0 else 0.0
     if side.facing == 0.0:
-        seen = side.high - side.low
+        visible = side.high - side.low
         far = max(abs(side.high - side.sensor), abs(side.low - side.sensor))
     else:
-        seen = side.high - side.face if side.facing < 0 else side.face - side.low
-        far = abs(side.face - side.sensor) + seen
+        visible = side.high - side.face if side.facing < 0 else side.face - side.low
+        far = abs(side.face - side.sensor) + visible
     reach = np.sqrt(far * far + across * across)
     hidden = side.open_low or side.open_high
     part, spacing = 1.0, 0.0
@@ -366,22 +366,22 @@ def _side_fits(
         cosine = across / reach
         spacing = min(reach * step / max(cosine, 1e-3), 5.0)
         part = LOST + (1.0 - LOST) * np.exp(-cosine / GRAZING)
-        if side.facing != 0.0 and seen < CORNER_M:
+        if side.facing != 0.0 and visible < CORNER_M:
             part = max(part, NO_FACE)
     ends = 2.0 if side.facing == 0.0 else 1.0
-    whole = seen + 0.5 * ends * spacing
+    whole = visible + 0.5 * ends * spacing
     error = 0.3 * ends * spacing + SLACK_M
     variance = error * error + spread * spread
     closed = (1.0 - part) * np.exp(-0.5 * (whole - mean) ** 2 / variance) / np.sqrt(variance)
     closed *= 0.39894228
     slack = np.sqrt(spread * spread + SLACK_M * SLACK_M)
-    z = (seen - mean) / slack
+    z = (visible - mean) / slack
     beyond = 0.5 * math.erfc(z * 0.70710678)
     started = part * beyond * cut_density
     from_whole = (whole * spread * spread + mean * error * error) / variance
-    # Mean of a normal that is known to lie above what is seen.
+    # Mean of a normal that is known to lie above what is visible.
     tail = 0.39894228 * np.exp(-0.5 * z * z) / max(beyond, 1e-12)
-    from_part = max(mean + slack * tail, seen) if z < 6.0 else seen
+    from_part = max(mean + slack * tail, visible) if z < 6.0 else visible
     weight = closed / max(closed + started, 1e-300)
     extent = weight * from_whole + (1.0 - weight) * from_part
-    return np.log(max(closed + started, 1e-300)), max(extent, 0.9 * seen)
+    return np.log(max(closed + started, 1e-300)), max(extent, 0.9 * visible)

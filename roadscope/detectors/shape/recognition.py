@@ -151,7 +151,7 @@ def face_ends(points: np.ndarray, ends: np.ndarray, rule: Faces) -> np.ndarray:
 
 @compiled()
 def _cut(points: np.ndarray, ends: np.ndarray, gap_m: float) -> np.ndarray:
-    """Return (K, 3) chain, first and last point of pieces, parted where neighbours lie apart."""
+    """Return (K, 3) chain, first and last point of pieces, which are cut where the outline jumps."""
     out = np.empty((len(ends) + len(points), 3), np.int64)
     count, chain = 0, 0
     for s in range(len(ends)):
@@ -220,7 +220,7 @@ class Vehicle:
     centre: x, y in metres, ego frame; size: length, width, height in metres; yaw: radians.
     residual_m: root mean square distance of the outline from its lines.
     points: outline points behind it.
-    fit: log likelihood of what is seen under the prior of sizes, 0 where it is not weighed.
+    fit: log likelihood of the visible part under the prior of sizes, 0 where it is not computed.
     """
 
     centre: tuple[float, float]
