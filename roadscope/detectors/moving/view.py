@@ -75,8 +75,8 @@ class View(Record):
             image, none = np.empty((0, 0), np.float32), np.empty(0)
             nowhere, never = points[:0], times_s[:0]
             return View(nowhere, never, image, none, 0.0, 0.0, none, twist, lidar_from_ego)
-        image = imaged(scan.points, scan.ring, scan.column, times_s)
-        return View(points, times_s, *image, twist, lidar_from_ego)
+        rays = imaged(scan.points, scan.ring, scan.column, times_s)
+        return View(points, times_s, *rays, twist, lidar_from_ego)
 
     @property
     def range_image(self) -> RangeImage:

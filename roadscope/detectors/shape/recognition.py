@@ -151,7 +151,7 @@ def face_ends(points: np.ndarray, ends: np.ndarray, rule: Faces) -> np.ndarray:
 
 @compiled()
 def _cut(points: np.ndarray, ends: np.ndarray, gap_m: float) -> np.ndarray:
-    """Return (K, 3) chain, first and last point of pieces, which are cut where the outline jumps."""
+    """Return (K, 3) chain, first and last point of pieces, cut where the outline jumps."""
     out = np.empty((len(ends) + len(points), 3), np.int64)
     count, chain = 0, 0
     for s in range(len(ends)):
