@@ -44,6 +44,9 @@ COUNTS = (
     "overhang",
 )
 """Columns of `count_returns`."""
+BODY, GROUND, DEEP, LOW, TOP, BOTTOM, LEVELS, DEPTH, ABOVE, TOP_LEVEL, ENDS, SIDES, OVERHANG = (
+    range(len(COUNTS))
+)
 
 
 class ReturnCells(NamedTuple):
@@ -108,7 +111,7 @@ def count_returns(
     boxes, points (N, 3): metres and radians, ego frame. ring: (N,) int64, beams, lowest first.
     cells: of `sort_to_cells` for the points.
     """
-    out, has_return = np.zeros((len(boxes), 13)), np.empty(int(ring.max()) + 1, np.bool_)
+    out, has_return = np.zeros((len(boxes), len(COUNTS))), np.empty(int(ring.max()) + 1, np.bool_)
     for b in range(len(boxes)):
         x, y, length, width, yaw = boxes[b]
         reach = np.hypot(0.5 * length, 0.5 * width) + AROUND_M
@@ -118,16 +121,16 @@ def count_returns(
         if last_y < first_y:
             continue
         row, has_return[:] = out[b], False
-        row[5] = np.inf
+        row[BOTTOM] = np.inf
         for cell_x in range(first_x, last_x + 1):
             column = cell_x * cells.count_y
             for k in range(cells.starts[column + first_y], cells.starts[column + last_y + 1]):
                 i = cells.order[k]
                 if _count(points[i, 0], points[i, 1], points[i, 2], box, row):
                     has_return[ring[i]] = True
-                    row[9] = max(row[9], ring[i])
-        row[7] /= max(row[3], 1.0)
-        row[5], row[6] = min(row[5], row[4]), has_return.sum()
+                    row[TOP_LEVEL] = max(row[TOP_LEVEL], ring[i])
+        row[DEPTH] /= max(row[LOW], 1.0)
+        row[BOTTOM], row[LEVELS] = min(row[BOTTOM], row[TOP]), has_return.sum()
     return out
 
 
@@ -140,22 +143,22 @@ def _count(x: float, y: float, z: float, box: BoxAxes, row: np.ndarray) -> bool:
     if u > AROUND_M or v > AROUND_M:
         return False
     if not (u < EDGE_M and v < EDGE_M):
-        row[12] += z > CEILING_M
-        row[10] += LOW_M < z <= CEILING_M and v < EDGE_M
-        row[11] += LOW_M < z <= CEILING_M and not v < EDGE_M and u < EDGE_M
+        row[OVERHANG] += z > CEILING_M
+        row[ENDS] += LOW_M < z <= CEILING_M and v < EDGE_M
+        row[SIDES] += LOW_M < z <= CEILING_M and not v < EDGE_M and u < EDGE_M
         return False
     if z < FLOOR_M:
-        row[1] += max(u, v) < -DEEP_M
+        row[GROUND] += max(u, v) < -DEEP_M
         return False
     if z > CEILING_M:
-        row[8] += 1
+        row[ABOVE] += 1
         return False
-    row[0] += 1
-    row[4], row[5] = max(row[4], z), min(row[5], z)
+    row[BODY] += 1
+    row[TOP], row[BOTTOM] = max(row[TOP], z), min(row[BOTTOM], z)
     if z < DECK_M:
-        row[3] += 1
-        row[2] += max(u, v) < -DEEP_M
-        row[7] += min(abs(max(u, v)), 2 * DEEP_M)
+        row[LOW] += 1
+        row[DEEP] += max(u, v) < -DEEP_M
+        row[DEPTH] += min(abs(max(u, v)), 2 * DEEP_M)
     return True
 
 
