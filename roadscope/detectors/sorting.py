@@ -105,4 +105,5 @@ def median_of(values: np.ndarray) -> float:
             middle[count] = value
             count += 1
     middle = np.sort(middle)
-    return float((middle[lower - below] + middle[upper - below]) / 2)
+    one, other = middle[lower - below], middle[upper - below]
+    return float(one if lower == upper else (one + other) / 2)
