@@ -226,7 +226,7 @@ def usual(chains: Sequence[Chain]) -> list[tuple[Body, Size]]:
         own = [next(extents) for _ in chain.sightings]
         long, wide = (median(extent[axis] for extent in own) for axis in range(2))
         top = max(extent[2] for extent in own)
-        fits: np.ndarray = (np.array([long, wide, top]) <= LIMITS_M).all(axis=1)
+        fits: np.ndarray = np.all(np.array([long, wide, top]) <= LIMITS_M, axis=1)
         fits[: len(TWO_WHEELERS)] &= top > RIDER_M
         # The last one is taken for whatever is larger.
         body = TRIED[int(fits.argmax()) if fits.any() else -1]
