@@ -16,18 +16,18 @@ class Detector(Protocol):
     """
 
     def reset(self) -> None:
-        """Forget everything seen."""
+        """Forget all frames so far."""
 
     def detect(self, frame: Frame) -> Detections | ImageDetections:
-        """Return what is seen in this frame, or in an earlier one that needed later frames.
+        """Return the detections of this frame, or of an earlier one that needed later frames.
 
-        The stamp says which frame is answered: one of those since `reset`. Detections in the ego
+        The stamp says which frame they are of: one of those since `reset`. Detections in the ego
         frame are relative to where the ego stood at that stamp. An empty answer leaves its frame
         open, so a detector that answers late returns one while it has nothing to say; a frame
         with detections is not answered again.
 
-        A frame without a scan has no detections of a LiDAR detector, with the frame's stamp, since
-        scans are dropped on the way: whoever must know looks at `frame.lidar`, and gives a fusion
-        None for that sensor. A frame without an image is refused by a camera detector, since
-        images have a clock of their own and frames between them are not for it.
+        For a frame without a scan a LiDAR detector returns no detections, with the frame's stamp:
+        scans can be lost. A caller that must know the difference looks at `frame.lidar`, and gives
+        a fusion None for that sensor. A camera detector refuses a frame without an image: images
+        have a clock of their own, and frames between them are not for it.
         """

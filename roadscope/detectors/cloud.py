@@ -51,7 +51,7 @@ class Cloud(Record):
         order in which they were given.
         """
         order = _sweep_order(scan)
-        points = _moved(scan.points, order, ego_from_lidar.matrix)
+        points = _in_ego_frame(scan.points, order, ego_from_lidar.matrix)
         origin = ego_from_lidar.translation[:2]
         return Cloud(points, scan.ring[order], scan.column[order], order, origin)
 
@@ -87,7 +87,7 @@ def _sweep_order(scan: LidarScan) -> np.ndarray:
 
 
 @compiled()
-def _moved(points: np.ndarray, order: np.ndarray, matrix: np.ndarray) -> np.ndarray:
+def _in_ego_frame(points: np.ndarray, order: np.ndarray, matrix: np.ndarray) -> np.ndarray:
     """Return rows of (N, 3) points mapped by a (4, 4) pose, the same bits as `Pose.apply`."""
     mapped = np.empty((len(order), 3))
     for row in range(len(order)):

@@ -1,4 +1,4 @@
-"""Echoes of drops in the air, told by how faint they are for how near they are."""
+"""Echoes of drops in the air: faint returns close by."""
 
 from __future__ import annotations
 
@@ -23,14 +23,12 @@ def check_faint(faint: float) -> float:
 def without_faint(scan: LidarScan, intensity: float) -> LidarScan:
     """Leave out the returns within 15 m that are fainter than this.
 
-    A scan in which nothing has an intensity tells nothing of drops and stays whole.
+    A scan in which nothing has an intensity says nothing about drops and stays whole.
     """
     faint = np.flatnonzero(scan.intensity < intensity)
     x, y, _ = scan.points[faint].T
     drops = faint[x**2 + y**2 < DROPS_M**2]
     if not len(drops) or not scan.intensity.any():
         return scan
-    stays = np.ones(len(scan), bool)
-    stays[drops] = False
-    rows = np.flatnonzero(stays)
+    rows = np.delete(np.arange(len(scan)), drops)
     return replace(scan, **{name: getattr(scan, name).take(rows, 0) for name in SCAN_ARRAYS})

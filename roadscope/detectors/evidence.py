@@ -1,4 +1,4 @@
-"""What a scan tells about a box: the features that scores are made of."""
+"""Features of a box in a scan, of which scores are made."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from roadscope.detectors.horizon import Horizon
 from roadscope.detectors.shape.recognition import Vehicle
 
 # --------------------------------------------------------------------------------------------------
-# What the returns in and around a box say of it, box by box.
+# What the returns in and around a box say about it, box by box: compiled.
 
 CELL_M = 4.0
 """Side of the cells that returns are sorted into."""
@@ -44,25 +44,39 @@ COUNTS = (
     "overhang",
 )
 """Columns of `count_returns`."""
+BODY, GROUND, DEEP, LOW, TOP, BOTTOM, LEVELS, DEPTH, ABOVE, TOP_LEVEL, ENDS, SIDES, OVERHANG = (
+    range(len(COUNTS))
+)
 
-Place = tuple[float, float, float, float, float, float]
-"""Centre x and y of a box, cosine and sine of its yaw, half length and half width."""
 
+class ReturnCells(NamedTuple):
+    """Points sorted into square cells seen from above.
 
-class Cells(NamedTuple):
-    """Points sorted into square cells.
-
-    order: (N,) int64 rows, cell by cell. starts: (C + 1,) int64, where each cell begins in it.
-    grid: (4,) float64, least x and y, metres, and the numbers of cells in x and y.
+    order: (N,) int64 rows, cell by cell. starts: (X * Y + 1,) int64, where each cell begins in it.
+    low_x, low_y: metres, where the cells begin. count_x, count_y: numbers of cells.
     """
 
     order: np.ndarray
     starts: np.ndarray
-    grid: np.ndarray
+    low_x: float
+    low_y: float
+    count_x: int
+    count_y: int
+
+
+class BoxAxes(NamedTuple):
+    """Centre of a box, cosine and sine of its yaw, half length and half width; metres."""
+
+    x: float
+    y: float
+    cos: float
+    sin: float
+    half_length: float
+    half_width: float
 
 
 @compiled()
-def sort_to_cells(points: np.ndarray) -> Cells:
+def sort_to_cells(points: np.ndarray) -> ReturnCells:
     """Sort (N, 3) points, metres, N at least 1, into square cells seen from above."""
     low_x, low_y = points[:, 0].min(), points[:, 1].min()
     nx = int((points[:, 0].max() - low_x) / CELL_M) + 1
@@ -79,12 +93,12 @@ def sort_to_cells(points: np.ndarray) -> Cells:
     for i in range(len(points)):
         order[filled[cells[i]]] = i
         filled[cells[i]] += 1
-    return Cells(order, starts, np.array([low_x, low_y, float(nx), float(ny)]))
+    return ReturnCells(order, starts, low_x, low_y, nx, ny)
 
 
 @compiled()
 def count_returns(
-    boxes: np.ndarray, points: np.ndarray, ring: np.ndarray, cells: Cells
+    boxes: np.ndarray, points: np.ndarray, ring: np.ndarray, cells: ReturnCells
 ) -> np.ndarray:
     """Return (B, 13) `COUNTS` of boxes (B, 5): centre x and y, length, width, yaw.
 
@@ -97,68 +111,67 @@ def count_returns(
     boxes, points (N, 3): metres and radians, ego frame. ring: (N,) int64, beams, lowest first.
     cells: of `sort_to_cells` for the points.
     """
-    out, seen = np.zeros((len(boxes), 13)), np.empty(int(ring.max()) + 1, np.bool_)
-    order, starts, grid = cells
+    out, has_return = np.zeros((len(boxes), len(COUNTS))), np.empty(int(ring.max()) + 1, np.bool_)
     for b in range(len(boxes)):
         x, y, length, width, yaw = boxes[b]
         reach = np.hypot(0.5 * length, 0.5 * width) + AROUND_M
-        place = x, y, np.cos(yaw), np.sin(yaw), 0.5 * length, 0.5 * width
-        first_x, last_x = _span(x, reach, grid[0], grid[2])
-        first_y, last_y = _span(y, reach, grid[1], grid[3])
+        box = BoxAxes(x, y, np.cos(yaw), np.sin(yaw), 0.5 * length, 0.5 * width)
+        first_x, last_x = _span(x, reach, cells.low_x, cells.count_x)
+        first_y, last_y = _span(y, reach, cells.low_y, cells.count_y)
         if last_y < first_y:
             continue
-        row, seen[:] = out[b], False
-        row[5] = np.inf
-        for cx in range(first_x, last_x + 1):
-            column = cx * int(grid[3])
-            for k in range(starts[column + first_y], starts[column + last_y + 1]):
-                i = order[k]
-                if _count(points[i, 0], points[i, 1], points[i, 2], place, row):
-                    seen[ring[i]] = True
-                    row[9] = max(row[9], ring[i])
-        row[7] /= max(row[3], 1.0)
-        row[5], row[6] = min(row[5], row[4]), seen.sum()
+        row, has_return[:] = out[b], False
+        row[BOTTOM] = np.inf
+        for cell_x in range(first_x, last_x + 1):
+            column = cell_x * cells.count_y
+            for k in range(cells.starts[column + first_y], cells.starts[column + last_y + 1]):
+                i = cells.order[k]
+                if _count(points[i, 0], points[i, 1], points[i, 2], box, row):
+                    has_return[ring[i]] = True
+                    row[TOP_LEVEL] = max(row[TOP_LEVEL], ring[i])
+        row[DEPTH] /= max(row[LOW], 1.0)
+        row[BOTTOM], row[LEVELS] = min(row[BOTTOM], row[TOP]), has_return.sum()
     return out
 
 
 @compiled(borrowing=True)
-def _count(x: float, y: float, z: float, place: Place, row: np.ndarray) -> bool:
-    """Count a return in the row of a box; tell whether it is a standing one within it."""
-    cos, sin = place[2], place[3]
-    dx, dy = x - place[0], y - place[1]
-    u, v = abs(cos * dx + sin * dy) - place[4], abs(cos * dy - sin * dx) - place[5]
+def _count(x: float, y: float, z: float, box: BoxAxes, row: np.ndarray) -> bool:
+    """Count a return in the row of a box; return whether it is a standing one within it."""
+    dx, dy = x - box.x, y - box.y
+    u = abs(box.cos * dx + box.sin * dy) - box.half_length
+    v = abs(box.cos * dy - box.sin * dx) - box.half_width
     if u > AROUND_M or v > AROUND_M:
         return False
     if not (u < EDGE_M and v < EDGE_M):
-        row[12] += z > CEILING_M
-        row[10] += LOW_M < z <= CEILING_M and v < EDGE_M
-        row[11] += LOW_M < z <= CEILING_M and not v < EDGE_M and u < EDGE_M
+        row[OVERHANG] += z > CEILING_M
+        row[ENDS] += LOW_M < z <= CEILING_M and v < EDGE_M
+        row[SIDES] += LOW_M < z <= CEILING_M and not v < EDGE_M and u < EDGE_M
         return False
     if z < FLOOR_M:
-        row[1] += max(u, v) < -DEEP_M
+        row[GROUND] += max(u, v) < -DEEP_M
         return False
     if z > CEILING_M:
-        row[8] += 1
+        row[ABOVE] += 1
         return False
-    row[0] += 1
-    row[4], row[5] = max(row[4], z), min(row[5], z)
+    row[BODY] += 1
+    row[TOP], row[BOTTOM] = max(row[TOP], z), min(row[BOTTOM], z)
     if z < DECK_M:
-        row[3] += 1
-        row[2] += max(u, v) < -DEEP_M
-        row[7] += min(abs(max(u, v)), 2 * DEEP_M)
+        row[LOW] += 1
+        row[DEEP] += max(u, v) < -DEEP_M
+        row[DEPTH] += min(abs(max(u, v)), 2 * DEEP_M)
     return True
 
 
 @compiled()
-def _span(centre: float, reach: float, low: float, cells: float) -> tuple[int, int]:
-    """First and last cell within reach of a centre along one axis; last before first if none."""
+def _span(centre: float, reach: float, low: float, cells: int) -> tuple[int, int]:
+    """Return first and last cell within reach of a centre along an axis; last < first if none."""
     first = max(int(np.floor((centre - reach - low) / CELL_M)), 0)
-    last = min(int(np.floor((centre + reach - low) / CELL_M)), int(cells) - 1)
+    last = min(int(np.floor((centre + reach - low) / CELL_M)), cells - 1)
     return first, last
 
 
 @compiled()
-def look_along(
+def shares_of_rays(
     boxes: np.ndarray, azimuths: np.ndarray, ranges: np.ndarray, origin: np.ndarray, step: float
 ) -> np.ndarray:
     """Return (B, 4) shares of the columns towards boxes: blocked before, hit, passing beyond.
@@ -200,24 +213,24 @@ def look_along(
 
 @compiled()
 def _crossing(box: np.ndarray, origin: np.ndarray, azimuth: float) -> tuple[float, float]:
-    """Ranges at which a ray enters and leaves a box; inf and 0 where it misses."""
+    """Return the ranges at which a ray enters and leaves a box; inf and 0 where it misses."""
     cos, sin = np.cos(box[4]), np.sin(box[4])
     x, y = box[0] - origin[0], box[1] - origin[1]
     near, far = 0.0, np.inf
     for k in range(2):
         ax, ay, half = (cos, sin, 0.5 * box[2]) if k == 0 else (-sin, cos, 0.5 * box[3])
-        place, way = ax * x + ay * y, ax * np.cos(azimuth) + ay * np.sin(azimuth)
-        if abs(way) < 1e-9:
+        place, rate = ax * x + ay * y, ax * np.cos(azimuth) + ay * np.sin(azimuth)
+        if abs(rate) < 1e-9:
             if abs(place) > half:
                 return np.inf, 0.0
             continue
-        one, other = (place - half) / way, (place + half) / way
+        one, other = (place - half) / rate, (place + half) / rate
         near, far = max(near, min(one, other)), min(far, max(one, other))
     return (near, far) if near <= far else (np.inf, 0.0)
 
 
 # --------------------------------------------------------------------------------------------------
-# What a scan says of a box, whoever proposed it: the features that scores are made of.
+# Features of a box, whichever method proposed it.
 
 FEATURES = (
     "log_returns",
@@ -268,20 +281,20 @@ def features(
     cloud = _without_copies(cloud)
     order = np.argsort(horizon.azimuths, kind="stable")
     azimuths, ranges = horizon.azimuths[order], horizon.ranges[order]
-    sight = look_along(boxes, azimuths, ranges, horizon.origin, horizon.step)
+    rays = shares_of_rays(boxes, azimuths, ranges, horizon.origin, horizon.step)
     counted = count_returns(boxes, cloud.points, cloud.ring, sort_to_cells(cloud.points))
     count = dict(zip(COUNTS, counted.T, strict=True))
     body = np.maximum(count["body"], 1.0)
-    apart = boxes[:, :2] - cloud.origin
+    offsets = boxes[:, :2] - cloud.origin
     slope = _steepest(cloud, height_m)
-    away = np.hypot(apart[:, 0], apart[:, 1])
-    bearing = np.arctan2(apart[:, 1], apart[:, 0])
-    named = {
+    range_m = np.hypot(offsets[:, 0], offsets[:, 1])
+    bearing = np.arctan2(offsets[:, 1], offsets[:, 0])
+    values = {
         "log_returns": np.log(body),
-        "log_columns": np.log1p(sight[:, 3]),
+        "log_columns": np.log1p(rays[:, 3]),
         "levels": count["levels"],
-        "range_m": away,
-        "passing": sight[:, 2],
+        "range_m": range_m,
+        "passing": rays[:, 2],
         "top_m": count["top"],
         "bottom_m": count["bottom"],
         "deep": count["deep"] / np.maximum(count["low"], 1.0),
@@ -297,16 +310,16 @@ def features(
         "width_m": boxes[:, 3],
         "view": np.abs(np.sin(boxes[:, 4] - bearing)),
         "top_level": (count["top_level"] >= int(cloud.ring.max())).astype(float),
-        "top_share": count["top"] / np.clip(height_m + slope * away, 0.3, CEILING_M),
-        "fill": body / np.maximum(count["levels"] * sight[:, 3], 1.0),
+        "top_share": count["top"] / np.clip(height_m + slope * range_m, 0.3, CEILING_M),
+        "fill": body / np.maximum(count["levels"] * rays[:, 3], 1.0),
         "small": np.array([v.category >= Category.MOTORCYCLE for v in vehicles], float),
         "weighed": np.array([v.fit != 0 for v in vehicles], float),
     }
-    return np.column_stack([named[name] for name in FEATURES])
+    return np.column_stack([values[name] for name in FEATURES])
 
 
 def _steepest(cloud: Cloud, height_m: float) -> float:
-    """Slope of the highest beam that returned anything."""
+    """Return the slope of the highest beam that returned anything."""
     top = cloud.ring == cloud.ring.max()
     return float(np.median((cloud.points[top, 2] - height_m) / np.maximum(cloud.ranges[top], 0.1)))
 
@@ -315,5 +328,5 @@ def _without_copies(cloud: Cloud) -> Cloud:
     """Keep one of equal returns: clouds are sorted, so copies are neighbours."""
     same = (np.diff(cloud.column) == 0) & (np.diff(cloud.ring) == 0)
     rows = np.flatnonzero(same)
-    again = rows[(cloud.points[rows + 1] == cloud.points[rows]).all(axis=1)] + 1
-    return cloud.select(np.delete(np.arange(len(cloud)), again)) if len(again) else cloud
+    copies = rows[(cloud.points[rows + 1] == cloud.points[rows]).all(axis=1)] + 1
+    return cloud.select(np.delete(np.arange(len(cloud)), copies)) if len(copies) else cloud

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -15,8 +16,14 @@ NEARER_M = 0.6
 """What lies this much nearer than an end hides what is beyond it; three standard deviations of
 the LUX's range noise to either side."""
 
-_Around = tuple[np.ndarray, np.ndarray, float, tuple[float, float]]
-"""Azimuths, ranges and step of a horizon, and its view; infinite for a full turn."""
+
+class HorizonArrays(NamedTuple):
+    """A `Horizon` for kernels; ends: of its view, infinite for a full turn."""
+
+    azimuths: np.ndarray
+    ranges: np.ndarray
+    step: float
+    ends: tuple[float, float]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -37,7 +44,7 @@ class Horizon:
 
     @staticmethod
     def of(cloud: Cloud, standing: np.ndarray, view: tuple[float, float]) -> Horizon:
-        """Look around in a scan.
+        """Return the horizon of a scan.
 
         standing: (N,) mask of returns above the ground.
         view: right and left end of the field of view; taken for a full turn when returns lie
@@ -69,17 +76,16 @@ class Horizon:
         return bool(right), bool(left)
 
     @property
-    def around(self) -> _Around:
-        """Azimuths, ranges and step, and the view; infinite for a full turn."""
-        view = (-np.inf, np.inf) if self.view is None else self.view
-        return self.azimuths, self.ranges, self.step, view
+    def around(self) -> HorizonArrays:
+        """What kernels need of a horizon."""
+        ends = (-np.inf, np.inf) if self.view is None else self.view
+        return HorizonArrays(self.azimuths, self.ranges, self.step, ends)
 
 
 def _sweep(cloud: Cloud, view: tuple[float, float]) -> tuple[float, bool]:
     """Return radians from column to column, and whether all returns lie inside the view."""
     order = order_by(cloud.column)
-    starts = starts_of(cloud.column[order])[:-1]
-    first = cloud.select(order[starts])
+    first = cloud.select(order[starts_of(cloud.column[order])[:-1]])
     step = _step(first.azimuths, first.column)
     limit = view[1] - (view[0] + view[1]) / 2 + step
     # A sensor that turns fully shows it at once; only otherwise every return must be looked at.
@@ -100,37 +106,30 @@ def _step(azimuths: np.ndarray, columns: np.ndarray) -> float:
 
 
 @compiled()
-def _hides_ends(outline: np.ndarray, origin: np.ndarray, around: _Around) -> tuple[bool, bool]:
+def _hides_ends(
+    outline: np.ndarray, origin: np.ndarray, around: HorizonArrays
+) -> tuple[bool, bool]:
     return _hides(outline[0], -1, origin, around), _hides(outline[-1], 1, origin, around)
 
 
 @compiled()
-def _hides(point: np.ndarray, side: int, origin: np.ndarray, around: _Around) -> bool:
-    """Whether a surface could go on unseen beyond a (2,) point on one side."""
-    azimuths, ranges, step, view = around
+def _hides(point: np.ndarray, side: int, origin: np.ndarray, around: HorizonArrays) -> bool:
+    """Whether a surface could go on unseen beyond a (2,) point on one side.
+
+    It could where the view ends and where a return is nearer, one or two columns beside it.
+    """
+    step, azimuths = around.step, around.azimuths
     x, y = point[0] - origin[0], point[1] - origin[1]
     azimuth, reach = np.arctan2(y, x), np.hypot(x, y)
-    end = view[(side + 1) // 2]
+    end = around.ends[(side + 1) // 2]
     if np.isfinite(end):
         left = (end - azimuth + np.pi) % (2 * np.pi) - np.pi
         if abs(left) < 1.5 * step:
             return True
-    return _nearer_beside(azimuths, ranges, step, side, (azimuth, reach))
-
-
-@compiled()
-def _nearer_beside(
-    azimuths: np.ndarray, ranges: np.ndarray, step: float, side: int, end: tuple[float, float]
-) -> bool:
-    """Whether a return is nearer than an end, one or two columns beside it.
-
-    end: azimuth in radians and range in metres.
-    """
-    azimuth, reach = end
     for row in range(len(azimuths)):
         off = abs(azimuths[row] - azimuth)
         # Divisions are slow, and most columns are far away either way around.
-        if min(off, 2 * np.pi - off) > 3 * step or ranges[row] >= reach - NEARER_M:
+        if min(off, 2 * np.pi - off) > 3 * step or around.ranges[row] >= reach - NEARER_M:
             continue
         turn = ((azimuths[row] - azimuth + np.pi) % (2 * np.pi) - np.pi) * side
         if 0.5 * step < turn < 2.5 * step:

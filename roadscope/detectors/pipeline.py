@@ -16,7 +16,7 @@ from roadscope.detectors.horizon import Horizon
 from roadscope.detectors.scoring import scores
 from roadscope.detectors.shape import Shape, Vehicle
 from roadscope.detectors.shape.cluster import clusters
-from roadscope.detectors.stages import Option, all_options, chosen_stages, listed
+from roadscope.detectors.stages import Option, chosen_stages, listed
 
 
 class ClusterDetector:
@@ -47,11 +47,11 @@ class ClusterDetector:
             refuses none, as in the paper.
         view_deg: field of view of a sensor that does not turn fully, the LUX's: what touches
             its ends may go on outside.
-        options: of the chosen stages, such as `distance_m` of the clustering `distance`; those
-            of stages that are not chosen are refused.
+        options: of the chosen stages, such as `distance_m` of the clustering `distance`; None is
+            the stage's own default, and those of stages that are not chosen are refused.
         """
         names = {"ground": ground, "clustering": clustering, "shape": shape}
-        stages = chosen_stages(names, options, f"; the detector takes {OWN}")
+        stages = chosen_stages(names, options, f"; the detector takes {_own_arguments()}")
         self._ground: Ground = stages["ground"]
         self._clustering: Clustering = stages["clustering"]
         self._shape: Shape = stages["shape"]
@@ -66,7 +66,7 @@ class ClusterDetector:
         self._half_view = float(np.radians(view_deg)) / 2
 
     def reset(self) -> None:
-        """Forget nothing: every scan is looked at alone."""
+        """Do nothing: every scan is taken alone."""
 
     def detect(self, frame: Frame) -> Detections:
         """Return the road users in the frame's scan, ego frame, at the scan's stamp."""
@@ -77,11 +77,11 @@ class ClusterDetector:
         cloud = Cloud.of(scan, ego_from_lidar)
         vehicles, horizon = self.propose(cloud, ego_from_lidar.yaw)
         height_m = float(ego_from_lidar.translation[2])
-        found = scores(vehicles, cloud, horizon, height_m)
-        kept = np.flatnonzero(found >= self._min_score)
+        probabilities = scores(vehicles, cloud, horizon, height_m)
+        rows = np.flatnonzero(probabilities >= self._min_score)
         if self._exclusive:
-            kept = kept[apart([vehicles[k] for k in kept], found[kept])]
-        return _detections([vehicles[k] for k in kept], found[kept], scan.stamp_s)
+            rows = rows[exclusive_rows([vehicles[k] for k in rows], probabilities[rows])]
+        return _detections([vehicles[k] for k in rows], probabilities[rows], scan.stamp_s)
 
     def propose(self, cloud: Cloud, yaw: float) -> tuple[list[Vehicle], Horizon]:
         """Return what the shape makes of every cluster, not yet scored, and the horizon.
@@ -99,40 +99,20 @@ class ClusterDetector:
         return vehicles, horizon
 
 
-OWN = listed(
-    {
-        name: parameter
-        for name, parameter in inspect.signature(ClusterDetector).parameters.items()
-        if parameter.kind is parameter.KEYWORD_ONLY
-    }
-)
-"""What can be set beside the options of stages."""
+def _own_arguments() -> str:
+    """Return what can be set beside the options of stages, with defaults."""
+    parameters = inspect.signature(ClusterDetector).parameters
+    return listed({name: p for name, p in parameters.items() if p.kind is p.KEYWORD_ONLY})
 
 
-def _with_options_named(signature: inspect.Signature) -> inspect.Signature:
-    """Put the options of all stages before `**options`, so that they can be listed.
-
-    The rest stays: what no stage has, the stages that were chosen refuse by name.
-    """
-    *named, rest = signature.parameters.values()
-    taken = {p.name for p in named}
-    more = [p for name, p in all_options().items() if name not in taken]
-    return inspect.Signature([*named, *more, rest])
-
-
-ClusterDetector.__signature__ = _with_options_named(  # type: ignore[attr-defined]
-    inspect.signature(ClusterDetector, eval_str=True)
-)
-
-
-def apart(vehicles: Sequence[Vehicle], probabilities: np.ndarray) -> np.ndarray:
+def exclusive_rows(vehicles: Sequence[Vehicle], probabilities: np.ndarray) -> np.ndarray:
     """Return rows of vehicles none of which covers the centre of a more probable one, in order."""
-    kept: list[int] = []
+    rows: list[int] = []
     for row in np.argsort(-probabilities, kind="stable"):
         one = vehicles[row]
-        if not any(_covers(one, vehicles[k]) or _covers(vehicles[k], one) for k in kept):
-            kept.append(int(row))
-    return np.array(sorted(kept), np.int64)
+        if not any(_covers(one, vehicles[k]) or _covers(vehicles[k], one) for k in rows):
+            rows.append(int(row))
+    return np.array(sorted(rows), np.int64)
 
 
 def _covers(one: Vehicle, other: Vehicle) -> bool:

@@ -1,4 +1,4 @@
-"""The probability that a detection is right, from what the scan tells about its box."""
+"""The probability that a detection is right, from features of its box in the scan."""
 
 from __future__ import annotations
 
@@ -117,7 +117,7 @@ CURVES: dict[str, tuple[tuple[float, ...], tuple[float, ...]]] = {
 }
 
 # --------------------------------------------------------------------------------------------------
-# The probability that a detection is right, from what the scan says of its box.
+# The model.
 
 Curve = tuple[tuple[float, ...], tuple[float, ...]]
 """Knots, increasing, and the log odds at each; beyond the ends the curve goes on level."""
@@ -157,6 +157,4 @@ def scores(
 @cache
 def shipped_model() -> ScoreModel:
     """Return the model with the weights that ship with the package."""
-    from roadscope.detectors.scoring import CONSTANT, CURVES
-
     return ScoreModel(CONSTANT, CURVES)

@@ -99,10 +99,11 @@ def median_of(values: np.ndarray) -> float:
     while until <= upper:
         last += 1
         until += counts[last]
-    middle, found = np.empty(until - below), 0
+    middle, count = np.empty(until - below), 0
     for value in values:
         if first <= int((value - low) * scale) <= last:
-            middle[found] = value
-            found += 1
+            middle[count] = value
+            count += 1
     middle = np.sort(middle)
-    return float((middle[lower - below] + middle[upper - below]) / 2)
+    one, other = middle[lower - below], middle[upper - below]
+    return float(one if lower == upper else (one + other) / 2)

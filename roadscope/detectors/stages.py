@@ -33,30 +33,21 @@ def options_of(stage: Stage) -> dict[str, inspect.Parameter]:
     }
 
 
-def all_options() -> dict[str, inspect.Parameter]:
-    """Return the options of all stages; None stands for the stage's own default."""
-    found: dict[str, inspect.Parameter] = {}
-    for known in STAGES.values():
-        for stage in known.values():
-            found |= options_of(stage)
-    return {name: p.replace(default=None) for name, p in found.items()}
-
-
 def chosen_stages(
-    names: Mapping[str, str], options: Mapping[str, Option | None], beside: str = ""
+    names: Mapping[str, str], options: Mapping[str, Option | None], hint: str = ""
 ) -> dict[str, Stage]:
     """Return one stage a kind, with its options set.
 
     names: kind -> name. options: name -> value, None for the default. An option goes to every
-    chosen stage that has it; one that none has is refused. beside: what else can be set, for
-    the refusal.
+    chosen stage that has it; one that none has is refused. hint: what else can be set, for the
+    error message.
     """
     stages = {kind: _named(kind, name) for kind, name in names.items()}
-    given = {key: value for key, value in options.items() if value is not None}
-    for key in given:
+    values = {key: value for key, value in options.items() if value is not None}
+    for key in values:
         if not any(key in options_of(stage) for stage in stages.values()):
-            raise ValueError(_homeless(key, names) + beside)
-    return {kind: _with_options(stage, given) for kind, stage in stages.items()}
+            raise ValueError(_unknown_option(key, names) + hint)
+    return {kind: _with_options(stage, values) for kind, stage in stages.items()}
 
 
 def _named(kind: str, name: str) -> Stage:
@@ -66,12 +57,12 @@ def _named(kind: str, name: str) -> Stage:
     return known[name]
 
 
-def _with_options(stage: Stage, given: Mapping[str, Option]) -> Stage:
+def _with_options(stage: Stage, values: Mapping[str, Option]) -> Stage:
     known = options_of(stage)
-    return partial(stage, **{k: _checked(known[k], v) for k, v in given.items() if k in known})
+    return partial(stage, **{k: _checked(known[k], v) for k, v in values.items() if k in known})
 
 
-def _homeless(key: str, names: Mapping[str, str]) -> str:
+def _unknown_option(key: str, names: Mapping[str, str]) -> str:
     owners = [
         f"{kind} '{name}'"
         for kind, known in STAGES.items()
@@ -93,7 +84,7 @@ def listed(options: Mapping[str, inspect.Parameter]) -> str:
 
 
 def _checked(parameter: inspect.Parameter, value: Option) -> Option:
-    """Refuse what an option cannot be: names not on its list, numbers that are not positive."""
+    """Return an option's value; raise `ValueError` where it is not a possible one."""
     name = parameter.name
     if get_origin(parameter.annotation) is Literal:
         known = get_args(parameter.annotation)

@@ -9,9 +9,9 @@ import numpy as np
 from roadscope.core import Category, Detections, Frame
 from roadscope.core.checks import require
 from roadscope.detectors.cloud import Cloud
-from roadscope.detectors.clustering.dbscan import cluster_dbscan
+from roadscope.detectors.clustering import cluster_dbscan
 from roadscope.detectors.drops import without_faint
-from roadscope.detectors.ground.grid import grid_above_ground
+from roadscope.detectors.ground import grid_above_ground
 from roadscope.fusion.sizes import completed
 from roadscope.fusion.weights import lidar_model
 

@@ -9,7 +9,7 @@ import numpy as np
 from roadscope.core import LidarScan, Pose
 from roadscope.core.jit import compiled
 from roadscope.detectors.cloud import Cloud
-from roadscope.detectors.ground.polar import polar_above_ground
+from roadscope.detectors.ground import polar_above_ground
 
 BOUNDS_M = (0.5, 120.0)
 """Least and greatest range of the returns that are used."""

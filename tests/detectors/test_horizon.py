@@ -6,7 +6,7 @@ from toy_lidar import cloud
 
 from roadscope.core import wrap_angle
 from roadscope.detectors.cloud import Cloud
-from roadscope.detectors.ground.grid import grid_above_ground
+from roadscope.detectors.ground import grid_above_ground
 from roadscope.detectors.horizon import Horizon
 
 VIEW = (np.radians(-55.0), np.radians(55.0))

@@ -11,15 +11,16 @@ from roadscope.detectors.moving.box_search import (
     GAP_BINS,
     STRIDE,
     TURNS,
-    Chart,
+    BoxSides,
+    EvidenceGrid,
     slide,
 )
 
 CELL_M, LEAST = 0.25, 3.0
-SIDES_M = np.array([2.7, 1.3, 0.75, 0.75])
+SIDES = BoxSides(2.7, 1.3, 0.75, 0.75)
 
 
-def some_chart(seed):
+def some_grid(seed):
     """Clumps of evidence for and against, one place a cell, by x, then y."""
     rng = np.random.default_rng(seed)
     around = rng.uniform(2, 14, (3, 2))[rng.integers(0, 3, 40)]
@@ -28,7 +29,7 @@ def some_chart(seed):
     places = CELL_M * (cells + rng.uniform(0.01, 0.99, cells.shape))
     weights = rng.uniform(-2.0, 3.0, len(cells))
     starts = np.searchsorted(cells[:, 0], np.arange(cells[-1, 0] + 2))
-    return Chart(starts, places, weights, np.array([-9.0, 4.0]), CELL_M)
+    return EvidenceGrid(starts, places, weights, np.array([-9.0, 4.0]), CELL_M)
 
 
 def best_run(weights, slots, gap):
@@ -43,11 +44,11 @@ def best_run(weights, slots, gap):
     return best
 
 
-def slow_score(chart, x, y):
+def slow_score(grid, x, y):
     """Evidence of the best turn of a box about a place."""
-    sight = np.array([x, y]) - chart.origin
+    sight = np.array([x, y]) - grid.origin
     sight /= np.hypot(*sight)
-    off, best = chart.places - [x, y], 0.0
+    off, best = grid.places - [x, y], 0.0
     across, deep = (
         np.clip((off @ way / BIN_M + BINS / 2).astype(int), 0, BINS - 1)
         for way in (np.array([-sight[1], sight[0]]), sight)
@@ -55,11 +56,11 @@ def slow_score(chart, x, y):
     for turn in range(TURNS):
         cos, sin = np.cos(turn * np.pi / TURNS), np.sin(turn * np.pi / TURNS)
         u, v = np.abs(off @ [cos, sin]), np.abs(off @ [-sin, cos])
-        long, wide, ends, flanks = SIDES_M
+        long, wide, ends, flanks = SIDES
         inside = (u <= long) & (v <= wide)
         collar = ((u <= long + ends) & (v <= wide)) | ((u <= long) & (v <= wide + flanks))
-        against = np.minimum(chart.weights[collar & ~inside], 0.0).sum()
-        held = chart.weights[inside]
+        against = np.minimum(grid.weights[collar & ~inside], 0.0).sum()
+        held = grid.weights[inside]
         runs = best_run(held, across[inside], GAP_BINS), best_run(held, deep[inside], DEEP_BINS)
         best = max(best, min(runs) + against)
     return best
@@ -68,9 +69,9 @@ def slow_score(chart, x, y):
 @given(seed=st.integers(0, 2**32 - 1))
 @settings(max_examples=15, deadline=None)
 def test_boxes_are_those_of_the_slow_search(seed) -> None:
-    chart = some_chart(seed)
-    found = {(x, y): score for x, y, _, score, *_ in slide(chart, SIDES_M, LEAST)}
-    strongest = chart.places[chart.weights > 1.0]
+    grid = some_grid(seed)
+    found = {(x, y): score for x, y, _, score, *_ in slide(grid, SIDES, LEAST)}
+    strongest = grid.places[grid.weights > 1.0]
     for x, y in (np.floor(strongest / CELL_M / STRIDE) * STRIDE + 0.5) * CELL_M:
-        score = slow_score(chart, x, y)
+        score = slow_score(grid, x, y)
         assert abs(found.get((x, y), 0.0) - (score if score >= LEAST else 0.0)) < 1e-9

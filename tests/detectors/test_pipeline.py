@@ -10,7 +10,7 @@ from roadscope.core import Calibration, Category, Frame, LidarScan, Pose
 from roadscope.detectors import DETECTORS
 from roadscope.detectors.clustering import CLUSTERINGS
 from roadscope.detectors.ground import GROUNDS
-from roadscope.detectors.pipeline import ClusterDetector, apart
+from roadscope.detectors.pipeline import ClusterDetector, exclusive_rows
 from roadscope.detectors.shape import SHAPES, Vehicle
 from roadscope.detectors.stages import STAGES, options_of
 
@@ -103,8 +103,9 @@ def test_bad_arguments_are_named(arguments, message):
 
 
 def test_every_option_of_a_stage_can_be_named_and_unknown_ones_are_refused_with_them():
-    options = inspect.signature(ClusterDetector).parameters
-    assert {"distance_m", "eps_m", "min_points", "split_m", "criterion", "cell_m"} <= set(options)
+    options = {name for known in STAGES.values() for s in known.values() for name in options_of(s)}
+    assert {"distance_m", "eps_m", "min_points", "split_m", "criterion", "cell_m"} <= options
+    assert options.isdisjoint(inspect.signature(ClusterDetector).parameters)
     known = "'dbscan' takes eps_m=1.0, min_points=5; .*; the detector takes ground=grid, "
     with pytest.raises(ValueError, match=f"no stage has an option 'eps'; .*{known}"):
         DETECTORS.make("cluster?clustering=dbscan&eps=1")
@@ -130,7 +131,10 @@ def test_every_option_can_be_given_its_default(kind, stage, name, default):
         ("cluster?residual_m=abc", "residual_m must be a number, got 'abc'"),
         ("cluster?faint=nan", "faint must be a number, got 'nan'"),
         ("cluster?exclusive=maybe", "exclusive must be True or False, got 'maybe'"),
-        ("cluster?clustering=dbscan&min_points=2.5", "min_points must be a whole number, got 2.5"),
+        (
+            "cluster?clustering=dbscan&min_points=2.5",
+            "min_points must be a positive whole number, got 2.5",
+        ),
         ("zhang2017?late=1", "late must be True or False, got 1"),
         ("long-range?range_max_m=far", "range_max_m must be a number, got 'far'"),
         ("long-range?range_max_m=0", "range_max_m must be a positive length in metres, got 0"),
@@ -168,7 +172,7 @@ def test_of_bodies_in_one_place_the_most_probable_is_kept(seed, count):
         for yaw in rng.uniform(-3, 3, count)
     ]
     probabilities = rng.random(count)
-    kept = apart(boxes, probabilities)
+    kept = exclusive_rows(boxes, probabilities)
     for row, box in enumerate(boxes):
         rivals = [k for k in kept if k != row and overlap(box, boxes[k])]
         assert (row in kept) == all(probabilities[k] < probabilities[row] for k in rivals)

@@ -12,7 +12,7 @@ from roadscope.detectors.evidence import (
     FEATURES,
     count_returns,
     features,
-    look_along,
+    shares_of_rays,
     sort_to_cells,
 )
 from roadscope.detectors.horizon import Horizon
@@ -107,9 +107,9 @@ def test_sight_turns_with_the_scene(yaw):
     azimuths, ranges = np.radians(np.arange(-180, 180)) + 1e-3, np.full(360, 30.0)
     azimuths, ranges = np.delete(azimuths, [5, 100]), np.delete(ranges, [5, 100])
     box = np.array([[20 * np.cos(yaw), 20 * np.sin(yaw), 4.0, 2.0, yaw + 0.4]])
-    blocked, hit, passing, _ = look_along(box, azimuths, ranges, np.zeros(2), np.radians(1))[0]
+    blocked, hit, passing, _ = shares_of_rays(box, azimuths, ranges, np.zeros(2), np.radians(1))[0]
     assert (blocked, hit, passing) == (0, 0, 1)
-    blocked, hit, passing, columns = look_along(
+    blocked, hit, passing, columns = shares_of_rays(
         box, azimuths, np.full(358, 20.0), np.zeros(2), np.radians(1)
     )[0]
     assert blocked + hit + passing == pytest.approx(1)

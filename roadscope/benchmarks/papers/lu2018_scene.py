@@ -9,7 +9,7 @@ import numpy as np
 
 from roadscope.core import GROUND, Frame, LidarScan, Truth
 from roadscope.detectors.cloud import Cloud
-from roadscope.detectors.ground.grid import grid_above_ground
+from roadscope.detectors.ground import grid_above_ground
 from roadscope.envs.sensors.rig import Rig
 from roadscope.envs.sensors.rigs import rig
 from roadscope.envs.sensors.sensing import Sensing

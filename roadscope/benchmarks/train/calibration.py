@@ -11,7 +11,7 @@ import numpy as np
 from roadscope.benchmarks.metrics.image_detection import images_of_family, match_image
 from roadscope.benchmarks.metrics.image_labels import FAMILIES, Labels
 from roadscope.core import ImageDetections
-from roadscope.detectors.camera.calibration import TERM_COUNT, Calibration
+from roadscope.detectors.camera.calibration import TERM_COUNT, BoxCalibration
 from roadscope.detectors.camera.decode import TRAITS, Peaks
 
 NEWTON_STEPS = 100
@@ -26,7 +26,7 @@ DIGITS = 4
 """Decimals that fitted values are rounded to."""
 
 
-def fitted_calibration(peaks: Sequence[Peaks], labels: Sequence[Labels]) -> Calibration:
+def fitted_calibration(peaks: Sequence[Peaks], labels: Sequence[Labels]) -> BoxCalibration:
     """Fit one logistic curve of traits and their products for each family.
 
     peaks, labels: of the same pictures. A box is right if it matches an object when boxes are
@@ -72,12 +72,12 @@ def _judged_boxes(
     return _JudgedBoxes(np.concatenate(traits), np.concatenate(right))
 
 
-def _standardised(traits: np.ndarray) -> Calibration:
+def _standardised(traits: np.ndarray) -> BoxCalibration:
     """Return a calibration with the means and standard deviations of (N, 9) traits."""
     if not len(traits):
-        return Calibration()
+        return BoxCalibration()
     spreads = np.maximum(traits.std(axis=0), LEAST_SPREAD)
-    return Calibration(traits.mean(axis=0).round(DIGITS), spreads.round(DIGITS))
+    return BoxCalibration(traits.mean(axis=0).round(DIGITS), spreads.round(DIGITS))
 
 
 def logistic(terms: np.ndarray, right: np.ndarray, prior: np.ndarray) -> np.ndarray:

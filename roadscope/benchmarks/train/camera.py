@@ -142,11 +142,11 @@ def _train(
 def _calibrate(network: CentreNetwork, weights: Path, episodes: Sequence[Pictures]) -> None:
     """Write the network with a calibration of its scores that is fitted on these pictures."""
     from roadscope.benchmarks.train.calibration import fitted_calibration
-    from roadscope.detectors.camera.calibration import Calibration
+    from roadscope.detectors.camera.calibration import BoxCalibration
     from roadscope.detectors.camera.detector import CameraDetector
     from roadscope.detectors.camera.weight_file import save
 
-    save(weights, network, Calibration())
+    save(weights, network, BoxCalibration())
     # Float32 on every computer: the file must not depend on which precision is fast on this one.
     detector = CameraDetector(weights=str(weights), precision="float32")
     peaks = [detector.peaks(np.asarray(p)) for e in episodes for p in e.pixels]

@@ -7,7 +7,7 @@ CAMERA_DETECTORS: Registry[Detector] = Registry(
     "camera detector",
     {
         "network": "roadscope.detectors.camera.detector:CameraDetector",
-        "colour-blobs": "roadscope.detectors.camera_baselines:ColourBlobs",
+        "colour-blobs": "roadscope.detectors.camera.colour_blobs:ColourBlobs",
     },
     group="roadscope.camera_detectors",
     summaries={

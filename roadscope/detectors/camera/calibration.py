@@ -23,7 +23,7 @@ def _heat_alone() -> np.ndarray:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Calibration(Record):
+class BoxCalibration(Record):
     """A logistic curve (Platt 1999) for each family, of traits and products of two of them.
 
     Left out, the heat is taken as it is, up to log odds of 4 either way.
@@ -49,8 +49,8 @@ class Calibration(Record):
 
     def scores(self, traits: np.ndarray, families: np.ndarray) -> np.ndarray:
         """Return (N,) chances of being right, of (N, 9) traits."""
-        told = (self.terms(traits) * self.weights[families]).sum(axis=1)
-        scores: np.ndarray = 1 / (1 + np.exp(-np.clip(told, -40, 40)))
+        log_odds = (self.terms(traits) * self.weights[families]).sum(axis=1)
+        scores: np.ndarray = 1 / (1 + np.exp(-np.clip(log_odds, -40, 40)))
         return scores
 
     def terms(self, traits: np.ndarray) -> np.ndarray:

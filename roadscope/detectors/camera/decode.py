@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -48,7 +49,7 @@ def iou(one: np.ndarray, other: np.ndarray) -> float:
 
 
 # --------------------------------------------------------------------------------------------------
-# What is around a box that tells whether it is right: other boxes, and answers that agree.
+# Traits of a box, from which its score is made: other boxes around it, and answers that agree.
 
 TRAITS = (
     "heat",
@@ -71,70 +72,66 @@ AGREEING_IOU = 0.5
 """Answers whose boxes overlap more agree."""
 
 
-@compiled()
-def looked_around(
-    boxes: np.ndarray, families: np.ndarray, log_odds: np.ndarray, kept: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """Return averaged boxes, (K, 4), and their traits, (K, 9), of the rows that are kept, (K,).
+class Answers(NamedTuple):
+    """Boxes that the network suggests for one image, the surest first.
 
-    boxes: (N, 4) of all answers, pixels, inside the image. families, log_odds: (N,), the surest
-    first.
+    boxes: (N, 4) pixels, inside the image. families: (N,) int64. log_odds: (N,) of the heat.
     """
-    count = len(kept)
-    voted, traits = np.zeros((count, 4)), np.zeros((count, len(TRAITS)))
-    for k in range(count):
-        _vote((boxes, families, log_odds), kept[k], voted[k], traits[k])
-    for k in range(count):
-        _compare(voted, (families[kept], log_odds[kept]), k, traits[k])
-        width, height = voted[k, 2] - voted[k, 0], voted[k, 3] - voted[k, 1]
-        traits[k, 0] = log_odds[kept[k]]
-        traits[k, 5], traits[k, 6] = np.log(height), np.log(width / height)
-    return voted, traits
+
+    boxes: np.ndarray
+    families: np.ndarray
+    log_odds: np.ndarray
 
 
 @compiled()
-def _vote(
-    answers: tuple[np.ndarray, np.ndarray, np.ndarray],
-    row: int,
-    box: np.ndarray,
-    traits: np.ndarray,
-) -> None:
+def averaged(answers: Answers, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return averaged boxes, (K, 4), and their traits, (K, 9), of some rows of answers, (K,)."""
+    boxes, traits = np.zeros((len(rows), 4)), np.zeros((len(rows), len(TRAITS)))
+    for k in range(len(rows)):
+        _average(answers, rows[k], boxes[k], traits[k])
+    means = Answers(boxes, answers.families[rows], answers.log_odds[rows])
+    for k in range(len(rows)):
+        _compare(means, k, traits[k])
+        width, height = boxes[k, 2] - boxes[k, 0], boxes[k, 3] - boxes[k, 1]
+        traits[k, 0] = means.log_odds[k]
+        traits[k, 5], traits[k, 6] = np.log(height), np.log(width / height)
+    return boxes, traits
+
+
+@compiled()
+def _average(answers: Answers, row: int, box: np.ndarray, traits: np.ndarray) -> None:
     """Write the mean box of the answers about one, and how many agree how well."""
-    boxes, families, log_odds = answers
     agreeing, agreement, votes = 0.0, 0.0, 0.0
-    for other in range(len(boxes)):
-        if families[other] != families[row]:
+    for other in range(len(answers.boxes)):
+        if answers.families[other] != answers.families[row]:
             continue
-        overlap = iou(boxes[row], boxes[other])
+        overlap = iou(answers.boxes[row], answers.boxes[other])
         if overlap <= AGREEING_IOU:
             continue
-        chance = 1 / (1 + np.exp(-log_odds[other]))
+        chance = 1 / (1 + np.exp(-answers.log_odds[other]))
         agreeing += chance
         agreement += chance * overlap
         if overlap > VOTING_IOU:
             votes += chance * overlap
             for side in range(4):
-                box[side] += chance * overlap * boxes[other, side]
+                box[side] += chance * overlap * answers.boxes[other, side]
     for side in range(4):
         box[side] /= votes
     traits[7], traits[8] = np.log1p(agreeing), agreement / agreeing
 
 
 @compiled()
-def _compare(
-    boxes: np.ndarray, told: tuple[np.ndarray, np.ndarray], k: int, traits: np.ndarray
-) -> None:
+def _compare(means: Answers, k: int, traits: np.ndarray) -> None:
     """Write how a box lies beside a surer one of its family, and beside one of another."""
-    families, log_odds = told
-    for other in range(len(boxes)):
-        same = families[other] == families[k]
+    for other in range(len(means.boxes)):
+        same = means.families[other] == means.families[k]
         if other == k or (same and other > k):
             continue
         at = 1 if same else 3
-        overlap = iou(boxes[k], boxes[other])
+        overlap = iou(means.boxes[k], means.boxes[other])
         if overlap > traits[at]:
             traits[at] = overlap
-            traits[at + 1] = overlap * (log_odds[other] - log_odds[k])
+            traits[at + 1] = overlap * (means.log_odds[other] - means.log_odds[k])
 
 
 # --------------------------------------------------------------------------------------------------
@@ -150,13 +147,13 @@ UNIT_PX = 4.0
 LARGEST = 6.0
 """Of the logarithm of a distance over its unit."""
 FLOOR = -2.5
-"""Log odds of the heat below which an answer is not looked at: hardly any of these is right."""
+"""Log odds of the heat below which an answer is ignored: hardly any of these is right."""
 MOST = 2000
-"""Boxes of an image that are looked at, the surest first."""
+"""Most boxes of an image, the surest first."""
 SAME_IOU = 0.75
-"""Boxes of a family that overlap more are of one and the same; others are told apart by traits."""
+"""Boxes of a family that overlap more are one and the same; between others traits decide."""
 FIRST_CATEGORIES = (Category.CAR, Category.CYCLIST, Category.PEDESTRIAN)
-"""By family; vehicles are cars unless told otherwise."""
+"""By family; the network's log odds choose among the categories of vehicles."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -209,16 +206,16 @@ def decode(answers: np.ndarray, size: tuple[int, int], least_log_odds: float = F
     values = heat[places].astype(np.float64)
     order = np.argsort(-values, kind="stable")[:MOST]
     rows, columns, parts, families = (each[order] for each in places)
-    said = answers[rows, columns, parts, len(FIRST_CATEGORIES) :].astype(np.float64)
-    sides = UNIT_PX * np.exp(np.minimum(said[:, :4], LARGEST))
+    rest = answers[rows, columns, parts, len(FIRST_CATEGORIES) :].astype(np.float64)
+    sides = UNIT_PX * np.exp(np.minimum(rest[:, :4], LARGEST))
     across, down = FINE * columns + parts % FINE, FINE * rows + parts // FINE
     middles = (np.stack([across, down], axis=1) + 0.5) * STRIDE
     boxes = np.concatenate([middles - sides[:, :2], middles + sides[:, 2:]], axis=1)
     boxes = np.clip(boxes, 0, [size[1], size[0], size[1], size[0]])
-    kinds = said[:, 4:].argmax(axis=1)
+    kinds = rest[:, 4:].argmax(axis=1)
     categories = np.array(FIRST_CATEGORIES)[families] + np.where(families == 0, kinds, 0)
-    there = np.flatnonzero((boxes[:, 2:] > boxes[:, :2]).all(axis=1))
-    boxes, families, values = boxes[there], families[there], values[order][there]
-    kept = distinct(boxes, families, SAME_IOU)
-    voted, traits = looked_around(boxes, families, values, kept)
-    return Peaks(voted, families[kept], categories[there][kept], traits)
+    inside = np.flatnonzero((boxes[:, 2:] > boxes[:, :2]).all(axis=1))
+    boxes, families, values = boxes[inside], families[inside], values[order][inside]
+    rows = distinct(boxes, families, SAME_IOU)
+    means, traits = averaged(Answers(boxes, families, values), rows)
+    return Peaks(means, families[rows], categories[inside][rows], traits)

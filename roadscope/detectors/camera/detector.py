@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from roadscope.core import CameraImage, Frame, ImageDetections, RecordError
-from roadscope.detectors.camera.calibration import Calibration
+from roadscope.detectors.camera.calibration import BoxCalibration
 from roadscope.detectors.camera.decode import FINE, Peaks, decode
 from roadscope.detectors.camera.precision import AUTO, PRECISIONS, fastest, whole_float32
 from roadscope.detectors.camera.weight_file import SHIPPED, load
@@ -24,12 +24,12 @@ COARSEST = 32
 GREY = 127
 """What is beyond the image on the right and below, up to a multiple of the coarsest stride."""
 LARGEST_WIDTH = 960
-"""Wider images are looked at with every second pixel row and column averaged, as often as needed:
+"""Wider images are halved by averaging pixels, as often as needed:
 1280 become 640, for which the network was trained."""
 
 
 class BlankImageWarning(UserWarning):
-    """An image in which nothing can be seen was given: the lens is covered, or there was none."""
+    """An image shows nothing: the lens is covered, or there was no image."""
 
 
 class CameraDetector:
@@ -52,7 +52,7 @@ class CameraDetector:
         """Set the detector up; the network is read with the first image.
 
         weights: a .safetensors file; the shipped one if left out.
-        min_score: least score that is told; answers of hardly any heat never are, see `FLOOR`.
+        min_score: least score of a detection; answers of hardly any heat are ignored, see `FLOOR`.
         precision: float32, bfloat16, or auto, the faster of both on the device. With bfloat16
             the last digits of boxes and scores depend on the processor.
         threads: processor cores to use; torch has one setting for the whole process.
@@ -73,7 +73,7 @@ class CameraDetector:
         self.device = device
 
     def reset(self) -> None:
-        """Nothing is remembered."""
+        """Do nothing: every image is taken alone."""
 
     def prepare(self) -> None:
         """Read the network now; `WeightsError` names the file and what is wrong with it."""
@@ -88,8 +88,8 @@ class CameraDetector:
             return nothing_in(image)
         peaks = self.peaks(image.pixels)
         scores = self._loaded[1].scores(peaks.traits, peaks.families)
-        kept = np.flatnonzero(scores >= self.min_score)
-        order = kept[np.argsort(-scores[kept], kind="stable")]
+        rows = np.flatnonzero(scores >= self.min_score)
+        order = rows[np.argsort(-scores[rows], kind="stable")]
         return ImageDetections(
             peaks.boxes[order],
             peaks.categories[order].astype(np.int8),
@@ -106,13 +106,13 @@ class CameraDetector:
                 f"an image of at least 32 x 32 pixels is needed, got {width} x {height}"
             )
         shrunk, factor = _shrunk(pixels)
-        answers = _look(self._loaded[0], shrunk, self.threads)
+        answers = _answers(self._loaded[0], shrunk, self.threads)
         peaks = decode(answers, shrunk.shape[:2])
         boxes = np.minimum(peaks.boxes * factor, [width, height, width, height])
         return Peaks(boxes, peaks.families, peaks.categories, peaks.traits)
 
     @cached_property
-    def _loaded(self) -> tuple[CentreNetwork, Calibration]:
+    def _loaded(self) -> tuple[CentreNetwork, BoxCalibration]:
         import torch
 
         if self.device != "cpu" and not torch.cuda.is_available():
@@ -155,7 +155,7 @@ def squared(pixels: np.ndarray) -> np.ndarray:
     return made.reshape(rows, columns, 12)
 
 
-def _look(network: CentreNetwork, pixels: np.ndarray, threads: int) -> np.ndarray:
+def _answers(network: CentreNetwork, pixels: np.ndarray, threads: int) -> np.ndarray:
     """Return the answers (h, w, 4, 12) of one image, padded below and on the right with grey."""
     import torch
 
@@ -169,7 +169,7 @@ def _look(network: CentreNetwork, pixels: np.ndarray, threads: int) -> np.ndarra
             full[: pixels.shape[0], : pixels.shape[1]] = pixels
             places = torch.from_numpy(squared(full)).to(first.device, first.dtype)
             colours = places.div_(127.5).sub_(1.0).permute(2, 0, 1)[None]
-            said = network.answers(colours)[0].cpu().numpy()
-            return said.reshape(*said.shape[:2], FINE * FINE, -1)
+            answers = network.answers(colours)[0].cpu().numpy()
+            return answers.reshape(*answers.shape[:2], FINE * FINE, -1)
     finally:
         torch.set_num_threads(before)

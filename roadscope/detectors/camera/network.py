@@ -34,7 +34,7 @@ HEAD = 48
 
 
 class Maps(NamedTuple):
-    """What the network says at every second pixel.
+    """The network's answers at every second pixel.
 
     heat: (B, 3, h, w) log odds of the centre of one of each family.
     distances: (B, 4, h, w) to the left, top, right and bottom of the box, pixels.
@@ -53,10 +53,10 @@ def squares(pixels: Tensor) -> Tensor:
     return parts.transpose(2, 3).flatten(3).permute(0, 3, 1, 2)
 
 
-def finer(said: Tensor) -> Tensor:
+def finer(answers: Tensor) -> Tensor:
     """Turn (B, h, w, 4 C) into (B, C, 2 h, 2 w): the parts of a place row by row."""
-    count, height, width, _ = said.shape
-    split = said.reshape(count, height, width, FINE, FINE, -1)
+    count, height, width, _ = answers.shape
+    split = answers.reshape(count, height, width, FINE, FINE, -1)
     return split.permute(0, 5, 1, 3, 2, 4).reshape(count, -1, FINE * height, FINE * width)
 
 
@@ -82,7 +82,7 @@ class Convolution(nn.Module):
 
 
 class Residual(nn.Module):
-    """Two convolutions and a way around them (He 2016)."""
+    """Two convolutions and a shortcut past them (He 2016)."""
 
     def __init__(self, width: int) -> None:
         super().__init__()
@@ -120,27 +120,27 @@ class CentreNetwork(nn.Module):
 
     def forward(self, pixels: Tensor) -> Maps:
         """Look at (B, H, W, 3) colours in -1 to 1; height and width multiples of 32."""
-        said = finer(self.answers(squares(pixels)))
-        heat, sides, vehicles = torch.split(said, [FAMILY_COUNT, 4, VEHICLE_COUNT], dim=1)
+        maps = finer(self.answers(squares(pixels)))
+        heat, sides, vehicles = torch.split(maps, [FAMILY_COUNT, 4, VEHICLE_COUNT], dim=1)
         return Maps(heat, UNIT_PX * sides.clamp(max=LARGEST).exp(), vehicles)
 
     def answers(self, places: Tensor) -> Tensor:
         """Return (B, h, w, 48) float32 for `squares` of colours, 12 for each part of a place."""
         x = self.stem(places)
-        seen = []
+        features = []
         for stage in self.stages:
             x = stage(x)
-            seen.append(x)
-        y = self.lateral[-1](seen[-1])
-        for k in range(len(seen) - 2, -1, -1):
-            y = self.lateral[k](seen[k]) + functional.interpolate(
+            features.append(x)
+        y = self.lateral[-1](features[-1])
+        for k in range(len(features) - 2, -1, -1):
+            y = self.lateral[k](features[k]) + functional.interpolate(
                 y, scale_factor=2.0, mode="nearest"
             )
         # Boxes need more digits than bfloat16 has, so the last layer is always float32.
-        features = self.head(functional.relu_(y))
+        last = self.head(functional.relu_(y))
         with torch.autocast(places.device.type, enabled=False):
-            said: Tensor = self.out(features.permute(0, 2, 3, 1).float())
-        return said
+            answers: Tensor = self.out(last.permute(0, 2, 3, 1).float())
+        return answers
 
     def folded(self, dtype: torch.dtype = torch.float32) -> CentreNetwork:
         """Return a copy for inference: no batch norm, channels last, all but the end in a dtype."""

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from roadscope.detectors.camera.calibration import Calibration
+from roadscope.detectors.camera.calibration import BoxCalibration
 
 if TYPE_CHECKING:
     from torch import Tensor
@@ -30,7 +30,7 @@ class WeightsError(ValueError):
     """A file has no weights of this network."""
 
 
-def save(path: Path, network: CentreNetwork, calibration: Calibration) -> None:
+def save(path: Path, network: CentreNetwork, calibration: BoxCalibration) -> None:
     """Write a network and what its scores are worth."""
     from safetensors.torch import save as packed
 
@@ -45,7 +45,7 @@ def save(path: Path, network: CentreNetwork, calibration: Calibration) -> None:
     path.write_bytes(packed(tensors, {ABOUT: json.dumps(about)}))
 
 
-def load(path: Path | str) -> tuple[CentreNetwork, Calibration]:
+def load(path: Path | str) -> tuple[CentreNetwork, BoxCalibration]:
     """Read a network; `WeightsError` names the file and what is wrong with it."""
     from safetensors import SafetensorError, safe_open
 
@@ -59,13 +59,13 @@ def load(path: Path | str) -> tuple[CentreNetwork, Calibration]:
             tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118
     except SafetensorError as error:
         raise WeightsError(f"{path} is not a safetensors file: {error}") from error
-    found = about.get("architecture")
-    if found != ARCHITECTURE:
-        raise WeightsError(f"{path}: expected architecture '{ARCHITECTURE}', got {found!r}")
+    architecture = about.get("architecture")
+    if architecture != ARCHITECTURE:
+        raise WeightsError(f"{path}: expected architecture '{ARCHITECTURE}', got {architecture!r}")
     network = CentreNetwork()
-    wanted = network.state_dict()
-    for name in sorted(set(wanted) | set(tensors)):
-        _check_tensor(path, name, wanted, tensors)
+    expected = network.state_dict()
+    for name in sorted(set(expected) | set(tensors)):
+        _check_tensor(path, name, expected, tensors)
     network.load_state_dict(tensors)
     return network.eval(), _calibration(path, about)
 
@@ -92,11 +92,11 @@ def _check_beginning(path: Path) -> None:
 
 
 def _check_tensor(
-    path: Path, name: str, wanted: Mapping[str, Tensor], tensors: Mapping[str, Tensor]
+    path: Path, name: str, expected: Mapping[str, Tensor], tensors: Mapping[str, Tensor]
 ) -> None:
-    expected, given = (_kind(t[name]) if name in t else "none" for t in (wanted, tensors))
-    if expected != given:
-        raise WeightsError(f"{path}: tensor '{name}': expected {expected}, got {given}")
+    kind, actual = (_kind(t[name]) if name in t else "none" for t in (expected, tensors))
+    if kind != actual:
+        raise WeightsError(f"{path}: tensor '{name}': expected {kind}, got {actual}")
     if not bool(tensors[name].isfinite().all()):
         raise WeightsError(f"{path}: tensor '{name}': expected finite numbers")
 
@@ -105,9 +105,9 @@ def _kind(tensor: Tensor) -> str:
     return f"{str(tensor.dtype).removeprefix('torch.')} {tuple(tensor.shape)}"
 
 
-def _calibration(path: Path, about: Mapping[str, Any]) -> Calibration:
+def _calibration(path: Path, about: Mapping[str, Any]) -> BoxCalibration:
     try:
-        return Calibration(**{name: np.array(about[name], float) for name in WORTH})
+        return BoxCalibration(**{name: np.array(about[name], float) for name in WORTH})
     except KeyError as error:
         raise WeightsError(
             f"{path} does not say what its scores are worth: no {error}; weights of an older "

@@ -6,14 +6,27 @@ import numpy as np
 
 from roadscope.detectors.cloud import Cloud
 from roadscope.detectors.clustering.breakpoint import cluster_breakpoint
-from roadscope.detectors.clustering.dbscan import cluster_dbscan
-from roadscope.detectors.clustering.distance import cluster_distance
-from roadscope.detectors.clustering.one import cluster_one
+from roadscope.detectors.clustering.density import (
+    OUTLIER,
+    cluster_dbscan,
+    cluster_distance,
+    density_labels,
+    single_linkage,
+)
 from roadscope.detectors.clustering.pag import cluster_pag, cluster_pag_range
 from roadscope.detectors.clustering.range_angle import cluster_range_angle
 
 Clustering = Callable[[Cloud], np.ndarray]
 """Cloud of N returns -> (N,) int64 labels, negative for outliers."""
+
+
+def cluster_one(cloud: Cloud) -> np.ndarray:
+    """All returns are one cluster: the lower mark of a comparison.
+
+    Returns (N,) int64 labels, all 0.
+    """
+    return np.zeros(len(cloud), np.int64)
+
 
 CLUSTERINGS: Mapping[str, Callable[..., np.ndarray]] = {
     "pag": cluster_pag,
@@ -26,4 +39,17 @@ CLUSTERINGS: Mapping[str, Callable[..., np.ndarray]] = {
 }
 """Name -> a `Clustering`; keyword arguments beyond the cloud are its options."""
 
-__all__ = ["CLUSTERINGS", "Clustering"]
+__all__ = [
+    "CLUSTERINGS",
+    "OUTLIER",
+    "Clustering",
+    "cluster_breakpoint",
+    "cluster_dbscan",
+    "cluster_distance",
+    "cluster_one",
+    "cluster_pag",
+    "cluster_pag_range",
+    "cluster_range_angle",
+    "density_labels",
+    "single_linkage",
+]

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
 
 from roadscope.core import wrap_angle
 from roadscope.detectors.cloud import Cloud
-from roadscope.detectors.clustering.union import components
 from roadscope.detectors.sorting import order_by, order_within, starts_of
 
 INCIDENCE_RAD = np.radians(10.0)
@@ -37,7 +38,9 @@ def cluster_breakpoint(cloud: Cloud, *, range_noise_m: float = 0.1) -> np.ndarra
     steps = np.concatenate([steps, np.full(columns.shape[1], step)])
     gaps = np.hypot(*(cloud.points[pairs[0], :2] - cloud.points[pairs[1], :2]).T)
     linked = gaps <= reach(ranges[pairs].min(axis=0), steps) + 3 * range_noise_m
-    return components(len(cloud), *pairs[:, linked & (steps < MAX_STEPS * step)])
+    links = pairs[:, linked & (steps < MAX_STEPS * step)]
+    graph = coo_array((np.ones(links.shape[1], bool), (links[0], links[1])), (len(cloud),) * 2)
+    return np.asarray(connected_components(graph, directed=False)[1], np.int64)
 
 
 def reach(ranges: np.ndarray, steps: np.ndarray) -> np.ndarray:
@@ -52,13 +55,13 @@ def reach(ranges: np.ndarray, steps: np.ndarray) -> np.ndarray:
 
 
 def _resolution(steps: np.ndarray, columns: np.ndarray) -> float:
-    """Radians from column to column, from the steps between returns that are columns apart."""
-    apart = columns > 0
-    return float(np.median(steps[apart] / columns[apart])) if apart.any() else 0.0
+    """Return radians from column to column, from the steps between returns of two columns."""
+    several = columns > 0
+    return float(np.median(steps[several] / columns[several])) if several.any() else 0.0
 
 
 def _along_rings(ring: np.ndarray, azimuths: np.ndarray) -> np.ndarray:
-    """Pairs of returns that follow one another in a beam, around the circle too, (2, P)."""
+    """Return pairs of neighbouring returns of a beam, around the circle too, (2, P)."""
     order = order_by(ring)
     starts = starts_of(ring[order])
     order = order[order_within(azimuths[order], starts)]
@@ -67,7 +70,7 @@ def _along_rings(ring: np.ndarray, azimuths: np.ndarray) -> np.ndarray:
 
 
 def _along_columns(column: np.ndarray, ring: np.ndarray) -> np.ndarray:
-    """Pairs of returns whose beams follow one another in a column, (2, P)."""
+    """Return pairs of returns of neighbouring beams in a column, (2, P)."""
     order = order_by(ring)
     order = order[order_by(column[order])]
     return np.stack([order[:-1], order[1:]])[:, column[order[:-1]] == column[order[1:]]]

@@ -28,7 +28,7 @@ def cluster_pag_range(cloud: Cloud) -> np.ndarray:
 
 
 def pag_labels(points: np.ndarray, weights: np.ndarray) -> np.ndarray:
-    """Cluster (N, 2) points, metres, of the given (N,) weights, above 0: (N,) int64 labels.
+    """Cluster (N, 2) points, metres, with (N,) weights above 0: (N,) int64 labels.
 
     The grid has K x K cells (eq. 1, K rounded down) over the bounding box of the data: over the
     sensor's full range nearly everything would fall into a few cells.
@@ -67,6 +67,6 @@ def label_cells(counts: np.ndarray, occupied: np.ndarray) -> np.ndarray:
     """
     dense = counts > density_threshold(float(counts.sum()), int(occupied.sum()))
     around = np.ones((3, 3), bool)
-    kept = occupied & binary_dilation(dense, around)
-    labels: np.ndarray = label(kept, around)[0].astype(np.int64) - 1
+    joined = occupied & binary_dilation(dense, around)
+    labels: np.ndarray = label(joined, around)[0].astype(np.int64) - 1
     return labels

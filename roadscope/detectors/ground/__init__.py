@@ -6,11 +6,19 @@ import numpy as np
 
 from roadscope.detectors.cloud import Cloud
 from roadscope.detectors.ground.grid import grid_above_ground
-from roadscope.detectors.ground.keep import keep_all
-from roadscope.detectors.ground.polar import polar_above_ground
+from roadscope.detectors.ground.polar import PolarRule, polar_above_ground
 
 Ground = Callable[[Cloud], np.ndarray]
 """Cloud of N returns -> (N,) bool, what stands on the ground rather than being it."""
+
+
+def keep_all(cloud: Cloud) -> np.ndarray:
+    """Keep every return, for scans that have no ground in them.
+
+    Returns (N,) bool, all true.
+    """
+    return np.ones(len(cloud), bool)
+
 
 GROUNDS: Mapping[str, Callable[..., np.ndarray]] = {
     "grid": grid_above_ground,
@@ -19,4 +27,11 @@ GROUNDS: Mapping[str, Callable[..., np.ndarray]] = {
 }
 """Name -> a `Ground`; keyword arguments beyond the cloud are its options."""
 
-__all__ = ["GROUNDS", "Ground"]
+__all__ = [
+    "GROUNDS",
+    "Ground",
+    "PolarRule",
+    "grid_above_ground",
+    "keep_all",
+    "polar_above_ground",
+]

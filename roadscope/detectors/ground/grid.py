@@ -40,32 +40,22 @@ def grid_above_ground(
 
 
 def _cell_spans(points: np.ndarray, cell_m: float) -> tuple[np.ndarray, np.ndarray]:
-    """Lowest and highest z in the cell of each of (N, 3) points."""
+    """Return the lowest and the highest z in the cell of each of (N, 3) points."""
     if not len(points):
         return np.empty(0), np.empty(0)
-    cells, low, high = _cells(points, cell_m)
-    width = high[1] - low[1] + 1
-    flat = (cells[0] - low[0]) * width + cells[1] - low[1]
-    if (high[0] - low[0] + 1.0) * width > MOST_CELLS:
-        flat = np.unique(flat, return_inverse=True)[1]
-    return _spans(points[:, 2], flat, int(flat.max()) + 1)
-
-
-@compiled()
-def _cells(points: np.ndarray, cell_m: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return x and y of each point's cell, (2, N) int64, and the lowest and highest of them."""
-    cells = np.empty((2, len(points)), np.int64)
-    low, high = np.empty(2, np.int64), np.empty(2, np.int64)
-    for axis in range(2):
-        for row in range(len(points)):
-            cells[axis, row] = np.int64(np.floor(points[row, axis] / cell_m))
-        low[axis], high[axis] = cells[axis].min(), cells[axis].max()
-    return cells, low, high
+    x, y = (np.floor(points[:, axis] / cell_m).astype(np.int64) for axis in range(2))
+    x -= x.min()
+    y -= y.min()
+    width = y.max() + 1
+    cell = x * width + y
+    if (x.max() + 1.0) * width > MOST_CELLS:
+        cell = np.unique(cell, return_inverse=True)[1]
+    return _spans(points[:, 2], cell, int(cell.max()) + 1)
 
 
 @compiled()
 def _spans(heights: np.ndarray, cell: np.ndarray, cells: int) -> tuple[np.ndarray, np.ndarray]:
-    """Lowest and highest of the (N,) heights that share a cell with each of them."""
+    """Return the lowest and the highest of the (N,) heights that share a cell with each."""
     bounds = np.empty((cells, 2))
     bounds[:, 0], bounds[:, 1] = np.inf, -np.inf
     for row in range(len(heights)):

@@ -6,7 +6,7 @@ ground vehicles", Intelligent Vehicles Symposium 2010, section III.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -19,8 +19,7 @@ BELIEVED = 3
 """Least measured prototypes of a line: two of one bumper, or any two, lie on one."""
 
 
-@dataclass(frozen=True, slots=True)
-class PolarRule:
+class PolarRule(NamedTuple):
     """When prototypes are a line of the ground; the paper's letters, its values are not printed.
 
     slope (T_m): a road rises by 15 % at most.
@@ -69,15 +68,29 @@ def polar_above_ground(
     """
     if not len(cloud):
         return np.zeros(0, bool)
-    origin, segments = cloud.origin, max(1, round(360 / segment_deg))
-    segment, reach = _polar(cloud.points, origin, segments)
+    segments = max(1, round(360 / segment_deg))
+    segment, reach = _polar(cloud.points, cloud.origin, segments)
     bins = int(min(reach.max() // bin_m + 1, MOST_BINS))
-    prototypes = _prototypes(cloud.points[:, 2], segment, reach, (segments, bins, bin_m))
-    bounds = (rule.slope, rule.flat_slope, rule.intercept_m, rule.residual_m, rule.resume_m)
-    lines = _ground_lines(*prototypes, bounds)
-    heights = _heights(cloud.points[:, 2], segment, reach, lines, bin_m)
-    mask: np.ndarray = (heights > clear_m) & (heights < ceiling_m)
+    returns = PolarReturns(segment, reach, cloud.points[:, 2], segments, bins, bin_m)
+    ranges, heights = _prototypes(returns)
+    above = _heights_above_lines(returns, ranges, heights, rule)
+    mask: np.ndarray = (above > clear_m) & (above < ceiling_m)
     return mask
+
+
+class PolarReturns(NamedTuple):
+    """Returns in segments around the sensor that are cut into bins.
+
+    segment: (N,) int64. reach, height: (N,) metres, range and z. segments: how many there are.
+    bins, bin_m: how many a segment has, and the length of each in metres.
+    """
+
+    segment: np.ndarray
+    reach: np.ndarray
+    height: np.ndarray
+    segments: int
+    bins: int
+    bin_m: float
 
 
 @compiled()
@@ -92,123 +105,91 @@ def _polar(points: np.ndarray, origin: np.ndarray, segments: int) -> tuple[np.nd
 
 
 @compiled()
-def _prototypes(
-    z: np.ndarray, segment: np.ndarray, reach: np.ndarray, table: tuple[int, int, float]
-) -> tuple[np.ndarray, np.ndarray]:
+def _prototypes(returns: PolarReturns) -> tuple[np.ndarray, np.ndarray]:
     """Return range and height of the lowest point of each bin, (S, B); inf where there is none.
 
     Of equally low points the nearest counts.
     """
-    segments, bins, bin_m = table
-    ranges, heights = np.full((segments, bins), np.inf), np.full((segments, bins), np.inf)
-    for row in range(len(z)):
-        s, b = segment[row], min(int(reach[row] / bin_m), bins - 1)
-        lower = z[row] < heights[s, b]
-        if lower or (z[row] == heights[s, b] and reach[row] < ranges[s, b]):
-            ranges[s, b], heights[s, b] = reach[row], z[row]
+    shape = (returns.segments, returns.bins)
+    ranges, heights = np.full(shape, np.inf), np.full(shape, np.inf)
+    for row in range(len(returns.reach)):
+        r, z = returns.reach[row], returns.height[row]
+        s, b = returns.segment[row], min(int(r / returns.bin_m), returns.bins - 1)
+        if z < heights[s, b] or (z == heights[s, b] and r < ranges[s, b]):
+            ranges[s, b], heights[s, b] = r, z
     return ranges, heights
 
 
 @compiled()
-def _ground_lines(
-    ranges: np.ndarray, heights: np.ndarray, bounds: tuple[float, float, float, float, float]
+def _heights_above_lines(
+    returns: PolarReturns, ranges: np.ndarray, heights: np.ndarray, rule: PolarRule
 ) -> np.ndarray:
-    """Return slope and height at the sensor of the ground line of each bin, (S, B, 2)."""
-    segments, bins = ranges.shape
-    nearest = np.empty((segments, bins, 2))
-    ends, lines = np.empty((bins + 2, 2), np.int64), np.empty((bins + 2, 2))
-    for s in range(segments):
-        count = _segment_lines(ranges[s], heights[s], bounds, ends, lines)
+    """Return the height of each return above the ground line nearest to its bin, (N,) metres.
+
+    ranges, heights: (S, B) metres, the prototypes.
+    """
+    slopes, offsets = np.empty((2, returns.segments, returns.bins))
+    ends, lines = np.empty((returns.bins + 2, 2), np.int64), np.empty((returns.bins + 2, 2))
+    for s in range(returns.segments):
+        count = _segment_lines(ranges[s], heights[s], rule, ends, lines)
         current = 0
-        for b in range(bins):
+        for b in range(returns.bins):
             while current + 1 < count and ends[current + 1, 0] - b < b - ends[current, 1]:
                 current += 1
-            nearest[s, b] = lines[current]
-    return nearest
+            slopes[s, b], offsets[s, b] = lines[current]
+    above = np.empty(len(returns.reach))
+    for row in range(len(above)):
+        r, s = returns.reach[row], returns.segment[row]
+        b = min(int(r / returns.bin_m), returns.bins - 1)
+        above[row] = returns.height[row] - slopes[s, b] * r - offsets[s, b]
+    return above
 
 
 @compiled()
 def _segment_lines(
     ranges: np.ndarray,
     heights: np.ndarray,
-    bounds: tuple[float, float, float, float, float],
+    rule: PolarRule,
     ends: np.ndarray,
     lines: np.ndarray,
 ) -> int:
     """Fill first and last bin, slope and offset of a segment's lines; return how many there are.
 
-    Algorithm 1 of the paper.
+    Algorithm 1 of the paper. A set has one point a bin, so its ranges differ.
     """
-    _, _, _, residual_m, resume_m = bounds
     ends[0], lines[0] = 0, 0.0
     count, first, foot = 1, 0, 1
-    sums = np.zeros(6)
-    sums[0] = 1.0
+    # Number of the set, and the sums of r, z, r^2, rz and z^2 over it.
+    size, sum_r, sum_z, sum_rr, sum_rz, sum_zz = 1.0, 0.0, 0.0, 0.0, 0.0, 0.0
     for b in range(len(ranges)):
         r, z = ranges[b], heights[b]
         if z == np.inf:
             continue
-        if sums[0] >= 2:
-            slope, offset, residual = _fit(sums, r, z)
-            off = max(residual, abs(z - slope * r - offset) / 2)
-            if not _is_ground(slope, offset, bounds) or off > residual_m:
-                sums[:], foot = 0.0, 0
+        if size >= 2:
+            n = size + 1
+            mean_r, mean_z = (sum_r + r) / n, (sum_z + z) / n
+            rr = (sum_rr + r * r) / n - mean_r * mean_r
+            rz = (sum_rz + r * z) / n - mean_r * mean_z
+            zz = (sum_zz + z * z) / n - mean_z * mean_z
+            slope = rz / rr
+            offset = mean_z - slope * mean_r
+            off = max(np.sqrt(max(zz - slope * rz, 0.0)), abs(z - slope * r - offset) / 2)
+            # Line 6 of the algorithm.
+            steep = abs(slope) > rule.slope
+            high = abs(slope) <= rule.flat_slope and abs(offset) > rule.intercept_m
+            if steep or high or off > rule.residual_m:
+                size, sum_r, sum_z, sum_rr, sum_rz, sum_zz = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+                foot = 0
                 continue
-            _add(sums, r, z)
-            if sums[0] < BELIEVED + foot:
-                continue
-            # A line that holds the sensor's foot takes the place of the wheels' plane.
-            count += sums[0] == BELIEVED and not foot
-            ends[count - 1, 0], ends[count - 1, 1] = first, b
-            lines[count - 1, 0], lines[count - 1, 1] = slope, offset
-        elif abs(z - lines[count - 1, 0] * r - lines[count - 1, 1]) <= resume_m:
-            first = b if sums[0] == 0 else first
-            _add(sums, r, z)
+            if n >= BELIEVED + foot:
+                # A line that holds the sensor's foot takes the place of the wheels' plane.
+                count += n == BELIEVED and not foot
+                ends[count - 1, 0], ends[count - 1, 1] = first, b
+                lines[count - 1, 0], lines[count - 1, 1] = slope, offset
+        elif abs(z - lines[count - 1, 0] * r - lines[count - 1, 1]) <= rule.resume_m:
+            first = b if size == 0 else first
+        else:
+            continue
+        size, sum_r, sum_z = size + 1, sum_r + r, sum_z + z
+        sum_rr, sum_rz, sum_zz = sum_rr + r * r, sum_rz + r * z, sum_zz + z * z
     return count
-
-
-@compiled()
-def _fit(sums: np.ndarray, r: float, z: float) -> tuple[float, float, float]:
-    """Return slope, height at range 0 and residual of the line through a set and one more point.
-
-    sums: number, r, z, r^2, rz and z^2 of the set. A set has one point a bin, so its ranges
-    differ.
-    """
-    n = sums[0] + 1
-    mean_r, mean_z = (sums[1] + r) / n, (sums[2] + z) / n
-    rr = (sums[3] + r * r) / n - mean_r * mean_r
-    rz = (sums[4] + r * z) / n - mean_r * mean_z
-    zz = (sums[5] + z * z) / n - mean_z * mean_z
-    slope = rz / rr
-    return slope, mean_z - slope * mean_r, np.sqrt(max(zz - slope * rz, 0.0))
-
-
-@compiled()
-def _add(sums: np.ndarray, r: float, z: float) -> None:
-    sums[0] += 1
-    sums[1] += r
-    sums[2] += z
-    sums[3] += r * r
-    sums[4] += r * z
-    sums[5] += z * z
-
-
-@compiled()
-def _is_ground(
-    slope: float, offset: float, bounds: tuple[float, float, float, float, float]
-) -> bool:
-    """Whether a line may be one of the ground (Algorithm 1, line 6)."""
-    most, flat, intercept_m, _, _ = bounds
-    return abs(slope) <= most and (abs(slope) > flat or abs(offset) <= intercept_m)
-
-
-@compiled()
-def _heights(
-    z: np.ndarray, segment: np.ndarray, reach: np.ndarray, lines: np.ndarray, bin_m: float
-) -> np.ndarray:
-    """Return the height of each point above the line of its bin, (N,) metres."""
-    heights = np.empty(len(z))
-    for row in range(len(z)):
-        line = lines[segment[row], min(int(reach[row] / bin_m), lines.shape[1] - 1)]
-        heights[row] = z[row] - line[0] * reach[row] - line[1]
-    return heights

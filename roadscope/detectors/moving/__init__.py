@@ -1,6 +1,6 @@
-"""What moves in a scan, known from earlier ones."""
+"""Moving objects in a scan, from comparison with earlier ones."""
 
 from roadscope.detectors.moving.extraction import Candidate, extract
-from roadscope.detectors.moving.memory import Memory
+from roadscope.detectors.moving.view import Memory
 
 __all__ = ["Candidate", "Memory", "extract"]

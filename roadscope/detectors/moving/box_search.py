@@ -7,15 +7,11 @@ from typing import NamedTuple
 import numpy as np
 
 from roadscope.core.jit import compiled
-from roadscope.detectors.moving.view import sensor_at
-
-# --------------------------------------------------------------------------------------------------
-# A box the size of a vehicle slides over a map of evidence.
 
 TURNS = 12
 """Headings tried over half a turn: 7.5 degrees off, the box is still wider than a car."""
-WIDE, AFAR_M = 8, 1e6
-"""Cells that are worked on at a time, and where those are that fill up the last lot."""
+BATCH, AFAR_M = 8, 1e6
+"""Cells that are worked on at a time, and where those are that fill up the last batch."""
 STRIDE = 3
 """Cells from one place of the box to the next."""
 BINS, BIN_M = 24, 0.4
@@ -26,13 +22,42 @@ HAIR = 1e-9
 """Evidence no more different than this is the same, added up in another order."""
 MOST = 0.7
 """Share of its evidence that a box must keep beside better ones."""
+X, Y, YAW, SCORE, RIGHT, LEFT, NEAR, FAR = range(8)
+"""Columns of boxes: centre, heading and evidence; from where to where the body in the box reaches
+across the line of sight and along it, from the centre. Metres and radians."""
 
 
-class Chart(NamedTuple):
+class BoxSides(NamedTuple):
+    """Sides of the box in metres.
+
+    In the collar, beyond the ends and beside the flanks, counts what speaks against motion: a piece
+    of wall that goes on is no vehicle.
+    """
+
+    half_length: float
+    half_width: float
+    collar_at_ends: float
+    collar_at_flanks: float
+
+
+class BoxRule(NamedTuple):
+    """When a box holds a vehicle.
+
+    sides: of the box. cell_m: side of a cell of the grid, metres. limit: most evidence of one
+    cell, for or against. least: evidence of which a box needs as much.
+    """
+
+    sides: BoxSides
+    cell_m: float
+    limit: float
+    least: float
+
+
+class EvidenceGrid(NamedTuple):
     """Evidence of motion seen from above, in square cells.
 
     starts: (X + 1,) int64, where each column of cells, x, begins in the arrays below.
-    places: (K, 2) float64, metres, where the returns of a cell are, from the chart's corner, by
+    places: (K, 2) float64, metres, where the returns of a cell are, from the grid's corner, by
         the cells' x, then y.
     weights: (K,) float64, evidence, above 0 for moving.
     origin: (2,) float64, metres, the sensor, from the corner too. cell_m: side of a cell.
@@ -45,143 +70,127 @@ class Chart(NamedTuple):
     cell_m: float
 
 
-class Room(NamedTuple):
-    """Where the cells about a place are written.
+class NearCells(NamedTuple):
+    """Working memory for the cells about a place.
 
-    near: (3, K) x and y from the place, metres, and weight, up to a whole lot. slots: (2, K) bins
-    across and along the line of sight. bins: (4, BINS), evidence and number of cells across, then
-    along it.
-    headings: (TURNS, 2) unit vectors of a box's turns. hopes: (TURNS,) evidence at most.
-    run: (4,) metres, from where to where the body reaches across and along.
+    offsets: (3, K) x and y from the place, metres, and weight, up to a whole batch. slots: (2, K)
+    bins across and along the line of sight. bins: (4, BINS), evidence and number of cells across,
+    then along it. headings: (TURNS, 2) unit vectors of a box's turns. bounds: (TURNS,) greatest
+    possible evidence. reach: (4,) metres, as the last four columns of a box.
     """
 
-    near: np.ndarray
+    offsets: np.ndarray
     slots: np.ndarray
     bins: np.ndarray
     headings: np.ndarray
-    hopes: np.ndarray
-    run: np.ndarray
+    bounds: np.ndarray
+    reach: np.ndarray
+
+
+def boxes_in(
+    points: np.ndarray, weights: np.ndarray, origin: np.ndarray, rule: BoxRule
+) -> np.ndarray:
+    """Return (B, 8) boxes that hold moving vehicles, best first; columns from `X` to `FAR`.
+
+    points: (N, 2 or more) metres, N at least 1; weights: (N,) evidence of motion of each. origin:
+    (2,) metres, the sensor.
+    """
+    grid, corner = evidence_grid(points, weights, origin, rule)
+    boxes = slide(grid, rule.sides, rule.least)
+    # They come by x, then by y.
+    boxes = boxes[np.argsort(-boxes[:, SCORE], kind="stable")]
+    best: np.ndarray = boxes[suppress(boxes, grid, rule.sides, rule.least)]
+    best[:, :2] += corner
+    return best
+
+
+def evidence_grid(
+    points: np.ndarray, weights: np.ndarray, origin: np.ndarray, rule: BoxRule
+) -> tuple[EvidenceGrid, np.ndarray]:
+    """Return the grid of evidence and its corner, (2,) metres.
+
+    A cell weighs the same however many returns it holds. Arguments as in `boxes_in`.
+    """
+    x, y = points[:, 0], points[:, 1]
+    corner = rule.cell_m * np.floor(np.array([x.min(), y.min()]) / rule.cell_m)
+    column = ((x - corner[0]) / rule.cell_m).astype(np.int64)
+    row = ((y - corner[1]) / rule.cell_m).astype(np.int64)
+    # The order within a cell fixes the rounding of sums.
+    order = np.lexsort((y, x, row, column))
+    column, row = column[order], row[order]
+    changes = (column[1:] != column[:-1]) | (row[1:] != row[:-1])
+    firsts = np.concatenate([[0], np.flatnonzero(changes) + 1])
+    cell = np.repeat(np.arange(len(firsts)), np.diff(firsts, append=len(points)))
+    counts = np.bincount(cell)
+    mean_x, mean_y, weight = (np.bincount(cell, v[order]) / counts for v in (x, y, weights))
+    places = np.column_stack([mean_x, mean_y]) - corner
+    starts = np.searchsorted(column[firsts], np.arange(column[-1] + 2))
+    weight = np.clip(weight, -rule.limit, rule.limit)
+    return EvidenceGrid(starts, places, weight, origin - corner, rule.cell_m), corner
 
 
 @compiled()
-def slide(chart: Chart, sides: np.ndarray, least: float) -> np.ndarray:
+def slide(grid: EvidenceGrid, sides: BoxSides, least: float) -> np.ndarray:
     """Return the best box about every place that has evidence within its reach.
 
-    sides: (4,) half length, half width, collar at the ends and at the flanks, metres.
     least: evidence of which a box needs as much.
 
-    Returns (B, 8): x, y, yaw, score, and from where to where across and along the line of sight
-    the body in the box reaches, metres and radians, from the chart's corner. A body has no gap
-    that a ray goes through, and no wide one in depth; of several in the box the one with most
-    evidence counts. In the collar counts what speaks against: a piece of wall that goes on is no
-    vehicle.
+    Returns (B, 8), from the grid's corner. A body has no gap that a ray goes through, and no wide
+    one in depth; of several in the box the one with most evidence counts.
     """
-    open_, most = _reachable(chart, int(sides[0] / chart.cell_m)), len(chart.places)
+    reachable, most = _reachable(grid, int(sides.half_length / grid.cell_m)), len(grid.places)
     yaws = np.arange(TURNS) * np.pi / TURNS
     headings = np.stack((np.cos(yaws), np.sin(yaws)), axis=1)
-    room = Room(
-        np.empty((3, most + WIDE)),
+    near = NearCells(
+        np.empty((3, most + BATCH)),
         np.empty((2, most), np.int64),
         np.empty((4, BINS)),
         headings,
         np.empty(TURNS),
         np.empty(4),
     )
-    found, count = np.empty((open_.sum(), 8)), 0
-    for a in range(open_.shape[0]):
-        for b in range(open_.shape[1]):
-            if not open_[a, b]:
+    boxes, count = np.empty((reachable.sum(), 8)), 0
+    for a in range(reachable.shape[0]):
+        for b in range(reachable.shape[1]):
+            if not reachable[a, b]:
                 continue
-            x, y = (a * STRIDE + 0.5) * chart.cell_m, (b * STRIDE + 0.5) * chart.cell_m
-            n, hope = _look_about(x, y, chart, sides, room)
-            if hope < least:
+            x, y = (a * STRIDE + 0.5) * grid.cell_m, (b * STRIDE + 0.5) * grid.cell_m
+            cells, bound = _fill_near(near, x, y, grid, sides)
+            if bound < least:
                 continue
-            box = found[count]
-            box[0], box[1], box[3] = x, y, 0.0
-            _turn(box, n, room, sides, least)
-            count += 1 if box[3] >= least else 0
-    return found[:count]
+            box = boxes[count]
+            box[X], box[Y], box[SCORE] = x, y, 0.0
+            _fill_best_turn(box, near, cells, sides, least)
+            count += 1 if box[SCORE] >= least else 0
+    return boxes[:count]
 
 
-@compiled(borrowing=True)
-def _columns(x: float, reach: float, chart: Chart) -> tuple[int, int]:
-    """Return the first row, and the one after the last, of the columns within reach of an x."""
-    last = len(chart.starts) - 2
-    low, high = int(max(x - reach, 0.0) / chart.cell_m), int((x + reach) / chart.cell_m)
-    return chart.starts[min(low, last)], chart.starts[min(high, last) + 1]
-
-
-@compiled(borrowing=True)
-def _look_about(
-    x: float, y: float, chart: Chart, sides: np.ndarray, room: Room
-) -> tuple[int, float]:
-    """Return how many cells a box about a place can hold, and the most evidence it can have."""
-    near, slots = room.near, room.slots
-    # No turned box reaches beyond these distances, with and without its collar.
-    inner = np.hypot(sides[0], sides[1]) ** 2
-    outer = max(np.hypot(sides[0] + sides[2], sides[1]), np.hypot(sides[0], sides[1] + sides[3]))
-    sight, (first, last) = _sight(x, y, chart.origin), _columns(x, outer, chart)
-    count, hope = 0, 0.0
-    for row in range(first, last):
-        dx, dy = chart.places[row, 0] - x, chart.places[row, 1] - y
-        far, weight = dx * dx + dy * dy, chart.weights[row]
-        if far > outer * outer:
+@compiled()
+def _reachable(grid: EvidenceGrid, reach: int) -> np.ndarray:
+    """Return regions of interest: places of the box, every `STRIDE` cells, with evidence near."""
+    wide, deep = grid.places[:, 0], grid.places[:, 1]
+    shape = (
+        (int(np.ceil((wide.max() - wide.min()) / grid.cell_m)) + 3) // STRIDE + 1,
+        (int(np.ceil((deep.max() - deep.min()) / grid.cell_m)) + 3) // STRIDE + 1,
+    )
+    reachable = np.zeros(shape, np.bool_)
+    for row in range(len(grid.places)):
+        if grid.weights[row] <= 0.0:
             continue
-        near[0, count], near[1, count], near[2, count] = dx, dy, weight
-        slots[0, count] = _bin(sight[0] * dy - sight[1] * dx)
-        slots[1, count] = _bin(sight[0] * dx + sight[1] * dy)
-        hope += max(weight, 0.0) if far <= inner else 0.0
-        count += 1
-    near[:2, count : count + WIDE], near[2, count : count + WIDE] = AFAR_M, 0.0
-    return count, hope
+        i = int(grid.places[row, 0] / grid.cell_m)
+        j = int(grid.places[row, 1] / grid.cell_m)
+        for a in range(max(i - reach, 0) // STRIDE, min((i + reach) // STRIDE + 1, shape[0])):
+            for b in range(max(j - reach, 0) // STRIDE, min((j + reach) // STRIDE + 1, shape[1])):
+                reachable[a, b] = True
+    return reachable
 
 
 @compiled(borrowing=True)
-def _turn(box: np.ndarray, count: int, room: Room, sides: np.ndarray, least: float) -> None:
-    """Write yaw, score and body of the best turn of a box, where one has `least` evidence.
-
-    count: of the cells in the room. Turns are tried from the one with most to hope for on.
-    """
-    hopes = room.hopes
-    _hope(room, count, sides)
-    for _ in range(TURNS):
-        turn = int(hopes.argmax())
-        # A hair more or less, for the order of the sum.
-        if hopes[turn] + HAIR < least or hopes[turn] <= box[3] + HAIR:
-            break
-        hopes[turn] = -np.inf
-        score = _evidence(room, count, turn, sides, max(box[3], least))
-        if score > box[3]:
-            box[2], box[3] = turn * np.pi / TURNS, score
-            for k in range(4):
-                box[4 + k] = room.run[k]
-
-
-@compiled(borrowing=True, fastmath=True)
-def _hope(room: Room, count: int, sides: np.ndarray) -> None:
-    """Fill in for each turn no less than the evidence of any body in a box at the origin.
-
-    That is what speaks for motion in the box, and against it in its collar, in any order.
-    """
-    near_x, near_y, weights = room.near[0], room.near[1], room.near[2]
-    long, wide = sides[0], sides[1]
-    longer, wider = long + sides[2], wide + sides[3]
-    for turn in range(TURNS):
-        cos, sin = room.headings[turn, 0], room.headings[turn, 1]
-        total = 0.0
-        for k in range((count + WIDE - 1) // WIDE * WIDE):
-            dx, dy, weight = near_x[k], near_y[k], weights[k]
-            along, across = abs(cos * dx + sin * dy), abs(cos * dy - sin * dx)
-            inside = (along <= long) & (across <= wide)
-            around = ((along <= longer) & (across <= wide)) | ((along <= long) & (across <= wider))
-            total += max(weight, 0.0) if inside else (min(weight, 0.0) if around else 0.0)
-        room.hopes[turn] = total
-
-
-@compiled(borrowing=True)
-def _bin(place: float) -> int:
-    """Return the bin of a place across or along the line of sight, metres."""
-    return min(max(int(place / BIN_M + BINS / 2), 0), BINS - 1)
+def _columns(x: float, reach: float, grid: EvidenceGrid) -> tuple[int, int]:
+    """Return the first row, and the one after the last, of the columns within reach of an x."""
+    last = len(grid.starts) - 2
+    low, high = int(max(x - reach, 0.0) / grid.cell_m), int((x + reach) / grid.cell_m)
+    return grid.starts[min(low, last)], grid.starts[min(high, last) + 1]
 
 
 @compiled(borrowing=True)
@@ -193,34 +202,108 @@ def _sight(x: float, y: float, origin: np.ndarray) -> tuple[float, float]:
 
 
 @compiled(borrowing=True)
-def _evidence(room: Room, count: int, turn: int, sides: np.ndarray, least: float) -> float:
-    """Return the evidence of the best body in a box at the origin, and fill in its run.
+def _fill_near(
+    near: NearCells, x: float, y: float, grid: EvidenceGrid, sides: BoxSides
+) -> tuple[int, float]:
+    """Return how many cells a box about a place can hold, and the most evidence it can have."""
+    offsets, slots = near.offsets, near.slots
+    long, wide = sides.half_length, sides.half_width
+    # No turned box reaches beyond these distances, with and without its collar.
+    inner = np.hypot(long, wide) ** 2
+    outer = max(
+        np.hypot(long + sides.collar_at_ends, wide), np.hypot(long, wide + sides.collar_at_flanks)
+    )
+    sight, (first, last) = _sight(x, y, grid.origin), _columns(x, outer, grid)
+    count, bound = 0, 0.0
+    for row in range(first, last):
+        dx, dy = grid.places[row, 0] - x, grid.places[row, 1] - y
+        far, weight = dx * dx + dy * dy, grid.weights[row]
+        if far > outer * outer:
+            continue
+        across, deep = sight[0] * dy - sight[1] * dx, sight[0] * dx + sight[1] * dy
+        offsets[0, count], offsets[1, count], offsets[2, count] = dx, dy, weight
+        slots[0, count] = min(max(int(across / BIN_M + BINS / 2), 0), BINS - 1)
+        slots[1, count] = min(max(int(deep / BIN_M + BINS / 2), 0), BINS - 1)
+        bound += max(weight, 0.0) if far <= inner else 0.0
+        count += 1
+    offsets[:2, count : count + BATCH], offsets[2, count : count + BATCH] = AFAR_M, 0.0
+    return count, bound
+
+
+@compiled(borrowing=True)
+def _fill_best_turn(
+    box: np.ndarray, near: NearCells, cells: int, sides: BoxSides, least: float
+) -> None:
+    """Write yaw, score and body of the best turn of a box, where one has `least` evidence.
+
+    cells: how many are near. Turns are tried from the one with the greatest bound on.
+    """
+    bounds = near.bounds
+    _fill_bounds(near, cells, sides)
+    for _ in range(TURNS):
+        turn = int(bounds.argmax())
+        # A hair more or less, for the order of the sum.
+        if bounds[turn] + HAIR < least or bounds[turn] <= box[SCORE] + HAIR:
+            break
+        bounds[turn] = -np.inf
+        score = _evidence(near, cells, turn, sides, max(box[SCORE], least))
+        if score > box[SCORE]:
+            box[YAW], box[SCORE] = turn * np.pi / TURNS, score
+            for k in range(4):
+                box[RIGHT + k] = near.reach[k]
+
+
+@compiled(borrowing=True, fastmath=True)
+def _fill_bounds(near: NearCells, cells: int, sides: BoxSides) -> None:
+    """Fill in for each turn no less than the evidence of any body in a box at the origin.
+
+    That is what speaks for motion in the box, and against it in its collar, in any order.
+    """
+    near_x, near_y, weights = near.offsets[0], near.offsets[1], near.offsets[2]
+    long, wide = sides.half_length, sides.half_width
+    longer, wider = long + sides.collar_at_ends, wide + sides.collar_at_flanks
+    for turn in range(TURNS):
+        cos, sin = near.headings[turn, 0], near.headings[turn, 1]
+        total = 0.0
+        for k in range((cells + BATCH - 1) // BATCH * BATCH):
+            dx, dy, weight = near_x[k], near_y[k], weights[k]
+            along, across = abs(cos * dx + sin * dy), abs(cos * dy - sin * dx)
+            inside = (along <= long) & (across <= wide)
+            around = ((along <= longer) & (across <= wide)) | ((along <= long) & (across <= wider))
+            total += max(weight, 0.0) if inside else (min(weight, 0.0) if around else 0.0)
+        near.bounds[turn] = total
+
+
+@compiled(borrowing=True)
+def _evidence(near: NearCells, cells: int, turn: int, sides: BoxSides, least: float) -> float:
+    """Return the evidence of the best body in a box at the origin, and fill in its reach.
 
     Where that is less than the least, it may be any number less than that.
     """
-    near_x, near_y, weights = room.near[0], room.near[1], room.near[2]
-    cos, sin, bins = room.headings[turn, 0], room.headings[turn, 1], room.bins
-    long, wide, ends, flanks = sides
+    near_x, near_y, weights = near.offsets[0], near.offsets[1], near.offsets[2]
+    cos, sin, bins = near.headings[turn, 0], near.headings[turn, 1], near.bins
+    long, wide = sides.half_length, sides.half_width
+    longer, wider = long + sides.collar_at_ends, wide + sides.collar_at_flanks
     bins[:] = 0.0
     against = 0.0
-    for k in range(count):
+    for k in range(cells):
         dx, dy, weight = near_x[k], near_y[k], weights[k]
         along, across = abs(cos * dx + sin * dy), abs(cos * dy - sin * dx)
         if along <= long and across <= wide:
-            side, deep = room.slots[0, k], room.slots[1, k]
+            side, deep = near.slots[0, k], near.slots[1, k]
             bins[0, side] += weight
             bins[1, side] += 1.0
             bins[2, deep] += weight
             bins[3, deep] += 1.0
         elif weight < 0.0 and (
-            (along <= long + ends and across <= wide) or (along <= long and across <= wide + flanks)
+            (along <= longer and across <= wide) or (along <= long and across <= wider)
         ):
             against += weight
-    run = room.run
-    side, run[0], run[1] = _best_run(bins[:2], GAP_BINS)
+    reach = near.reach
+    side, reach[0], reach[1] = _best_run(bins[:2], GAP_BINS)
     if side + against < least:
         return side + against
-    deep, run[2], run[3] = _best_run(bins[2:], DEEP_BINS)
+    deep, reach[2], reach[3] = _best_run(bins[2:], DEEP_BINS)
     return min(side, deep) + against
 
 
@@ -248,226 +331,53 @@ def _best_run(bins: np.ndarray, gap: int) -> tuple[float, float, float]:
 
 
 @compiled()
-def suppress(boxes: np.ndarray, chart: Chart, sides: np.ndarray, least: float) -> np.ndarray:
+def suppress(boxes: np.ndarray, grid: EvidenceGrid, sides: BoxSides, least: float) -> np.ndarray:
     """Return the rows of boxes that stay, best first.
 
     A box stays when without the cells of better ones it still has `least` evidence and most of
     what it had. boxes: (B, 8), sorted by falling score; the rest as in `slide`.
     """
-    cells = len(chart.places)
+    cells = len(grid.places)
     taken, rows = np.zeros(cells, np.bool_), np.empty(cells, np.int64)
-    kept, count = np.empty(len(boxes), np.int64), 0
+    stays, count = np.empty(len(boxes), np.int64), 0
     for b in range(len(boxes)):
-        first, last = _columns(boxes[b, 0], sides[0] + sides[1], chart)
-        n = _held(chart.places[first:last], boxes[b], chart.origin, sides, rows)
+        first, last = _columns(boxes[b, X], sides.half_length + sides.half_width, grid)
+        n = fill_rows(rows, grid.places[first:last], boxes[b], grid.origin, sides)
         rows[:n] += first
-        left = boxes[b, 3]
+        left = boxes[b, SCORE]
         for row in rows[:n]:
-            left -= chart.weights[row] if taken[row] else 0.0
-        if left < max(least, MOST * boxes[b, 3]):
+            left -= grid.weights[row] if taken[row] else 0.0
+        if left < max(least, MOST * boxes[b, SCORE]):
             continue
         for row in rows[:n]:
             taken[row] = True
-        kept[count] = b
+        stays[count] = b
         count += 1
-    return kept[:count]
+    return stays[:count]
 
 
 @compiled(borrowing=True)
-def _held(
-    places: np.ndarray, box: np.ndarray, origin: np.ndarray, sides: np.ndarray, rows: np.ndarray
+def fill_rows(
+    rows: np.ndarray, points: np.ndarray, box: np.ndarray, origin: np.ndarray, sides: BoxSides
 ) -> int:
-    """Write into `rows` which places belong to the body in a box; return how many."""
-    x, y, low, high, near, far = box[0], box[1], box[4], box[5], box[6], box[7]
-    cos, sin = np.cos(box[2]), np.sin(box[2])
+    """Write into `rows` which of some points belong to the body in a box; return how many.
+
+    rows: (N,) int64. points: (N, 2 or 3) metres. box: (8,). origin: (2,) metres, the sensor. All
+    of one frame.
+    """
+    x, y = box[X], box[Y]
+    cos, sin = np.cos(box[YAW]), np.sin(box[YAW])
     sx, sy = _sight(x, y, origin)
-    long, wide = sides[0], sides[1]
+    long, wide = sides.half_length, sides.half_width
     count, reach = 0, long + wide
-    for row in range(len(places)):
-        dx, dy = places[row, 0] - x, places[row, 1] - y
+    for row in range(len(points)):
+        dx, dy = points[row, 0] - x, points[row, 1] - y
         if abs(dx) > reach or abs(dy) > reach:
             continue
         if abs(cos * dx + sin * dy) > long or abs(cos * dy - sin * dx) > wide:
             continue
-        if low <= sx * dy - sy * dx <= high and near <= sx * dx + sy * dy <= far:
+        across, deep = sx * dy - sy * dx, sx * dx + sy * dy
+        if box[RIGHT] <= across <= box[LEFT] and box[NEAR] <= deep <= box[FAR]:
             rows[count] = row
             count += 1
     return count
-
-
-@compiled()
-def gathered(
-    points: np.ndarray, box: np.ndarray, origin: np.ndarray, sides: np.ndarray
-) -> np.ndarray:
-    """Return the rows (K,) of those points (N, 3), metres, that belong to the body in a box.
-
-    box: (8,), a row of what `slide` returns. origin: (2,) metres, the sensor. All of one frame.
-    sides: as in `slide`.
-    """
-    rows = np.empty(len(points), np.int64)
-    return rows[: _held(points, box, origin, sides, rows)].copy()
-
-
-@compiled()
-def _reachable(chart: Chart, reach: int) -> np.ndarray:
-    """Regions of interest: places of the box, every `STRIDE` cells, with evidence near."""
-    wide, deep = chart.places[:, 0], chart.places[:, 1]
-    shape = (
-        (int(np.ceil((wide.max() - wide.min()) / chart.cell_m)) + 3) // STRIDE + 1,
-        (int(np.ceil((deep.max() - deep.min()) / chart.cell_m)) + 3) // STRIDE + 1,
-    )
-    open_ = np.zeros(shape, np.bool_)
-    for row in range(len(chart.places)):
-        if chart.weights[row] <= 0.0:
-            continue
-        i = int(chart.places[row, 0] / chart.cell_m)
-        j = int(chart.places[row, 1] / chart.cell_m)
-        for a in range(max(i - reach, 0) // STRIDE, min((i + reach) // STRIDE + 1, shape[0])):
-            for b in range(max(j - reach, 0) // STRIDE, min((j + reach) // STRIDE + 1, shape[1])):
-                open_[a, b] = True
-    return open_
-
-
-# --------------------------------------------------------------------------------------------------
-# From evidence of motion to boxes that hold vehicles, and to the returns of each: compiled.
-
-MOST_MOVES = 8
-"""Of a row, on average: equals that need more, as of a straight wall, are sorted by each axis."""
-
-
-@compiled()
-def boxes_in(
-    points: np.ndarray,
-    weights: np.ndarray,
-    origin: np.ndarray,
-    sides: np.ndarray,
-    rules: tuple[float, float, float],
-) -> np.ndarray:
-    """Return (B, 8) boxes that hold moving vehicles, as `slide` does, best first.
-
-    points: (N, 2 or more) metres, N at least 1; weights: (N,) evidence of motion of each. origin:
-    (2,) metres, the sensor. sides: as in `slide`. rules: side of a cell, metres, most that a cell
-    weighs, and least evidence of a box.
-    """
-    cell_m, limit, least = rules
-    chart, corner = charted(points, weights, origin, (cell_m, limit))
-    boxes = slide(chart, sides, least)
-    # They come by x, then by y.
-    boxes = boxes[np.argsort(-boxes[:, 3], kind="mergesort")]
-    kept: np.ndarray = boxes[suppress(boxes, chart, sides, least)]
-    kept[:, :2] += corner
-    return kept
-
-
-@compiled()
-def charted(
-    points: np.ndarray, weights: np.ndarray, origin: np.ndarray, rules: tuple[float, float]
-) -> tuple[Chart, np.ndarray]:
-    """Return the chart of evidence and its corner, (2,) metres.
-
-    A cell weighs the same however many returns it holds. Arguments as in `boxes_in`.
-    """
-    cell_m, limit = rules
-    corner, order = np.empty(2), _order_by(points, (0, 1))
-    for axis in range(2):
-        corner[axis] = cell_m * np.floor(points[:, axis].min() / cell_m)
-    deep = int((points[:, 1].max() - corner[1]) / cell_m) + 1
-    wide = int((points[:, 0].max() - corner[0]) / cell_m) + 1
-    cell = np.empty(len(points), np.int64)
-    for k in range(len(points)):
-        x, y = points[order[k], 0] - corner[0], points[order[k], 1] - corner[1]
-        cell[k] = int(x / cell_m) * deep + int(y / cell_m)
-    sums, starts, count, last = np.zeros((len(points), 4)), np.zeros(wide + 1, np.int64), -1, -1
-    for k in np.argsort(cell, kind="mergesort"):
-        if cell[k] != last:
-            last, count = cell[k], count + 1
-            starts[last // deep + 1] = count + 1
-        i = order[k]
-        sums[count, 0] += points[i, 0]
-        sums[count, 1] += points[i, 1]
-        sums[count, 2] += weights[i]
-        sums[count, 3] += 1.0
-    for column in range(wide):
-        starts[column + 1] = max(starts[column + 1], starts[column])
-    held = sums[: count + 1]
-    places = held[:, :2] / held[:, 3:] - corner
-    values = np.minimum(np.maximum(held[:, 2] / held[:, 3], -limit), limit)
-    return Chart(starts, places, values, origin - corner, cell_m), corner
-
-
-@compiled()
-def _order_by(points: np.ndarray, axes: tuple[int, ...]) -> np.ndarray:
-    """Return the order of (N, D) points by their first axis named, then by the next of those."""
-    order, moves = np.argsort(points[:, axes[0]], kind="mergesort"), 0
-    for k in range(1, len(order)):
-        row, place = order[k], k
-        while place > 0 and _behind(points, order[place - 1], row, axes):
-            order[place] = order[place - 1]
-            place -= 1
-        order[place] = row
-        moves += k - place
-        if moves > MOST_MOVES * len(order):
-            return _order_by_sorts(points, axes)
-    return order
-
-
-@compiled(borrowing=True)
-def _behind(points: np.ndarray, one: int, other: int, axes: tuple[int, ...]) -> bool:
-    """Say whether a point comes after another."""
-    for axis in axes:
-        if points[one, axis] != points[other, axis]:
-            return bool(points[one, axis] > points[other, axis])
-    return False
-
-
-@compiled()
-def _order_by_sorts(points: np.ndarray, axes: tuple[int, ...]) -> np.ndarray:
-    """Return the order by as many sorts, the last axis first: each keeps equals in place."""
-    order = np.arange(len(points))
-    for level in range(len(axes) - 1, -1, -1):
-        order = order[np.argsort(points[order, axes[level]], kind="mergesort")]
-    return order
-
-
-@compiled()
-def shared_out(
-    points: np.ndarray, times_s: np.ndarray, rows: np.ndarray, owner: np.ndarray, bodies: int
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Return where each body's returns begin, (B + 1,), and their rows, places and times.
-
-    points: (N, 3), metres, and times_s (N,) of all returns. rows: (K,) int64, those that were
-    looked at; owner: (K,) int64, the body of each, -1 for none. Sorted by body, then by place.
-    """
-    starts = np.zeros(bodies + 1, np.int64)
-    for body in owner:
-        if body >= 0:
-            starts[body + 1] += 1
-    for body in range(bodies):
-        starts[body + 1] += starts[body]
-    found, filled = np.empty(starts[-1], np.int64), starts[:-1].copy()
-    for k in range(len(rows)):
-        if owner[k] >= 0:
-            found[filled[owner[k]]] = rows[k]
-            filled[owner[k]] += 1
-    for body in range(bodies):
-        part = found[starts[body] : starts[body + 1]]
-        part[:] = part[_order_by(points[part], (2, 1, 0))]
-    return starts, found, points[found], times_s[found]
-
-
-@compiled()
-def met_at(
-    times_s: np.ndarray, starts: np.ndarray, lidar_from_ego: np.ndarray, twist: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """Return each body's median time, (B,) seconds, 0 of none, and the sensor then, (B, 2) metres.
-
-    times_s: (N,) of its returns, body after body; starts: (B + 1,) where each begins. The others
-    as in `sensor_at`.
-    """
-    bodies = len(starts) - 1
-    met_s, origins = np.zeros(bodies), np.empty((bodies, 2))
-    for body in range(bodies):
-        if starts[body + 1] > starts[body]:
-            met_s[body] = np.median(times_s[starts[body] : starts[body + 1]])
-        origins[body] = sensor_at(lidar_from_ego, twist, met_s[body])
-    return met_s, origins

@@ -5,26 +5,163 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
+from statistics import median
 
 import numpy as np
 
 from roadscope.core.jit import compiled
 from roadscope.core.record import Record
-from roadscope.detectors.moving.box_search import boxes_in, gathered, met_at, shared_out
-from roadscope.detectors.moving.memory import Look
+from roadscope.detectors.moving.box_search import (
+    SCORE,
+    YAW,
+    BoxRule,
+    BoxSides,
+    boxes_in,
+    fill_rows,
+)
 from roadscope.detectors.moving.view import (
+    EarlierView,
     View,
     carried,
-    look_back,
-    seen_through,
-    spans,
+    count_free_and_taken,
+    height_spans,
+    is_seen_through,
     thinned,
-    voxel_of,
 )
 from roadscope.detectors.shape.bodies import LONGEST_M, WIDEST_M
 
 # --------------------------------------------------------------------------------------------------
-# The rest of a body of which a part was seen to move.
+# Moving vehicles out of a scan (Zhang 2017, section 1): temporal cue, geometric cue, box model.
+
+LOW_M, HIGH_M = 0.3, 2.8
+"""Heights above the road of the returns that are used: clear of the ground, below bridges and most
+of a crown."""
+SILL_M = 0.15
+"""A vehicle's returns are taken from here on: far away one beam alone hits its lower half."""
+REACH_M = 120.0
+SIDES = BoxSides(2.7, 1.3, 0.75, 0.75)
+"""A car whose place in the box is unknown by half a stride and its heading by half a turn."""
+CELL_M, SLAB_M = 0.25, 0.3
+"""Sides of the voxels of which one return each is used: a near flank has thousands."""
+RULE = BoxRule(SIDES, CELL_M, limit=3.0, least=3.0)
+"""The least evidence is that of three returns where rays went through before."""
+NEIGHBOUR_M = 0.6
+"""Returns up to twice as far away are taken for parts of the same object."""
+MIN_VIEWS = 2
+MIN_POINTS = 3
+CHANCE = 1
+"""One ray that passed where something thin stands says little: so many are not counted."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Candidate(Record):
+    """Returns of one moving vehicle.
+
+    points: (N, 3) float64, metres, ego frame at the scan's stamp, sorted. The sensor's motion
+        during the sweep is taken out, the vehicle's own is not.
+    rows: (N,) int64, which return of the scan each one is.
+    times_s: (N,) float64, seconds after the stamp. time_s: their median.
+    origin: (2,) float64, metres, where the sensor was then.
+    box: (3,) float64, x, y in metres and yaw of the box that holds it.
+    evidence: of motion, summed over the cells of the box.
+    """
+
+    points: np.ndarray
+    rows: np.ndarray
+    times_s: np.ndarray
+    time_s: float
+    origin: np.ndarray
+    box: np.ndarray
+    evidence: float
+
+
+def extract(now: View, earlier: Sequence[EarlierView]) -> list[Candidate]:
+    """Return what moves in a scan, given earlier ones; nothing while there are too few.
+
+    Places are metres in the scan's ego frame at its stamp.
+    """
+    rows = np.flatnonzero(_at_vehicle_height(now))
+    points = now.points[rows]
+    if len(earlier) < MIN_VIEWS or not (points[:, 2] > LOW_M).any():
+        return []
+    thin_rows, voxel = thinned(points, CELL_M, SLAB_M)
+    thin = points[thin_rows]
+    upright = thin[thin[:, 2] > LOW_M]
+    weights = motion(upright, earlier)
+    through = is_seen_through(upright, now.range_image)
+    weights[through] = np.minimum(weights[through], 0.0)
+    if not (weights > 0).any():
+        return []
+    origin = now.origin()
+    boxes = boxes_in(upright, weights, origin, RULE)
+    body, first_box = bodies(thin, boxes, origin, SIDES)
+    return _candidates(now, rows, body[voxel], boxes[first_box])
+
+
+def _at_vehicle_height(view: View) -> np.ndarray:
+    """Geometric cue: return (N,) whether a return is at a vehicle's height and not too far off."""
+    x, y, z = view.points.T
+    near = (np.abs(x) < REACH_M) & (np.abs(y) < REACH_M)
+    return np.asarray((z > SILL_M) & (z < HIGH_M) & near)
+
+
+def motion(points: np.ndarray, earlier: Sequence[EarlierView]) -> np.ndarray:
+    """Return (N,) evidence that each of the places (N, 3), ego frame now, holds something moving.
+
+    Temporal cue: where an earlier scan has a return too there is background; where its rays went
+    through the place, what stands there now has moved there. A scan without a ray to the place
+    says nothing; a place where no scan has a return is weak evidence of motion. Between -3.5 and 5.
+    """
+    counts, heights = np.zeros((2, len(points)), np.int64), height_spans(points, NEIGHBOUR_M)
+    for then in earlier:
+        places = carried(points, then.then_from_now)
+        count_free_and_taken(places, heights, then.view.range_image, counts)
+    free, taken = np.maximum(counts - [[CHANCE], [0]], 0) / len(earlier)
+    return np.where(free > 0, 1.0 + 5.0 * free - 4.5 * taken, np.where(taken > 0, -4.5 * taken, 1))
+
+
+def _candidates(
+    now: View, rows: np.ndarray, body: np.ndarray, boxes: np.ndarray
+) -> list[Candidate]:
+    """Return the vehicles of boxes (B, 8), without those that have too few returns.
+
+    rows: (K,) of returns. body: (K,) which box's vehicle each belongs to, -1 for none.
+    """
+    rows, starts = sorted_by_body(now.points, rows, body, len(boxes))
+    parts = [(b, rows[i:j]) for b, (i, j) in enumerate(pairwise(starts.tolist()))]
+    return [_candidate(now, part, boxes[b]) for b, part in parts if len(part) >= MIN_POINTS]
+
+
+def sorted_by_body(
+    points: np.ndarray, rows: np.ndarray, body: np.ndarray, bodies: int
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return the rows of returns by body, then by z, y and x, and where each body begins, (B + 1,).
+
+    points: (N, 3) metres, of all returns. rows: (K,) int64, those that were used. body: (K,)
+    int64, from 0 up to `bodies`, -1 for none: those are left out.
+    """
+    rows, body = rows[body >= 0], body[body >= 0]
+    x, y, z = points[rows].T
+    order = np.lexsort((x, y, z, body))
+    return rows[order], np.searchsorted(body[order], np.arange(bodies + 1))
+
+
+def _candidate(now: View, rows: np.ndarray, box: np.ndarray) -> Candidate:
+    times_s = now.times_s[rows]
+    time_s = median(times_s.tolist())
+    return Candidate(
+        now.points[rows],
+        rows,
+        times_s,
+        time_s,
+        now.origin(time_s),
+        box[: YAW + 1],
+        float(box[SCORE]),
+    )
+
+
+# --------------------------------------------------------------------------------------------------
+# From the part of a body in a box to all of its returns: compiled.
 
 LINK_M = 1.0
 """Parts of one body come this near to each other; cars in a queue keep farther apart."""
@@ -36,53 +173,50 @@ TALL_M = 1.75
 
 @compiled()
 def bodies(
-    points: np.ndarray, boxes: np.ndarray, origin: np.ndarray, sides: np.ndarray
+    points: np.ndarray, boxes: np.ndarray, origin: np.ndarray, sides: BoxSides
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return which body each point belongs to, (N,), -1 for none, and each body's box, (K,).
 
-    points: (N, 3) metres. boxes (B, 8), origin and sides: of `box_kernels`, best box first. What
-    is mostly of a body that was found already is found once.
+    points: (N, 3) metres. boxes: (B, 8), best first. origin: (2,) metres, the sensor. A box
+    whose returns mostly belong to an earlier body is left out.
     """
-    owner, found, count = np.full(len(points), -1), np.empty(len(boxes), np.int64), 0
+    body, first_box, count = np.full(len(points), -1), np.empty(len(boxes), np.int64), 0
+    rows = np.empty(len(points), np.int64)
     for b in range(len(boxes)):
-        part = gathered(points, boxes[b], origin, sides)
-        free = part[owner[part] < 0]
+        part = rows[: fill_rows(rows, points, boxes[b], origin, sides)]
+        free = part[body[part] < 0]
         if 2 * len(free) <= len(part):
             continue
         for row in whole_body(points, free):
-            if owner[row] < 0:
-                owner[row] = count
-        found[count] = b
+            if body[row] < 0:
+                body[row] = count
+        first_box[count] = b
         count += 1
-    return owner, found[:count]
+    return body, first_box[:count]
 
 
 @compiled()
 def whole_body(points: np.ndarray, part: np.ndarray) -> np.ndarray:
     """Return the rows of the body that a part belongs to; the part's where that is no vehicle.
 
-    points: (N, 3) metres, z from the ground. part: (K,) int64, rows of it. A slow vehicle still
-    stands where its rear half was seen a second ago, and a lorry fills several boxes.
+    points: (N, 3) metres, z from the ground. part: (K,) int64, rows of it. The rear half
+    of a slow vehicle is where its front was a second ago, and a lorry fills several boxes.
     """
-    grown = linked(points, part, LINK_M, LONGEST_M)
-    return grown if _fits(points[grown]) else part
-
-
-@compiled()
-def _fits(points: np.ndarray) -> bool:
-    """Whether a vehicle along the longest way through (N, 3) points would hold them."""
-    x, y = points[:, 0] - points[:, 0].mean(), points[:, 1] - points[:, 1].mean()
+    rows = linked(points, part, LINK_M, LONGEST_M)
+    grown = points[rows]
+    # Lengths along and across the longest extent.
+    x, y = grown[:, 0] - grown[:, 0].mean(), grown[:, 1] - grown[:, 1].mean()
     axis = 0.5 * np.arctan2(2.0 * (x * y).sum(), (x * x).sum() - (y * y).sum())
     along, across = np.cos(axis) * x + np.sin(axis) * y, np.cos(axis) * y - np.sin(axis) * x
     length, width = along.max() - along.min(), across.max() - across.min()
-    if points[:, 2].max() < TALL_M:
-        return bool(length <= CAR_M[0] and width <= CAR_M[1])
-    return bool(length <= LONGEST_M and width <= WIDEST_M)
+    tall = grown[:, 2].max() >= TALL_M
+    longest, widest = (LONGEST_M, WIDEST_M) if tall else CAR_M
+    return rows if length <= longest and width <= widest else part
 
 
 @compiled()
 def linked(points: np.ndarray, part: np.ndarray, link_m: float, reach_m: float) -> np.ndarray:
-    """Return, rising, the rows (M,) int64 that hang together with a part.
+    """Return, rising, the rows (M,) int64 that are connected with a part.
 
     points: (N, 3) metres, any frame. part: (K,) int64, rows of it, K at least 1. Seen from above,
     each is within `link_m` of another one, and those beside the part are less than `reach_m` away
@@ -111,121 +245,3 @@ def linked(points: np.ndarray, part: np.ndarray, link_m: float, reach_m: float) 
                 queue[size] = other
                 size += 1
     return np.flatnonzero(inside)
-
-
-# --------------------------------------------------------------------------------------------------
-# Moving vehicles out of a scan (Zhang 2017, section 1): temporal cue, geometric cue, box model.
-
-LOW_M, HIGH_M = 0.3, 2.8
-"""Heights above the road at which things are looked at: clear of the ground, below bridges and
-most of a crown."""
-SILL_M = 0.15
-"""A vehicle's returns are taken from here on: far away its lower half is met by one beam."""
-REACH_M = 120.0
-CELL_M = 0.25
-SIDES_M = np.array([2.7, 1.3, 0.75, 0.75])
-"""Half length and half width of the box, and its collar at the ends and at the flanks: a car
-whose place in the box is unknown by half a stride and its heading by half a turn."""
-SLAB_M = 0.3
-"""Height of the voxels of which one return each is looked at: a near flank has thousands."""
-NEIGHBOUR_M = 0.6
-"""Returns up to twice as far away are seen of the same thing."""
-MIN_LOOKS = 2
-MIN_POINTS = 3
-CHANCE = 1
-"""One ray that passed where something thin stands says little: so many are not counted."""
-LEAST = 3.0
-"""Evidence that makes a vehicle: three returns where the road was seen free."""
-LIMIT = 3.0
-"""Most that one cell weighs, for or against."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Candidate(Record):
-    """Returns of one moving vehicle.
-
-    points: (N, 3) float64, metres, ego frame at the scan's stamp, sorted. The sensor's motion
-        during the sweep is taken out, the vehicle's own is not.
-    rows: (N,) int64, which return of the scan each one is.
-    times_s: (N,) float64, seconds after the stamp. time_s: their median.
-    origin: (2,) float64, metres, where the sensor was then.
-    box: (3,) float64, x, y in metres and yaw of the box that found it.
-    evidence: of motion, summed over the cells of the box.
-    """
-
-    points: np.ndarray
-    rows: np.ndarray
-    times_s: np.ndarray
-    time_s: float
-    origin: np.ndarray
-    box: np.ndarray
-    evidence: float
-
-
-def extract(now: View, back: Sequence[Look]) -> list[Candidate]:
-    """Return what moves in a scan, given earlier ones; nothing while there are too few.
-
-    Places are metres in the scan's ego frame at its stamp.
-    """
-    rows = np.flatnonzero(_between(now, SILL_M))
-    points = now.points[rows]
-    if len(back) < MIN_LOOKS or not (points[:, 2] > LOW_M).any():
-        return []
-    voxels = thinned(points, CELL_M, SLAB_M)
-    thin = points[voxels]
-    upright = thin[thin[:, 2] > LOW_M]
-    weights = motion(upright, back)
-    through = seen_through(upright, now.rays)
-    weights[through] = np.minimum(weights[through], 0.0)
-    if not (weights > 0).any():
-        return []
-    boxes = boxes_in(upright, weights, now.origin(), SIDES_M, (CELL_M, LIMIT, LEAST))
-    owner, found_by = bodies(thin, boxes, now.origin(), SIDES_M)
-    held = owner[voxel_of(points, voxels, CELL_M, SLAB_M)]
-    return _candidates(now, (rows, held), boxes[found_by])
-
-
-def motion(points: np.ndarray, back: Sequence[Look]) -> np.ndarray:
-    """Return (N,) evidence that each of the places (N, 3), ego frame now, holds something moving.
-
-    Temporal cue: where an earlier scan saw something too it is background, where it saw through
-    the place what stands there now has come. One that could not see the place says nothing; what
-    none has seen taken is a little suspect. Between -3.5 and 5.
-    """
-    counts, heights = np.zeros((2, len(points)), np.int64), spans(points, NEIGHBOUR_M)
-    for look in back:
-        look_back(carried(points, look.then_from_now), heights, look.view.rays, counts)
-    free, taken = np.maximum(counts - [[CHANCE], [0]], 0) / len(back)
-    return np.where(free > 0, 1.0 + 5.0 * free - 4.5 * taken, np.where(taken > 0, -4.5 * taken, 1))
-
-
-def _between(view: View, low_m: float) -> np.ndarray:
-    """Geometric cue: (N,) returns at a vehicle's height."""
-    x, y, z = view.points.T
-    near = (np.abs(x) < REACH_M) & (np.abs(y) < REACH_M)
-    return np.asarray((z > low_m) & (z < HIGH_M) & near)
-
-
-def _candidates(
-    now: View, held: tuple[np.ndarray, np.ndarray], boxes: np.ndarray
-) -> list[Candidate]:
-    """Return the vehicles of boxes (B, 8), without those that have too few returns.
-
-    held: (K,) rows of returns, and which box's vehicle each belongs to, -1 for none.
-    """
-    starts, rows, points, times_s = shared_out(now.points, now.times_s, *held, len(boxes))
-    met_s, origins = met_at(times_s, starts, now.lidar_from_ego, now.twist)
-    ends, met = starts.tolist(), met_s.tolist()
-    return [
-        Candidate(
-            points[i:j],
-            rows[i:j],
-            times_s[i:j],
-            met[b],
-            origins[b],
-            boxes[b, :3],
-            float(boxes[b, 3]),
-        )
-        for b, (i, j) in enumerate(pairwise(ends))
-        if j - i >= MIN_POINTS
-    ]

@@ -1,4 +1,4 @@
-"""What a scan tells of the LiDAR that made it."""
+"""The beams and columns of a LiDAR, estimated from one of its scans."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ SWEEP_LEAST_S = 1e-3
 def lidar_of(
     scan: LidarScan, *, range_noise_m: float | None, range_max_m: float, detection_limit: float
 ) -> LidarSpec | None:
-    """Return the beams and columns that a scan shows, None where it shows too few.
+    """Return the LiDAR whose beams and columns a scan shows, None where it shows too few.
 
-    Frames do not say which LiDAR made them; directions, times and, where it is None, the range
-    noise can be read off the returns, limits cannot. A beam without a return is taken to lie
-    evenly between its neighbours.
+    A frame does not name its LiDAR. Directions and times follow from the returns, and so does the
+    range noise where it is None; the limits do not. A beam without a return is taken to lie evenly
+    between its neighbours.
     """
     if not len(scan) or scan.ring.min() < 0 or scan.column.min() < 0:
         return None
@@ -41,7 +41,7 @@ def lidar_of(
     if range_noise_m is None:
         range_noise_m = float(range_noise_of(image))
     return LidarSpec(
-        "seen",
+        "estimated",
         elevations,
         np.zeros(len(slopes)),
         azimuth,

@@ -4,12 +4,10 @@ from collections.abc import Callable, Mapping
 
 from roadscope.detectors.horizon import Horizon
 from roadscope.detectors.shape.body import vehicles_by_body
-from roadscope.detectors.shape.cluster import Cluster
-from roadscope.detectors.shape.iepf import vehicles_by_lines
-from roadscope.detectors.shape.l_shape import vehicles_by_l_shape
+from roadscope.detectors.shape.cluster import Cluster, clusters
+from roadscope.detectors.shape.l_shape import vehicles_by_l_shape, vehicles_by_rectangle
 from roadscope.detectors.shape.matched import vehicles_by_matched_filter
-from roadscope.detectors.shape.recognition import Vehicle
-from roadscope.detectors.shape.rectangle import vehicles_by_rectangle
+from roadscope.detectors.shape.recognition import Segment, Vehicle, fit_iepf, vehicles_by_lines
 
 Shape = Callable[[Cluster, Horizon], list[Vehicle]]
 """Returns the vehicles that a cluster shows, none where it shows something else."""
@@ -23,4 +21,4 @@ SHAPES: Mapping[str, Callable[..., list[Vehicle]]] = {
 }
 """Name -> a `Shape`; keyword arguments beyond the two are its options."""
 
-__all__ = ["SHAPES", "Cluster", "Shape", "Vehicle"]
+__all__ = ["SHAPES", "Cluster", "Segment", "Shape", "Vehicle", "clusters", "fit_iepf"]

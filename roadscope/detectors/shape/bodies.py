@@ -55,6 +55,20 @@ WIDEST_M = 3.0
 """The widest with mirrors and noise."""
 
 
-def body_table() -> np.ndarray:
-    """Return (K, 7): log share, then mean and standard deviation of length, width, height."""
-    return np.array([[np.log(b.share), *b.length, *b.width, *b.height] for b in BODIES])
+class BodyTable(NamedTuple):
+    """`BODIES` as arrays.
+
+    log_shares: (K,) natural logarithms. means, spreads: (K, 3) mean and standard deviation of
+    length, width and height in metres.
+    """
+
+    log_shares: np.ndarray
+    means: np.ndarray
+    spreads: np.ndarray
+
+
+def body_table() -> BodyTable:
+    """Return the kinds of road users as arrays."""
+    sizes = np.array([[b.length, b.width, b.height] for b in BODIES])
+    means, spreads = sizes[..., 0].copy(), sizes[..., 1].copy()
+    return BodyTable(np.log([b.share for b in BODIES]), means, spreads)

@@ -9,6 +9,7 @@ from itertools import pairwise
 import numpy as np
 
 from roadscope.core import wrap_angle
+from roadscope.core.jit import compiled
 from roadscope.detectors.cloud import Cloud
 from roadscope.detectors.sorting import order_by, order_within, starts_of
 
@@ -120,3 +121,14 @@ def clusters(cloud: Cloud, labels: np.ndarray) -> Iterator[Cluster]:
     ends = starts_of(labels[rows]).tolist()
     for (i, j), outline in zip(pairwise(ends), outlines(cloud, labels, rows), strict=True):
         yield Cluster(points[i:j], ring[i:j], column[i:j], outline, cloud.origin)
+
+
+@compiled()
+def diagonal(points: np.ndarray) -> float:
+    """Return the diagonal of the upright box seen from above around points (N, 2 or 3), N > 0."""
+    x, y = points[0, 0], points[0, 1]
+    left, right, low, high = x, x, y, y
+    for i in range(1, len(points)):
+        x, y = points[i, 0], points[i, 1]
+        left, right, low, high = min(left, x), max(right, x), min(low, y), max(high, y)
+    return float(np.hypot(right - left, high - low))

@@ -3,21 +3,147 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import cache
 from typing import NamedTuple
 
 import numpy as np
 
+from roadscope.core import wrap_angle
 from roadscope.core.jit import compiled
 from roadscope.detectors.horizon import Horizon
-from roadscope.detectors.shape.bodies import BODIES, LONGEST_M, WIDEST_M, body_table
-from roadscope.detectors.shape.cluster import Cluster
-from roadscope.detectors.shape.heading_kernels import hull_heading
+from roadscope.detectors.shape.bodies import BODIES, LONGEST_M, WIDEST_M, BodyTable, body_table
+from roadscope.detectors.shape.cluster import Cluster, diagonal
 from roadscope.detectors.shape.recognition import Vehicle
 
 # --------------------------------------------------------------------------------------------------
-# From what is seen of a body, and which way it is turned, to the whole of it.
+# The bodies in a cluster: it is cut where its outline jumps if it holds more than one.
+
+MIN_POINTS = 3
+LEAST_M = 0.25
+"""Least diagonal of a cluster: a thin post is nobody."""
+FIT_MIN = -18.0
+"""Least log likelihood of the best kind of body; far below that of any road user in our scans."""
+JUMP_M = 0.6
+"""Neighbouring outline points farther apart may lie on two bodies; more than the rounding of a
+corner and range noise make of one."""
+RAGGED_M = 0.3
+"""Outlines farther from their faces (root mean square) are rather those of two bodies: three times
+the range noise of the LUX."""
+CUTS = 3
+"""How often a cluster is cut in two and its parts again."""
+
+Fit = Callable[[Cluster, Horizon], Vehicle | None]
+"""Returns the road user that a cluster shows if it shows one."""
+
+
+def bodies_in(cluster: Cluster, horizon: Horizon, fit: Fit, *, cuts: int = CUTS) -> list[Vehicle]:
+    """Return the one road user that a cluster shows, or those that its parts show.
+
+    It is cut where it shows nobody, or somebody whose faces its outline does not follow.
+    """
+    vehicle = fit(cluster, horizon) if is_body_sized(cluster) else None
+    if vehicle is not None and vehicle.residual_m <= RAGGED_M:
+        return [vehicle]
+    parts = cut(cluster) if cuts else []
+    bodies = [body for part in parts for body in bodies_in(part, horizon, fit, cuts=cuts - 1)]
+    return bodies if bodies or vehicle is None else [vehicle]
+
+
+def is_body_sized(cluster: Cluster) -> bool:
+    """Whether a cluster has enough returns and may be a road user by its extent."""
+    if len(cluster.points) < MIN_POINTS:
+        return False
+    return bool(LEAST_M <= diagonal(cluster.points) <= LONGEST_M + WIDEST_M)
+
+
+def cut(cluster: Cluster) -> list[Cluster]:
+    """Return both sides of the widest jump of the outline, nothing where there is no jump."""
+    steps = np.diff(cluster.outline, axis=0)
+    gaps = np.hypot(steps[:, 0], steps[:, 1])
+    if not len(gaps) or gaps.max() < JUMP_M:
+        return []
+    last = int(gaps.argmax())
+    ahead = cluster.outline.mean(axis=0) - cluster.origin
+    middle = np.arctan2(ahead[1], ahead[0])
+    ends = _azimuths(cluster.outline[last : last + 2], cluster.origin, middle)
+    left = _azimuths(cluster.points[:, :2], cluster.origin, middle) > ends.mean()
+    return [
+        Cluster(cluster.points[m], cluster.ring[m], cluster.column[m], outline, cluster.origin)
+        for m, outline in (
+            (~left, cluster.outline[: last + 1]),
+            (left, cluster.outline[last + 1 :]),
+        )
+    ]
+
+
+def _azimuths(points: np.ndarray, origin: np.ndarray, middle: float) -> np.ndarray:
+    """Return directions of (N, 2) points from the sensor, from the middle one on, radians."""
+    x, y = (points - origin).T
+    return np.asarray(wrap_angle(np.arctan2(y, x) - middle))
+
+
+# --------------------------------------------------------------------------------------------------
+# The whole of a body of which a rectangle's heading and the faces turned to the sensor are known.
+
+
+class ShownCluster(NamedTuple):
+    """What a cluster shows, and what is hidden about it.
+
+    outline: (M, 2) metres. points: (N, 3) metres. ring: (N,) int64. origin: (2,) metres, the
+    sensor. hidden_right, hidden_left: whether a body may go on unseen beyond the right and the
+    left end of the outline. step: radians from column to column.
+    """
+
+    outline: np.ndarray
+    points: np.ndarray
+    ring: np.ndarray
+    origin: np.ndarray
+    hidden_right: bool
+    hidden_left: bool
+    step: float
+
+
+_table = cache(body_table)
+
+
+def completions(cluster: Cluster, yaws: Sequence[float], horizon: Horizon) -> list[Vehicle | None]:
+    """Return the road user that shows a cluster for each heading, None where it is too large.
+
+    yaws: radians, along either side of the rectangle.
+    """
+    return completed(shown_by(cluster, horizon), yaws)
+
+
+def shown_by(cluster: Cluster, horizon: Horizon) -> ShownCluster:
+    """Return what a cluster shows, and what is hidden about it."""
+    return ShownCluster(
+        cluster.outline,
+        cluster.points,
+        cluster.ring,
+        cluster.origin,
+        *horizon.hides(cluster.outline),
+        horizon.step,
+    )
+
+
+def completed(shown: ShownCluster, yaws: Sequence[float]) -> list[Vehicle | None]:
+    """Return the road user that completes what is shown for each heading, as `completions`."""
+    rows = whole_bodies(shown, np.array(yaws), _table())
+    return [_vehicle(row, len(shown.outline)) for row in rows.tolist()]
+
+
+def _vehicle(row: list[float], points: int) -> Vehicle | None:
+    """Return the vehicle that a row of `whole_bodies` describes, None for none that fits."""
+    body, x, y, length, width, height, yaw, residual_m, fit = row
+    if body < 0 or fit < FIT_MIN:
+        return None
+    category = BODIES[int(body)].category
+    return Vehicle((x, y), (length, width, height), yaw, category, residual_m, points, fit)
+
+
+# --------------------------------------------------------------------------------------------------
+# Kernels: the likeliest body of which the visible sides are those of a cluster.
 
 FACE_M = 0.4
 """How deep a face is taken to be: range noise, and corners of 0.35 m."""
@@ -25,7 +151,7 @@ SLACK_M = 0.1
 """Uncertainty of an edge beside the spacing of the returns: noise and rounding."""
 LOST, GRAZING = 0.1, 0.2
 """Chance that the far end of a face returns nothing, and the cosine of incidence at which it has
-grown by most of the rest: what is met at a grazing angle returns too little to be seen."""
+grown by most of the rest: what is hit at a grazing angle returns too little to be detected."""
 CORNER_M, NO_FACE = 0.5, 0.6
 """As much of a side as a rounded corner and noise show of it; no more than that is rather a side
 that returns nothing than a short one."""
@@ -37,150 +163,126 @@ CLIPPED_M = 2.2
 """From here up the highest return tells a least height only: above, returns are dropped."""
 
 
-class Seen(NamedTuple):
-    """What a cluster shows; the fields are a `Cluster`'s.
+class BodySide(NamedTuple):
+    """A body along one axis of its heading; places along the axis in metres.
 
-    outline: (M, 2). points: (N, 3). ring: (N,). origin: (2,).
+    low, high: lowest and highest return. facing: which side faces the sensor: -1, 1, or 0 when the
+    sensor is in between. face: place of that side. sensor: place of the sensor. open_low,
+    open_high: whether the body may go on unseen below and above.
     """
 
-    outline: np.ndarray
-    points: np.ndarray
-    ring: np.ndarray
-    origin: np.ndarray
+    low: float
+    high: float
+    facing: float
+    face: float
+    sensor: float
+    open_low: bool
+    open_high: bool
 
 
 @compiled()
-def diagonal(points: np.ndarray) -> float:
-    """Diagonal of the upright box seen from above around points (N, 2 or 3), N at least 1."""
-    x, y = points[0, 0], points[0, 1]
-    left, right, low, high = x, x, y, y
-    for i in range(1, len(points)):
-        x, y = points[i, 0], points[i, 1]
-        left, right, low, high = min(left, x), max(right, x), min(low, y), max(high, y)
-    return float(np.hypot(right - left, high - low))
-
-
-@compiled()
-def least_bodies(
-    seen: Seen, around: tuple[tuple[bool, bool], float], bodies: np.ndarray
-) -> np.ndarray:
-    """Return (1, 9) what `whole_bodies` does for the heading of the least rectangle around all."""
-    points = seen.points[:, :2]
-    order = np.argsort(points[:, 1], kind="mergesort")
-    order = order[np.argsort(points[order, 0], kind="mergesort")]
-    return whole_bodies(seen, around, np.array([hull_heading(points[order])]), bodies)
-
-
-@compiled()
-def whole_bodies(
-    seen: Seen, around: tuple[tuple[bool, bool], float], yaws: np.ndarray, bodies: np.ndarray
-) -> np.ndarray:
-    """Return (Y, 9) what completes a cluster for each of (Y,) headings.
+def whole_bodies(shown: ShownCluster, yaws: np.ndarray, bodies: BodyTable) -> np.ndarray:
+    """Return (Y, 9) what completes a cluster for each of (Y,) headings, radians.
 
     Row of the body, negative where it is too large for any; x and y of its centre; length, width,
     height; yaw in [-pi/2, pi/2]; root mean square distance of the outline from the faces; log
-    likelihood. around: whether a body may go on beyond the right and the left end of the
-    outline, and radians from column to column. bodies: (K, 7), `body_table`.
+    likelihood.
     """
-    hidden, step = around
-    out, tall = np.zeros((len(yaws), 9)), heights(seen.points, seen.ring)
+    out = np.zeros((len(yaws), 9))
+    top, gap = _top_and_gap(shown.points, shown.ring)
     for k in range(len(yaws)):
         yaw, row = yaws[k], out[k]
-        sides, is_open, residual = seen_sides(seen, yaw, hidden)
-        first, second = sides[0, 1] - sides[0, 0], sides[1, 1] - sides[1, 0]
-        faces = sides[0, 2] != 0.0 or sides[1, 2] != 0.0
+        one, other, residual = _visible_sides(shown, yaw)
+        first, second = one.high - one.low, other.high - other.low
+        faces = one.facing != 0.0 or other.facing != 0.0
         if not faces or min(first, second) > WIDEST_M or max(first, second) > LONGEST_M:
             row[0] = -1.0
             continue
-        body, axis, fit, extents = whole_body(sides, is_open, step, tall, bodies)
-        u = centre_along(sides[0], is_open[0], extents[0])
-        v = centre_along(sides[1], is_open[1], extents[1])
+        body, across, fit = _likeliest_body(one, other, shown.step, top, gap, bodies)
+        first_size, second_size = (1, 0) if across else (0, 1)
+        mean, spread = bodies.means[body], bodies.spreads[body]
+        _, first = _side_fits(one, other, shown.step, mean[first_size], spread[first_size])
+        _, second = _side_fits(other, one, shown.step, mean[second_size], spread[second_size])
+        u, v = _centre_along(one, first), _centre_along(other, second)
         cos, sin = np.cos(yaw), np.sin(yaw)
         row[0], row[1], row[2] = body, u * cos - v * sin, u * sin + v * cos
-        row[3], row[4] = extents[axis], extents[1 - axis]
-        row[5] = _height(bodies[body, 5], bodies[body, 6], tall)
-        row[6] = np.arctan(np.tan(yaw + axis * 0.5 * np.pi))
+        row[3], row[4] = (second, first) if across else (first, second)
+        row[5] = max(mean[2], top)
+        if gap >= 0.0:
+            # Drawn from the usual height to where its returns end.
+            doubt = SLACK_M * SLACK_M + gap * gap / 12.0
+            drawn = mean[2] * doubt + (top + 0.5 * gap) * spread[2] * spread[2]
+            row[5] = max(drawn / (doubt + spread[2] * spread[2]), top)
+        row[6] = np.arctan(np.tan(yaw + (0.5 * np.pi if across else 0.0)))
         row[7], row[8] = residual, fit
     return out
 
 
 @compiled()
-def heights(points: np.ndarray, ring: np.ndarray) -> tuple[float, float]:
-    """Highest return, and how far above it the body may end; -1 where that is not known."""
+def _top_and_gap(points: np.ndarray, ring: np.ndarray) -> tuple[float, float]:
+    """Return the highest return, and how far above it the body may end; -1 if that is unknown."""
     top, bottom = points[0, 2], points[0, 2]
-    met = np.zeros(ring.max() + 1, np.bool_)
+    has_return = np.zeros(ring.max() + 1, np.bool_)
     for i in range(len(points)):
         top, bottom = max(top, points[i, 2]), min(bottom, points[i, 2])
-        met[ring[i]] = True
-    levels = met.sum()
+        has_return[ring[i]] = True
+    levels = has_return.sum()
     if levels < LEVELS or top > CLIPPED_M:
         return top, -1.0
     return top, (top - bottom) / (levels - 1)
 
 
 @compiled()
-def _height(usual: float, spread: float, tall: tuple[float, float]) -> float:
-    """Height of a body in metres: the usual one, drawn to where its returns end if that is told."""
-    top, gap = tall
-    if gap < 0.0:
-        return max(usual, top)
-    doubt = SLACK_M * SLACK_M + gap * gap / 12.0
-    drawn = (usual * doubt + (top + 0.5 * gap) * spread * spread) / (doubt + spread * spread)
-    return max(drawn, top)
+def _visible_sides(shown: ShownCluster, yaw: float) -> tuple[BodySide, BodySide, float]:
+    """Return a body along its heading and across it, and the misfit of the outline.
 
-
-@compiled()
-def seen_sides(
-    seen: Seen, yaw: float, hidden: tuple[bool, bool]
-) -> tuple[np.ndarray, np.ndarray, float]:
-    """Look at a body along the two axes of its heading.
-
-    hidden: whether the body may go on beyond the right and the left end of the outline.
-    Returns sides (2, 5): lowest and highest seen, which side faces the sensor (-1, 1, or 0 when
-    it stands in between), place of that face, place of the sensor; open (2, 2) bool: whether the
-    body may go on below and above; and the root mean square distance of the outline from the
-    faces, metres.
+    That is the root mean square distance of the outline from the faces, metres.
     """
-    outline, points, origin = seen.outline, seen.points, seen.origin
-    sides, is_open = np.zeros((2, 5)), np.zeros((2, 2), np.bool_)
-    for k in range(2):
-        x, y = (np.cos(yaw), np.sin(yaw)) if k == 0 else (-np.sin(yaw), np.cos(yaw))
-        low, high = np.inf, -np.inf
-        for i in range(len(points)):
-            u = points[i, 0] * x + points[i, 1] * y
-            low, high = min(low, u), max(high, u)
-        sensor = origin[0] * x + origin[1] * y
-        facing = -1.0 if sensor < low else (1.0 if sensor > high else 0.0)
-        sides[k] = low, high, facing, _face(outline, x, y, facing), sensor
-    total = 0.0
-    for i in range(len(outline)):
-        off = _off_faces(outline[i], yaw, sides)
-        total += min(off[0], off[1]) ** 2
-    for end in range(2):
-        if hidden[end]:
-            # On a face across axis 0 the body goes on along axis 1, and the other way round.
-            off = _off_faces(outline[-end], yaw, sides)
-            along = 1 if off[0] <= off[1] else 0
-            is_open[along, 1 if off[2 + along] > sides[along, :2].sum() / 2 else 0] = True
-    return sides, is_open, np.sqrt(total / len(outline))
-
-
-@compiled()
-def _off_faces(
-    point: np.ndarray, yaw: float, sides: np.ndarray
-) -> tuple[float, float, float, float]:
-    """Distances of a (2,) point from the faces along both axes, inf without; its coordinates."""
     cos, sin = np.cos(yaw), np.sin(yaw)
-    u, v = point[0] * cos + point[1] * sin, point[1] * cos - point[0] * sin
-    off_u = abs(u - sides[0, 3]) if sides[0, 2] != 0.0 else np.inf
-    off_v = abs(v - sides[1, 3]) if sides[1, 2] != 0.0 else np.inf
-    return off_u, off_v, u, v
+    one, other = _side_along(shown, cos, sin), _side_along(shown, -sin, cos)
+    outline, total = shown.outline, 0.0
+    for i in range(len(outline)):
+        x, y = outline[i]
+        off = _distance(one, x * cos + y * sin), _distance(other, y * cos - x * sin)
+        total += min(off[0], off[1]) ** 2
+    open_one, open_other = np.zeros(2, np.bool_), np.zeros(2, np.bool_)
+    for end in range(2):
+        if shown.hidden_left if end else shown.hidden_right:
+            x, y = outline[-end]
+            u, v = x * cos + y * sin, y * cos - x * sin
+            # On a face across one axis the body goes on along the other.
+            if _distance(one, u) <= _distance(other, v):
+                open_other[1 if v > (other.low + other.high) / 2 else 0] = True
+            else:
+                open_one[1 if u > (one.low + one.high) / 2 else 0] = True
+    return (
+        BodySide(one.low, one.high, one.facing, one.face, one.sensor, open_one[0], open_one[1]),
+        BodySide(
+            other.low,
+            other.high,
+            other.facing,
+            other.face,
+            other.sensor,
+            open_other[0],
+            open_other[1],
+        ),
+        np.sqrt(total / len(outline)),
+    )
 
 
 @compiled()
-def _face(outline: np.ndarray, x: float, y: float, facing: float) -> float:
-    """Mean coordinate of the outline's points on the side that faces the sensor."""
-    edge = np.inf
+def _side_along(shown: ShownCluster, x: float, y: float) -> BodySide:
+    """Return a body along the axis (x, y), a unit vector, not yet open at either end.
+
+    Its face is at the mean of the outline's points on the side that is turned to the sensor.
+    """
+    low, high = np.inf, -np.inf
+    for i in range(len(shown.points)):
+        u = shown.points[i, 0] * x + shown.points[i, 1] * y
+        low, high = min(low, u), max(high, u)
+    sensor = shown.origin[0] * x + shown.origin[1] * y
+    facing = -1.0 if sensor < low else (1.0 if sensor > high else 0.0)
+    outline, edge = shown.outline, np.inf
     for i in range(len(outline)):
         edge = min(edge, -facing * (outline[i, 0] * x + outline[i, 1] * y))
     count, total = 0, 0.0
@@ -188,174 +290,98 @@ def _face(outline: np.ndarray, x: float, y: float, facing: float) -> float:
         u = -facing * (outline[i, 0] * x + outline[i, 1] * y)
         if u <= edge + FACE_M:
             count, total = count + 1, total + u
-    return -facing * total / count
+    return BodySide(low, high, facing, -facing * total / count, sensor, False, False)
+
+
+@compiled(borrowing=True)
+def _distance(side: BodySide, place: float) -> float:
+    """Return the distance of a place along the axis from the face; inf where no side faces."""
+    return abs(place - side.face) if side.facing != 0.0 else np.inf
 
 
 @compiled()
-def whole_body(
-    sides: np.ndarray,
-    is_open: np.ndarray,
-    step: float,
-    tall: tuple[float, float],
-    bodies: np.ndarray,
-) -> tuple[int, int, float, np.ndarray]:
-    """Choose the kind of body and which axis is its length; complete both extents.
+def _likeliest_body(
+    one: BodySide, other: BodySide, step: float, top: float, gap: float, bodies: BodyTable
+) -> tuple[int, bool, float]:
+    """Return the kind of body, whether its length is along the other axis, and log likelihood.
 
-    tall: highest return and how far above it the body may end; a negative second: any height
-    above. bodies: (K, 7), `body_table`.
-    Returns row of the body, axis of its length, log likelihood and (2,) extents along the axes.
+    top, gap: highest return and how far above it the body may end, metres; a negative gap: any
+    height above. step: radians from column to column.
     """
-    best, row, axis = -np.inf, -1, 0
-    for b in range(len(bodies)):
-        high = _height_fits(tall, bodies[b, 5], bodies[b, 6])
-        for length_axis in range(2):
-            total = bodies[b, 0] + high
-            for k in range(2):
-                column = 1 if k == length_axis else 3
-                size = bodies[b, column], bodies[b, column + 1]
-                total += _side_fits(k, sides, is_open, step, size)[0]
+    best, body, across = -np.inf, -1, False
+    for b in range(len(bodies.log_shares)):
+        mean, spread = bodies.means[b], bodies.spreads[b]
+        slack = np.sqrt(spread[2] * spread[2] + SLACK_M * SLACK_M)
+        if gap < 0.0:
+            high = np.log(max(0.5 * math.erfc((top - mean[2]) / slack * 0.70710678), 1e-300))
+        else:
+            variance = slack * slack + gap * gap / 12.0
+            off = top + 0.5 * gap - mean[2]
+            high = -0.5 * off * off / variance - 0.5 * np.log(variance)
+        for along in range(2):
+            total = bodies.log_shares[b] + high
+            total += _side_fits(one, other, step, mean[along], spread[along])[0]
+            total += _side_fits(other, one, step, mean[1 - along], spread[1 - along])[0]
             if total > best:
-                best, row, axis = total, b, length_axis
-    extents = np.empty(2)
-    for k in range(2):
-        column = 1 if k == axis else 3
-        size = bodies[row, column], bodies[row, column + 1]
-        extents[k] = _side_fits(k, sides, is_open, step, size)[1]
-    return row, axis, best, extents
+                best, body, across = total, b, along == 1
+    return body, across, best
 
 
 @compiled()
-def centre_along(side: np.ndarray, is_open: np.ndarray, extent: float) -> float:
-    """Middle of a body of this extent along one axis."""
-    low, high, facing, face = side[0], side[1], side[2], side[3]
-    middle: float = 0.5 * (low + high)
-    if is_open[0] and not is_open[1]:
-        middle = (face if facing > 0.0 else high) - 0.5 * extent
-    elif is_open[1] and not is_open[0]:
-        middle = (face if facing < 0.0 else low) + 0.5 * extent
-    elif facing != 0.0 and not is_open[0]:
-        middle = face - facing * 0.5 * extent
+def _centre_along(side: BodySide, extent: float) -> float:
+    """Return the middle of a body of this extent along one axis, metres."""
+    middle: float = 0.5 * (side.low + side.high)
+    if side.open_low and not side.open_high:
+        middle = (side.face if side.facing > 0.0 else side.high) - 0.5 * extent
+    elif side.open_high and not side.open_low:
+        middle = (side.face if side.facing < 0.0 else side.low) + 0.5 * extent
+    elif side.facing != 0.0 and not side.open_low:
+        middle = side.face - side.facing * 0.5 * extent
     return middle
 
 
 @compiled()
 def _side_fits(
-    k: int, sides: np.ndarray, is_open: np.ndarray, step: float, size: tuple[float, float]
+    side: BodySide, other: BodySide, step: float, mean: float, spread: float
 ) -> tuple[float, float]:
-    """Log likelihood of what is seen along axis k for a known extent, and the expected extent.
+    """Return the log likelihood of what is visible along an axis, and the expected extent, metres.
 
-    What is seen is either the whole, less up to a spacing of returns, or any part of it. size:
-    mean and standard deviation of the extent, metres.
+    What is visible is either the whole, less up to a spacing of returns, or any part of it. other:
+    the other axis. step: radians from column to column. mean, spread: mean and standard deviation
+    of the extent, metres.
     """
-    mean, spread = size
-    low, high, facing, face, sensor = sides[k]
-    other = sides[1 - k]
-    across = abs(other[3] - other[4]) if other[2] != 0.0 else 0.0
-    if facing == 0.0:
-        seen, far = high - low, max(abs(high - sensor), abs(low - sensor))
+    across = abs(other.face - other.sensor) if other.facing != 0.0 else 0.0
+    if side.facing == 0.0:
+        visible = side.high - side.low
+        far = max(abs(side.high - side.sensor), abs(side.low - side.sensor))
     else:
-        seen = high - face if facing < 0 else face - low
-        far = abs(face - sensor) + seen
+        visible = side.high - side.face if side.facing < 0 else side.face - side.low
+        far = abs(side.face - side.sensor) + visible
     reach = np.sqrt(far * far + across * across)
-    hidden = is_open[k, 0] or is_open[k, 1]
+    hidden = side.open_low or side.open_high
     part, spacing = 1.0, 0.0
     # Something in front cuts a side anywhere; grazing light leaves nothing of it.
-    cut = 1.0 / max(mean, 0.5) if hidden else UNSEEN
+    cut_density = 1.0 / max(mean, 0.5) if hidden else UNSEEN
     if not hidden and across > 0.0:
         cosine = across / reach
         spacing = min(reach * step / max(cosine, 1e-3), 5.0)
         part = LOST + (1.0 - LOST) * np.exp(-cosine / GRAZING)
-        if facing != 0.0 and seen < CORNER_M:
+        if side.facing != 0.0 and visible < CORNER_M:
             part = max(part, NO_FACE)
-    ends = 2.0 if facing == 0.0 else 1.0
-    whole = seen + 0.5 * ends * spacing
+    ends = 2.0 if side.facing == 0.0 else 1.0
+    whole = visible + 0.5 * ends * spacing
     error = 0.3 * ends * spacing + SLACK_M
     variance = error * error + spread * spread
     closed = (1.0 - part) * np.exp(-0.5 * (whole - mean) ** 2 / variance) / np.sqrt(variance)
     closed *= 0.39894228
     slack = np.sqrt(spread * spread + SLACK_M * SLACK_M)
-    z = (seen - mean) / slack
+    z = (visible - mean) / slack
     beyond = 0.5 * math.erfc(z * 0.70710678)
-    started = part * beyond * cut
+    started = part * beyond * cut_density
     from_whole = (whole * spread * spread + mean * error * error) / variance
-    # Mean of a normal that is known to lie above what is seen.
+    # Mean of a normal that is known to lie above what is visible.
     tail = 0.39894228 * np.exp(-0.5 * z * z) / max(beyond, 1e-12)
-    from_part = max(mean + slack * tail, seen) if z < 6.0 else seen
+    from_part = max(mean + slack * tail, visible) if z < 6.0 else visible
     weight = closed / max(closed + started, 1e-300)
     extent = weight * from_whole + (1.0 - weight) * from_part
-    return np.log(max(closed + started, 1e-300)), max(extent, 0.9 * seen)
-
-
-@compiled()
-def _height_fits(tall: tuple[float, float], mean: float, spread: float) -> float:
-    """Log likelihood of the highest return on a body of a known height."""
-    top, gap = tall
-    slack = np.sqrt(spread * spread + SLACK_M * SLACK_M)
-    fits: float = 0.0
-    if gap < 0.0:
-        fits = np.log(max(0.5 * math.erfc((top - mean) / slack * 0.70710678), 1e-300))
-    else:
-        variance = slack * slack + gap * gap / 12.0
-        off = top + 0.5 * gap - mean
-        fits = -0.5 * off * off / variance - 0.5 * np.log(variance)
-    return fits
-
-
-# --------------------------------------------------------------------------------------------------
-# The whole of a body of which a rectangle's heading and the faces turned to the sensor are known.
-
-MIN_POINTS = 3
-LEAST_M = 0.25
-"""Least diagonal of what is seen: a thin post is nobody."""
-FIT_MIN = -18.0
-"""Least log likelihood of the best kind of body; far below that of any that was seen."""
-Shown = tuple[Seen, tuple[tuple[bool, bool], float]]
-"""What kernels ask of a cluster, and of what is hidden about it."""
-_table = cache(body_table)
-
-
-def is_body_sized(cluster: Cluster) -> bool:
-    """Whether a cluster has enough returns and may be a road user by its extent."""
-    if len(cluster.points) < MIN_POINTS:
-        return False
-    return bool(LEAST_M <= diagonal(cluster.points) <= LONGEST_M + WIDEST_M)
-
-
-def completions(cluster: Cluster, yaws: Sequence[float], horizon: Horizon) -> list[Vehicle | None]:
-    """Return the road user that shows a cluster for each heading, None where it is too large.
-
-    yaws: radians, along either side of the rectangle.
-    """
-    return whole_ones(shown(cluster, horizon), yaws)
-
-
-def least_rectangle(cluster: Cluster, horizon: Horizon) -> Vehicle | None:
-    """Return what `completions` does for the heading of a cluster's minimum-area rectangle."""
-    return least_one(shown(cluster, horizon))
-
-
-def whole_ones(seen: Shown, yaws: Sequence[float]) -> list[Vehicle | None]:
-    """Return what completes what is shown, for each of several headings."""
-    rows = whole_bodies(*seen, np.array(yaws), _table())
-    return [_vehicle(row, len(seen[0].outline)) for row in rows.tolist()]
-
-
-def least_one(seen: Shown) -> Vehicle | None:
-    """Return what completes what is shown, for the heading of its minimum-area rectangle."""
-    (row,) = least_bodies(*seen, _table()).tolist()
-    return _vehicle(row, len(seen[0].outline))
-
-
-def shown(cluster: Cluster, horizon: Horizon) -> Shown:
-    """Return what a cluster shows, and what is hidden about it."""
-    seen = Seen(cluster.outline, cluster.points, cluster.ring, cluster.origin)
-    return seen, (horizon.hides(cluster.outline), horizon.step)
-
-
-def _vehicle(row: list[float], points: int) -> Vehicle | None:
-    """Return the vehicle that a row of `whole_bodies` describes, None for none that fits."""
-    body, x, y, length, width, height, yaw, residual_m, fit = row
-    if body < 0 or fit < FIT_MIN:
-        return None
-    category = BODIES[int(body)].category
-    return Vehicle((x, y), (length, width, height), yaw, category, residual_m, points, fit)
+    return np.log(max(closed + started, 1e-300)), max(extent, 0.9 * visible)

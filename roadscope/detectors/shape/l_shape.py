@@ -1,4 +1,8 @@
-"""Search-based L-shape fitting (Zhang, Xu, Dong and Dolan 2017, "Efficient L-Shape Fitting")."""
+"""Rectangles around clusters: of least area, and the best L-shape.
+
+The L-shape is that of Zhang, Xu, Dong and Dolan 2017, "Efficient L-Shape Fitting for Vehicle
+Detection Using Laser Scanners", Intelligent Vehicles Symposium 2017.
+"""
 
 from __future__ import annotations
 
@@ -8,27 +12,35 @@ from typing import Literal
 
 import numpy as np
 
+from roadscope.core.jit import compiled
 from roadscope.detectors.horizon import Horizon
 from roadscope.detectors.shape.cluster import Cluster
-from roadscope.detectors.shape.completion import completions
-from roadscope.detectors.shape.heading_kernels import (
-    AREA,
-    CLOSENESS,
-    VARIANCE,
-    line_heading,
-    searched_heading,
-)
-from roadscope.detectors.shape.parts import bodies_in
+from roadscope.detectors.shape.completion import bodies_in, completions
 from roadscope.detectors.shape.recognition import Vehicle
 
+AREA, CLOSENESS, VARIANCE = 0, 1, 2
 Criterion = Literal["area", "closeness", "variance"]
 CRITERIA: dict[Criterion, int] = {"area": AREA, "closeness": CLOSENESS, "variance": VARIANCE}
+COARSE, FINE = 60, 6
+"""Headings tried over a right angle, and to either side of the best of them."""
+EQUAL = 1e-9
+"""Values that differ by this share differ by the order of a sum only."""
 NEAR_M = 0.05
 """Points nearer to a side than this count as on it; the paper has 0.01 m, less than any noise."""
 TELLING, LEAST_M = 30, 0.03
 """Most outline points whose noise is taken to be independent, and the least noise believed in."""
 MOST = 96
 """Outline points that are looked at: more of them say nothing new of the heading."""
+
+
+def vehicles_by_rectangle(cluster: Cluster, horizon: Horizon) -> list[Vehicle]:
+    """Return the road user whose footprint is turned like a cluster's minimum-area rectangle."""
+    return bodies_in(cluster, horizon, _by_rectangle)
+
+
+def _by_rectangle(cluster: Cluster, horizon: Horizon) -> Vehicle | None:
+    (vehicle,) = completions(cluster, [hull_heading(cluster.points)], horizon)
+    return vehicle
 
 
 def vehicles_by_l_shape(
@@ -39,10 +51,10 @@ def vehicles_by_l_shape(
     criterion: what the rectangle's heading is chosen by: `area` (least), `closeness` of the
     points to the sides, or `variance` (least) of their distances from the nearer side.
     """
-    return bodies_in(cluster, horizon, partial(_vehicle, criterion=CRITERIA[criterion]))
+    return bodies_in(cluster, horizon, partial(_by_l_shape, criterion=CRITERIA[criterion]))
 
 
-def _vehicle(cluster: Cluster, horizon: Horizon, *, criterion: int) -> Vehicle | None:
+def _by_l_shape(cluster: Cluster, horizon: Horizon, *, criterion: int) -> Vehicle | None:
     outline = _thinned(cluster.outline)
     yaws = [searched_heading(outline, criterion, NEAR_M)]
     if len(outline) > 1:
@@ -67,3 +79,165 @@ def _misfit(vehicle: Vehicle) -> float:
     The search tilts one noisy face until it looks like two; its line is the other candidate.
     """
     return min(vehicle.points, TELLING) * math.log(max(vehicle.residual_m, LEAST_M)) - vehicle.fit
+
+
+# --------------------------------------------------------------------------------------------------
+# Headings of rectangles: compiled.
+
+
+@compiled()
+def searched_heading(points: np.ndarray, criterion: int, near_m: float) -> float:
+    """Return the heading in [0, pi/2), radians, whose rectangle suits (M, 2) points best.
+
+    criterion: `AREA`, `CLOSENESS` or `VARIANCE`. near_m: points nearer to a side count as on it,
+    metres like the points.
+    The paper (algorithm 2) tries every degree; here the best of steps of 1.5 degrees is refined
+    to a quarter degree. Of headings equally good in a row the middle is taken, so that a mirrored
+    outline has the mirrored heading.
+    """
+    first, second = np.empty(len(points)), np.empty(len(points))
+    step, values = 0.5 * np.pi / COARSE, np.empty(COARSE)
+    for i in range(COARSE):
+        values[i] = _suits(points, i * step, criterion, near_m, first, second)
+    centre = step * _middle_of_best(values, True)
+    fine, values = step / FINE, np.empty(2 * FINE + 1)
+    for i in range(len(values)):
+        heading = centre + (i - FINE) * fine
+        values[i] = _suits(points, heading, criterion, near_m, first, second)
+    return (centre + fine * (_middle_of_best(values, False) - FINE)) % (0.5 * np.pi)
+
+
+@compiled()
+def _middle_of_best(values: np.ndarray, around: bool) -> float:
+    """Return the middle of the longest run of greatest values; 0 where all are equal.
+
+    around: whether the first value follows on the last.
+    """
+    least = values.max() - EQUAL * abs(values.max())
+    count = len(values)
+    middle, longest, run = 0.0, 0, 0
+    if values.min() >= least:
+        return 0.0 if around else 0.5 * (count - 1)
+    for i in range(2 * count if around else count):
+        run = run + 1 if values[i % count] >= least else 0
+        if run > longest:
+            middle, longest = i - 0.5 * (run - 1), run
+    return middle
+
+
+@compiled()
+def _suits(
+    points: np.ndarray,
+    heading: float,
+    criterion: int,
+    near_m: float,
+    first: np.ndarray,
+    second: np.ndarray,
+) -> float:
+    """Return the value of a criterion for one heading; greater is better (algorithms 3 to 5).
+
+    first, second: (M,) distances from the nearer side along and across, filled in.
+    """
+    cos, sin = np.cos(heading), np.sin(heading)
+    if criterion == AREA:
+        return -_area(points, cos, sin)
+    _fill_distances(points, cos, sin, first)
+    _fill_distances(points, -sin, cos, second)
+    total = 0.0
+    if criterion == CLOSENESS:
+        for i in range(len(points)):
+            total += 1.0 / max(min(first[i], second[i]), near_m)
+        return total
+    for side in range(2):
+        values, others = (first, second) if side == 0 else (second, first)
+        count, linear, squares = 0, 0.0, 0.0
+        for i in range(len(values)):
+            if values[i] < others[i]:
+                count += 1
+                linear += values[i]
+                squares += values[i] * values[i]
+        total -= squares / count - (linear / count) ** 2 if count else 0.0
+    return total
+
+
+@compiled()
+def _fill_distances(points: np.ndarray, x: float, y: float, out: np.ndarray) -> None:
+    """Fill in distances from that side across the axis (x, y) which is nearer on the whole."""
+    low, high = np.inf, -np.inf
+    for i in range(len(points)):
+        out[i] = points[i, 0] * x + points[i, 1] * y
+        low, high = min(low, out[i]), max(high, out[i])
+    from_low, from_high = 0.0, 0.0
+    for value in out:
+        from_low += (value - low) ** 2
+        from_high += (high - value) ** 2
+    for i in range(len(out)):
+        out[i] = out[i] - low if from_low <= from_high else high - out[i]
+
+
+@compiled()
+def _area(points: np.ndarray, x: float, y: float) -> float:
+    """Return the area of the rectangle around points (N, 2) with a side along (x, y)."""
+    rear, front, right, left = np.inf, -np.inf, np.inf, -np.inf
+    for i in range(len(points)):
+        u, v = points[i, 0] * x + points[i, 1] * y, points[i, 0] * -y + points[i, 1] * x
+        rear, front, right, left = min(rear, u), max(front, u), min(right, v), max(left, v)
+    return (front - rear) * (left - right)
+
+
+@compiled()
+def line_heading(points: np.ndarray) -> float:
+    """Return the heading in [0, pi/2) along or across the line of (M, 2) points.
+
+    The line of least squares of the distances from it.
+    """
+    x, y = points[:, 0].mean(), points[:, 1].mean()
+    xx, xy, yy = 0.0, 0.0, 0.0
+    for i in range(len(points)):
+        dx, dy = points[i, 0] - x, points[i, 1] - y
+        xx, xy, yy = xx + dx * dx, xy + dx * dy, yy + dy * dy
+    heading: float = (0.5 * np.arctan2(2.0 * xy, xx - yy)) % (0.5 * np.pi)
+    return heading
+
+
+@compiled()
+def hull_heading(points: np.ndarray) -> float:
+    """Return the heading in [0, pi/2) of the least rectangle around points (N, 2 or 3), N > 0.
+
+    One side of that rectangle lies on a side of the convex hull (Freeman and Shapira 1975).
+    """
+    order = np.argsort(points[:, 1], kind="mergesort")
+    order = order[np.argsort(points[order, 0], kind="mergesort")]
+    hull = _hull(points[order, :2])
+    best, least = 0.0, np.inf
+    for i in range(len(hull)):
+        j = (i + 1) % len(hull)
+        x, y = hull[j, 0] - hull[i, 0], hull[j, 1] - hull[i, 1]
+        length = np.hypot(x, y)
+        if length == 0.0:
+            continue
+        area = _area(hull, x / length, y / length)
+        if area < least:
+            best, least = np.arctan2(y, x), area
+    return best % (0.5 * np.pi)
+
+
+@compiled()
+def _hull(points: np.ndarray) -> np.ndarray:
+    """Return the convex hull, counter-clockwise, of points sorted by x, then y (Andrew 1979)."""
+    count = len(points)
+    chain = np.empty((2 * count + 1, 2))
+    size = 0
+    for half in range(2):
+        start = size
+        for i in range(count):
+            p = points[i] if half == 0 else points[count - 1 - i]
+            while size >= start + 2:
+                a, b = chain[size - 2], chain[size - 1]
+                if (b[0] - a[0]) * (p[1] - a[1]) - (b[1] - a[1]) * (p[0] - a[0]) > 0.0:
+                    break
+                size -= 1
+            chain[size] = p
+            size += 1
+        size -= 1
+    return chain[: max(size, 1)]

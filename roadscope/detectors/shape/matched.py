@@ -9,8 +9,8 @@ from roadscope.detectors.horizon import Horizon
 from roadscope.detectors.pose.matched_filter import fit_single
 from roadscope.detectors.shape.bodies import BRICKS
 from roadscope.detectors.shape.cluster import Cluster
-from roadscope.detectors.shape.completion import least_one, shown, whole_ones
-from roadscope.detectors.shape.parts import bodies_in
+from roadscope.detectors.shape.completion import bodies_in, completed, shown_by
+from roadscope.detectors.shape.l_shape import hull_heading
 from roadscope.detectors.shape.recognition import Vehicle
 
 LEAST = 8
@@ -32,8 +32,8 @@ def vehicles_by_matched_filter(
 
 
 def _filtered(cluster: Cluster, horizon: Horizon, *, sigma_m: float) -> Vehicle | None:
-    seen = shown(cluster, horizon)
-    first = least_one(seen)
+    shown = shown_by(cluster, horizon)
+    (first,) = completed(shown, [hull_heading(cluster.points)])
     if first is None or first.category not in BRICKS or len(cluster.points) < LEAST:
         return first
     length, width, _ = first.size
@@ -47,7 +47,7 @@ def _filtered(cluster: Cluster, horizon: Horizon, *, sigma_m: float) -> Vehicle 
         bin_m=sigma_m,
         step_deg=STEP_DEG,
     )
-    (vehicle,) = whole_ones(seen, (pose.yaw,))
+    (vehicle,) = completed(shown, [pose.yaw])
     if vehicle is None:
         return None
     return Vehicle(

@@ -1,4 +1,8 @@
-"""Which outlines are vehicles, and where the vehicle is that shows them."""
+"""Vehicles from straight lines of an outline.
+
+Lines are found by iterative end point fit, IEPF (Lu 2018, section 2.2); which of them are the faces
+of a vehicle, and where it is, is ours.
+"""
 
 from __future__ import annotations
 
@@ -14,6 +18,7 @@ import numpy as np
 from roadscope.core import Category
 from roadscope.core.jit import compiled
 from roadscope.detectors.horizon import Horizon
+from roadscope.detectors.shape.cluster import Cluster, diagonal
 
 # --------------------------------------------------------------------------------------------------
 # Straight pieces of an outline.
@@ -85,7 +90,7 @@ def split_ends(points: np.ndarray, split_m: float) -> np.ndarray:
     """Return (S, 2) int64 first and last of the points (N, 2) of each piece, in order.
 
     A piece is split at the point farthest from its chord, which both parts share, where that is
-    farther than `split_m`.
+    farther than `split_m`. Two equal points have no chord: there it is the distance from them.
     """
     ends, pending = np.empty((len(points), 2), np.int64), np.empty((len(points), 2), np.int64)
     count, left = 0, 0
@@ -94,7 +99,14 @@ def split_ends(points: np.ndarray, split_m: float) -> np.ndarray:
     while left:
         left -= 1
         first, last = pending[left]
-        at, farthest = _farthest(points, first, last)
+        x, y = points[first, 0], points[first, 1]
+        dx, dy = points[last, 0] - x, points[last, 1] - y
+        length, at, farthest = np.hypot(dx, dy), -1, -1.0
+        for i in range(first + 1, last):
+            u, v = points[i, 0] - x, points[i, 1] - y
+            distance = abs(dx * v - dy * u) / length if length > 0.0 else np.hypot(u, v)
+            if distance > farthest:
+                at, farthest = i, distance
         if at < 0 or farthest <= split_m:
             ends[count, 0], ends[count, 1] = first, last
             count += 1
@@ -106,50 +118,40 @@ def split_ends(points: np.ndarray, split_m: float) -> np.ndarray:
 
 
 @compiled()
-def _farthest(points: np.ndarray, first: int, last: int) -> tuple[int, float]:
-    """Return the point between two that is farthest from their line, -1 without any; how far.
-
-    Two equal points have no line: there it is the distance from them.
-    """
-    x, y = points[first, 0], points[first, 1]
-    dx, dy = points[last, 0] - x, points[last, 1] - y
-    length, at, farthest = np.hypot(dx, dy), -1, -1.0
-    for i in range(first + 1, last):
-        u, v = points[i, 0] - x, points[i, 1] - y
-        away = abs(dx * v - dy * u) / length if length > 0.0 else np.hypot(u, v)
-        if away > farthest:
-            at, farthest = i, away
-    return at, farthest
-
-
-@compiled()
 def face_ends(points: np.ndarray, ends: np.ndarray, rule: Faces) -> np.ndarray:
     """Return (K, 3) int64 body, first and last point of the lines of each body that may be one.
 
     points: (N, 2) of an outline. ends: (S, 2) of its pieces. An outline is cut where it jumps;
-    then neighbouring pieces on one line are joined.
+    then neighbouring pieces on one line are joined: noise at the end of a chord is no corner.
     """
-    cut = _cut(points, ends, rule.gap_m)
-    out, count, first = np.empty((len(cut), 3), np.int64), 0, 0
-    while first < len(cut):
+    pieces = _cut(points, ends, rule.gap_m)
+    out, count, first = np.empty((len(pieces), 3), np.int64), 0, 0
+    while first < len(pieces):
         end = first + 1
-        while end < len(cut) and cut[end, 0] == cut[first, 0]:
+        while end < len(pieces) and pieces[end, 0] == pieces[first, 0]:
             end += 1
-        chain = cut[first:end]
-        if _wide(points, chain[0, 1], chain[-1, 2]) >= rule.least_m:
-            joined = _joined(points, chain, rule.join_m)
-            lines = (joined[:, 2] > joined[:, 1]).sum()
-            total = (joined[:, 2] - joined[:, 1] + 1).sum()
+        if diagonal(points[pieces[first, 1] : pieces[end - 1, 2] + 1]) >= rule.least_m:
+            out[count] = pieces[first]
+            last = count
+            for k in range(first + 1, end):
+                if _off_line(points, out[last, 1], pieces[k, 2]) <= rule.join_m:
+                    out[last, 2] = pieces[k, 2]
+                else:
+                    last += 1
+                    out[last] = pieces[k]
+            lines, total = 0, 0
+            for k in range(count, last + 1):
+                lines += out[k, 2] > out[k, 1]
+                total += out[k, 2] - out[k, 1] + 1
             if 1 <= lines <= rule.lines and total >= rule.points:
-                out[count : count + len(joined)] = joined
-                count += len(joined)
+                count = last + 1
         first = end
     return out[:count]
 
 
 @compiled()
 def _cut(points: np.ndarray, ends: np.ndarray, gap_m: float) -> np.ndarray:
-    """Return (K, 3) chain, first and last point of pieces, parted where neighbours lie apart."""
+    """Return (K, 3) chain, first and last point of pieces, cut where the outline jumps."""
     out = np.empty((len(ends) + len(points), 3), np.int64)
     count, chain = 0, 0
     for s in range(len(ends)):
@@ -160,29 +162,6 @@ def _cut(points: np.ndarray, ends: np.ndarray, gap_m: float) -> np.ndarray:
                 count, chain, first = count + 1, chain + 1, i + 1
         out[count, 0], out[count, 1], out[count, 2] = chain, first, last
         count += 1
-    return out[:count]
-
-
-@compiled()
-def _wide(points: np.ndarray, first: int, last: int) -> float:
-    """Diagonal of the upright box around points in a row."""
-    low_x, low_y, high_x, high_y = np.inf, np.inf, -np.inf, -np.inf
-    for i in range(first, last + 1):
-        x, y = points[i, 0], points[i, 1]
-        low_x, high_x, low_y, high_y = min(low_x, x), max(high_x, x), min(low_y, y), max(high_y, y)
-    return float(np.hypot(high_x - low_x, high_y - low_y))
-
-
-@compiled()
-def _joined(points: np.ndarray, chain: np.ndarray, join_m: float) -> np.ndarray:
-    """Join neighbouring pieces of one face: noise at the end of a chord is no corner."""
-    out, count = chain.copy(), 1
-    for k in range(1, len(chain)):
-        if _off_line(points, out[count - 1, 1], chain[k, 2]) <= join_m:
-            out[count - 1, 2] = chain[k, 2]
-        else:
-            out[count] = chain[k]
-            count += 1
     return out[:count]
 
 
@@ -241,7 +220,7 @@ class Vehicle:
     centre: x, y in metres, ego frame; size: length, width, height in metres; yaw: radians.
     residual_m: root mean square distance of the outline from its lines.
     points: outline points behind it.
-    fit: log likelihood of what is seen under the prior of sizes, 0 where it is not weighed.
+    fit: log likelihood of the visible part under the prior of sizes, 0 where it is not computed.
     """
 
     centre: tuple[float, float]
@@ -251,6 +230,28 @@ class Vehicle:
     residual_m: float
     points: int
     fit: float = 0.0
+
+
+def vehicles_by_lines(cluster: Cluster, horizon: Horizon, *, split_m: float = 0.3) -> list[Vehicle]:
+    """Return the vehicles whose faces are the lines of a cluster's outline (Lu 2018, 2.2)."""
+    outline = cluster.outline
+    # No part of it is larger: most clusters, drops of fog say, need no lines.
+    if len(outline) < MIN_POINTS or diagonal(outline) < HALF_FACE_M:
+        return []
+    return recognise(outline, split_ends(outline, split_m), horizon)
+
+
+def fit_iepf(points: np.ndarray, *, split_m: float = 0.3) -> list[Segment]:
+    """Split an outline of (N, 2) points, metres, in order into segments.
+
+    The line through the first and the last point represents all points when none lies farther
+    from it than `split_m`; otherwise it is split at the farthest, which both parts then share.
+    0.3 m is three times the range noise of the LUX, so that noise alone splits nothing. Eq. 3-4
+    write the line as kx - y + b = 0, which has no vertical lines; the cross product gives the
+    same distance for every direction.
+    """
+    ends = split_ends(np.asarray(points, np.float64), split_m).tolist()
+    return [Segment(points[first : last + 1]) for first, last in ends]
 
 
 def recognise(outline: np.ndarray, ends: np.ndarray, horizon: Horizon) -> list[Vehicle]:
@@ -276,17 +277,18 @@ def _vehicle(chain: list[Segment], horizon: Horizon) -> Vehicle | None:
         return None
     ends = _open_ends(lines, horizon)
     along = _length_axis(main, points, bool(ends))
-    views = [View.of(points, axis, ends, horizon.origin) for axis in (along, _left_of(along))]
-    length, width = (view.seen for view in views)
+    axes = (along, _left_of(along))
+    sides = [SideExtent.of(points, axis, ends, horizon.origin) for axis in axes]
+    length, width = (side.seen for side in sides)
     least = HALF_FACE_M if ends else SEEN_MIN_M
     if max(length, width) < least or length > LENGTH_MAX_M or width > WIDTH_MAX_M:
         return None
-    if any(view.open == (True, True) for view in views):
+    if any(side.open == (True, True) for side in sides):
         return None
     category, size = _size(length, width)
     # A face is seen whole or hardly at all; the far part of a flank returns little.
-    x = views[0].centre(size[0], whole=False)
-    y = views[1].centre(size[1], whole=width > size[1] / 2)
+    x = sides[0].centre(size[0], whole=False)
+    y = sides[1].centre(size[1], whole=width > size[1] / 2)
     centre = x * along + y * _left_of(along)
     residuals = np.concatenate([line.residuals for line in lines])
     return Vehicle(
@@ -300,7 +302,7 @@ def _vehicle(chain: list[Segment], horizon: Horizon) -> Vehicle | None:
 
 
 @dataclass(frozen=True, slots=True)
-class View:
+class SideExtent:
     """How much of a body is seen along one of its axes.
 
     low, high: where the seen part begins and ends; sensor: where the sensor stands, metres.
@@ -315,16 +317,16 @@ class View:
     @staticmethod
     def of(
         points: np.ndarray, axis: np.ndarray, ends: list[np.ndarray], origin: np.ndarray
-    ) -> View:
+    ) -> SideExtent:
         """Project (N, 2) points on a (2,) unit axis; `ends` are unit vectors out of open ends.
 
         points and origin (2,), the sensor: metres, one frame.
         """
         across = _left_of(axis)
-        ways = [float(end @ axis) for end in ends if abs(end @ axis) >= abs(end @ across)]
+        along = [float(end @ axis) for end in ends if abs(end @ axis) >= abs(end @ across)]
         low, high = float((points @ axis).min()), float((points @ axis).max())
-        is_open = any(way < 0 for way in ways), any(way > 0 for way in ways)
-        return View(low, high, float(origin @ axis), is_open)
+        is_open = any(step < 0 for step in along), any(step > 0 for step in along)
+        return SideExtent(low, high, float(origin @ axis), is_open)
 
     @property
     def seen(self) -> float:

@@ -12,7 +12,7 @@ from roadscope.core import Calibration, CameraImage, Frame, RecordError
 from roadscope.detectors.camera import CAMERA_DETECTORS
 from roadscope.detectors.camera.detector import BlankImageWarning, CameraDetector
 from roadscope.detectors.camera.network import CentreNetwork
-from roadscope.detectors.camera.weight_file import Calibration as Worth
+from roadscope.detectors.camera.weight_file import BoxCalibration as Worth
 from roadscope.detectors.camera.weight_file import WeightsError, save
 
 

@@ -3,13 +3,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from roadscope.benchmarks.metrics.matching import image_overlaps
-from roadscope.detectors.camera.calibration import TERM_COUNT, Calibration
+from roadscope.detectors.camera.calibration import TERM_COUNT, BoxCalibration
 from roadscope.detectors.camera.decode import (
     AGREEING_IOU,
     TRAITS,
     VOTING_IOU,
+    Answers,
+    averaged,
     distinct,
-    looked_around,
 )
 
 
@@ -47,13 +48,14 @@ def test_what_is_around_a_box_is_that_of_its_definition(seed: int, count: int) -
     families, heat = rng.integers(0, 3, count), -np.sort(-rng.normal(0, 2, count)).round(1)
     kept = distinct(boxes, families, 0.6)
     expected = slowly(boxes, families, heat, kept)
-    for got, wanted in zip(looked_around(boxes, families, heat, kept), expected, strict=True):
+    found = averaged(Answers(boxes, families, heat), kept)
+    for got, wanted in zip(found, expected, strict=True):
         np.testing.assert_allclose(got, wanted, rtol=1e-9, atol=1e-9)
 
 
 def test_without_a_calibration_scores_are_the_heat() -> None:
     traits = np.random.default_rng(0).uniform(-3, 3, (9, len(TRAITS)))
-    scores = Calibration().scores(traits, np.arange(9) % 3)
+    scores = BoxCalibration().scores(traits, np.arange(9) % 3)
     np.testing.assert_allclose(scores, 1 / (1 + np.exp(-traits[:, 0])))
 
 
@@ -66,5 +68,5 @@ def test_scores_follow_the_terms_of_their_family() -> None:
     traits = np.tile(middles, (3, 1))
     traits[1, 1] += 2.0
     traits[2, 8] += 400.0
-    scores = Calibration(middles, spreads, weights).scores(traits, np.arange(3))
+    scores = BoxCalibration(middles, spreads, weights).scores(traits, np.arange(3))
     np.testing.assert_allclose(scores, 1 / (1 + np.exp([0.0, -1.5, -4.0])))

@@ -6,7 +6,7 @@ import pytest
 import torch
 from safetensors.torch import save_file
 
-from roadscope.detectors.camera.calibration import TERM_COUNT, Calibration
+from roadscope.detectors.camera.calibration import TERM_COUNT, BoxCalibration
 from roadscope.detectors.camera.network import ARCHITECTURE, CentreNetwork
 from roadscope.detectors.camera.weight_file import WeightsError, load, save
 
@@ -19,7 +19,7 @@ def about(**changes: object) -> dict[str, str]:
 
 def test_what_is_saved_is_loaded(tmp_path: Path) -> None:
     drawn = np.random.default_rng(0).uniform(0.1, 2, (3, TERM_COUNT)).round(4)
-    network, worth = CentreNetwork(), Calibration(np.arange(9) / 8, np.arange(1, 10), drawn)
+    network, worth = CentreNetwork(), BoxCalibration(np.arange(9) / 8, np.arange(1, 10), drawn)
     save(tmp_path / "a.safetensors", network, worth)
     again, same = load(tmp_path / "a.safetensors")
     for name in ("middles", "spreads", "weights"):
@@ -84,6 +84,6 @@ def test_scores_without_worth_are_refused(tmp_path: Path, change: dict[str, obje
 def test_the_same_weights_are_the_same_bytes(tmp_path: Path) -> None:
     network = CentreNetwork()
     for name in "ab":
-        save(tmp_path / f"{name}.safetensors", network, Calibration())
+        save(tmp_path / f"{name}.safetensors", network, BoxCalibration())
     first, second = ((tmp_path / f"{name}.safetensors").read_bytes() for name in "ab")
     assert first == second

@@ -6,8 +6,7 @@ from hypothesis.extra.numpy import arrays
 from sklearn.cluster import DBSCAN
 from toy_lidar import cloud
 
-from roadscope.detectors.clustering.dbscan import cluster_dbscan
-from roadscope.detectors.clustering.density import OUTLIER, density_labels
+from roadscope.detectors.clustering import OUTLIER, cluster_dbscan, density_labels
 
 
 def by_scikit_learn(points, radius, min_points):

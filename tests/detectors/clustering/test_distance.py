@@ -7,7 +7,7 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
-from roadscope.detectors.clustering.distance import single_linkage
+from roadscope.detectors.clustering import single_linkage
 
 
 def linked_by_tree(points, distance):

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from roadscope.detectors.clustering.density import OUTLIER
+from roadscope.detectors.clustering import OUTLIER
 from roadscope.detectors.clustering.pag import density_threshold, label_cells, pag_labels
 
 

@@ -3,8 +3,8 @@ import pytest
 from toy_lidar import cloud
 
 from roadscope.detectors.cloud import Cloud
-from roadscope.detectors.ground.grid import _cell_spans, grid_above_ground
-from roadscope.detectors.ground.keep import keep_all
+from roadscope.detectors.ground import grid_above_ground, keep_all
+from roadscope.detectors.ground.grid import _cell_spans
 
 CAR = (25, 0, 4.6, 1.85, 1.5, 0)
 

@@ -5,8 +5,9 @@ from hypothesis import strategies as st
 from toy_lidar import cloud
 
 from roadscope.detectors.cloud import Cloud
-from roadscope.detectors.ground.polar import RULE, polar_above_ground
+from roadscope.detectors.ground import PolarRule, polar_above_ground
 
+RULE = PolarRule()
 CAR = (25, 0, 4.6, 1.85, 1.5, 0)
 SPINNING = {"azimuths": np.radians(np.arange(-180, 180, 0.5))}
 

@@ -5,9 +5,8 @@ from hypothesis import strategies as st
 
 from roadscope.core import Category
 from roadscope.detectors.horizon import Horizon
-from roadscope.detectors.shape import SHAPES
+from roadscope.detectors.shape import SHAPES, Cluster
 from roadscope.detectors.shape.body import vehicles_by_body
-from roadscope.detectors.shape.cluster import Cluster
 from roadscope.detectors.shape.l_shape import vehicles_by_l_shape
 
 FREE = Horizon(np.empty(0), np.empty(0), np.radians(0.17), None, np.zeros(2))

@@ -9,8 +9,7 @@ from hypothesis import strategies as st
 
 from roadscope.core import Category
 from roadscope.detectors.horizon import Horizon
-from roadscope.detectors.shape import SHAPES
-from roadscope.detectors.shape.cluster import Cluster
+from roadscope.detectors.shape import SHAPES, Cluster
 
 FITS = ["l-shape", "rectangle"]
 STEP = np.radians(0.2)

@@ -4,7 +4,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from roadscope.detectors.shape.iepf import fit_iepf
+from roadscope.detectors.shape import fit_iepf
 
 finite = st.floats(-50, 50)
 outlines = st.integers(1, 25).flatmap(lambda n: arrays(float, (n, 2), elements=finite))

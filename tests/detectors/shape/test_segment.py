@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from roadscope.detectors.shape.recognition import Segment
+from roadscope.detectors.shape import Segment
 
 
 @pytest.mark.parametrize("angle", np.linspace(-3.1, 3.1, 13))

@@ -16,6 +16,8 @@ def test_every_category_has_a_body():
 
 def test_table_has_logs_of_shares_and_all_sizes():
     table = body_table()
-    assert table.shape == (len(BODIES), 7)
-    assert np.exp(table[:, 0]).sum() == pytest.approx(1.0)
-    assert table[0, 1:].tolist() == [*BODIES[0].length, *BODIES[0].width, *BODIES[0].height]
+    assert table.means.shape == table.spreads.shape == (len(BODIES), 3)
+    assert np.exp(table.log_shares).sum() == pytest.approx(1.0)
+    for body, means, spreads in zip(BODIES, table.means, table.spreads, strict=True):
+        sizes = (body.length, body.width, body.height)
+        assert list(zip(means, spreads, strict=True)) == list(sizes)

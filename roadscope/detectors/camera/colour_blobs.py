@@ -1,4 +1,4 @@
-"""What colours alone tell of an image: the low end of any comparison of camera detectors."""
+"""Boxes from colours alone: the low end of any comparison of camera detectors."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ class ColourBlobs:
         """Set the detector up.
 
         contrast: least distance to the row's median colour, all colours in 0 to 1.
-        horizon: share of the image, from the top, that is not looked at.
+        horizon: share of the image, from the top, that is ignored.
         """
         if contrast <= 0:
             raise ValueError(f"contrast must be positive, got {contrast!r}")
@@ -37,7 +37,7 @@ class ColourBlobs:
         self.horizon = horizon
 
     def reset(self) -> None:
-        """Nothing is remembered."""
+        """Do nothing: every image is taken alone."""
 
     def detect(self, frame: Frame) -> ImageDetections:
         """Return a box for each patch."""
@@ -47,30 +47,31 @@ class ColourBlobs:
             raise RecordError("the frame has no image: a camera detector needs one in each frame")
         if frame.camera.blank:
             return nothing_in(frame.camera)
-        apart = self._apart(frame.camera.pixels)
-        blobs, _ = label(apart >= self.contrast)
-        found = []
+        contrasts = self._contrasts(frame.camera.pixels)
+        blobs, _ = label(contrasts >= self.contrast)
+        patches = []
         for number, (rows, columns) in enumerate(find_objects(blobs), start=1):
             inside = blobs[rows, columns] == number
             if inside.sum() >= LEAST_SQUARES and inside.mean() >= FILLED:
-                strength = apart[rows, columns][inside].mean()
-                found.append((columns.start, rows.start, columns.stop, rows.stop, strength))
-        return _answer(np.array(found).reshape(-1, 5), frame.camera)
+                strength = contrasts[rows, columns][inside].mean()
+                patches.append((columns.start, rows.start, columns.stop, rows.stop, strength))
+        return _detections(np.array(patches).reshape(-1, 5), frame.camera)
 
-    def _apart(self, pixels: np.ndarray) -> np.ndarray:
-        """(h, w) distance of every square's colour to the median of its row."""
+    def _contrasts(self, pixels: np.ndarray) -> np.ndarray:
+        """Return the distance of every square's colour to the median of its row, (h, w)."""
         height, width = (n // SQUARE for n in pixels.shape[:2])
         cut = pixels[: height * SQUARE, : width * SQUARE].astype(np.float32) / 255
         means = cut.reshape(height, SQUARE, width, SQUARE, 3).mean(axis=(1, 3))
-        apart: np.ndarray = np.linalg.norm(means - np.median(means, axis=1)[:, None], axis=-1)
-        apart[: int(self.horizon * height)] = 0.0
-        return apart
+        row_colours = np.median(means, axis=1)[:, None]
+        contrasts: np.ndarray = np.linalg.norm(means - row_colours, axis=-1)
+        contrasts[: int(self.horizon * height)] = 0.0
+        return contrasts
 
 
-def _answer(found: np.ndarray, image: CameraImage) -> ImageDetections:
+def _detections(patches: np.ndarray, image: CameraImage) -> ImageDetections:
     """Turn (N, 5) boxes in squares and contrasts into detections."""
-    boxes = found[:, :4] * SQUARE
+    boxes = patches[:, :4] * SQUARE
     tall = (boxes[:, 3] - boxes[:, 1]) > TALL * (boxes[:, 2] - boxes[:, 0])
     categories = np.where(tall, Category.PEDESTRIAN, Category.CAR).astype(np.int8)
-    scores = 1 - np.exp(-2 * found[:, 4])
+    scores = 1 - np.exp(-2 * patches[:, 4])
     return ImageDetections(boxes, categories, scores, image.stamp_s, size_px=image.size_px)

@@ -1,22 +1,15 @@
-"""Charts, boxes, vehicles' returns and range images are those of the slow NumPy versions."""
+"""Grids of evidence, boxes, vehicles' returns and range images are those of slow versions."""
 
 import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from roadscope.core import wrap_angle
-from roadscope.detectors.moving.box_search import (
-    _order_by,
-    boxes_in,
-    charted,
-    shared_out,
-    slide,
-    suppress,
-)
-from roadscope.detectors.moving.extraction import CELL_M, LEAST, LIMIT, SIDES_M
+from roadscope.detectors.moving.box_search import boxes_in, evidence_grid, slide, suppress
+from roadscope.detectors.moving.extraction import RULE, sorted_by_body
 from roadscope.detectors.moving.view import imaged, tabulate
 
-RULES = CELL_M, LIMIT
+SIDES, CELL_M, LIMIT, LEAST = RULE
 ORIGIN = np.array([1.0, 0.5])
 
 
@@ -31,7 +24,7 @@ def places_of(seed, count=80):
     return np.column_stack([points, rng.choice([0.5, 1.0, 1.5], count)]), rng.uniform(-4, 4, count)
 
 
-def slow_chart(points, weights):
+def slow_grid(points, weights):
     corner = CELL_M * np.floor(points[:, :2].min(axis=0) / CELL_M)
     cells = ((points[:, :2] - corner) / CELL_M).astype(np.int64)
     wide, deep = cells.max(axis=0) + 1
@@ -46,30 +39,15 @@ def slow_chart(points, weights):
 
 @given(st.integers(0, 2**32 - 1))
 @settings(max_examples=40, deadline=None)
-def test_a_chart_is_that_of_sorted_cells(seed) -> None:
+def test_a_grid_is_that_of_sorted_cells(seed) -> None:
     points, weights = places_of(seed)
-    chart, corner = charted(points, weights, ORIGIN, RULES)
-    starts, places, values, slow_corner = slow_chart(points, weights)
-    assert np.array_equal(chart.starts, starts)
-    assert np.array_equal(chart.places, places)
-    assert np.array_equal(chart.weights, values)
+    grid, corner = evidence_grid(points, weights, ORIGIN, RULE)
+    starts, places, values, slow_corner = slow_grid(points, weights)
+    assert np.array_equal(grid.starts, starts)
+    assert np.array_equal(grid.places, places)
+    assert np.array_equal(grid.weights, values)
     assert np.array_equal(corner, slow_corner)
-    assert np.array_equal(chart.origin, ORIGIN - corner)
-
-
-@given(st.integers(0, 2**32 - 1), st.integers(0, 300), st.sampled_from([(0, 1), (2, 1, 0)]))
-@settings(max_examples=40, deadline=None)
-def test_an_order_by_axes_is_numpys(seed, count, axes) -> None:
-    points = np.random.default_rng(seed).integers(-1, 2, (count, 3)).astype(float)
-    expected = np.lexsort([points[:, axis] for axis in reversed(axes)])
-    assert np.array_equal(_order_by(points, axes), expected)
-
-
-def test_a_straight_wall_seen_from_its_far_end_is_put_in_order() -> None:
-    count = 100_000
-    wall = np.column_stack([np.full(count, 5.0), -np.arange(count), np.ones(count)])
-    for axes in ((0, 1), (2, 1, 0)):
-        assert np.array_equal(_order_by(wall, axes), np.arange(count)[::-1])
+    assert np.array_equal(grid.origin, ORIGIN - corner)
 
 
 @given(st.integers(0, 2**32 - 1))
@@ -77,12 +55,12 @@ def test_a_straight_wall_seen_from_its_far_end_is_put_in_order() -> None:
 def test_boxes_come_best_first_then_by_place(seed) -> None:
     points, weights = places_of(seed)
     weights = np.abs(weights)
-    chart, corner = charted(points, weights, ORIGIN, RULES)
-    boxes = slide(chart, SIDES_M, LEAST)
+    grid, corner = evidence_grid(points, weights, ORIGIN, RULE)
+    boxes = slide(grid, SIDES, LEAST)
     boxes = boxes[np.lexsort((boxes[:, 2], boxes[:, 1], boxes[:, 0], -boxes[:, 3]))]
-    kept = boxes[suppress(boxes, chart, SIDES_M, LEAST)]
+    kept = boxes[suppress(boxes, grid, SIDES, LEAST)]
     kept[:, :2] += corner
-    found = boxes_in(points, weights, ORIGIN, SIDES_M, (*RULES, LEAST))
+    found = boxes_in(points, weights, ORIGIN, RULE)
     assert len(found) > 0
     assert np.array_equal(found, kept)
 
@@ -90,18 +68,16 @@ def test_boxes_come_best_first_then_by_place(seed) -> None:
 @given(st.integers(0, 2**32 - 1))
 @settings(max_examples=20, deadline=None)
 def test_returns_are_shared_out_sorted(seed) -> None:
-    points, times_s = places_of(seed)
+    points, _ = places_of(seed)
     rng = np.random.default_rng(seed)
     rows = np.sort(rng.choice(len(points), 50, replace=False))
     owner = rng.integers(-1, 3, 50)
-    starts, found, places, met_s = shared_out(points, times_s, rows, owner, 4)
+    found, starts = sorted_by_body(points, rows, owner, 4)
     assert starts[-1] == (owner >= 0).sum()
     for body in range(4):
         mine = rows[owner == body]
         mine = mine[np.lexsort(points[mine].T)]
         assert np.array_equal(found[starts[body] : starts[body + 1]], mine)
-    assert np.array_equal(places, points[found])
-    assert np.array_equal(met_s, times_s[found])
 
 
 @given(st.integers(0, 2**32 - 1))
@@ -113,7 +89,7 @@ def test_an_image_is_that_of_numpy(seed) -> None:
     reach = rng.uniform(5, 50, 60)
     points = np.column_stack([reach * np.cos(azimuths), reach * np.sin(azimuths), reach * tilts])
     points, times_s = points.astype(np.float32), 1e-3 * column
-    image, slopes, (azimuth, step), column_times_s = imaged(
+    image, slopes, azimuth, step, column_times_s = imaged(
         points, ring.astype(np.int16), column.astype(np.int32), times_s
     )
     raw, raw_slopes, looks, raw_times_s = tabulate(
