@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import Generic, TypeVar
+from typing import Generic, NamedTuple, TypeVar
 
 import numpy as np
 
@@ -149,6 +149,35 @@ def write_estimates(
         yield estimate
 
 
+class PoseErrors(NamedTuple):
+    """Errors of estimated poses.
+
+    distance_m: length of the true way. ate_m: absolute trajectory error after alignment, RMS.
+    end_m: distance of the last pose from the true one, both from the same start.
+    t_rel, r_rel: KITTI's drift over `lengths_m`, per cent and degrees in 100 m; None where the
+        way is shorter than all of these.
+    """
+
+    distance_m: float
+    ate_m: float
+    end_m: float
+    t_rel: float | None
+    r_rel: float | None
+    lengths_m: tuple[float, ...]
+
+    def __str__(self) -> str:
+        drifts = (
+            f"too short for t_rel over {self.lengths_m[0]:g} m"
+            if self.t_rel is None
+            else f"t_rel {self.t_rel:.2f} %, r_rel {self.r_rel:.2f} deg/100m over "
+            f"{self.lengths_m[0]:g} to {self.lengths_m[-1]:g} m"
+        )
+        return (
+            f"{self.distance_m:.1f} m: ATE {self.ate_m:.3f} m, at the end {self.end_m:.3f} m off, "
+            f"{drifts}"
+        )
+
+
 @dataclass(frozen=True, slots=True)
 class TruePoses:
     """The true poses of scans, (4, 4), in any fixed frame; None for a scan without a true pose."""
@@ -175,8 +204,8 @@ class TruePoses:
         x, y, z = np.abs(np.linalg.inv(poses[0]) @ poses[-1])[:3, 3]
         return bool(z > max(x, y, LEAST_AHEAD_M))
 
-    def errors_in_words(self, poses: Sequence[Pose]) -> str:
-        """Return the errors of estimated poses as a line of text; there may be fewer of them."""
+    def errors(self, poses: Sequence[Pose]) -> PoseErrors:
+        """Return the errors of estimated poses, of which there may be fewer than true ones."""
         from roadscope.benchmarks.metrics.trajectory_errors import (
             KITTI_M,
             SHORT_M,
@@ -190,14 +219,14 @@ class TruePoses:
         distance_m = float(both.distances[-1])
         lengths = KITTI_M if distance_m > KITTI_M[-1] else SHORT_M
         errors = drift(both, lengths, every=10 if lengths is KITTI_M else 1)
-        drifts = (
-            f"t_rel {errors.t_rel:.2f} %, r_rel {errors.r_rel:.2f} deg/100m over "
-            f"{lengths[0]:g} to {lengths[-1]:g} m"
-            if len(errors)
-            else f"too short for t_rel over {lengths[0]:g} m"
+        return PoseErrors(
+            distance_m,
+            float(absolute_errors(both, "se3").rmse_m),
+            float(absolute_errors(both, "origin").end_m),
+            float(errors.t_rel) if len(errors) else None,
+            float(errors.r_rel) if len(errors) else None,
+            tuple(lengths),
         )
-        ate_m, end_m = absolute_errors(both, "se3").rmse_m, absolute_errors(both, "origin").end_m
-        return f"{distance_m:.1f} m: ATE {ate_m:.3f} m, at the end {end_m:.3f} m off, {drifts}"
 
 
 def _interpolated(

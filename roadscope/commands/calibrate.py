@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from roadscope.commands.options import Quiet
 from roadscope.commands.terminal import headline, progress_bars, show
 
 if TYPE_CHECKING:
@@ -41,6 +42,7 @@ def calibrate(
     scans: Scans = 25,
     outliers: Outliers = 0.0,
     out: Out = None,
+    quiet: Quiet = False,
 ) -> None:
     """Calibrate LiDAR and camera with a triangular target that both see (Li 2021).
 
@@ -53,7 +55,7 @@ def calibrate(
     )
 
     place = None if out is None else calibration_path(out)
-    with progress_bars() as progress:
+    with progress_bars(quiet=quiet) as progress:
         calibration = calibrate_rig(
             rig,
             poses=poses,
@@ -65,13 +67,15 @@ def calibrate(
             outliers=outliers,
             progress=progress,
         )
-    _show(calibration, rig)
+    if not quiet:
+        _show(calibration, rig)
     if place is not None:
         origin = f"roadscope calibrate --rig {rig} --poses {poses} --seed {seed}"
         origin += " --known-intrinsics" * known_intrinsics + " --corners-only" * corners_only
         origin += " --upright" * upright + f" --outliers {outliers:g}" * bool(outliers)
         save_rig_calibration(calibration, place, origin + f" --scans {scans}" * (scans != 25))
-        typer.echo(f"written: {place}")
+        if not quiet:
+            typer.echo(f"written: {place}")
 
 
 def _show(calibration: RigCalibration, rig: str) -> None:

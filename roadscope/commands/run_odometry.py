@@ -10,7 +10,15 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from roadscope.commands import completion
-from roadscope.commands.terminal import complain, headline, printable, progress_bars, show
+from roadscope.commands.options import Json, Quiet
+from roadscope.commands.terminal import (
+    complain,
+    headline,
+    print_json,
+    printable,
+    progress_bars,
+    show,
+)
 
 if TYPE_CHECKING:
     from roadscope.benchmarks.formats.scan_folder import ScanFolder
@@ -85,6 +93,8 @@ def run_odometry(
     mounting: Mounting = None,
     wheels: WheelsFile = None,
     truth: TruthFile = None,
+    quiet: Quiet = False,
+    json: Json = False,
 ) -> None:
     """Estimate the poses of a LiDAR from a folder of its scans.
 
@@ -113,7 +123,7 @@ def run_odometry(
     reasons: Counter[str] = Counter()
     poses: list[Pose] = []
     try:
-        with progress_bars() as progress:
+        with progress_bars(quiet=quiet) as progress:
             for estimate in write_estimates(
                 scans, odometry, out, format, imu=inertial, wheels=wheel_speeds
             ):
@@ -124,10 +134,25 @@ def run_odometry(
         if poses:
             complain(f"{len(poses)} of {len(scans)} poses are kept in {out}")
         raise
-    _report_poses(odometry, poses, reasons)
-    if true is not None:
-        _compare(poses, true, truth)
-    typer.echo(f"written: {out}")
+    errors = None if true is None else true.errors(poses)
+    if json:
+        last = poses[-1].translation.tolist()
+        print_json(
+            {
+                "odometry": odometry,
+                "scans": len(poses),
+                "last_position_m": last,
+                "degraded": dict(reasons),
+                "errors": None if errors is None else errors._asdict(),
+            }
+        )
+    if not (json or quiet):
+        _report_poses(odometry, poses, reasons)
+    _warn_of_poses(poses, reasons, true, truth)
+    if not (json or quiet):
+        if errors is not None:
+            typer.echo(f"beside {truth}: {errors}")
+        typer.echo(f"written: {out}")
 
 
 def _report_assumptions(scans: ScanFolder, folder: Path, *, without_imu: bool) -> None:
@@ -165,23 +190,23 @@ def _report_poses(odometry: str, poses: Sequence[Pose], reasons: Counter[str]) -
         f"{odometry}: {len(poses)} scans, from the first to the last {x:.2f} {y:.2f} {z:.2f} m"
     )
     if reasons:
-        share = reasons.total() / len(poses)
         show(
             f"degraded in {reasons.total()} of {len(poses)} scans, mostly: "
             f"{printable(reasons.most_common(1)[0][0])}"
         )
-        if share > MANY_DEGRADED:
-            complain("many scans are degraded: check the poses before you use them")
 
 
-def _compare(poses: Sequence[Pose], true: TruePoses, path: Path | None) -> None:
-    """Print the errors of the poses, and a warning if the true poses seem to be a camera's."""
-    if true.look_like_a_cameras():
+def _warn_of_poses(
+    poses: Sequence[Pose], reasons: Counter[str], true: TruePoses | None, path: Path | None
+) -> None:
+    """Warn of many degraded scans, and if the true poses seem to be a camera's."""
+    if reasons.total() > MANY_DEGRADED * len(poses):
+        complain("many scans are degraded: check the poses before you use them")
+    if true is not None and true.look_like_a_cameras():
         complain(
             f"{path}: its z axis points ahead: expected poses of the LiDAR, x ahead, not of a "
             "camera, as KITTI's own are"
         )
-    typer.echo(f"beside {path}: {true.errors_in_words(poses)}")
 
 
 def _inertial(

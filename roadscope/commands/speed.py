@@ -7,7 +7,8 @@ from typing import Annotated
 
 import typer
 
-from roadscope.commands.terminal import progress_bars, show
+from roadscope.commands.options import Json, Quiet
+from roadscope.commands.terminal import print_json, progress_bars, show
 
 
 def speed(
@@ -19,18 +20,26 @@ def speed(
         ),
     ] = None,
     out: Annotated[Path | None, typer.Option(help="Folder for speed.json.")] = None,
+    quiet: Quiet = False,
+    json: Json = False,
 ) -> None:
     """Measure how long detectors, trackers, odometries, ray casting and cameras take."""
+    from dataclasses import asdict
+
     from roadscope.benchmarks.cache import usable_folder
     from roadscope.benchmarks.speed.measure import PARTS, measure_speed, write_speed
     from roadscope.benchmarks.tables import speed_table
 
     folder = None if out is None else usable_folder(out)
-    with progress_bars() as progress:
+    with progress_bars(quiet=quiet) as progress:
         rows = measure_speed(
             parts or tuple(PARTS), progress=lambda _, done, of: progress("speed", done, of)
         )
-    show(speed_table(rows))
     if folder is not None:
         write_speed(rows, folder / "speed.json")
-        typer.echo(f"written: {folder / 'speed.json'}")
+    if json:
+        print_json([asdict(row) for row in rows])
+    elif not quiet:
+        show(speed_table(rows))
+        if folder is not None:
+            typer.echo(f"written: {folder / 'speed.json'}")

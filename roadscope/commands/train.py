@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from roadscope.commands.options import Jobs, workers
+from roadscope.commands.options import Jobs, Quiet, workers
 from roadscope.commands.terminal import headline, progress_bars, show
 
 
@@ -30,6 +30,7 @@ def train(
     out: Annotated[
         Path, typer.Option(help="File for the weights; a .toml comes beside it.")
     ] = Path("network.safetensors"),
+    quiet: Quiet = False,
 ) -> None:
     """Train the camera detector from simulated pictures.
 
@@ -39,10 +40,12 @@ def train(
 
     if what != "camera":
         raise ValueError(f"'{what}' cannot be trained; possible: camera")
-    with progress_bars() as progress:
+    with progress_bars(quiet=quiet) as progress:
         result = train_camera(
             out, recipe=recipe, seed=seed, work=work, jobs=workers(jobs), progress=progress
         )
+    if quiet:
+        return
     from roadscope.benchmarks.tables import score_table
 
     for name, scores in {"validation seeds": result.scores, **result.held_out}.items():

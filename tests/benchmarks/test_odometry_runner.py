@@ -1,5 +1,6 @@
 """An odometry on a folder of scans, by function and by command."""
 
+import json
 import os
 import signal
 import subprocess
@@ -122,6 +123,18 @@ def command(folder, *options, **kept):
         timeout=120,
         env=os.environ | {"COLUMNS": "80"} | kept,
     )
+
+
+def test_json_has_what_is_printed(recording):
+    truth = str(recording / "truth.tum")
+    done, out = follow(recording, "--mounting", "0,0,0,0,0,90", "--truth", truth, "--json")
+    found, poses = json.loads(done.stdout), read_trajectory(out, "kitti").poses
+    assert (found["odometry"], found["scans"]) == ("lidar-inertial", 6)
+    assert 0 < sum(found["degraded"].values()) < 6
+    assert found["last_position_m"] == pytest.approx(poses[-1].translation, abs=1e-6)
+    assert 0 < found["errors"]["end_m"] < 0.2
+    done, _ = follow(recording, "--mounting", "0,0,0,0,0,90", "--truth", truth, "--quiet")
+    assert done.stdout == ""
 
 
 @pytest.mark.parametrize("name", ["truth.tum", "truth.kitti"])
