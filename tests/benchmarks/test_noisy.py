@@ -21,7 +21,8 @@ from roadscope.core import Category, Detections, Pose, SpecError, Truth, wrap_an
 EPISODE = Episode("intersection", 10_000, "hdl32e")
 RULE = Eligibility((5.0, 60.0), 5)
 FRAMES, OBJECTS = 400, 40
-QUIET = "noisy?miss=0&clutter=0&position_m=0&size_m=0&yaw_deg=0&flip=0"
+QUIET = {"miss": 0, "clutter": 0, "position_m": 0, "size_m": 0, "yaw_deg": 0, "flip": 0}
+"""Arguments of a noise model that makes no error."""
 
 
 def truths(frames=FRAMES, objects=OBJECTS, hidden=0.0, returns=50) -> list[Truth]:
@@ -51,6 +52,12 @@ def truths(frames=FRAMES, objects=OBJECTS, hidden=0.0, returns=50) -> list[Truth
     ]
 
 
+def quiet(**changes: float | None) -> str:
+    """Return the spec of a noise model that makes no error but those that are named."""
+    arguments = (f"{name}={value}" for name, value in {**QUIET, **changes}.items())
+    return f"noisy?{'&'.join(arguments)}"
+
+
 def detect(spec: str, frames: list[Truth], episode: Episode = EPISODE) -> list[Detections]:
     noisy = NoisyDetections(NOISES.make(spec), episode, RULE)
     return [noisy.of(truth) for truth in frames]
@@ -66,7 +73,7 @@ def detected(found: list[Detections], frames: list[Truth]) -> np.ndarray:
 
 def test_without_errors_it_is_the_oracle() -> None:
     frames = truths(3)
-    for noisy, truth in zip(detect(QUIET, frames), frames, strict=True):
+    for noisy, truth in zip(detect(quiet(), frames), frames, strict=True):
         true = oracle_detections(truth, RULE)
         for name in ("centres", "sizes", "categories"):
             np.testing.assert_array_equal(getattr(noisy, name), getattr(true, name))
@@ -75,14 +82,14 @@ def test_without_errors_it_is_the_oracle() -> None:
 
 
 def test_who_is_not_eligible_is_not_detected() -> None:
-    assert sum(map(len, detect(QUIET, truths(5, returns=4)))) == 0
+    assert sum(map(len, detect(quiet(), truths(5, returns=4)))) == 0
 
 
 @pytest.mark.parametrize("miss", [0.0, 0.2, 0.6])
 @pytest.mark.parametrize("run", [None, 2.0, 6.0])
 def test_misses_have_their_share_and_their_length(miss, run) -> None:
     frames = truths()
-    missed = ~detected(detect(f"{QUIET}&miss={miss}&miss_run={run}", frames), frames)
+    missed = ~detected(detect(quiet(miss=miss, miss_run=run), frames), frames)
     length = run or 1 / (1 - miss)
     # Runs of mean L with share p are as informative as N p (1 - p) / L single draws or so.
     error = np.sqrt(max(miss * (1 - miss), 1e-12) * 2 * length / missed.size)
@@ -104,9 +111,7 @@ def test_the_hidden_are_missed_as_far_as_they_are_hidden_and_all_the_time() -> N
     for hidden in (0.2, 0.8):
         frames = truths(2, hidden=hidden)
         found = [
-            detected(
-                detect(f"{QUIET}&occlusion=0.5", frames, Episode("merge", seed, "lux")), frames
-            )
+            detected(detect(quiet(occlusion=0.5), frames, Episode("merge", seed, "lux")), frames)
             for seed in range(60)
         ]
         rates.append(1 - np.mean(found))
@@ -160,7 +165,7 @@ def test_boxes_err_as_told() -> None:
 
 def test_scores_rank_and_are_probabilities_where_both_are_as_many() -> None:
     frames = truths(300)
-    found = detect(f"{QUIET}&clutter=40&score_gap=1.5", frames)
+    found = detect(quiet(clutter=40, score_gap=1.5), frames)
     true = np.concatenate([f.scores[:OBJECTS] for f in found])
     false = np.concatenate([f.scores[OBJECTS:] for f in found])
     assert len(false) == pytest.approx(len(true), rel=0.05)
@@ -171,7 +176,7 @@ def test_scores_rank_and_are_probabilities_where_both_are_as_many() -> None:
     for low in (0.1, 0.3, 0.5, 0.7, 0.9):
         inside = (scores > low - 0.1) & (scores < low + 0.1)
         assert right[inside].mean() == pytest.approx(scores[inside].mean(), abs=0.03)
-    assert set(detect(f"{QUIET}&score_gap=0", frames[:1])[0].scores.tolist()) == {0.5}
+    assert set(detect(quiet(score_gap=0), frames[:1])[0].scores.tolist()) == {0.5}
 
 
 @settings(max_examples=25, deadline=None)

@@ -4,8 +4,8 @@
 but for its act. `acts.py` lists the acts, for which kinds they are, and what a failure must say.
 `boards.py` has a suite of all five boards that takes seconds, and runs it in folders of its own.
 Runs without strangers are the measure: scores of all other entries are compared digit by digit, but
-for times. The quick set does each act for some kinds; `-m slow` does all acts for all kinds, with
-one worker and with two.
+for times. All acts are done for all kinds, with one worker and with two. All of this is `slow`;
+`tests/benchmarks/isolation` has quick tests of the same mechanisms.
 
 What is prevented
 -----------------

@@ -14,9 +14,16 @@ def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
     """Run a test that names acts for each of them and each board that it is for."""
     acts = getattr(metafunc.function, "acts", None)
     if acts is not None:
-        cases = pairs(acts, quick=metafunc.cls.quick)
+        cases = pairs(acts)
         ids = [f"{board}-{act.name}" for board, act in cases]
         metafunc.parametrize(("board", "act"), cases, ids=ids)
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Let all tests of this folder be slow; the hook gets those of other folders too."""
+    for item in items:
+        if item.path.parent == Path(__file__).parent:
+            item.add_marker(pytest.mark.slow)
 
 
 @pytest.fixture(scope="session")
@@ -34,8 +41,7 @@ def torture(
 ) -> Tortured:
     """Run the hostile acts of a class of tests."""
     folder = tmp_path_factory.mktemp("torture") / "run"
-    tests = request.cls
-    return tortured(folder, honest_run[0].cache, jobs=tests.jobs, quick=tests.quick)
+    return tortured(folder, honest_run[0].cache, jobs=request.cls.jobs)
 
 
 @pytest.fixture

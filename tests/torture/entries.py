@@ -13,7 +13,6 @@ from tests.torture.boards import (
     HANG_LIMITS,
     MOST_MESSAGE,
     ONE_EPISODE,
-    SUITE,
     Run,
     Workshop,
     left_running,
@@ -33,7 +32,6 @@ class Tortured:
     place: Workshop
     runs: tuple[Run, Run]
     took_s: float
-    episodes: int
 
     def spec(self, board: str, act: Act) -> str:
         return self.place.spec(board, act.name)
@@ -42,20 +40,19 @@ class Tortured:
         return self.runs[act in HANGS]
 
 
-def tortured(folder: Path, timelines: Path, *, jobs: int, quick: bool) -> Tortured:
+def tortured(folder: Path, timelines: Path, *, jobs: int) -> Tortured:
     """Run the suite with all hostile entries: those that hang with short deadlines."""
-    place = workshop(folder, timelines, SUITE if quick else ONE_EPISODE)
+    place = workshop(folder, timelines, ONE_EPISODE)
     start = time.monotonic()
     others = [act for act in (*FAILING, *HARMLESS, *TOLERATED) if act not in HANGS]
     entries, hanging = (
-        [place.spec(board, act.name) for board, act in pairs(acts, quick=quick)]
-        for acts in (others, HANGS)
+        [place.spec(board, act.name) for board, act in pairs(acts)] for acts in (others, HANGS)
     )
     runs = (
         place.run(entries, jobs=jobs),
         place.run(hanging, jobs=jobs, limits=HANG_LIMITS, fresh=True),
     )
-    return Tortured(place, runs, time.monotonic() - start, 2 if quick else 1)
+    return Tortured(place, runs, time.monotonic() - start)
 
 
 def done_by(acts: Sequence[Act]) -> Callable[[Any], Any]:
@@ -71,10 +68,10 @@ def done_by(acts: Sequence[Act]) -> Callable[[Any], Any]:
 class EntryTests:
     """What hostile entries do costs them their own row.
 
-    jobs: workers. quick: the quick set of acts on two episodes, or all acts on one.
+    jobs: workers.
     """
 
-    jobs, quick = 1, True
+    jobs = 1
 
     @done_by(FAILING)
     def test_a_failure_is_one_row_that_says_what_happened(
@@ -82,7 +79,7 @@ class EntryTests:
     ) -> None:
         entry, run = torture.spec(board, act), torture.run_of(act)
         reasons = run.reasons(entry)
-        assert len(reasons) == torture.episodes
+        assert len(reasons) == 1
         for reason in reasons:
             assert reason is not None
             assert reason.startswith(entry)
@@ -93,7 +90,7 @@ class EntryTests:
         assert [(s.rank, s.reason) for s in standings] == [(None, reasons[0])]
         row = run.results.row(board, entry, "failed_episodes")
         assert row is not None
-        assert row.value == torture.episodes
+        assert row.value == 1
         assert entry in run.results.failed_entries
 
     @done_by(HARMLESS)
@@ -110,7 +107,7 @@ class EntryTests:
     @done_by(TOLERATED)
     def test_odd_answers_are_scored(self, torture: Tortured, board: str, act: Act) -> None:
         reasons = torture.run_of(act).reasons(torture.spec(board, act))
-        assert reasons == [None] * torture.episodes
+        assert reasons == [None]
 
     @pytest.mark.parametrize("number", [0, 1])
     def test_all_others_are_equal_to_the_bit(
@@ -118,7 +115,7 @@ class EntryTests:
     ) -> None:
         values, expected = torture.runs[number].values(), honest_run[1].values()
         assert values == {place: expected[place] for place in values}
-        assert len(values) == OWN_ENTRIES * torture.episodes
+        assert len(values) == OWN_ENTRIES
 
     def test_no_process_is_left(self, torture: Tortured) -> None:
         assert left_running(torture.place.plugins) == []
