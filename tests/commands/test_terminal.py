@@ -42,7 +42,7 @@ def test_lines_are_fewer_after_a_minute(clock, capsys, monkeypatch):
             tell("episodes", done, 100)
             clock[0] += 4.0
     late = [step for step in steps_logged(capsys.readouterr().err, "episodes") if step > 15]
-    assert late == [18, 21, 24, 27, 30]
+    assert late == [17, 20, 23, 26, 29]
 
 
 def test_a_pipe_gets_lines_while_a_stage_compiles_its_kernels(clock, capsys, monkeypatch):
