@@ -6,17 +6,26 @@ import hashlib
 import re
 import tempfile
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from functools import cache, wraps
 from pathlib import Path
-from typing import Any, TypeVar, cast
+from time import monotonic, sleep
+from typing import IO, Any, TypeVar, cast
 
 from numba import config, njit
 from numba.extending import overload
 
 from roadscope.core.kernel_files import HOUSE, user_folder
 
+try:
+    import fcntl
+except ImportError:  # Not on Windows.
+    fcntl = None  # type: ignore[assignment]
+
 F = TypeVar("F", bound=Callable[..., Any])
+LONGEST_WAIT_S, LOOK_EACH_S = 120.0, 0.02
+"""How long a process waits for another one that compiles, and how often it looks; chosen by hand:
+no kernel took more than 20 s."""
 IMPORT = re.compile(r"^\s*(?:from\s+(\S+)\s+import\s+(\([^)]*\)|.*)|import\s+(.+))$", re.MULTILINE)
 
 
@@ -42,9 +51,17 @@ def compiled(*, borrowing: bool = False, **options: Any) -> Callable[[F], F]:
         def entry() -> Callable[..., Any]:
             return _entry(function, settings)
 
+        called = False
+
         @wraps(function)
         def kernel(*arguments: Any, **named: Any) -> Any:
-            return entry()(*arguments, **named)
+            nonlocal called
+            if called:
+                return entry()(*arguments, **named)
+            with _compiling_alone(function):
+                result = entry()(*arguments, **named)
+            called = True
+            return result
 
         kernel.entry = entry  # type: ignore[attr-defined]
         counting = {"_nrt": False} if borrowing else {}
@@ -57,12 +74,49 @@ def compiled(*, borrowing: bool = False, **options: Any) -> Callable[[F], F]:
 
 def _entry(function: Callable[..., Any], settings: Mapping[str, Any]) -> Callable[..., Any]:
     """Return what Python calls; its machine code is kept if there is a folder for it."""
-    file = Path(function.__code__.co_filename)
-    folder = _writable_folder(file.parent)
+    folder = _folder_of(function)
     if folder is None:
         return cast(Callable[..., Any], njit(**settings)(function))
-    with _cached_in(folder / f"{file.stem}-{_digest(file)}"):
+    with _cached_in(folder):
         return cast(Callable[..., Any], njit(cache=True, **settings)(function))
+
+
+def _folder_of(function: Callable[..., Any]) -> Path | None:
+    """Return where machine code of a function may be kept; another one after each edit."""
+    file = Path(function.__code__.co_filename)
+    folder = _writable_folder(file.parent)
+    return folder and folder / f"{file.stem}-{_digest(file)}"
+
+
+@contextmanager
+def _compiling_alone(function: Callable[..., Any]) -> Iterator[None]:
+    """Hold back other processes that call the function for the first time.
+
+    They then find its machine code, in place of compiling it at the same time. The lock of a
+    process ends with it, and nobody waits longer than `LONGEST_WAIT_S`.
+    """
+    folder = _folder_of(function)
+    if folder is None or fcntl is None:
+        yield
+        return
+    with ExitStack() as held:
+        # A file system without locks costs only time.
+        with suppress(OSError):
+            folder.mkdir(parents=True, exist_ok=True)
+            file = held.enter_context((folder / f"{function.__qualname__}.lock").open("w"))
+            end_s = monotonic() + LONGEST_WAIT_S
+            while not _locked(file) and monotonic() < end_s:
+                sleep(LOOK_EACH_S)
+        yield
+
+
+def _locked(file: IO[str]) -> bool:
+    """Try to lock a file against other processes."""
+    try:
+        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return False
+    return True
 
 
 @cache

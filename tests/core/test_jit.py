@@ -154,8 +154,8 @@ def test_folders_that_cannot_be_written_cost_only_time(script: Path, tmp_path: P
 def test_processes_that_start_together_all_get_the_result(script: Path) -> None:
     with ThreadPoolExecutor(4) as pool:
         results = list(pool.map(run, [script] * 4))
-    assert [result[0] for result in results] == [8] * 4
-    assert run(script) == [8, 1, 0]
+    # One of them compiles, and the others wait for it.
+    assert sorted(results) == [[8, 0, 1], [8, 1, 0], [8, 1, 0], [8, 1, 0]]
 
 
 def test_a_folder_that_the_user_names_is_used(script: Path, tmp_path: Path) -> None:
