@@ -13,8 +13,6 @@ from typing import Any, cast
 
 import typer
 
-from roadscope.core.kernel_files import count_kernels
-
 LINE_EACH_S, FIRST_S, LATER_EACH_S = 2.0, 60.0, 10.0
 """Where no terminal shows bars, lines say how far a stage is: so often in the first minute and
 while kernels are compiled, and so often later."""
@@ -96,6 +94,13 @@ def progress_bars(*, quiet: bool = False) -> Iterator[Callable[[str, int, int], 
     finally:
         if tasks:
             shown.stop()
+
+
+def count_kernels() -> int:
+    """Return how many pieces of machine code are kept; the import takes NumPy along."""
+    from roadscope.core.kernel_files import count_kernels
+
+    return count_kernels()
 
 
 class _Lines:
