@@ -19,6 +19,7 @@ from typing import Any
 
 from roadscope.benchmarks.cache import cache_folder
 from roadscope.benchmarks.cached_files import KindUsage, cache_usage, size_text
+from roadscope.core.kernel_files import kernel_folders
 
 DISTRIBUTION = "roadscope"
 LITTLE_SPACE_BYTES = 1_000_000_000
@@ -259,13 +260,9 @@ def _folder(path: Path) -> Folder:
 
 
 def _kernels() -> Kernels:
-    """Examine the folder of machine code: NUMBA_CACHE_DIR, else beside the sources."""
-    from platformdirs import user_cache_path
-
-    named = os.environ.get("NUMBA_CACHE_DIR")
-    folder = _folder(Path(named) if named else Path(__file__).resolve().parents[1])
-    if not named and not folder.writable:
-        folder = _folder(user_cache_path("roadscope", appauthor=False) / "kernels")
+    """Examine the folder in which `core.jit` keeps machine code."""
+    folders = [_folder(path) for path in kernel_folders()]
+    folder = next((each for each in folders if each.writable), folders[0])
     files = list(Path(folder.path).rglob("*.nbc"))
     return Kernels(folder, len(files), sum(file.stat().st_size for file in files))
 

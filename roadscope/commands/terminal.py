@@ -3,16 +3,21 @@
 from __future__ import annotations
 
 import json
+import math
 import os
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from threading import Event, Lock, Thread
 from time import monotonic
-from typing import Any
+from typing import Any, cast
 
 import typer
 
-LINE_EACH_S = 10.0
-"""Without a terminal, progress is a line of text, at most this often, seconds."""
+LINE_EACH_S, FIRST_S, LATER_EACH_S = 2.0, 60.0, 10.0
+"""Without a terminal, progress is lines of text: so often in the first minute and while kernels are
+compiled, and so often later."""
+COMPILING_S = 20.0
+"""After this time without a new kernel nothing is being compiled; chosen by hand."""
 PIPED_WIDTH = 80
 """Width of tables that go to a file or pipe, characters."""
 
@@ -79,20 +84,13 @@ def progress_bars(*, quiet: bool = False) -> Iterator[Callable[[str, int, int], 
         bars.TimeRemainingColumn(),
     )
     display = bars.Progress(*columns, console=console(stderr=True))
+    if not display.console.is_terminal:
+        with _Lines() as lines:
+            yield lines.update
+        return
     tasks: dict[str, bars.TaskID] = {}
-    logged, start_s = not display.console.is_terminal, monotonic()
-    written_s = dict[str, float]()
-
-    def log(stage: str, done: int, total: int) -> None:
-        now_s = monotonic()
-        if done == total or now_s - written_s.get(stage, -LINE_EACH_S) >= LINE_EACH_S:
-            written_s[stage] = now_s
-            complain(f"{stage} {done}/{total}, {now_s - start_s:.0f} s")
 
     def update(stage: str, done: int, total: int) -> None:
-        if logged:
-            log(stage, done, total)
-            return
         # Started late, so that an error in the input is the only line there is.
         display.start()
         if stage not in tasks:
@@ -106,3 +104,72 @@ def progress_bars(*, quiet: bool = False) -> Iterator[Callable[[str, int, int], 
     finally:
         if tasks:
             display.stop()
+
+
+def count_kernels() -> int:
+    """Return how many pieces of machine code are kept; the import takes NumPy along."""
+    from roadscope.core.kernel_files import count_kernels
+
+    return count_kernels()
+
+
+class _Lines:
+    """Progress as lines on stderr, also while nothing is reported; a context manager."""
+
+    def __init__(self) -> None:
+        self._start_s = monotonic()
+        self._written_s = -math.inf
+        self._latest: tuple[str, int, int] | None = None
+        self._kernels = self._kernels_at_start = count_kernels()
+        self._compiled_s = -math.inf
+        self._lock, self._ended = Lock(), Event()
+        self._thread = Thread(target=self._repeat, daemon=True)
+
+    def __enter__(self) -> _Lines:
+        self._thread.start()
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self._ended.set()
+        self._thread.join()
+
+    def update(self, stage: str, done: int, total: int) -> None:
+        """Report a stage; its begin and its end are always written."""
+        with self._lock:
+            begins = self._latest is None or self._latest[0] != stage
+            self._latest = (stage, done, total)
+            if begins or done == total or self._is_due():
+                self._write()
+
+    def repeat(self) -> None:
+        """Write again where the run is, if it is time."""
+        with self._lock:
+            if self._latest is not None and self._is_due():
+                self._write()
+
+    def _repeat(self) -> None:
+        while not self._ended.wait(LINE_EACH_S / 4):
+            self.repeat()
+
+    def _is_due(self) -> bool:
+        now_s = monotonic()
+        if now_s - self._written_s < LINE_EACH_S:
+            return False
+        often = now_s - self._start_s < FIRST_S or self._is_compiling()
+        return often or now_s - self._written_s >= LATER_EACH_S
+
+    def _is_compiling(self) -> bool:
+        """Whether kernels were added to those that are kept in the last seconds, or none is."""
+        before, self._kernels = self._kernels, count_kernels()
+        if self._kernels > before:
+            self._compiled_s = monotonic()
+        return not self._kernels or monotonic() - self._compiled_s < COMPILING_S
+
+    def _write(self) -> None:
+        stage, done, total = cast("tuple[str, int, int]", self._latest)
+        self._written_s = monotonic()
+        line = f"{stage} {done}/{total}, {self._written_s - self._start_s:.0f} s"
+        if done < total and self._is_compiling():
+            new = self._kernels - self._kernels_at_start
+            line += f"; compiling kernels, once per installation, {new} so far"
+        complain(line)

@@ -1,4 +1,5 @@
 import re
+import time
 
 import pytest
 
@@ -17,19 +18,49 @@ def steps_logged(text, stage):
     return [int(step) for step in re.findall(rf"^{stage} (\d+)/\d+", text, re.MULTILINE)]
 
 
-def test_a_pipe_gets_a_line_every_ten_seconds_and_at_the_end_of_a_stage(clock, capsys):
+def test_a_pipe_gets_lines_and_one_at_the_end_of_a_stage(clock, capsys, monkeypatch):
+    monkeypatch.setattr(terminal, "count_kernels", lambda: 7)
     with terminal.progress_bars() as tell:
         for done in range(11):
             tell("episodes", done, 10)
-            clock[0] += 4.0
+            clock[0] += 1.0
         tell("scores", 0, 2)
         tell("scores", 2, 2)
     written = capsys.readouterr()
     assert written.out == ""
-    assert steps_logged(written.err, "episodes") == [0, 3, 6, 9, 10]
+    assert steps_logged(written.err, "episodes") == [0, 2, 4, 6, 8, 10]
     assert steps_logged(written.err, "scores") == [0, 2]
+    assert "kernels" not in written.err
     assert "\x1b" not in written.err
     assert "\r" not in written.err
+
+
+def test_lines_are_fewer_after_a_minute(clock, capsys, monkeypatch):
+    monkeypatch.setattr(terminal, "count_kernels", lambda: 7)
+    with terminal.progress_bars() as tell:
+        for done in range(0, 31):
+            tell("episodes", done, 100)
+            clock[0] += 4.0
+    late = [step for step in steps_logged(capsys.readouterr().err, "episodes") if step > 15]
+    assert late == [17, 20, 23, 26, 29]
+
+
+def test_a_pipe_gets_lines_while_a_stage_compiles_its_kernels(clock, capsys, monkeypatch):
+    kept = [0]
+    monkeypatch.setattr(terminal, "count_kernels", lambda: kept[0])
+    with terminal.progress_bars() as tell:
+        tell("episodes", 1, 10)
+        for kept[0] in (3, 5):
+            clock[0] += 2.0
+            written = []
+            for _ in range(100):
+                written += capsys.readouterr().err.splitlines()
+                if written:
+                    break
+                time.sleep(0.1)
+            tell("episodes", 1, 10)
+    lines = [*written, *capsys.readouterr().err.splitlines()]
+    assert lines[-1] == "episodes 1/10, 4 s; compiling kernels, once per installation, 5 so far"
 
 
 def test_quiet_is_quiet(clock, capsys):

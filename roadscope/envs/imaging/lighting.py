@@ -158,7 +158,7 @@ def cast_shadows(
     world, polygon = np.empty((4 * MAX_EDGES + 2, 3)), np.empty((8 * MAX_EDGES, 2))
     lit[:], open_sky[:] = 255, 255
     for m in range(len(solids.corners)):
-        count = solids.corners[m]
+        count = int(solids.corners[m])
         if count == 0:
             continue
         dx = solids.footprints[m, 0, 0] - lens.origin[0]

@@ -10,6 +10,7 @@ import numpy as np
 from roadscope.core import Pose
 from roadscope.core.jit import compiled
 from roadscope.core.record import Record
+from roadscope.core.sorting import stable_order
 from roadscope.envs.imaging.pinhole import Pinhole
 from roadscope.envs.raycast.scene import Scene
 from roadscope.envs.world.prisms import MAX_EDGES
@@ -412,8 +413,9 @@ def draw_all(lens: Lens, solids: Solids, buffers: RasterBuffers, extents: np.nda
         else:
             _draw_solid(lens, solids, m, world, near, polygon, buffers, extents)
     # Foliage last and from near to far: no ray then samples hidden leaves.
-    for m in np.argsort(distances)[:porous]:
-        draw_porous(lens, solids, m, world, near, polygon, exits, buffers)
+    order = stable_order(distances)
+    for i in range(porous):
+        draw_porous(lens, solids, order[i], world, near, polygon, exits, buffers)
 
 
 @compiled(borrowing=True)

@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from roadscope.core.jit import compiled
+from roadscope.core.sorting import stable_order
 from roadscope.envs.raycast.batch import WIDTH
 from roadscope.envs.raycast.shapes import STILL, Shapes
 
@@ -126,12 +127,18 @@ def _order(angles: np.ndarray) -> np.ndarray:
         rises += after > angles[c]
         falls += after < angles[c]
     if rises > 1 and falls > 1:
-        return np.argsort(angles, kind="mergesort")
+        return stable_order(angles)
     for c in range(1, size):
         if angles[c] < angles[start]:
             start = c
     step = 1 if rises >= falls else -1
-    return (start + step * np.arange(size)) % size
+    order = np.empty(size, np.int64)
+    for place in range(size):
+        order[place] = start
+        start += step
+        start += size if start < 0 else 0
+        start -= size if start == size else 0
+    return order
 
 
 @compiled(forceinline=True)
@@ -310,7 +317,7 @@ def units_by_block(
     spans = np.empty((len(shapes.unit_poses), 4), np.int64)
     nearest = np.empty(len(shapes.unit_poses))
     _find_spans(blocks, shapes, motion, sensor, _ray_spread(blocks, steepest), spans, nearest)
-    return _fill(len(blocks.lows), np.argsort(nearest, kind="mergesort"), spans)
+    return _fill(len(blocks.lows), stable_order(nearest), spans)
 
 
 @compiled(borrowing=True)
@@ -390,7 +397,8 @@ def _fill(count: int, order: np.ndarray, spans: np.ndarray) -> BlockUnits:
             starts[n + 2] += 1
         for n in range(spans[u, 2], spans[u, 3]):
             starts[n + 2] += 1
-    starts = np.cumsum(starts)
+    for n in range(1, len(starts)):
+        starts[n] += starts[n - 1]
     units = np.empty(starts[-1], np.int64)
     for u in order:
         for n in range(spans[u, 0], spans[u, 1]):

@@ -319,7 +319,8 @@ def _cast_blocks(
         store(blocks, n, depth, surfaces)
 
 
-@compiled(borrowing=True)
+# Inlined: passing the fields of all records to it takes as long as casting a unit.
+@compiled(forceinline=True, borrowing=True)
 def _cast_unit(
     rays: RayColumns,
     blocks: Blocks,

@@ -101,7 +101,9 @@ def develop(
     for r in range(height):
         base = np.float32(1.0 - lost * (r + 0.5 - v) ** 2)
         _pass(squares.reshape(-1), base, lost, passed.reshape(-1))
-        line[:] = light[r]
+        # `line[:] = light[r]` would take Numba seconds to compile.
+        for c in range(width):
+            line[c, 0], line[c, 1], line[c, 2] = light[r, c, 0], light[r, c, 1], light[r, c, 2]
         _soften_edges(light, faces, r, line)
         if shutter.active:
             _smear_row(light, q[r], faces[r], r, shutter, line)

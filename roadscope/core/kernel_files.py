@@ -1,0 +1,31 @@
+"""Where the machine code of kernels is kept: a documented place, found without loading Numba."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+HOUSE = Path(__file__).parents[1]
+"""The folder of this package."""
+
+
+def user_folder() -> Path:
+    """Return the folder for machine code that cannot be kept beside the sources."""
+    from platformdirs import user_cache_path
+
+    return user_cache_path("roadscope", appauthor=False) / "kernels"
+
+
+def kernel_folders() -> tuple[Path, ...]:
+    """Return the folders below which machine code may be kept, the first that is writable in use.
+
+    That is the folder that `NUMBA_CACHE_DIR` names; else beside the sources, in `__pycache__`; else
+    `kernels` in the user's cache folder of roadscope.
+    """
+    named = os.environ.get("NUMBA_CACHE_DIR")
+    return (Path(named),) if named else (HOUSE, user_folder())
+
+
+def count_kernels() -> int:
+    """Return how many pieces of machine code are kept."""
+    return sum(1 for folder in kernel_folders() for _ in folder.rglob("*.nbc"))
