@@ -11,7 +11,7 @@ import numpy as np
 
 from roadscope.core import Category, Detections, Frame
 from roadscope.detectors.drops import check_faint, without_faint
-from roadscope.detectors.long_range_body import Shot, body_poses
+from roadscope.detectors.long_range_body import AnsweredScan, body_poses
 from roadscope.detectors.long_range_pairs import pair_poses
 from roadscope.detectors.long_range_scores import FEATURES, features, shipped_model
 from roadscope.detectors.moving import Memory, extract
@@ -72,7 +72,7 @@ class LongRangeDetector:
         """Forget everything seen."""
         self._memory.reset()
         self._links = Links()
-        self._last: Shot | None = None
+        self._last: AnsweredScan | None = None
 
     def detect(self, frame: Frame) -> Detections:
         """Return moving vehicles, ego frame, in the frame's scan or, if late, in the last one."""
@@ -95,8 +95,8 @@ class LongRangeDetector:
         self._links.update(scan.stamp_s, extract(memory.now, memory.back()), memory.drive_from_ego)
         mount = frame.calibration.pose(scan.sensor)
         spec = lidar_of(scan, **self._figures) if self._fit == "body" else None
-        shot = Shot.of(scan, memory.now, memory.drive_from_ego, mount, spec)
-        asked, self._last = (self._last if self._late else shot), shot
+        answered = AnsweredScan(scan, memory.now, memory.drive_from_ego, mount, spec)
+        asked, self._last = (self._last if self._late else answered), answered
         if asked is None:
             return [], scan.stamp_s
         return _found(self._links.chains, asked, self._fit), asked.scan.stamp_s
@@ -129,15 +129,15 @@ class Found(NamedTuple):
     features: np.ndarray
 
 
-def _found(chains: Sequence[Chain], shot: Shot, fit: str) -> list[Found]:
-    """Return the vehicles of those chains that were seen in a shot and move."""
-    stamp_s, rings = shot.scan.stamp_s, shot.scan.ring
+def _found(chains: Sequence[Chain], answered: AnsweredScan, fit: str) -> list[Found]:
+    """Return the vehicles of those chains that were seen in a scan and move."""
+    stamp_s, rings = answered.scan.stamp_s, answered.scan.ring
     places = ((c, k) for c in chains for k, s in enumerate(c.sightings) if s.stamp_s == stamp_s)
     moving = [(chain, at) for chain, at in places if chain.moves]
     usuals = usual([chain for chain, _ in moving])
-    poses = _poses(moving, shot, fit, usuals)
+    poses = _poses(moving, answered, fit, usuals)
     # As numbers: for one place at a time they are faster than an array.
-    ego_from_drive = inverse_of(shot.drive_from_ego).tolist()
+    ego_from_drive = inverse_of(answered.drive_from_ego).tolist()
     found = []
     for (chain, at), pose, (body, size) in zip(moving, poses, usuals, strict=True):
         seen = chain.sightings[at]
@@ -147,13 +147,16 @@ def _found(chains: Sequence[Chain], shot: Shot, fit: str) -> list[Found]:
 
 
 def _poses(
-    moving: Sequence[tuple[Chain, int]], shot: Shot, fit: str, usuals: Sequence[tuple[Body, Size]]
+    moving: Sequence[tuple[Chain, int]],
+    answered: AnsweredScan,
+    fit: str,
+    usuals: Sequence[tuple[Body, Size]],
 ) -> list[VehiclePose]:
     """Return a pose of each chain at one of its sightings, the drive's frame."""
     if fit == "multi":
         return pair_poses(moving, [size[:2] for _, size in usuals], MOST_POINTS)
     if fit == "body":
-        fitted = body_poses(moving, shot, [body for body, _ in usuals])
+        fitted = body_poses(moving, answered, [body for body, _ in usuals])
     else:
         fitted = [None] * len(moving)
     return [

@@ -32,7 +32,8 @@ from roadscope.benchmarks.papers.zhang2017_names import (
     frames_name,
 )
 from roadscope.benchmarks.papers.zhang2017_population import BANDS, MIDDLE, Passing, lidar, passing
-from roadscope.detectors.pose.body_fit import AS_DRAWN, BodyFit
+from roadscope.detectors.pose.body_fit import BodyFit
+from roadscope.detectors.pose.body_likelihood import EXACTLY_DRAWN
 from roadscope.detectors.pose.body_model import BodyModel
 from roadscope.detectors.pose.estimate import VehiclePose, axis_difference
 from roadscope.detectors.pose.smoother import Smoother
@@ -87,10 +88,10 @@ def fitted(model: BodyModel, seen: Passing, frames: int) -> VehiclePose | None:
     """Return the pose in the middle frame from so many frames around it."""
     if frames == 1:
         shot = seen.shots[MIDDLE]
-        fit = BodyFit(lidar(), model, AS_DRAWN)
+        fit = BodyFit(lidar(), model, EXACTLY_DRAWN)
         return fit.fit(shot.scan, shot.target, shot.world_from_lidar, velocity=seen.told)
     lag, pose = frames // 2, None
-    smoother = Smoother(lidar(), model, frames=frames, lag=lag, chances=AS_DRAWN)
+    smoother = Smoother(lidar(), model, frames=frames, lag=lag, tolerance=EXACTLY_DRAWN)
     for shot in seen.shots[MIDDLE - lag : MIDDLE + lag + 1]:
         pose = smoother.update(shot.scan, shot.target, shot.world_from_lidar)
     return pose

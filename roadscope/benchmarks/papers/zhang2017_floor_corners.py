@@ -10,13 +10,10 @@ import numpy as np
 
 from roadscope.benchmarks.papers.zhang2017_floor_kernels import Bodies
 from roadscope.benchmarks.papers.zhang2017_outline import fusion
-from roadscope.detectors.pose.body_kernels import RADIUS
-from roadscope.detectors.pose.body_model import UNKNOWNS
+from roadscope.detectors.pose.body_model import INDEX, VALUES, part_of
 from roadscope.envs.world.ford_saloon import CORNER_RADII_M, with_corners
 from roadscope.envs.world.prisms import Prisms
 
-RADIUS_AMONG = 2
-"""Which of the body's unknowns makes the radius."""
 QUANTILES = 20_000
 RADII = 81
 """Radii between the least and the greatest, 5 mm apart: a surface is off by 1 mm at most."""
@@ -60,9 +57,9 @@ def untold() -> Corners:
 
     least, most = fusion().radius_m
     normal = ndtri((np.arange(QUANTILES) + 0.5) / QUANTILES)
-    fitted = np.zeros((QUANTILES, UNKNOWNS))
-    fitted[:, RADIUS_AMONG] = normal
-    radii_m = np.sort(fusion().parts(fitted)[:, 0, RADIUS])
+    model, states = fusion(), np.zeros((QUANTILES, VALUES))
+    states[:, INDEX["radius"]] = normal
+    radii_m = np.sort([part_of(model.shape, 0, state).radius for state in states])
     rows = (radii_m - least) / (most - least) * (RADII - 1)
     bodies = bodies_of(tuple(np.linspace(least, most, RADII).tolist()))
     return Corners(bodies, 1, normal, rows)

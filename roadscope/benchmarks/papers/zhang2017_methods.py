@@ -20,12 +20,11 @@ import numpy as np
 from roadscope.benchmarks.papers.zhang2017_drives import FRAME_S
 from roadscope.benchmarks.papers.zhang2017_outline import fusion
 from roadscope.benchmarks.papers.zhang2017_scene import Run, Shot
-from roadscope.detectors.pose.body_fit import AS_DRAWN, CHANCES, BodyFit
-from roadscope.detectors.pose.body_kernels import Chances
+from roadscope.detectors.pose.body_fit import BodyFit
+from roadscope.detectors.pose.body_likelihood import EXACTLY_DRAWN, ROUGHLY_DRAWN, Tolerance
 from roadscope.detectors.pose.body_model import BodyModel, saloon
 from roadscope.detectors.pose.estimate import VehiclePose
-from roadscope.detectors.pose.matched_filter import fit_single
-from roadscope.detectors.pose.multi_frame import fit_multi
+from roadscope.detectors.pose.matched_filter import fit_multi, fit_single
 from roadscope.detectors.pose.ransac import fit_ransac
 from roadscope.detectors.pose.smoother import Smoother
 from roadscope.envs.world.ford_saloon import CORNER_RADII_M, LENGTH_M, WIDTH_M
@@ -108,7 +107,7 @@ def ransac(run: Run, **reading: Any) -> Iterator[Poses]:
 
 
 def _ours_single(run: Run) -> Iterator[Poses]:
-    fit = BodyFit(run.spec, outline(run.body), AS_DRAWN)
+    fit = BodyFit(run.spec, outline(run.body), EXACTLY_DRAWN)
     for k, shot in enumerate(run.shots):
         yield [
             fit.fit(
@@ -152,13 +151,13 @@ def _velocity(shots: tuple[Shot, ...], k: int) -> np.ndarray:
 
 
 def _smoothed(
-    frames: int, model: Callable[[str], BodyModel], chances: Chances = AS_DRAWN
+    frames: int, model: Callable[[str], BodyModel], tolerance: Tolerance = EXACTLY_DRAWN
 ) -> Method:
     """Join so many frames; the answer is for the middle one."""
 
     def run_smoother(run: Run) -> Iterator[Poses]:
         lag = frames // 2
-        smoother = Smoother(run.spec, model(run.body), frames=frames, lag=lag, chances=chances)
+        smoother = Smoother(run.spec, model(run.body), frames=frames, lag=lag, tolerance=tolerance)
         for k, shot in enumerate(run.shots):
             pose = smoother.update(
                 shot.scan, shot.target, shot.world_from_lidar, rolling=run.drive.rolling
@@ -203,8 +202,8 @@ METHODS: Mapping[str, Method] = MappingProxyType(
         "ours, 3 frames": _smoothed(3, outline),
         "ours, 7 frames": _smoothed(7, outline),
         "told radius, 7": _smoothed(7, told_radius),
-        "any saloon, 7": _smoothed(7, any_saloon, CHANCES),
-        "sized saloon, 7": _smoothed(7, sized_saloon, CHANCES),
+        "any saloon, 7": _smoothed(7, any_saloon, ROUGHLY_DRAWN),
+        "sized saloon, 7": _smoothed(7, sized_saloon, ROUGHLY_DRAWN),
     }
 )
 """The paper's first."""

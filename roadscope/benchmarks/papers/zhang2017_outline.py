@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from roadscope.detectors.pose.body_model import BodyModel, Storey
+from roadscope.detectors.pose.body_model import BodyModel, BodySection
 from roadscope.envs.world.ford_saloon import AXLES_M, GLASS, LENGTH_M, NARROWING, SLABS, WIDTH_M
 
 
@@ -15,7 +15,7 @@ def fusion(radius_m: tuple[float, float] = (0.0, 0.4)) -> BodyModel:
         (WIDTH_M, 0.0),
         radius_m,
         tuple(
-            Storey(slab.bottom_m, slab.top_m, slab.from_tail_m, slab.from_nose_m, slab.breadth)
+            BodySection(slab.bottom_m, slab.top_m, slab.from_tail_m, slab.from_nose_m, slab.breadth)
             for slab in SLABS
         ),
         (rear / LENGTH_M, front / LENGTH_M),

@@ -18,21 +18,8 @@ from roadscope.benchmarks.papers.zhang2017_drives import FRAME_S, Drive
 from roadscope.benchmarks.papers.zhang2017_floor import FEWEST
 from roadscope.benchmarks.papers.zhang2017_scene import SENSOR_HEIGHT_M, Shot, hdl32e, shots_of
 from roadscope.detectors.pose.body_fit import TURN_SD, VELOCITY_SD
-from roadscope.detectors.pose.body_kernels import (
-    AFT,
-    BOTTOM,
-    FORE,
-    FRONT,
-    HALF,
-    NOSE,
-    POSE,
-    RADIUS,
-    REAR,
-    TAIL,
-    TOP,
-    pose_after,
-)
-from roadscope.detectors.pose.body_model import UNKNOWNS, BodyModel
+from roadscope.detectors.pose.body_likelihood import pose_after
+from roadscope.detectors.pose.body_model import MOTION, VALUES, BodyModel, BodyPart
 from roadscope.detectors.pose.smoother import ACCELERATION_SD, SPEED_SD
 from roadscope.envs.sensors.lidar_spec import LidarSpec
 from roadscope.envs.world.ford_saloon import GLASS, SILVER, half_outline
@@ -87,9 +74,11 @@ def passing(model: BodyModel, band: str, seed: int | Sequence[int]) -> Passing:
     rng = np.random.default_rng(seed)
     for _ in range(TRIES):
         state = _state(BANDS[band], rng)
-        body = body_of(model, rng.standard_normal(UNKNOWNS))
+        body = body_of(model, rng.standard_normal(VALUES - MOTION))
         # Where on the body lies what is seen of it.
-        drawn = state + np.concatenate([model.drawn_m * rng.standard_normal(2), np.zeros(POSE - 2)])
+        drawn = state + np.concatenate(
+            [model.drawn_m * rng.standard_normal(2), np.zeros(MOTION - 2)]
+        )
         speed = max(state[3] + VELOCITY_SD * rng.standard_normal(), SLOWEST_M_S)
         drive = way_of(drawn)
         if np.hypot(*drive.car(FRAME_S * np.arange(FRAMES))[:, :2].T).min() < CLEAR_M:
@@ -137,20 +126,22 @@ def body_of(model: BodyModel, unknowns: np.ndarray) -> Prisms:
     return Prisms.join(
         [
             Prisms.of(
-                outline, part[BOTTOM], part[TOP],
-                reflectivity=GLASS if low <= part[BOTTOM] < high else SILVER,
+                outline, part.bottom, part.top,
+                reflectivity=GLASS if low <= part.bottom < high else SILVER,
             )
-            for part in model.parts(unknowns[None])[0]
+            for part in model.parts(np.append(np.zeros(MOTION), unknowns))
             for outline in _halves(part)
         ]
     )  # fmt: skip
 
 
-def _halves(part: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _halves(part: BodyPart) -> tuple[np.ndarray, np.ndarray]:
     """Return the outlines behind and ahead of a part's middle: one alone has too many corners."""
-    middle = (part[REAR] + part[FRONT]) / 2
-    half, radius = part[HALF], part[RADIUS]
-    behind = half_outline(-part[REAR], -part[AFT], half, part[TAIL], radius)
-    ahead = half_outline(part[FRONT], part[FORE], half, part[NOSE], radius)
+    middle = (part.rear + part.front) / 2
+    # A flank that narrows from the middle on has no point of its own there.
+    aft = -part.aft if part.aft < middle else np.inf
+    fore = part.fore if part.fore > middle else np.inf
+    behind = half_outline(-part.rear, aft, part.half, part.tail_half, part.radius)
+    ahead = half_outline(part.front, fore, part.half, part.nose_half, part.radius)
     ahead[[0, -1], 0], behind[[0, -1], 0] = middle, -middle
     return -behind, ahead

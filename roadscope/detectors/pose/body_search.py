@@ -1,0 +1,371 @@
+"""From the rays of a body to its most likely states and to their posterior.
+
+First guesses, damped least squares from there, adaptive importance sampling around its end; the
+same every time.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from functools import cache
+
+import numpy as np
+
+from roadscope.detectors.pose.body_likelihood import (
+    EDGE_M,
+    ROUGHLY_DRAWN,
+    Tolerance,
+    ray_fits,
+)
+from roadscope.detectors.pose.body_model import INDEX, MOTION, VALUES, BodyModel
+from roadscope.detectors.pose.body_rays import HIT, BodyRays
+
+STEPS = np.array([0.01, 0.01, 0.003, 0.05, 0.02, 0.05, 0.2, 0.2, 0.2, 0.2, 0.2])
+"""By how much the values of a state are moved for a slope: about a standard deviation."""
+SLACKS_M = (0.25, 0.15, 0.08, 0.04, 0.02, 0.01, 0.0, 0.0)
+"""Added to noise and edges iteration by iteration: first every ray counts, then the near ones."""
+SHARES = np.array([1.0, 0.5, 0.2, 0.05])
+"""Shares of a step that are tried."""
+AROUND, WIDTH = 8, 1.5
+"""Places around the step's end that are tried too, and how many standard deviations wide."""
+LIMIT = 3.0
+"""Misfits beyond so many standard deviations lose weight."""
+LOOSE_STEPS = 30.0
+"""Steps, at a slack of 1 m, by which a value moves that the rays say little of."""
+WIDER = 2.0
+"""How much wider than the last estimate samples are drawn, as a factor on the covariance: the
+posterior of one scan has corners that narrower samples leave out (1.3 made it a twentieth too
+small)."""
+FEW, FLATTER = 0.1, 0.85
+"""Share of a round's samples that must count; where fewer would, the weights are flattened, by
+powers of the second value."""
+QUADRATIC_SD, QUADRATIC_ERROR = 2.5, 0.3
+"""A ray is quadratic if its log-likelihood departs from its quadratic form by no more than the
+second value at so many standard deviations along each principal axis."""
+WORK, FEWEST, MOST = 24_000, 224, 512
+"""Rays times samples of a round, and bounds on samples: few rays bound a posterior with corners,
+many make it normal."""
+ROUNDS, UNBOUND_ROUNDS, SPLITS = 10, 6, (0, 1, 4)
+"""Most rounds of sampling, of a posterior without bounds too, and in which rounds the quadratic
+rays are chosen anew."""
+LOOSE, LOOSE_SD = 0.5, 4.0
+"""How far off a search leaves the values of the shape, as a share of its steps, and at most in
+standard deviations: a corner's radius is bound from one side, which no quadratic form around its
+best value tells."""
+SETTLED = 0.6
+"""Samples that count, as a share of those that would if the posterior were normal and known, from
+which the estimate is settled."""
+ANGLES = np.radians(np.arange(0.0, 90.0, 3.0))
+"""Headings that are tried for a first guess."""
+CLOSE_M = 0.2
+"""Distance from a side beyond which a return says nothing about it."""
+SETS = 4
+"""Sets of evenly spread points."""
+GUESS_POINTS = 64
+"""Most returns for a first guess."""
+
+
+@dataclass(frozen=True, slots=True)
+class QuadraticRays:
+    """Rays whose misfits are linear in the vector: their log-likelihood is one quadratic form.
+
+    at: (D,) vector around which. normal (D, D), pull (D,): the log-likelihood of a departure d is
+    -0.5 d' normal d - pull' d, plus the constant.
+    """
+
+    at: np.ndarray
+    normal: np.ndarray
+    pull: np.ndarray
+    constant: float
+
+    def log_likelihood(self, vectors: np.ndarray) -> np.ndarray:
+        """Return the log-likelihood (K,) of vectors (K, D)."""
+        off = vectors - self.at
+        return np.asarray(self.constant - ((0.5 * off @ self.normal + self.pull) * off).sum(axis=1))
+
+
+@dataclass(frozen=True, slots=True)
+class BodyProblem:
+    """Rays, a body, and which of the 11 values of its state are searched.
+
+    free: (D,) indices of these values, in the order of a vector. fixed: (11,) the others.
+    centre, sd: (11,) mean and standard deviation of a normal prior, infinite for none.
+    """
+
+    rays: BodyRays
+    model: BodyModel
+    free: np.ndarray
+    tolerance: Tolerance = ROUGHLY_DRAWN
+    fixed: np.ndarray = field(default_factory=lambda: np.zeros(VALUES))
+    centre: np.ndarray = field(default_factory=lambda: np.zeros(VALUES))
+    sd: np.ndarray = field(default_factory=lambda: prior_sd())
+    quadratic: QuadraticRays | None = None
+
+    def states(self, vectors: np.ndarray) -> np.ndarray:
+        """Return the states (K, 11) of vectors (K, D)."""
+        states = np.tile(self.fixed, (len(vectors), 1))
+        states[:, self.free] = vectors
+        return states
+
+    @property
+    def hits(self) -> int:
+        """How many rays brought a return of the body."""
+        return int((self.rays.kind == HIT).sum())
+
+    def fits(
+        self, vectors: np.ndarray, slack_m: float = 0.0, edge_m: float = EDGE_M
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Return likelihoods and misfits (..., M) of vectors (..., D); see `ray_fits`.
+
+        edge_m: how exactly silhouettes are drawn.
+        """
+        states = self.states(vectors.reshape(-1, len(self.free)))
+        tolerance = self.tolerance._replace(edge_m=edge_m)
+        likelihoods, misfits = ray_fits(states, self.model.shape, self.rays, tolerance, slack_m)
+        shape = *vectors.shape[:-1], len(self.rays.slope)
+        return likelihoods.reshape(shape), misfits.reshape(shape)
+
+    def log_density(self, vectors: np.ndarray) -> np.ndarray:
+        """Return the log of the posterior, up to a constant, (K,) for vectors (K, D)."""
+        likelihoods, _ = self.fits(vectors, edge_m=self.tolerance.edge_m)
+        logs: np.ndarray = np.log(likelihoods).sum(axis=1)
+        logs -= 0.5 * self.prior_cost(vectors)
+        return logs if self.quadratic is None else logs + self.quadratic.log_likelihood(vectors)
+
+    def prior_cost(self, vectors: np.ndarray) -> np.ndarray:
+        """Return the sum of squares (...,) of vectors (..., D) under the prior."""
+        off = (vectors - self.centre[self.free]) / self.sd[self.free]
+        return np.asarray((off * off).sum(axis=-1))
+
+    def cost(self, vectors: np.ndarray, slack_m: float = 0.0) -> np.ndarray:
+        """Return the cost (...,): squared misfits, tempered for outliers, and the prior."""
+        return np.asarray(tempered(self.fits(vectors, slack_m)[1]) + self.prior_cost(vectors))
+
+    def slopes(
+        self, vectors: np.ndarray, steps: np.ndarray, slack_m: float = 0.0, edge_m: float = EDGE_M
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Return misfits (S, M) of vectors (S, D) and their derivatives (S, D, M).
+
+        steps: (D,) by which each value is moved both ways.
+        """
+        moves = np.concatenate([np.zeros((1, len(steps))), np.diag(steps), -np.diag(steps)])
+        _, found = self.fits(vectors[:, None] + moves, slack_m, edge_m)
+        ahead, back = found[:, 1 : 1 + len(steps)], found[:, 1 + len(steps) :]
+        return found[:, 0], (ahead - back) / (2.0 * steps[:, None])
+
+    def thinned(self, most: int) -> BodyProblem:
+        """Return the problem with at most so many rays, evenly chosen."""
+        return replace(self, rays=self.rays.thinned(most))
+
+
+def prior_sd(**sd: float) -> np.ndarray:
+    """Return standard deviations (11,) of a prior: flat for the motion, 1 for the shape."""
+    values = dict.fromkeys(("x", "y", "yaw", "speed", "turn_rate", "acceleration"), np.inf) | sd
+    return np.array([values.get(name, 1.0) for name in INDEX])
+
+
+def tempered(misfits: np.ndarray) -> np.ndarray:
+    """Return the sum (...,) of squared misfits (..., M), large ones counted less."""
+    return np.asarray(LIMIT**2 * np.log1p((misfits / LIMIT) ** 2).sum(axis=-1))
+
+
+@dataclass(frozen=True, slots=True)
+class Descent:
+    """Where a search ended: vectors (S, D), their covariances (S, D, D) and costs (S,)."""
+
+    vectors: np.ndarray
+    covariances: np.ndarray
+    costs: np.ndarray
+
+
+def descend(
+    problem: BodyProblem,
+    vectors: np.ndarray,
+    slacks_m: tuple[float, ...] = SLACKS_M,
+    *,
+    around: int = AROUND,
+) -> Descent:
+    """Improve vectors (S, D) of a problem, each on its own, by damped least squares.
+
+    slacks_m: added to noise and edges, iteration by iteration. around: places around the end of
+    each step that are tried too, because silhouettes make no parabola.
+    """
+    steps, vectors = STEPS[problem.free], np.array(vectors, np.float64)
+    precision, centre = problem.sd[problem.free] ** -2.0, problem.centre[problem.free]
+    spread = WIDTH * normal_points(AROUND, len(steps))[0, :around]
+    best, covariances = vectors.copy(), np.zeros((*vectors.shape, len(steps)))
+    least = np.full(len(vectors), np.inf)
+    for iteration, slack_m in enumerate((*slacks_m, 0.0)):
+        misfits, slopes = problem.slopes(vectors, steps, slack_m)
+        weighed = slopes / (1.0 + (misfits / LIMIT) ** 2)[:, None]
+        # The last term keeps values that the rays say little of from running away.
+        damping = precision + ((0.3 + slack_m) * LOOSE_STEPS * steps) ** -2.0
+        inverse = np.linalg.inv(weighed @ np.swapaxes(slopes, 1, 2) + np.diag(damping))
+        if slack_m == 0.0:
+            costs = tempered(misfits) + problem.prior_cost(vectors)
+            better = costs < least
+            least[better], best[better] = costs[better], vectors[better]
+            covariances[better] = inverse[better]
+        if iteration == len(slacks_m):
+            break
+        pull = (weighed @ misfits[..., None])[..., 0] + precision * (vectors - centre)
+        step = (inverse @ pull[..., None])[..., 0]
+        ends = vectors[:, None] - SHARES[:, None] * step[:, None]
+        beside = ends[:, :1] + spread @ np.swapaxes(np.linalg.cholesky(inverse), 1, 2)
+        tried = np.concatenate([ends, beside], axis=1)
+        chosen = problem.cost(tried, slack_m).argmin(axis=1)
+        vectors = tried[np.arange(len(tried)), chosen]
+    return Descent(best, covariances, least)
+
+
+@cache
+def normal_points(count: int, dimensions: int) -> np.ndarray:
+    """Return sets (4, count, dimensions) of evenly spread standard normal points.
+
+    Additive recurrence with the generalised golden ratio (Roberts 2018); each set is centred and
+    scaled to unit variance, so that few points carry little bias.
+    """
+    from scipy.special import ndtri
+
+    golden = 2.0
+    for _ in range(60):
+        golden = (1 + golden) ** (1 / (dimensions + 1))
+    steps = golden ** -np.arange(1.0, dimensions + 1)
+    turns = np.outer(np.arange(1, SETS * count + 1), steps) + 0.5
+    points = ndtri(np.clip(turns % 1.0, 1e-6, 1 - 1e-6)).reshape(SETS, count, dimensions)
+    points -= points.mean(axis=1, keepdims=True)
+    points /= points.std(axis=1, keepdims=True)
+    return np.asarray(points)
+
+
+@dataclass(frozen=True, slots=True)
+class Posterior:
+    """Mean (D,) and covariance (D, D) of a posterior.
+
+    evidence: log of the density's integral. reached: whether samples have the posterior's own
+    weights, not flattened ones.
+    """
+
+    mean: np.ndarray
+    covariance: np.ndarray
+    evidence: float
+    reached: bool
+
+
+def posterior(problem: BodyProblem, vector: np.ndarray, covariance: np.ndarray) -> Posterior:
+    """Return the posterior of a problem around the end of a search.
+
+    In each round samples are drawn from a normal distribution around the last estimate of mean
+    and covariance, and weighed by the posterior over what they were drawn from. While too few
+    would count, weights are flattened, so that the estimate moves there in steps.
+    """
+    known_sd = LOOSE_SD * np.sqrt(np.diag(covariance))
+    loose = np.minimum(LOOSE * STEPS[problem.free], known_sd) * (problem.free >= MOTION)
+    mean, covariance = vector, covariance + np.diag(loose**2)
+    # The share of samples that counts where the posterior is a normal one around the mean.
+    of_normal = (2.0 / WIDER - WIDER**-2.0) ** (0.5 * len(mean))
+    # Fewer returns than unknowns leave a posterior without bounds, which samples would follow.
+    is_bound, was_reached = problem.hits >= len(mean), False
+    for turn in range(ROUNDS if is_bound else UNBOUND_ROUNDS):
+        if turn in SPLITS:
+            near = with_quadratic_rays(problem, mean, covariance)
+        count = int(np.clip(WORK // max(len(near.rays.slope), 1), FEWEST, MOST)) // 32 * 32
+        root = np.linalg.cholesky(WIDER * covariance)
+        normals = normal_points(count, len(mean))[turn % SETS]
+        samples = mean + normals @ root.T
+        ratios = near.log_density(samples) + 0.5 * (normals * normals).sum(axis=1)
+        power = _flattening(ratios, FEW * count)
+        weights = np.exp(power * (ratios - ratios.max()))
+        evidence = np.log(weights.mean()) + power * ratios.max() + np.log(np.diag(root)).sum()
+        weights /= weights.sum()
+        effective = 1.0 / (weights @ weights)
+        mean = weights @ samples
+        off = samples - mean
+        # A little of the proposal is mixed in where few samples count: it must not collapse.
+        share = 0.02 * min(0.5, len(mean) / effective / 4)
+        covariance = (off.T * weights) @ off + share * (root @ root.T)
+        if was_reached and power == 1.0 and effective > SETTLED * of_normal * count:
+            break
+        was_reached = power == 1.0
+    if not is_bound and power < 1.0:
+        # Their mean says no more than how far they have come.
+        covariance, mean = covariance + np.outer(mean - vector, mean - vector), vector
+    # What so few evenly spread samples add to the errors, compared with 20 times as many.
+    covariance = covariance * (effective + 1.0) / max(effective - 1.0, 1.0)
+    return Posterior(mean, covariance, float(evidence), bool(power == 1.0))
+
+
+def with_quadratic_rays(
+    problem: BodyProblem, mean: np.ndarray, covariance: np.ndarray
+) -> BodyProblem:
+    """Return the problem with its quadratic rays around a mean merged into one form.
+
+    So the many samples cost only the rays near a silhouette or a corner.
+    """
+    steps = np.maximum(0.5 * np.sqrt(np.diag(covariance)), 0.02 * STEPS[problem.free])
+    found = problem.slopes(mean[None], steps, edge_m=problem.tolerance.edge_m)
+    misfit, slope = found[0][0], found[1][0]
+    variances, axes = np.linalg.eigh(covariance)
+    moves = QUADRATIC_SD * (axes * np.sqrt(np.maximum(variances, 0.0))).T
+    moves = np.concatenate([np.zeros((1, len(mean))), moves, -moves])
+    logs = np.log(problem.fits(mean + moves, edge_m=problem.tolerance.edge_m)[0])
+    form = -0.5 * ((misfit + moves @ slope) ** 2 - misfit**2)
+    is_quadratic = (np.abs(logs - logs[0] - form) < QUADRATIC_ERROR).all(axis=0)
+    slope = slope[:, is_quadratic]
+    quadratic = QuadraticRays(
+        mean, slope @ slope.T, slope @ misfit[is_quadratic], float(logs[0, is_quadratic].sum())
+    )
+    return replace(problem, rays=problem.rays.rows(~is_quadratic), quadratic=quadratic)
+
+
+def _flattening(logs: np.ndarray, least: float) -> float:
+    """Return the power of the weights, 1 or less, at which at least so many samples count."""
+    for power in FLATTER ** np.arange(60.0):
+        weights = np.exp(power * (logs - logs.max()))
+        if weights.sum() ** 2 >= least * (weights @ weights):
+            return float(power)
+    return 0.0
+
+
+def first_poses(
+    points: np.ndarray, origin: np.ndarray, model: BodyModel, *, cut: bool = False
+) -> np.ndarray:
+    """Return x, y, yaw (4, 3) for the headings along the sides of an initial rectangle.
+
+    points: (N, 2) metres, N at least 1. origin: (2,) metres, the sensor. cut: the sweep began or
+    ended on the body, so that its near end may be missing; (16, 3) more have each end at one of
+    the points' own.
+    """
+    points = points[:: -(-len(points) // GUESS_POINTS)]
+    first = _side_direction(points, origin)
+    poses = []
+    for yaw in first + 0.5 * np.pi * np.arange(4):
+        axes = np.array([[np.cos(yaw), np.sin(yaw)], [-np.sin(yaw), np.cos(yaw)]])
+        halves = 0.5 * np.array([model.length_m[0], model.width_m[0]])
+        places, sensor = points @ axes.T, axes @ origin
+        low, high = places.min(axis=0), places.max(axis=0)
+        # The near side of the body is where the points are.
+        near = np.where(sensor > high, high - halves, 0.5 * (low + high))
+        near = np.where(sensor < low, low + halves, near)
+        poses.append([*near @ axes, yaw])
+        for k in range(2) if cut else ():
+            for end in (low[k] + halves[k], high[k] - halves[k]):
+                moved = near.copy()
+                moved[k] = end
+                poses.append([*moved @ axes, yaw])
+    return np.array(poses)
+
+
+def _side_direction(points: np.ndarray, origin: np.ndarray) -> float:
+    """Return the angle at which the sides next to the sensor are nearest to the returns."""
+    if len(points) < 3:
+        x, y = points.mean(axis=0) - origin
+        return float(np.arctan2(y, x))
+    nearest = np.full((len(points), len(ANGLES)), CLOSE_M)
+    for angles in (ANGLES, ANGLES + 0.5 * np.pi):
+        axes = np.array([np.cos(angles), np.sin(angles)])
+        places, sensor = points @ axes, origin @ axes
+        low, high = places.min(axis=0), places.max(axis=0)
+        is_ahead = sensor > 0.5 * (low + high)
+        nearest = np.minimum(nearest, np.where(is_ahead, high - places, places - low))
+    return float(ANGLES[nearest.sum(axis=0).argmin()])
