@@ -43,11 +43,14 @@ QUADRATIC_SD, QUADRATIC_ERROR = 2.5, 0.3
 """A ray is quadratic if its log-likelihood departs from its quadratic form by no more than the
 second value at so many standard deviations along each principal axis."""
 WORK, FEWEST, MOST = 24_000, 224, 512
+MANY_RAYS = WORK // FEWEST
 """Rays times samples of a round, and bounds on samples: few rays bound a posterior with corners,
 many make it normal."""
-ROUNDS, UNBOUND_ROUNDS, SPLITS = 10, 6, (0, 1, 4)
-"""Most rounds of sampling, of a posterior without bounds too, and in which rounds the quadratic
-rays are chosen anew."""
+ROUNDS, UNBOUND_ROUNDS = 10, 6
+"""Most rounds of sampling, of a posterior without bounds too."""
+MOVED_SD, GROWN = 2.0, 4.0
+"""Standard deviations by which a mean may move, and the factor by which a variance may grow, until
+the quadratic rays are chosen anew: a form says nothing of where its rays were not tried."""
 LOOSE, LOOSE_SD = 0.5, 4.0
 """How far off a search leaves the values of the shape, as a share of its steps, and at most in
 standard deviations: a corner's radius is bound from one side, which no quadratic form around its
@@ -266,8 +269,12 @@ def posterior(problem: BodyProblem, vector: np.ndarray, covariance: np.ndarray) 
     of_normal = (2.0 / WIDER - WIDER**-2.0) ** (0.5 * len(mean))
     # Fewer returns than unknowns leave a posterior without bounds, which samples would follow.
     is_bound, was_reached = problem.hits >= len(mean), False
+    near, tried = problem, None
     for turn in range(ROUNDS if is_bound else UNBOUND_ROUNDS):
-        if turn in SPLITS:
+        if len(problem.rays.slope) > MANY_RAYS and (
+            tried is None or _has_left(*tried, mean, covariance)
+        ):
+            tried = mean, covariance
             near = with_quadratic_rays(problem, mean, covariance)
         count = int(np.clip(WORK // max(len(near.rays.slope), 1), FEWEST, MOST)) // 32 * 32
         root = np.linalg.cholesky(WIDER * covariance)
@@ -316,6 +323,16 @@ def with_quadratic_rays(
         mean, slope @ slope.T, slope @ misfit[is_quadratic], float(logs[0, is_quadratic].sum())
     )
     return replace(problem, rays=problem.rays.rows(~is_quadratic), quadratic=quadratic)
+
+
+def _has_left(
+    mean: np.ndarray, covariance: np.ndarray, new_mean: np.ndarray, new_covariance: np.ndarray
+) -> bool:
+    """Return whether an estimate reaches beyond an earlier one's mean and covariance."""
+    off = new_mean - mean
+    shares = np.linalg.solve(covariance, np.column_stack([off, new_covariance]))
+    growth = np.linalg.eigvals(shares[:, 1:]).real.max()
+    return bool(off @ shares[:, 0] > MOVED_SD**2 or growth > GROWN)
 
 
 def _flattening(logs: np.ndarray, least: float) -> float:
