@@ -22,7 +22,7 @@ from roadscope.envs.sensors.lidar_spec import LidarSpec
 
 BUDGET, COARSE_RAYS = 36, 30
 """Returns of a vehicle beyond which some are left out, and rays of the first search."""
-COARSE_SLACKS_M, FINE_SLACKS_M = (0.25, 0.1, 0.04, 0.01), (0.06, 0.02, 0.005)
+COARSE_SLACKS_M, FINE_SLACKS_M = (0.25, 0.1, 0.04, 0.01, 0.0), (0.06, 0.02, 0.0)
 """Added to the noise in the first search and in the last one, see `descend`."""
 AROUND = 4
 """Places that a search tries around each step's end: twice as many would bring them no nearer."""

@@ -186,7 +186,7 @@ def likely_answers(
     rough = descended(problem.thinned(coarse_rays), starts, slacks_m)
     likely = rough.vectors[_likely(rough, problem)]
     fine = descended(problem.thinned(FINE_RAYS), likely, NEAR_SLACKS_M)
-    best = descended(problem, fine.vectors, ())
+    best = descended(problem, fine.vectors, (0.0,))
     answers = []
     for k in _likely(best, problem):
         found = posterior(problem, best.vectors[k], best.covariances[k])

@@ -124,7 +124,7 @@ class MetParts(NamedTuple):
     bright: np.ndarray
 
 
-@compiled()
+@compiled(borrowing=True)
 def pose_after(state: np.ndarray, time: float) -> tuple[float, float, float]:
     """Return x, y and yaw of a state (11,) after a time: constant turn rate and acceleration.
 
@@ -138,7 +138,7 @@ def pose_after(state: np.ndarray, time: float) -> tuple[float, float, float]:
     return x, y, heading + half
 
 
-@compiled()
+@compiled(borrowing=True)
 def meet(
     ray: Ray2D, outlines: Outlines, p: int, bottom: float, top: float, edge_m: float
 ) -> Meeting:
@@ -187,14 +187,14 @@ def meet(
     return Meeting(depth, margin, distance, cosine)
 
 
-@compiled()
+@compiled(borrowing=True)
 def soft_step(z: float) -> float:
     """Return about the chance that a standard normal is below z; 0 and 1 beyond 2.2."""
     share = min(max(z, -SOFT_SD), SOFT_SD) / (2.0 * SOFT_SD) + 0.5
     return share * share * (3.0 - 2.0 * share)
 
 
-@compiled()
+@compiled(borrowing=True)
 def brightness(need: float, meeting: Meeting, steep: int) -> float:
     """Return the chance that the surface where a ray meets a part sends enough light back."""
     if need == 0.0:
@@ -203,7 +203,6 @@ def brightness(need: float, meeting: Meeting, steep: int) -> float:
     return ratio / (1.0 + ratio)
 
 
-@compiled()
 def ray_fits(
     states: np.ndarray, shape: BodyShape, rays: BodyRays, tolerance: Tolerance, slack_m: float
 ) -> tuple[np.ndarray, np.ndarray]:
@@ -213,10 +212,17 @@ def ray_fits(
     how many standard deviations a return lies beside the surface, or a ray that passed inside the
     silhouette. slack_m: added for misfits to the noise of ranges and the softness of silhouettes.
     """
-    count, parts = len(rays.slope), len(shape.sections)
-    likelihoods, misfits = np.empty((len(states), count)), np.empty((len(states), count))
+    size, parts = (len(states), len(rays.slope)), len(shape.sections)
+    likelihoods, misfits = np.empty(size), np.empty(size)
+    met = MetParts(np.empty(parts), np.empty(parts), np.empty(parts))
     outlines = new_outlines(parts)
-    distances, chances, bright = np.empty(parts), np.empty(parts), np.empty(parts)
+    _fill_fits(states, shape, rays, tolerance, slack_m, outlines, met.distances, met.chances, met.bright, likelihoods, misfits)
+    return likelihoods, misfits
+
+
+@compiled(borrowing=True)
+def _fill_fits(states, shape, rays, tolerance, slack_m, outlines, distances, chances, bright, likelihoods, misfits):
+    count, parts = len(rays.slope), len(shape.sections)
     edge, slack = SOFT_SD * tolerance.edge_m, SOFT_SD * tolerance.height_m
     for k in range(len(states)):
         fill_outlines(shape, states[k], outlines)
@@ -252,24 +258,22 @@ def ray_fits(
                         reach, meeting, math.hypot(sigma, slack_m), tolerance.edge_m + slack_m
                     )
                     misfit = off if abs(off) < abs(misfit) else misfit
-            met_parts = MetParts(distances[:met], chances[:met], bright[:met])
-            likelihoods[k, m] = likelihood_of(kind, reach, sigma, met_parts, tolerance)
+            likelihoods[k, m] = likelihood_of(kind, reach, sigma, met, MetParts(distances, chances, bright), tolerance)
             misfits[k, m] = misfit
-    return likelihoods, misfits
 
 
-@compiled()
+@compiled(borrowing=True)
 def likelihood_of(
-    kind: int, reach: float, sigma: float, met: MetParts, tolerance: Tolerance
+    kind: int, reach: float, sigma: float, count: int, met: MetParts, tolerance: Tolerance
 ) -> float:
     """Return the density of a return, or the chance of none, of a ray that may meet some parts."""
     is_hit = kind == HIT
     value, missed = (tolerance.outlier / tolerance.outlier_m, 0.0) if is_hit else (0.0, 1.0)
     silent = tolerance.through if kind == PASSED else tolerance.lost
-    for i in range(len(met.distances)):
+    for i in range(count):
         # The ray meets the nearest part with its chance, else the next one.
         first, distance = met.chances[i], met.distances[i]
-        for j in range(len(met.distances)):
+        for j in range(count):
             if met.distances[j] < distance:
                 first *= 1.0 - met.chances[j]
         z = (reach - distance) / sigma
@@ -282,7 +286,7 @@ def likelihood_of(
     return value + missed
 
 
-@compiled()
+@compiled(borrowing=True)
 def return_misfit(reach: float, meeting: Meeting, sigma: float, edge_m: float) -> float:
     """Return the misfit of a return: of its reach or, of one beside the silhouette, to this."""
     off, cosine = meeting.distance - reach, meeting.cosine
@@ -291,7 +295,7 @@ def return_misfit(reach: float, meeting: Meeting, sigma: float, edge_m: float) -
     return abs(meeting.depth) / edge_m
 
 
-@compiled()
+@compiled(borrowing=True)
 def most_surprise(kind: int, light: float) -> float:
     """Return the greatest misfit of a ray that passed: less where a surface would be too dark."""
     if kind == PASSED:
@@ -299,14 +303,14 @@ def most_surprise(kind: int, light: float) -> float:
     return min(MOST_SURPRISE, math.sqrt(-2.0 * math.log(max(1.0 - light, 1e-30))))
 
 
-@compiled()
+@compiled(borrowing=True)
 def place_after(states: np.ndarray, k: int, time: float) -> Place:
     """Return where the body of one of the states (K, 11) is after a time."""
     x, y, yaw = pose_after(states[k], time)
     return Place(x, y, math.cos(yaw), math.sin(yaw), time)
 
 
-@compiled()
+@compiled(borrowing=True)
 def ray_in_body(place: Place, rays: BodyRays, m: int) -> Ray2D:
     """Return a ray in the frame of the body."""
     x, y = rays.origin[m, 0] - place.x, rays.origin[m, 1] - place.y
@@ -321,7 +325,7 @@ def ray_in_body(place: Place, rays: BodyRays, m: int) -> Ray2D:
     )
 
 
-@compiled()
+@compiled(borrowing=True)
 def heights_at_body(ray: Ray2D, outlines: Outlines, edge_m: float) -> tuple[float, float]:
     """Return the least and the greatest height of a ray over the rectangle around the body.
 

@@ -150,7 +150,7 @@ class BodyModel:
         return [part_of(self.shape, p, state) for p in range(len(self.sections))]
 
 
-@compiled()
+@compiled(borrowing=True)
 def part_of(shape: BodyShape, p: int, state: np.ndarray) -> BodyPart:
     """Return one section of the body of a state (11,)."""
     length = max(shape.length_m[0] + shape.length_m[1] * state[6], LEAST_SHARE * shape.length_m[0])
@@ -191,14 +191,13 @@ class Outlines(NamedTuple):
     size: np.ndarray
 
 
-@compiled()
 def new_outlines(parts: int) -> Outlines:
     """Return outlines that are still to be filled in."""
     size = parts, OUTLINE_POINTS
     return Outlines(np.empty(size), np.empty(size), np.empty(size), np.empty(2))
 
 
-@compiled()
+@compiled(borrowing=True)
 def fill_outlines(shape: BodyShape, state: np.ndarray, outlines: Outlines) -> None:
     """Fill in the outlines of the body of a state (11,)."""
     x, y, last = outlines.x, outlines.y, OUTLINE_POINTS - 1

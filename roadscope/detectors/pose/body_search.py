@@ -24,7 +24,7 @@ STEPS = np.array([0.01, 0.01, 0.003, 0.05, 0.02, 0.05, 0.2, 0.2, 0.2, 0.2, 0.2])
 """By how much the values of a state are moved for a slope: about a standard deviation."""
 SLACKS_M = (0.25, 0.15, 0.08, 0.04, 0.02, 0.01, 0.0, 0.0)
 """Added to noise and edges iteration by iteration: first every ray counts, then the near ones."""
-SHARES = np.array([1.0, 0.5, 0.2, 0.05])
+SHARES = np.array([1.0, 0.5, 0.2, 0.0])
 """Shares of a step that are tried."""
 AROUND, WIDTH = 8, 1.5
 """Places around the step's end that are tried too, and how many standard deviations wide."""
@@ -196,29 +196,20 @@ def descend(
     steps, vectors = STEPS[problem.free], np.array(vectors, np.float64)
     precision, centre = problem.sd[problem.free] ** -2.0, problem.centre[problem.free]
     spread = WIDTH * normal_points(AROUND, len(steps))[0, :around]
-    best, covariances = vectors.copy(), np.zeros((*vectors.shape, len(steps)))
-    least = np.full(len(vectors), np.inf)
-    for iteration, slack_m in enumerate((*slacks_m, 0.0)):
+    for slack_m in slacks_m:
         misfits, slopes = problem.slopes(vectors, steps, slack_m)
         weighed = slopes / (1.0 + (misfits / LIMIT) ** 2)[:, None]
         # The last term keeps values that the rays say little of from running away.
         damping = precision + ((0.3 + slack_m) * LOOSE_STEPS * steps) ** -2.0
-        inverse = np.linalg.inv(weighed @ np.swapaxes(slopes, 1, 2) + np.diag(damping))
-        if slack_m == 0.0:
-            costs = tempered(misfits) + problem.prior_cost(vectors)
-            better = costs < least
-            least[better], best[better] = costs[better], vectors[better]
-            covariances[better] = inverse[better]
-        if iteration == len(slacks_m):
-            break
+        covariances = np.linalg.inv(weighed @ np.swapaxes(slopes, 1, 2) + np.diag(damping))
         pull = (weighed @ misfits[..., None])[..., 0] + precision * (vectors - centre)
-        step = (inverse @ pull[..., None])[..., 0]
+        step = (covariances @ pull[..., None])[..., 0]
         ends = vectors[:, None] - SHARES[:, None] * step[:, None]
-        beside = ends[:, :1] + spread @ np.swapaxes(np.linalg.cholesky(inverse), 1, 2)
+        beside = ends[:, :1] + spread @ np.swapaxes(np.linalg.cholesky(covariances), 1, 2)
         tried = np.concatenate([ends, beside], axis=1)
-        chosen = problem.cost(tried, slack_m).argmin(axis=1)
-        vectors = tried[np.arange(len(tried)), chosen]
-    return Descent(best, covariances, least)
+        costs = problem.cost(tried, slack_m)
+        vectors = tried[np.arange(len(tried)), costs.argmin(axis=1)]
+    return Descent(vectors, covariances, costs.min(axis=1))
 
 
 @cache
@@ -309,14 +300,14 @@ def with_quadratic_rays(
 
     So the many samples cost only the rays near a silhouette or a corner.
     """
-    steps = np.maximum(0.5 * np.sqrt(np.diag(covariance)), 0.02 * STEPS[problem.free])
-    found = problem.slopes(mean[None], steps, edge_m=problem.tolerance.edge_m)
-    misfit, slope = found[0][0], found[1][0]
     variances, axes = np.linalg.eigh(covariance)
-    moves = QUADRATIC_SD * (axes * np.sqrt(np.maximum(variances, 0.0))).T
-    moves = np.concatenate([np.zeros((1, len(mean))), moves, -moves])
-    logs = np.log(problem.fits(mean + moves, edge_m=problem.tolerance.edge_m)[0])
-    form = -0.5 * ((misfit + moves @ slope) ** 2 - misfit**2)
+    moves = QUADRATIC_SD * axes * np.sqrt(np.maximum(variances, 1e-18))
+    tried = mean + np.concatenate([np.zeros((1, len(mean))), moves.T, -moves.T])
+    likelihoods, misfits = problem.fits(tried, edge_m=problem.tolerance.edge_m)
+    ahead, back = misfits[1 : 1 + len(mean)], misfits[1 + len(mean) :]
+    logs, misfit = np.log(likelihoods), misfits[0]
+    slope = np.linalg.solve(moves.T, 0.5 * (ahead - back))
+    form = -0.5 * ((misfit + (tried - mean) @ slope) ** 2 - misfit**2)
     is_quadratic = (np.abs(logs - logs[0] - form) < QUADRATIC_ERROR).all(axis=0)
     slope = slope[:, is_quadratic]
     quadratic = QuadraticRays(

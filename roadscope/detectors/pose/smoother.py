@@ -39,7 +39,7 @@ BUDGET, LEAST_BUDGET = 2100, 300
 """Returns of all scans of a window, and of one, beyond which some are left out."""
 COARSE_RAYS = 150
 """Rays of the first search in a window."""
-NEAR_SLACKS_M = (0.06, 0.02)
+NEAR_SLACKS_M = (0.06, 0.02, 0.0)
 """Added to the noise on the way from the last answer, see `descend`."""
 LONG = 3
 """Scans from which the last answer, moved on, is nearly right."""
