@@ -29,7 +29,7 @@ from roadscope.envs.sensors.lidar_spec import LidarSpec
 
 POSE, SPEED, TURN_RATE = np.arange(3), INDEX["speed"], INDEX["turn_rate"]
 """Indices in a state, and in a vector where speed and turn rate are searched."""
-NEAR_SLACKS_M = (0.04, 0.01, 0.0)
+NEAR_SLACKS_M = (0.04, 0.01, 0.005)
 """Added to the noise in the second search, see `descend`."""
 COARSE_RAYS, FINE_RAYS = 60, 400
 """Rays of the first and of the second search."""

@@ -12,7 +12,6 @@ from functools import cache
 import numpy as np
 
 from roadscope.detectors.pose.body_likelihood import (
-    EDGE_M,
     ROUGHLY_DRAWN,
     Tolerance,
     ray_fits,
@@ -22,7 +21,7 @@ from roadscope.detectors.pose.body_rays import HIT, BodyRays
 
 STEPS = np.array([0.01, 0.01, 0.003, 0.05, 0.02, 0.05, 0.2, 0.2, 0.2, 0.2, 0.2])
 """By how much the values of a state are moved for a slope: about a standard deviation."""
-SLACKS_M = (0.25, 0.15, 0.08, 0.04, 0.02, 0.01, 0.0, 0.0)
+SLACKS_M = (0.25, 0.15, 0.08, 0.04, 0.02, 0.01, 0.005, 0.0)
 """Added to noise and edges iteration by iteration: first every ray counts, then the near ones."""
 SHARES = np.array([1.0, 0.5, 0.2, 0.0])
 """Shares of a step that are tried."""
@@ -116,21 +115,17 @@ class BodyProblem:
         return int((self.rays.kind == HIT).sum())
 
     def fits(
-        self, vectors: np.ndarray, slack_m: float = 0.0, edge_m: float = EDGE_M
+        self, vectors: np.ndarray, slack_m: float = 0.0
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Return likelihoods and misfits (..., M) of vectors (..., D); see `ray_fits`.
-
-        edge_m: how exactly silhouettes are drawn.
-        """
+        """Return likelihoods and misfits (..., M) of vectors (..., D); see `ray_fits`."""
         states = self.states(vectors.reshape(-1, len(self.free)))
-        tolerance = self.tolerance._replace(edge_m=edge_m)
-        likelihoods, misfits = ray_fits(states, self.model.shape, self.rays, tolerance, slack_m)
+        likelihoods, misfits = ray_fits(states, self.model.shape, self.rays, self.tolerance, slack_m)
         shape = *vectors.shape[:-1], len(self.rays.slope)
         return likelihoods.reshape(shape), misfits.reshape(shape)
 
     def log_density(self, vectors: np.ndarray) -> np.ndarray:
         """Return the log of the posterior, up to a constant, (K,) for vectors (K, D)."""
-        likelihoods, _ = self.fits(vectors, edge_m=self.tolerance.edge_m)
+        likelihoods, _ = self.fits(vectors)
         logs: np.ndarray = np.log(likelihoods).sum(axis=1)
         logs -= 0.5 * self.prior_cost(vectors)
         return logs if self.quadratic is None else logs + self.quadratic.log_likelihood(vectors)
@@ -145,14 +140,14 @@ class BodyProblem:
         return np.asarray(tempered(self.fits(vectors, slack_m)[1]) + self.prior_cost(vectors))
 
     def slopes(
-        self, vectors: np.ndarray, steps: np.ndarray, slack_m: float = 0.0, edge_m: float = EDGE_M
+        self, vectors: np.ndarray, steps: np.ndarray, slack_m: float = 0.0
     ) -> tuple[np.ndarray, np.ndarray]:
         """Return misfits (S, M) of vectors (S, D) and their derivatives (S, D, M).
 
         steps: (D,) by which each value is moved both ways.
         """
         moves = np.concatenate([np.zeros((1, len(steps))), np.diag(steps), -np.diag(steps)])
-        _, found = self.fits(vectors[:, None] + moves, slack_m, edge_m)
+        _, found = self.fits(vectors[:, None] + moves, slack_m)
         ahead, back = found[:, 1 : 1 + len(steps)], found[:, 1 + len(steps) :]
         return found[:, 0], (ahead - back) / (2.0 * steps[:, None])
 
@@ -303,7 +298,7 @@ def with_quadratic_rays(
     variances, axes = np.linalg.eigh(covariance)
     moves = QUADRATIC_SD * axes * np.sqrt(np.maximum(variances, 1e-18))
     tried = mean + np.concatenate([np.zeros((1, len(mean))), moves.T, -moves.T])
-    likelihoods, misfits = problem.fits(tried, edge_m=problem.tolerance.edge_m)
+    likelihoods, misfits = problem.fits(tried)
     ahead, back = misfits[1 : 1 + len(mean)], misfits[1 + len(mean) :]
     logs, misfit = np.log(likelihoods), misfits[0]
     slope = np.linalg.solve(moves.T, 0.5 * (ahead - back))
