@@ -116,12 +116,24 @@ class Meeting(NamedTuple):
 class MetParts(NamedTuple):
     """The parts that a ray may meet: distance, chance to meet it, chance that it is bright enough.
 
-    Each of these is an array (P,).
+    Each of these is an array (P,), filled as far as there are such parts.
     """
 
     distances: np.ndarray
     chances: np.ndarray
     bright: np.ndarray
+
+
+class RayFits(NamedTuple):
+    """How M rays fit K states.
+
+    likelihoods: (K, M) density of a return (per metre), or chance of none. misfits: (K, M) by how
+    many standard deviations a return lies beside the surface, or a ray that passed inside the
+    silhouette.
+    """
+
+    likelihoods: np.ndarray
+    misfits: np.ndarray
 
 
 @compiled(borrowing=True)
@@ -205,23 +217,33 @@ def brightness(need: float, meeting: Meeting, steep: int) -> float:
 
 def ray_fits(
     states: np.ndarray, shape: BodyShape, rays: BodyRays, tolerance: Tolerance, slack_m: float
-) -> tuple[np.ndarray, np.ndarray]:
-    """Return the likelihood (K, M) and the misfit (K, M) of each ray under each state (K, 11).
+) -> RayFits:
+    """Return how each ray fits each state (K, 11).
 
-    The likelihood is the density of a return (per metre), or the chance of none. The misfit is by
-    how many standard deviations a return lies beside the surface, or a ray that passed inside the
-    silhouette. slack_m: added for misfits to the noise of ranges and the softness of silhouettes.
+    slack_m: added for misfits to the noise of ranges and the softness of silhouettes.
     """
     size, parts = (len(states), len(rays.slope)), len(shape.sections)
-    likelihoods, misfits = np.empty(size), np.empty(size)
+    fits = RayFits(np.empty(size), np.empty(size))
     met = MetParts(np.empty(parts), np.empty(parts), np.empty(parts))
-    outlines = new_outlines(parts)
-    _fill_fits(states, shape, rays, tolerance, slack_m, outlines, met.distances, met.chances, met.bright, likelihoods, misfits)
-    return likelihoods, misfits
+    _fill_fits(fits, states, shape, rays, tolerance, slack_m, new_outlines(parts), met)
+    return fits
 
 
 @compiled(borrowing=True)
-def _fill_fits(states, shape, rays, tolerance, slack_m, outlines, distances, chances, bright, likelihoods, misfits):
+def _fill_fits(
+    fits: RayFits,
+    states: np.ndarray,
+    shape: BodyShape,
+    rays: BodyRays,
+    tolerance: Tolerance,
+    slack_m: float,
+    outlines: Outlines,
+    met: MetParts,
+) -> None:
+    """Fill in how each ray fits each state; outlines and met: written over again and again.
+
+    A kernel that made them itself would count references to all arrays, and take 1.3 times as long.
+    """
     count, parts = len(rays.slope), len(shape.sections)
     edge, slack = SOFT_SD * tolerance.edge_m, SOFT_SD * tolerance.height_m
     for k in range(len(states)):
@@ -238,7 +260,7 @@ def _fill_fits(states, shape, rays, tolerance, slack_m, outlines, distances, cha
             low, high = heights_at_body(ray, outlines, reached)
             if is_hit:
                 low, high = min(low, height), max(high, height)
-            met, misfit = 0, NO_PART if is_hit else 0.0
+            met_count, misfit = 0, NO_PART if is_hit else 0.0
             for p in range(parts):
                 bottom, top = shape.sections[p, 0], shape.sections[p, 1]
                 if low > top + slack or high < bottom - slack:
@@ -248,8 +270,9 @@ def _fill_fits(states, shape, rays, tolerance, slack_m, outlines, distances, cha
                 chance = soft_step(meeting.depth / tolerance.edge_m)
                 chance *= soft_step(meeting.margin / tolerance.height_m)
                 if chance > 0.0 and meeting.distance > 0.0:
-                    distances[met], chances[met], bright[met] = meeting.distance, chance, light
-                    met += 1
+                    met.distances[met_count] = meeting.distance
+                    met.chances[met_count], met.bright[met_count] = chance, light
+                    met_count += 1
                 if not is_hit and 0.0 < meeting.distance <= reach:
                     depth = min(meeting.depth, meeting.margin) / (tolerance.edge_m + slack_m)
                     misfit = max(misfit, min(depth, most_surprise(kind, light)))
@@ -258,22 +281,22 @@ def _fill_fits(states, shape, rays, tolerance, slack_m, outlines, distances, cha
                         reach, meeting, math.hypot(sigma, slack_m), tolerance.edge_m + slack_m
                     )
                     misfit = off if abs(off) < abs(misfit) else misfit
-            likelihoods[k, m] = likelihood_of(kind, reach, sigma, met, MetParts(distances, chances, bright), tolerance)
-            misfits[k, m] = misfit
+            fits.likelihoods[k, m] = likelihood_of(kind, reach, sigma, met, met_count, tolerance)
+            fits.misfits[k, m] = misfit
 
 
 @compiled(borrowing=True)
 def likelihood_of(
-    kind: int, reach: float, sigma: float, count: int, met: MetParts, tolerance: Tolerance
+    kind: int, reach: float, sigma: float, met: MetParts, met_count: int, tolerance: Tolerance
 ) -> float:
     """Return the density of a return, or the chance of none, of a ray that may meet some parts."""
     is_hit = kind == HIT
     value, missed = (tolerance.outlier / tolerance.outlier_m, 0.0) if is_hit else (0.0, 1.0)
     silent = tolerance.through if kind == PASSED else tolerance.lost
-    for i in range(count):
+    for i in range(met_count):
         # The ray meets the nearest part with its chance, else the next one.
         first, distance = met.chances[i], met.distances[i]
-        for j in range(count):
+        for j in range(met_count):
             if met.distances[j] < distance:
                 first *= 1.0 - met.chances[j]
         z = (reach - distance) / sigma

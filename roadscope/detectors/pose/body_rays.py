@@ -50,8 +50,13 @@ class BodyRays(NamedTuple):
         return BodyRays(*(np.ascontiguousarray(column[index]) for column in self))
 
     def thinned(self, most: int) -> BodyRays:
-        """Return at most so many rays, evenly chosen."""
-        return self.rows(slice(None, None, -(-len(self.slope) // most) or 1))
+        """Return at most so many rays: those at the silhouette first, evenly chosen."""
+        changes = np.diff(self.kind == HIT, prepend=False, append=False)
+        is_edge = changes[1:] | changes[:-1]
+        edges, others = np.flatnonzero(is_edge), np.flatnonzero(~is_edge)
+        edges = edges[:: -(-len(edges) // max(most - most // 4, 1)) or 1]
+        others = others[:: -(-len(others) // max(most - len(edges), 1)) or 1]
+        return self.rows(np.sort(np.append(edges, others)))
 
     def points(self, velocity: np.ndarray) -> np.ndarray:
         """Return where the body's returns (N, 2) were at the reference time, world frame.

@@ -8,11 +8,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
 from functools import cache
+from typing import NamedTuple
 
 import numpy as np
 
 from roadscope.detectors.pose.body_likelihood import (
     ROUGHLY_DRAWN,
+    RayFits,
     Tolerance,
     ray_fits,
 )
@@ -50,6 +52,8 @@ ROUNDS, UNBOUND_ROUNDS = 10, 6
 MOVED_SD, GROWN = 2.0, 4.0
 """Standard deviations by which a mean may move, and the factor by which a variance may grow, until
 the quadratic rays are chosen anew: a form says nothing of where its rays were not tried."""
+LEAST_VARIANCE, LEAST_BEND = 1e-18, 1e-9
+"""Bounds against division by zero, of a variance and of the bend of a log-density."""
 LOOSE, LOOSE_SD = 0.5, 4.0
 """How far off a search leaves the values of the shape, as a share of its steps, and at most in
 standard deviations: a corner's radius is bound from one side, which no quadratic form around its
@@ -114,19 +118,16 @@ class BodyProblem:
         """How many rays brought a return of the body."""
         return int((self.rays.kind == HIT).sum())
 
-    def fits(
-        self, vectors: np.ndarray, slack_m: float = 0.0
-    ) -> tuple[np.ndarray, np.ndarray]:
+    def fits(self, vectors: np.ndarray, slack_m: float = 0.0) -> RayFits:
         """Return likelihoods and misfits (..., M) of vectors (..., D); see `ray_fits`."""
         states = self.states(vectors.reshape(-1, len(self.free)))
-        likelihoods, misfits = ray_fits(states, self.model.shape, self.rays, self.tolerance, slack_m)
+        found = ray_fits(states, self.model.shape, self.rays, self.tolerance, slack_m)
         shape = *vectors.shape[:-1], len(self.rays.slope)
-        return likelihoods.reshape(shape), misfits.reshape(shape)
+        return RayFits(found.likelihoods.reshape(shape), found.misfits.reshape(shape))
 
     def log_density(self, vectors: np.ndarray) -> np.ndarray:
         """Return the log of the posterior, up to a constant, (K,) for vectors (K, D)."""
-        likelihoods, _ = self.fits(vectors)
-        logs: np.ndarray = np.log(likelihoods).sum(axis=1)
+        logs: np.ndarray = np.log(self.fits(vectors).likelihoods).sum(axis=1)
         logs -= 0.5 * self.prior_cost(vectors)
         return logs if self.quadratic is None else logs + self.quadratic.log_likelihood(vectors)
 
@@ -137,7 +138,7 @@ class BodyProblem:
 
     def cost(self, vectors: np.ndarray, slack_m: float = 0.0) -> np.ndarray:
         """Return the cost (...,): squared misfits, tempered for outliers, and the prior."""
-        return np.asarray(tempered(self.fits(vectors, slack_m)[1]) + self.prior_cost(vectors))
+        return np.asarray(tempered(self.fits(vectors, slack_m).misfits) + self.prior_cost(vectors))
 
     def slopes(
         self, vectors: np.ndarray, steps: np.ndarray, slack_m: float = 0.0
@@ -147,7 +148,7 @@ class BodyProblem:
         steps: (D,) by which each value is moved both ways.
         """
         moves = np.concatenate([np.zeros((1, len(steps))), np.diag(steps), -np.diag(steps)])
-        _, found = self.fits(vectors[:, None] + moves, slack_m)
+        found = self.fits(vectors[:, None] + moves, slack_m).misfits
         ahead, back = found[:, 1 : 1 + len(steps)], found[:, 1 + len(steps) :]
         return found[:, 0], (ahead - back) / (2.0 * steps[:, None])
 
@@ -255,13 +256,13 @@ def posterior(problem: BodyProblem, vector: np.ndarray, covariance: np.ndarray) 
     of_normal = (2.0 / WIDER - WIDER**-2.0) ** (0.5 * len(mean))
     # Fewer returns than unknowns leave a posterior without bounds, which samples would follow.
     is_bound, was_reached = problem.hits >= len(mean), False
-    near, tried = problem, None
+    near, split = problem, None
     for turn in range(ROUNDS if is_bound else UNBOUND_ROUNDS):
         if len(problem.rays.slope) > MANY_RAYS and (
-            tried is None or _has_left(*tried, mean, covariance)
+            split is None or _has_left(split, mean, covariance)
         ):
-            tried = mean, covariance
-            near = with_quadratic_rays(problem, mean, covariance)
+            split = split_rays(problem, mean, covariance)
+            near, mean = split.problem, split.better_mean
         count = int(np.clip(WORK // max(len(near.rays.slope), 1), FEWEST, MOST)) // 32 * 32
         root = np.linalg.cholesky(WIDER * covariance)
         normals = normal_points(count, len(mean))[turn % SETS]
@@ -288,35 +289,52 @@ def posterior(problem: BodyProblem, vector: np.ndarray, covariance: np.ndarray) 
     return Posterior(mean, covariance, float(evidence), bool(power == 1.0))
 
 
-def with_quadratic_rays(
-    problem: BodyProblem, mean: np.ndarray, covariance: np.ndarray
-) -> BodyProblem:
-    """Return the problem with its quadratic rays around a mean merged into one form.
+class SplitRays(NamedTuple):
+    """A problem whose quadratic rays are merged into one form, and where that was tried.
+
+    mean (D,), covariance (D, D): around which. better_mean: (D,) after a step of Newton's method
+    along each principal axis of the covariance.
+    """
+
+    problem: BodyProblem
+    mean: np.ndarray
+    covariance: np.ndarray
+    better_mean: np.ndarray
+
+
+def split_rays(problem: BodyProblem, mean: np.ndarray, covariance: np.ndarray) -> SplitRays:
+    """Merge the quadratic rays of a problem around a mean into one form.
 
     So the many samples cost only the rays near a silhouette or a corner.
     """
+    size = len(mean)
     variances, axes = np.linalg.eigh(covariance)
-    moves = QUADRATIC_SD * axes * np.sqrt(np.maximum(variances, 1e-18))
-    tried = mean + np.concatenate([np.zeros((1, len(mean))), moves.T, -moves.T])
+    moves = QUADRATIC_SD * axes * np.sqrt(np.maximum(variances, LEAST_VARIANCE))
+    tried = mean + np.concatenate([np.zeros((1, size)), moves.T, -moves.T])
     likelihoods, misfits = problem.fits(tried)
-    ahead, back = misfits[1 : 1 + len(mean)], misfits[1 + len(mean) :]
     logs, misfit = np.log(likelihoods), misfits[0]
-    slope = np.linalg.solve(moves.T, 0.5 * (ahead - back))
+    slope = np.linalg.solve(moves.T, 0.5 * (misfits[1 : size + 1] - misfits[size + 1 :]))
     form = -0.5 * ((misfit + (tried - mean) @ slope) ** 2 - misfit**2)
     is_quadratic = (np.abs(logs - logs[0] - form) < QUADRATIC_ERROR).all(axis=0)
     slope = slope[:, is_quadratic]
     quadratic = QuadraticRays(
         mean, slope @ slope.T, slope @ misfit[is_quadratic], float(logs[0, is_quadratic].sum())
     )
-    return replace(problem, rays=problem.rays.rows(~is_quadratic), quadratic=quadratic)
+    gains = logs.sum(axis=1) - 0.5 * problem.prior_cost(tried)
+    ahead, back = gains[1 : size + 1] - gains[0], gains[size + 1 :] - gains[0]
+    share = 0.5 * (ahead - back) / np.maximum(-(ahead + back), LEAST_BEND)
+    return SplitRays(
+        replace(problem, rays=problem.rays.rows(~is_quadratic), quadratic=quadratic),
+        mean,
+        covariance,
+        mean + moves @ np.clip(share, -1.0, 1.0),
+    )
 
 
-def _has_left(
-    mean: np.ndarray, covariance: np.ndarray, new_mean: np.ndarray, new_covariance: np.ndarray
-) -> bool:
-    """Return whether an estimate reaches beyond an earlier one's mean and covariance."""
-    off = new_mean - mean
-    shares = np.linalg.solve(covariance, np.column_stack([off, new_covariance]))
+def _has_left(split: SplitRays, mean: np.ndarray, covariance: np.ndarray) -> bool:
+    """Return whether an estimate reaches beyond where the rays were split."""
+    off = mean - split.mean
+    shares = np.linalg.solve(split.covariance, np.column_stack([off, covariance]))
     growth = np.linalg.eigvals(shares[:, 1:]).real.max()
     return bool(off @ shares[:, 0] > MOVED_SD**2 or growth > GROWN)
 
