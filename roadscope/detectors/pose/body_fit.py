@@ -29,7 +29,7 @@ from roadscope.envs.sensors.lidar_spec import LidarSpec
 
 POSE, SPEED, TURN_RATE = np.arange(3), INDEX["speed"], INDEX["turn_rate"]
 """Indices in a state, and in a vector where speed and turn rate are searched."""
-NEAR_SLACKS_M = (0.04, 0.01, 0.005)
+NEAR_SLACKS_M = (0.04, 0.01, 0.005, 0.0)
 """Added to the noise in the second search, see `descend`."""
 COARSE_RAYS, FINE_RAYS = 60, 400
 """Rays of the first and of the second search."""
@@ -185,8 +185,7 @@ def likely_answers(
 
     rough = descended(problem.thinned(coarse_rays), starts, slacks_m)
     likely = rough.vectors[_likely(rough, problem)]
-    fine = descended(problem.thinned(FINE_RAYS), likely, NEAR_SLACKS_M)
-    best = descended(problem, fine.vectors, (0.0,))
+    best = descended(problem.thinned(FINE_RAYS), likely, NEAR_SLACKS_M)
     answers = []
     for k in _likely(best, problem):
         found = posterior(problem, best.vectors[k], best.covariances[k])
