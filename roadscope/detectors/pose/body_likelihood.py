@@ -99,7 +99,7 @@ class Place(NamedTuple):
     time: float
 
 
-class Meeting(NamedTuple):
+class Intersection(NamedTuple):
     """Where a ray meets a part.
 
     depth: how far inside the silhouette the ray passes, negative outside. margin: how far from
@@ -113,7 +113,7 @@ class Meeting(NamedTuple):
     cosine: float
 
 
-class MetParts(NamedTuple):
+class PartsOnRay(NamedTuple):
     """The parts that a ray may meet: distance, chance to meet it, chance that it is bright enough.
 
     Each of these is an array (P,), filled as far as there are such parts.
@@ -151,9 +151,9 @@ def pose_after(state: np.ndarray, time: float) -> tuple[float, float, float]:
 
 
 @compiled(borrowing=True)
-def meet(
+def intersection(
     ray: Ray2D, outlines: Outlines, p: int, bottom: float, top: float, edge_m: float
-) -> Meeting:
+) -> Intersection:
     """Return where a ray meets a part.
 
     edge_m: a ray that passes the silhouette by less than this meets the part where it is nearest.
@@ -166,7 +166,7 @@ def meet(
         left, right = max(left, up - along), max(right, up + along)
     depth = min(left - offset, right + offset)
     if depth < -edge_m:
-        return Meeting(depth, 0.0, -1.0, 0.0)
+        return Intersection(depth, 0.0, -1.0, 0.0)
     distance, far, cosine, nearest = 0.0, 0.0, GRAZING_COSINE, np.inf
     j = OUTLINE_POINTS - 1
     before = ray.dx * (y[p, j] - ray.y) - ray.dy * (x[p, j] - ray.x)
@@ -196,7 +196,7 @@ def meet(
         if inside > 0.0:
             level = top if is_above else bottom
             margin, distance = inside, (level - ray.height) / ray.slope
-    return Meeting(depth, margin, distance, cosine)
+    return Intersection(depth, margin, distance, cosine)
 
 
 @compiled(borrowing=True)
@@ -207,11 +207,11 @@ def soft_step(z: float) -> float:
 
 
 @compiled(borrowing=True)
-def brightness(need: float, meeting: Meeting, steep: int) -> float:
+def brightness(need: float, crossing: Intersection, steep: int) -> float:
     """Return the chance that the surface where a ray meets a part sends enough light back."""
     if need == 0.0:
         return 1.0
-    ratio = max(min(meeting.cosine / (need * meeting.distance**2), AMPLE), 0.0) ** steep
+    ratio = max(min(crossing.cosine / (need * crossing.distance**2), AMPLE), 0.0) ** steep
     return ratio / (1.0 + ratio)
 
 
@@ -224,8 +224,8 @@ def ray_fits(
     """
     size, parts = (len(states), len(rays.slope)), len(shape.sections)
     fits = RayFits(np.empty(size), np.empty(size))
-    met = MetParts(np.empty(parts), np.empty(parts), np.empty(parts))
-    _fill_fits(fits, states, shape, rays, tolerance, slack_m, new_outlines(parts), met)
+    on_ray = PartsOnRay(np.empty(parts), np.empty(parts), np.empty(parts))
+    _fill_fits(fits, states, shape, rays, tolerance, slack_m, new_outlines(parts), on_ray)
     return fits
 
 
@@ -238,9 +238,9 @@ def _fill_fits(
     tolerance: Tolerance,
     slack_m: float,
     outlines: Outlines,
-    met: MetParts,
+    on_ray: PartsOnRay,
 ) -> None:
-    """Fill in how each ray fits each state; outlines and met: written over again and again.
+    """Fill in how each ray fits each state; outlines and on_ray: written over again and again.
 
     A kernel that made them itself would count references to all arrays, and take 1.3 times as long.
     """
@@ -260,62 +260,69 @@ def _fill_fits(
             low, high = heights_at_body(ray, outlines, reached)
             if is_hit:
                 low, high = min(low, height), max(high, height)
-            met_count, misfit = 0, NO_PART if is_hit else 0.0
+            count_on_ray, misfit = 0, NO_PART if is_hit else 0.0
             for p in range(parts):
                 bottom, top = shape.sections[p, 0], shape.sections[p, 1]
                 if low > top + slack or high < bottom - slack:
                     continue
-                meeting = meet(ray, outlines, p, bottom, top, reached)
-                light = brightness(need, meeting, tolerance.steep)
-                chance = soft_step(meeting.depth / tolerance.edge_m)
-                chance *= soft_step(meeting.margin / tolerance.height_m)
-                if chance > 0.0 and meeting.distance > 0.0:
-                    met.distances[met_count] = meeting.distance
-                    met.chances[met_count], met.bright[met_count] = chance, light
-                    met_count += 1
-                if not is_hit and 0.0 < meeting.distance <= reach:
-                    depth = min(meeting.depth, meeting.margin) / (tolerance.edge_m + slack_m)
+                crossing = intersection(ray, outlines, p, bottom, top, reached)
+                light = brightness(need, crossing, tolerance.steep)
+                chance = soft_step(crossing.depth / tolerance.edge_m)
+                chance *= soft_step(crossing.margin / tolerance.height_m)
+                if chance > 0.0 and crossing.distance > 0.0:
+                    on_ray.distances[count_on_ray] = crossing.distance
+                    on_ray.chances[count_on_ray], on_ray.bright[count_on_ray] = chance, light
+                    count_on_ray += 1
+                if not is_hit and 0.0 < crossing.distance <= reach:
+                    depth = min(crossing.depth, crossing.margin) / (tolerance.edge_m + slack_m)
                     misfit = max(misfit, min(depth, most_surprise(kind, light)))
                 elif is_hit and bottom - HEIGHT_SLACK_M <= height <= top + HEIGHT_SLACK_M:
                     off = return_misfit(
-                        reach, meeting, math.hypot(sigma, slack_m), tolerance.edge_m + slack_m
+                        reach, crossing, math.hypot(sigma, slack_m), tolerance.edge_m + slack_m
                     )
                     misfit = off if abs(off) < abs(misfit) else misfit
-            fits.likelihoods[k, m] = likelihood_of(kind, reach, sigma, met, met_count, tolerance)
+            fits.likelihoods[k, m] = likelihood_of(
+                kind, reach, sigma, on_ray, count_on_ray, tolerance
+            )
             fits.misfits[k, m] = misfit
 
 
 @compiled(borrowing=True)
 def likelihood_of(
-    kind: int, reach: float, sigma: float, met: MetParts, met_count: int, tolerance: Tolerance
+    kind: int,
+    reach: float,
+    sigma: float,
+    on_ray: PartsOnRay,
+    count_on_ray: int,
+    tolerance: Tolerance,
 ) -> float:
     """Return the density of a return, or the chance of none, of a ray that may meet some parts."""
     is_hit = kind == HIT
     value, missed = (tolerance.outlier / tolerance.outlier_m, 0.0) if is_hit else (0.0, 1.0)
     silent = tolerance.through if kind == PASSED else tolerance.lost
-    for i in range(met_count):
+    for i in range(count_on_ray):
         # The ray meets the nearest part with its chance, else the next one.
-        first, distance = met.chances[i], met.distances[i]
-        for j in range(met_count):
-            if met.distances[j] < distance:
-                first *= 1.0 - met.chances[j]
+        first, distance = on_ray.chances[i], on_ray.distances[i]
+        for j in range(count_on_ray):
+            if on_ray.distances[j] < distance:
+                first *= 1.0 - on_ray.chances[j]
         z = (reach - distance) / sigma
         if not is_hit and distance < reach:
-            value += first * max(1.0 - met.bright[i], silent)
-            missed *= 1.0 - met.chances[i]
+            value += first * max(1.0 - on_ray.bright[i], silent)
+            missed *= 1.0 - on_ray.chances[i]
         elif is_hit and abs(z) < NOISE_SD:
             density = math.exp(-0.5 * z * z) / (math.sqrt(2.0 * math.pi) * sigma)
-            value += first * (1.0 - tolerance.outlier) * density * max(met.bright[i], FAINTEST)
+            value += first * (1.0 - tolerance.outlier) * density * max(on_ray.bright[i], FAINTEST)
     return value + missed
 
 
 @compiled(borrowing=True)
-def return_misfit(reach: float, meeting: Meeting, sigma: float, edge_m: float) -> float:
+def return_misfit(reach: float, crossing: Intersection, sigma: float, edge_m: float) -> float:
     """Return the misfit of a return: of its reach or, of one beside the silhouette, to this."""
-    off, cosine = meeting.distance - reach, meeting.cosine
-    if meeting.depth > 0.0:
+    off, cosine = crossing.distance - reach, crossing.cosine
+    if crossing.depth > 0.0:
         return off * cosine / math.sqrt((sigma * cosine) ** 2 + edge_m**2 * (1.0 - cosine**2))
-    return abs(meeting.depth) / edge_m
+    return abs(crossing.depth) / edge_m
 
 
 @compiled(borrowing=True)
