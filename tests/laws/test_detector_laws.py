@@ -216,7 +216,7 @@ SEARCHED = (0.25, 0.15, 0.025, 0.1)
 """Where headings are tried besides, a quarter degree apart, that do not turn with the scene."""
 DESCENDED = (0.2, 0.35, 0.04, 0.2)
 """Where a descent ends a little before the bottom, or at another bottom of a few returns."""
-SAMPLED = (0.35, 0.7, 0.03, 0.1)
+SAMPLED = (0.3, 0.6, 0.02, 0.1)
 """Where the length of what is seen from behind is the mean of drawn samples."""
 LATTICE = (1e-6, 1e-6, 1e-6, 0.05)
 """Where a box slides in strides from a corner of the scene, which a turn makes another one: the

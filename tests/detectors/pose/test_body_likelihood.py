@@ -1,6 +1,7 @@
 """The compiled likelihood of rays says what an obvious one says that tries every side."""
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 import pytest
@@ -59,17 +60,26 @@ def slow_soft(z):
     return share * share * (3 - 2 * share)
 
 
-def slow_meetings(model, state, rays, m, tolerance):
-    """Return (distance, chance, cosine) of each part that a ray may meet: clip it by each side."""
+class Crossing(NamedTuple):
+    """Where a ray crosses a section: how far within silhouette and heights, distance, cosine."""
+
+    depth: float
+    margin: float
+    distance: float
+    cosine: float
+
+
+def slow_crossings(model, state, rays, m):
+    """Return where a ray crosses each section: clip it by each side."""
     x, y, yaw = slow_place(state, rays.time[m])
     turn = np.array([[math.cos(yaw), math.sin(yaw)], [-math.sin(yaw), math.cos(yaw)]])
     start = turn @ (rays.origin[m, :2] - [x, y])
-    way, normal = turn @ rays.direction[m], None
-    outlines, found = new_outlines(len(model.sections)), []
+    direction = turn @ rays.direction[m]
+    outlines, crossings = new_outlines(len(model.sections)), []
     fill_outlines(model.shape, state, outlines)
     for p, section in enumerate(model.sections):
         points = np.column_stack([outlines.x[p], outlines.y[p]]) - start
-        aside = points @ [-way[1], way[0]]
+        aside = points @ [-direction[1], direction[0]]
         depth = min(aside.max(), -aside.min())
         if depth > 0:
             first, last, cosine = -np.inf, np.inf, 0.0
@@ -78,7 +88,7 @@ def slow_meetings(model, state, rays, m, tolerance):
                 if np.hypot(*side) < 1e-9:
                     continue
                 normal = np.array([side[1], -side[0]]) / np.hypot(*side)
-                speed = normal @ way
+                speed = normal @ direction
                 if abs(speed) > 1e-12:
                     at = normal @ a / speed
                     if speed < 0 and at > first:
@@ -87,7 +97,7 @@ def slow_meetings(model, state, rays, m, tolerance):
                         last = min(last, at)
         else:
             nearest = np.abs(aside).argmin()
-            first, last, cosine = points[nearest] @ way, 0.0, 0.3
+            first, last, cosine = points[nearest] @ direction, 0.0, 0.3
         level, slope = rays.origin[m, 2], rays.slope[m]
         height = level + slope * first
         margin = min(section.top_m - height, height - section.bottom_m)
@@ -98,27 +108,56 @@ def slow_meetings(model, state, rays, m, tolerance):
             if within > 0:
                 margin = within
                 first = ((section.top_m if over else section.bottom_m) - level) / slope
-        chance = slow_soft(depth / tolerance.edge_m) * slow_soft(margin / tolerance.height_m)
-        if chance > 0 and first > 0:
-            found.append((first, chance, cosine))
-    return sorted(found)
+        crossings.append(Crossing(depth, margin, first, cosine))
+    return crossings
+
+
+def slow_light(rays, m, crossing, tolerance):
+    if rays.kind[m] == PASSED:
+        return 1.0
+    ratio = min(crossing.cosine / (rays.need[m] * crossing.distance**2), 16.0) ** tolerance.steep
+    return ratio / (1 + ratio)
 
 
 def slow_likelihood(model, state, rays, m, tolerance):
     left, density, silence = 1.0, tolerance.outlier / tolerance.outlier_m, 0.0
     least = tolerance.through if rays.kind[m] == PASSED else tolerance.lost
-    for distance, chance, cosine in slow_meetings(model, state, rays, m, tolerance):
-        light = min(cosine / (rays.need[m] * distance**2), 16.0) ** tolerance.steep
-        bright = 1.0 if rays.kind[m] == PASSED else light / (1 + light)
-        z = (rays.reach[m] - distance) / rays.sigma[m]
+    for crossing in sorted(slow_crossings(model, state, rays, m), key=lambda c: c.distance):
+        chance = slow_soft(crossing.depth / tolerance.edge_m)
+        chance *= slow_soft(crossing.margin / tolerance.height_m)
+        if not chance > 0 or not crossing.distance > 0:
+            continue
+        bright = slow_light(rays, m, crossing, tolerance)
+        z = (rays.reach[m] - crossing.distance) / rays.sigma[m]
         normal = math.exp(-0.5 * z * z) / math.sqrt(2 * math.pi) / rays.sigma[m]
         if abs(z) < 6:
             density += left * chance * (1 - tolerance.outlier) * normal * max(bright, 0.01)
-        if rays.kind[m] != HIT and distance >= rays.reach[m]:
+        if rays.kind[m] != HIT and crossing.distance >= rays.reach[m]:
             break
         silence += left * chance * max(1 - bright, least)
         left *= 1 - chance
     return density if rays.kind[m] == HIT else silence + left
+
+
+def slow_misfit(model, state, rays, m, tolerance, slack_m):
+    edge, sigma = tolerance.edge_m + slack_m, math.hypot(rays.sigma[m], slack_m)
+    crossings = slow_crossings(model, state, rays, m)
+    if rays.kind[m] != HIT:
+        depths = [0.0]
+        for crossing in crossings:
+            if 0 < crossing.distance <= rays.reach[m]:
+                light = slow_light(rays, m, crossing, tolerance)
+                most = math.sqrt(-2 * math.log(1 - light)) if light < 1 else 3.5
+                depths.append(min(crossing.depth / edge, crossing.margin / edge, most, 3.5))
+        return max(depths)
+    height, off = rays.origin[m, 2] + rays.slope[m] * rays.reach[m], [100.0]
+    for section, crossing in zip(model.sections, crossings, strict=True):
+        if section.bottom_m - 0.02 <= height <= section.top_m + 0.02:
+            cosine, beside = crossing.cosine, -crossing.depth / edge
+            scatter = math.hypot(sigma * cosine, edge * math.sqrt(1 - cosine**2))
+            along = (crossing.distance - rays.reach[m]) * cosine / scatter
+            off.append(along if crossing.depth > 0 else beside)
+    return min(off, key=abs)
 
 
 @pytest.mark.parametrize("tolerance", [ROUGHLY_DRAWN, EXACTLY_DRAWN], ids=["rough", "exact"])
@@ -126,10 +165,21 @@ def slow_likelihood(model, state, rays, m, tolerance):
 def test_rays_are_as_likely_as_an_obvious_way_says(model, tolerance):
     rng, rays = np.random.default_rng(1), rays_of(120, 1)
     states = rng.standard_normal((4, VALUES)) * [0.3, 0.3, 1, 3, 0.5, 0, 1, 1, 1, 1, 1]
-    found, _ = ray_fits(states, model.shape, rays, tolerance, 0.0)
+    found = ray_fits(states, model.shape, rays, tolerance, 0.0)
     for k, state in enumerate(states):
         slow = [slow_likelihood(model, state, rays, m, tolerance) for m in range(120)]
-        np.testing.assert_allclose(np.log(found[k]), np.log(slow), atol=1e-3)
+        np.testing.assert_allclose(np.log(found.likelihoods[k]), np.log(slow), atol=1e-3)
+
+
+@pytest.mark.parametrize("slack_m", [0.0, 0.08])
+@pytest.mark.parametrize("model", [BRICK, saloon((4.7, 0.1), (1.8, 0.05))], ids=["brick", "car"])
+def test_rays_misfit_by_as_much_as_an_obvious_way_says(model, slack_m):
+    rng, rays = np.random.default_rng(2), rays_of(120, 2)
+    states = rng.standard_normal((4, VALUES)) * [0.3, 0.3, 1, 3, 0.5, 0, 1, 1, 1, 1, 1]
+    found = ray_fits(states, model.shape, rays, ROUGHLY_DRAWN, slack_m)
+    for k, state in enumerate(states):
+        slow = [slow_misfit(model, state, rays, m, ROUGHLY_DRAWN, slack_m) for m in range(120)]
+        np.testing.assert_allclose(found.misfits[k], slow, rtol=1e-3, atol=1e-3)
 
 
 def level_ray(y, reach, kind=HIT):

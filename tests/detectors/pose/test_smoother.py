@@ -93,9 +93,8 @@ def test_how_the_sensor_went_in_its_first_scan_is_told_by_the_second(seed):
     told.update(before.scan, np.zeros_like(before.target), before.world_from_lidar)
     for s in shots:
         one, other = (x.update(s.scan, s.target, s.world_from_lidar) for x in (told, untold))
-    # Samples leave the mean open by about its standard deviation, 3 mm.
-    assert np.hypot(one.x - other.x, one.y - other.y) < 0.005
-    assert abs(one.yaw - other.yaw) < np.radians(0.03)
+    assert np.hypot(one.x - other.x, one.y - other.y) < 0.0015
+    assert abs(one.yaw - other.yaw) < np.radians(0.02)
 
 
 def test_without_a_return_there_is_no_pose(curve):
