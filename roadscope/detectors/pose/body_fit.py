@@ -179,29 +179,29 @@ def likely_answers(
     (K, 11) cost, beside what the rays say of them. slacks_m: as in `descend`, of the first search.
     """
 
-    def descended(problem: BodyProblem, vectors: np.ndarray, slacks: tuple[float, ...]) -> Descent:
-        found = descend(problem, vectors, slacks)
-        return replace(found, costs=found.costs + state_cost(problem.states(found.vectors)))
+    def searched(problem: BodyProblem, vectors: np.ndarray, slacks: tuple[float, ...]) -> Descent:
+        ends = descend(problem, vectors, slacks)
+        return replace(ends, costs=ends.costs + state_cost(problem.states(ends.vectors)))
 
-    rough = descended(problem.thinned(coarse_rays), starts, slacks_m)
-    likely = rough.vectors[_likely(rough, problem)]
-    best = descended(problem.thinned(FINE_RAYS), likely, NEAR_SLACKS_M)
+    rough = searched(problem.thinned(coarse_rays), starts, slacks_m)
+    likely = rough.vectors[_likely_ends(rough, problem)]
+    fine = searched(problem.thinned(FINE_RAYS), likely, NEAR_SLACKS_M)
     answers = []
-    for k in _likely(best, problem):
-        found = posterior(problem, best.vectors[k], best.covariances[k])
-        cost = float(state_cost(problem.states(found.mean[None]))[0])
-        answers.append(Answer(found.evidence - 0.5 * cost, found))
+    for k in _likely_ends(fine, problem):
+        sampled = posterior(problem, fine.vectors[k], fine.covariances[k])
+        cost = float(state_cost(problem.states(sampled.mean[None]))[0])
+        answers.append(Answer(sampled.evidence - 0.5 * cost, sampled))
     return answers
 
 
-def _likely(found: Descent, problem: BodyProblem) -> list[int]:
+def _likely_ends(ends: Descent, problem: BodyProblem) -> list[int]:
     """Return which ends of a search cost hardly more than the best, at most three, and differ."""
-    kept: list[int] = []
-    for k in np.argsort(found.costs):
-        steps = np.abs(found.vectors[kept] - found.vectors[k]) / STEPS[problem.free]
-        if found.costs[k] <= found.costs.min() + CLOSE and (steps > SAME_STEPS).any(axis=1).all():
-            kept.append(int(k))
-    return kept[:3]
+    chosen: list[int] = []
+    for k in np.argsort(ends.costs):
+        steps = np.abs(ends.vectors[chosen] - ends.vectors[k]) / STEPS[problem.free]
+        if ends.costs[k] <= ends.costs.min() + CLOSE and (steps > SAME_STEPS).any(axis=1).all():
+            chosen.append(int(k))
+    return chosen[:3]
 
 
 def pose_of(answers: Sequence[Answer], problem: BodyProblem) -> VehiclePose:

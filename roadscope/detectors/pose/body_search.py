@@ -44,9 +44,10 @@ QUADRATIC_SD, QUADRATIC_ERROR = 2.5, 0.3
 """A ray is quadratic if its log-likelihood departs from its quadratic form by no more than the
 second value at so many standard deviations along each principal axis."""
 WORK, FEWEST, MOST = 24_000, 224, 512
-MANY_RAYS = WORK // FEWEST
 """Rays times samples of a round, and bounds on samples: few rays bound a posterior with corners,
 many make it normal."""
+MANY_RAYS = WORK // FEWEST
+"""Up to so many rays are all sampled; of more, the quadratic ones are merged."""
 ROUNDS, UNBOUND_ROUNDS = 10, 6
 """Most rounds of sampling, of a posterior without bounds too."""
 MOVED_SD, GROWN = 2.0, 4.0
@@ -256,11 +257,9 @@ def posterior(problem: BodyProblem, vector: np.ndarray, covariance: np.ndarray) 
     of_normal = (2.0 / WIDER - WIDER**-2.0) ** (0.5 * len(mean))
     # Fewer returns than unknowns leave a posterior without bounds, which samples would follow.
     is_bound, was_reached = problem.hits >= len(mean), False
-    near, split = problem, None
+    near, split, is_to_split = problem, None, len(problem.rays.slope) > MANY_RAYS
     for turn in range(ROUNDS if is_bound else UNBOUND_ROUNDS):
-        if len(problem.rays.slope) > MANY_RAYS and (
-            split is None or _has_left(split, mean, covariance)
-        ):
+        if is_to_split:
             split = split_rays(problem, mean, covariance)
             near, mean = split.problem, split.better_mean
         count = int(np.clip(WORK // max(len(near.rays.slope), 1), FEWEST, MOST)) // 32 * 32
@@ -278,7 +277,9 @@ def posterior(problem: BodyProblem, vector: np.ndarray, covariance: np.ndarray) 
         # A little of the proposal is mixed in where few samples count: it must not collapse.
         share = 0.02 * min(0.5, len(mean) / effective / 4)
         covariance = (off.T * weights) @ off + share * (root @ root.T)
-        if was_reached and power == 1.0 and effective > SETTLED * of_normal * count:
+        is_to_split = split is not None and _has_left(split, mean, covariance)
+        is_settled = effective > SETTLED * of_normal * count and not is_to_split
+        if was_reached and power == 1.0 and is_settled:
             break
         was_reached = power == 1.0
     if not is_bound and power < 1.0:
