@@ -41,7 +41,7 @@ WRONG_HEADING = 1e3
 """Added to the cost of a heading that is known to be wrong."""
 VELOCITY_SD, TURN_SD = 1.0, 0.7
 """Standard deviations of a speed that a tracker knows before the scan, m/s, and of a turn rate that
-nobody knows, rad/s: a vehicle is met up to half a sweep from the stamp that is answered."""
+nobody knows, rad/s: a vehicle is measured up to half a sweep from the stamp that is answered."""
 QUARTER_TURN, ALONG = 0.0, math.cos(math.radians(50.0))
 """Least cosine between the heading and a course that is known up to a quarter turn, or from a
 velocity well above its standard deviation: vehicles go where they head."""
@@ -117,7 +117,7 @@ class BodyFit:
         )
         if body.returns == 0:
             return None
-        body = replace(body, rays=glazed(self.model, body.rays))
+        body = replace(body, rays=with_glass(self.model, body.rays))
         problem, answers = self._answers(body, course)
         return pose_of(answers, problem)
 
@@ -150,7 +150,7 @@ class BodyFit:
         return problem, likely_answers(problem, starts, heading_cost)
 
 
-def glazed(model: BodyModel, rays: BodyRays) -> BodyRays:
+def with_glass(model: BodyModel, rays: BodyRays) -> BodyRays:
     """Return the rays of one scan, those at the windows' height with what glass needs.
 
     A window that is seen at a slant sends nothing back where paint still would; taken for paint,
@@ -213,13 +213,13 @@ def pose_of(answers: Sequence[Answer], problem: BodyProblem) -> VehiclePose:
     best = max(answers, key=lambda answer: answer.log_weight)
     mean = best.posterior.mean
     total, spread = 0.0, np.zeros((3, 3))
-    for log_weight, found in answers:
-        if found is best.posterior or found.reached:
-            off = found.mean[:3] - mean[:3]
+    for log_weight, other in answers:
+        if other is best.posterior or other.reached:
+            off = other.mean[:3] - mean[:3]
             off[2] = axis_difference(off[2], 0.0)
             weight = np.exp(log_weight - best.log_weight)
             total += weight
-            spread += weight * (found.covariance[:3, :3] + np.outer(off, off))
+            spread += weight * (other.covariance[:3, :3] + np.outer(off, off))
     length, width = problem.model.sizes(problem.states(mean[None])[0])
     drawn_m = problem.model.drawn_m
     return VehiclePose(

@@ -122,9 +122,9 @@ class BodyProblem:
     def fits(self, vectors: np.ndarray, slack_m: float = 0.0) -> RayFits:
         """Return likelihoods and misfits (..., M) of vectors (..., D); see `ray_fits`."""
         states = self.states(vectors.reshape(-1, len(self.free)))
-        found = ray_fits(states, self.model.shape, self.rays, self.tolerance, slack_m)
+        fits = ray_fits(states, self.model.shape, self.rays, self.tolerance, slack_m)
         shape = *vectors.shape[:-1], len(self.rays.slope)
-        return RayFits(found.likelihoods.reshape(shape), found.misfits.reshape(shape))
+        return RayFits(fits.likelihoods.reshape(shape), fits.misfits.reshape(shape))
 
     def log_density(self, vectors: np.ndarray) -> np.ndarray:
         """Return the log of the posterior, up to a constant, (K,) for vectors (K, D)."""
@@ -149,9 +149,9 @@ class BodyProblem:
         steps: (D,) by which each value is moved both ways.
         """
         moves = np.concatenate([np.zeros((1, len(steps))), np.diag(steps), -np.diag(steps)])
-        found = self.fits(vectors[:, None] + moves, slack_m).misfits
-        ahead, back = found[:, 1 : 1 + len(steps)], found[:, 1 + len(steps) :]
-        return found[:, 0], (ahead - back) / (2.0 * steps[:, None])
+        misfits = self.fits(vectors[:, None] + moves, slack_m).misfits
+        ahead, back = misfits[:, 1 : 1 + len(steps)], misfits[:, 1 + len(steps) :]
+        return misfits[:, 0], (ahead - back) / (2.0 * steps[:, None])
 
     def thinned(self, most: int) -> BodyProblem:
         """Return the problem with at most so many rays, evenly chosen."""

@@ -15,9 +15,9 @@ from roadscope.detectors.pose.body_fit import (
     SPEED,
     TURN_SD,
     Answer,
-    glazed,
     likely_answers,
     pose_of,
+    with_glass,
 )
 from roadscope.detectors.pose.body_likelihood import ROUGHLY_DRAWN, Tolerance, pose_after
 from roadscope.detectors.pose.body_model import INDEX, MOTION, VALUES, BodyModel
@@ -120,7 +120,7 @@ class Smoother:
             twist = sensor_pose - before.sensor_pose
             twist[2] = wrap_angle(twist[2])
             twist /= scan.stamp_s - before.stamp_s
-        sighted = partial(
+        read_scan = partial(
             body_scan,
             self._spec,
             scan,
@@ -132,9 +132,9 @@ class Smoother:
         )
         if self._first is not None and rolling:
             # Only now is known how the sensor moved while it took its first scan.
-            self._window[0] = self._window[0]._replace(body=self._glazed(self._first, twist))
-        self._first = None if self._window else sighted
-        body = self._glazed(sighted, twist)
+            self._window[0] = self._window[0]._replace(body=self._body_scan(self._first, twist))
+        self._first = None if self._window else read_scan
+        body = self._body_scan(read_scan, twist)
         self._window.append(_WindowScan(scan.stamp_s, body, sensor_pose))
         return self._pose(len(self._window) - 1 - self._lag)
 
@@ -143,10 +143,10 @@ class Smoother:
         first = max(len(self._window) - self._lag, 0)
         return [self._pose(at) for at in range(first, len(self._window))]
 
-    def _glazed(self, sighted: Callable[..., BodyScan], twist: np.ndarray) -> BodyScan:
+    def _body_scan(self, read_scan: Callable[..., BodyScan], twist: np.ndarray) -> BodyScan:
         """Return what a scan says; twist: (3,) of the sensor, m/s and rad/s, world frame."""
-        body = sighted(sensor_velocity=twist[:2], sensor_turn=float(twist[2]))
-        return replace(body, rays=glazed(self._model, body.rays))
+        body = read_scan(sensor_velocity=twist[:2], sensor_turn=float(twist[2]))
+        return replace(body, rays=with_glass(self._model, body.rays))
 
     def _pose(self, at: int) -> VehiclePose | None:
         """Return the pose of one scan of the window from all of them."""

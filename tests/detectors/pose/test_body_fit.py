@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from roadscope.core import LidarScan, Pose, RecordError, wrap_angle
-from roadscope.detectors.pose.body_fit import BodyFit, glazed
+from roadscope.detectors.pose.body_fit import BodyFit, with_glass
 from roadscope.detectors.pose.body_model import GLASS, VALUES, BodyModel, BodySection, saloon
 from roadscope.detectors.pose.body_rays import HIT, body_scan
 from roadscope.envs.raycast.scene import Scene
@@ -170,7 +170,7 @@ def test_a_body_drawn_by_eye_is_never_placed_better_than_drawn():
 def test_only_rays_at_the_windows_height_need_what_glass_needs():
     scan, target = seen(20.0, 0.0, 0.0)
     rays = body_scan(SPEC, scan, target, HERE).rays
-    half = glazed(replace(BRICK, glass_m=(0.8, 2.0)), rays)
+    half = with_glass(replace(BRICK, glass_m=(0.8, 2.0)), rays)
     more = half.need > rays.need
     assert half.need[more] == pytest.approx(GLASS * rays.need[more])
     hits = rays.kind == HIT
@@ -179,7 +179,7 @@ def test_only_rays_at_the_windows_height_need_what_glass_needs():
     # Beside the body, too, beam by beam.
     slopes = np.unique(rays.slope[more].round(6))
     assert np.array_equal(more, np.isin(rays.slope.round(6), slopes))
-    assert glazed(BRICK, rays) is rays
+    assert with_glass(BRICK, rays) is rays
 
 
 def test_a_window_that_sends_nothing_back_is_no_empty_space():

@@ -5,7 +5,7 @@ import pytest
 
 from roadscope.benchmarks.papers.zhang2017_outline import fusion
 from roadscope.benchmarks.papers.zhang2017_scene import film
-from roadscope.detectors.pose.body_fit import glazed, likely_answers
+from roadscope.detectors.pose.body_fit import likely_answers, with_glass
 from roadscope.detectors.pose.body_likelihood import EXACTLY_DRAWN
 from roadscope.detectors.pose.body_rays import body_scan
 from roadscope.detectors.pose.body_search import BodyProblem, split_rays
@@ -37,7 +37,7 @@ def far_problem(seed, k):
         run.spec, shot.scan, shot.target, shot.world_from_lidar, rolling=False, rough_m=0.0
     )
     free = np.append(np.arange(3), model.uncertain)
-    return BodyProblem(glazed(model, scan.rays), model, free, EXACTLY_DRAWN), shot.truth
+    return BodyProblem(with_glass(model, scan.rays), model, free, EXACTLY_DRAWN), shot.truth
 
 
 @pytest.mark.parametrize(("seed", "k"), [(11005, 30), (11004, 31), (11006, 25), (5, 14)])
