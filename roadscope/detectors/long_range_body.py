@@ -12,8 +12,7 @@ import numpy as np
 from roadscope.core import Category, LidarScan, Pose
 from roadscope.detectors.moving.links import Chain
 from roadscope.detectors.moving.view import View
-from roadscope.detectors.pose.body_fit import SPEED
-from roadscope.detectors.pose.body_model import VALUES, BodyModel, BodySection, saloon
+from roadscope.detectors.pose.body_model import SPEED, VALUES, YAW, BodyModel, BodySection, saloon
 from roadscope.detectors.pose.body_rays import BodyScan, body_scan
 from roadscope.detectors.pose.body_search import BodyProblem, descend, first_poses, prior_sd
 from roadscope.detectors.pose.estimate import VehiclePose
@@ -122,7 +121,7 @@ def likely_pose(scan: BodyScan, model: BodyModel, course: KnownCourse) -> Vehicl
     squares = (off / course.sd) ** 2
     poses = poses[squares <= squares.min() + UNLIKELY]
     fixed, centre = np.zeros(VALUES), np.zeros(VALUES)
-    fixed[SPEED], centre[2] = course.speed, course.heading
+    fixed[SPEED], centre[YAW] = course.speed, course.heading
     problem = BodyProblem(
         scan.rays,
         model,

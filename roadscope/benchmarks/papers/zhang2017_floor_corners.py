@@ -10,7 +10,7 @@ import numpy as np
 
 from roadscope.benchmarks.papers.zhang2017_floor_kernels import Bodies
 from roadscope.benchmarks.papers.zhang2017_outline import fusion
-from roadscope.detectors.pose.body_model import INDEX, VALUES, part_of
+from roadscope.detectors.pose.body_model import RADIUS, VALUES, part_of
 from roadscope.envs.world.ford_saloon import CORNER_RADII_M, with_corners
 from roadscope.envs.world.prisms import Prisms
 
@@ -58,7 +58,7 @@ def untold() -> Corners:
     least, most = fusion().radius_m
     normal = ndtri((np.arange(QUANTILES) + 0.5) / QUANTILES)
     model, states = fusion(), np.zeros((QUANTILES, VALUES))
-    states[:, INDEX["radius"]] = normal
+    states[:, RADIUS] = normal
     radii_m = np.sort([part_of(model.shape, 0, state).radius for state in states])
     rows = (radii_m - least) / (most - least) * (RADII - 1)
     bodies = bodies_of(tuple(np.linspace(least, most, RADII).tolist()))

@@ -11,7 +11,7 @@ import numpy as np
 
 from roadscope.core import LidarScan, Pose
 from roadscope.detectors.pose.body_likelihood import ROUGHLY_DRAWN, Tolerance
-from roadscope.detectors.pose.body_model import GLASS, INDEX, VALUES, BodyModel
+from roadscope.detectors.pose.body_model import GLASS, SPEED, TURN_RATE, VALUES, YAW, BodyModel
 from roadscope.detectors.pose.body_rays import HIT, BodyRays, BodyScan, body_scan, checked_velocity
 from roadscope.detectors.pose.body_search import (
     SLACKS_M,
@@ -27,8 +27,8 @@ from roadscope.detectors.pose.body_search import (
 from roadscope.detectors.pose.estimate import VehiclePose, axis_difference
 from roadscope.envs.sensors.lidar_spec import LidarSpec
 
-POSE, SPEED, TURN_RATE = np.arange(3), INDEX["speed"], INDEX["turn_rate"]
-"""Indices in a state, and in a vector where speed and turn rate are searched."""
+POSE = np.arange(YAW + 1)
+"""Indices of x, y and yaw in a state and in a vector."""
 NEAR_SLACKS_M = (0.04, 0.01, 0.005, 0.0)
 """Added to the noise in the second search, see `descend`."""
 COARSE_RAYS, FINE_RAYS = 60, 400
@@ -143,7 +143,7 @@ class BodyFit:
         def heading_cost(states: np.ndarray) -> np.ndarray:
             if course is None:
                 return np.zeros(len(states))
-            off = states[:, 2] - course.heading
+            off = states[:, YAW] - course.heading
             cost = WRONG_HEADING * (np.cos(off) < course.least_cosine)
             return cost if speed is None else cost + (speed * np.sin(off) / VELOCITY_SD) ** 2
 

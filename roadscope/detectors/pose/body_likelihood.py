@@ -14,9 +14,15 @@ import numpy as np
 
 from roadscope.core.jit import compiled
 from roadscope.detectors.pose.body_model import (
+    ACCELERATION,
     OUTLINE_POINTS,
+    SPEED,
+    TURN_RATE,
+    YAW,
     BodyShape,
     Outlines,
+    X,
+    Y,
     fill_outlines,
     new_outlines,
 )
@@ -142,11 +148,11 @@ def pose_after(state: np.ndarray, time: float) -> tuple[float, float, float]:
 
     The path is taken along the chord, exact for a constant speed.
     """
-    path = (state[3] + 0.5 * state[5] * time) * time
-    half = 0.5 * state[4] * time
+    path = (state[SPEED] + 0.5 * state[ACCELERATION] * time) * time
+    half = 0.5 * state[TURN_RATE] * time
     chord = path * (1.0 - half * half / 6.0) if abs(half) < 1e-3 else path * math.sin(half) / half
-    heading = state[2] + half
-    x, y = state[0] + chord * math.cos(heading), state[1] + chord * math.sin(heading)
+    heading = state[YAW] + half
+    x, y = state[X] + chord * math.cos(heading), state[Y] + chord * math.sin(heading)
     return x, y, heading + half
 
 

@@ -32,8 +32,8 @@ STATE = (
 """The values of a body in motion. At a reference time, world frame: x, y of the centre, yaw, speed
 and acceleration along the heading, turn rate; metres, radians, seconds. Then standard normal
 unknowns of its shape: length, width, corner radius, set-backs of nose and tail."""
-INDEX = {name: index for index, name in enumerate(STATE)}
-VALUES, MOTION = len(STATE), INDEX["length"]
+X, Y, YAW, SPEED, TURN_RATE, ACCELERATION, LENGTH, WIDTH, RADIUS, NOSE, TAIL = range(len(STATE))
+VALUES, MOTION = len(STATE), LENGTH
 """How many values there are, and how many of them describe the motion."""
 
 
@@ -141,7 +141,7 @@ class BodyModel:
     def sizes(self, state: np.ndarray) -> tuple[float, float]:
         """Return length and width in metres of a state (11,)."""
         means, sds = np.transpose([self.length_m, self.width_m])
-        sizes = np.maximum(means + sds * state[MOTION : MOTION + 2], LEAST_SHARE * means)
+        sizes = np.maximum(means + sds * state[[LENGTH, WIDTH]], LEAST_SHARE * means)
         return float(sizes[0]), float(sizes[1])
 
     def parts(self, state: np.ndarray) -> list[BodyPart]:
@@ -153,14 +153,16 @@ class BodyModel:
 @compiled(borrowing=True)
 def part_of(shape: BodyShape, p: int, state: np.ndarray) -> BodyPart:
     """Return one section of the body of a state (11,)."""
-    length = max(shape.length_m[0] + shape.length_m[1] * state[6], LEAST_SHARE * shape.length_m[0])
-    width = max(shape.width_m[0] + shape.width_m[1] * state[7], LEAST_SHARE * shape.width_m[0])
+    length = max(
+        shape.length_m[0] + shape.length_m[1] * state[LENGTH], LEAST_SHARE * shape.length_m[0]
+    )
+    width = max(shape.width_m[0] + shape.width_m[1] * state[WIDTH], LEAST_SHARE * shape.width_m[0])
     # Folded at the least radius, so that a search does not run along a wall.
-    share = min(0.5 * abs(1.0 + state[8]), 1.0)
+    share = min(0.5 * abs(1.0 + state[RADIUS]), 1.0)
     radius = shape.radius_m[0] + (shape.radius_m[1] - shape.radius_m[0]) * share
     bottom, top, tail, nose, breadth, tail_sd, nose_sd = shape.sections[p]
-    rear = tail + tail_sd * state[10] - 0.5 * length
-    front = max(0.5 * length - nose - nose_sd * state[9], rear + 0.3)
+    rear = tail + tail_sd * state[TAIL] - 0.5 * length
+    front = max(0.5 * length - nose - nose_sd * state[NOSE], rear + 0.3)
     half = 0.5 * breadth * width
     aft, fore = shape.axles[0] * length, shape.axles[1] * length
     # How far an end lies beyond its axle, as a share of the body's overhang.

@@ -18,7 +18,7 @@ from roadscope.detectors.pose.body_likelihood import (
     Tolerance,
     ray_fits,
 )
-from roadscope.detectors.pose.body_model import INDEX, MOTION, VALUES, BodyModel
+from roadscope.detectors.pose.body_model import MOTION, STATE, VALUES, BodyModel
 from roadscope.detectors.pose.body_rays import HIT, BodyRays
 
 STEPS = np.array([0.01, 0.01, 0.003, 0.05, 0.02, 0.05, 0.2, 0.2, 0.2, 0.2, 0.2])
@@ -161,7 +161,7 @@ class BodyProblem:
 def prior_sd(**sd: float) -> np.ndarray:
     """Return standard deviations (11,) of a prior: flat for the motion, 1 for the shape."""
     values = dict.fromkeys(("x", "y", "yaw", "speed", "turn_rate", "acceleration"), np.inf) | sd
-    return np.array([values.get(name, 1.0) for name in INDEX])
+    return np.array([values.get(name, 1.0) for name in STATE])
 
 
 def tempered(misfits: np.ndarray) -> np.ndarray:

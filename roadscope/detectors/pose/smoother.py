@@ -12,7 +12,6 @@ import numpy as np
 
 from roadscope.core import LidarScan, Pose, wrap_angle
 from roadscope.detectors.pose.body_fit import (
-    SPEED,
     TURN_SD,
     Answer,
     likely_answers,
@@ -20,7 +19,7 @@ from roadscope.detectors.pose.body_fit import (
     with_glass,
 )
 from roadscope.detectors.pose.body_likelihood import ROUGHLY_DRAWN, Tolerance, pose_after
-from roadscope.detectors.pose.body_model import INDEX, MOTION, VALUES, BodyModel
+from roadscope.detectors.pose.body_model import ACCELERATION, MOTION, SPEED, VALUES, BodyModel
 from roadscope.detectors.pose.body_rays import BodyRays, BodyScan, body_scan
 from roadscope.detectors.pose.body_search import (
     SLACKS_M,
@@ -32,7 +31,6 @@ from roadscope.detectors.pose.body_search import (
 from roadscope.detectors.pose.estimate import VehiclePose
 from roadscope.envs.sensors.lidar_spec import LidarSpec
 
-ACCELERATION = INDEX["acceleration"]
 SPEED_SD, ACCELERATION_SD = 30.0, 0.7
 """Standard deviations of a vehicle's speed (m/s) and acceleration (m/s2) before it is measured."""
 BUDGET, LEAST_BUDGET = 2100, 300

@@ -14,7 +14,7 @@ from roadscope.benchmarks.papers.zhang2017_floor_motion import (
 from roadscope.benchmarks.papers.zhang2017_floor_views import rays_of, receiver_of
 from roadscope.benchmarks.papers.zhang2017_outline import fusion
 from roadscope.benchmarks.papers.zhang2017_scene import film
-from roadscope.detectors.pose.body_model import INDEX, VALUES, part_of
+from roadscope.detectors.pose.body_model import RADIUS, VALUES, part_of
 from roadscope.envs.raycast.cast import Columns, cast
 from roadscope.envs.raycast.scene import Scene
 from roadscope.envs.world.ford_saloon import with_corners
@@ -104,7 +104,7 @@ def test_the_likelihood_is_that_of_the_ray_caster(name, radius_m):
 def test_radii_are_spread_as_our_fit_supposes():
     rng = np.random.default_rng(1)
     states = np.zeros((20_000, VALUES))
-    states[:, INDEX["radius"]] = rng.normal(size=20_000)
+    states[:, RADIUS] = rng.normal(size=20_000)
     fitted = np.array([part_of(fusion().shape, 0, state).radius for state in states])
     rows = untold().which(rng.normal(size=(20_000, 1)))
     shares = np.linspace(0.05, 0.95, 10)
