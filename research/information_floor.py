@@ -24,8 +24,7 @@ from research.ray_likelihood import CandidateStates, FrameLikelihood, PrismBodie
 from roadscope.benchmarks.papers.zhang2017_methods import FEWEST_RETURNS, ford_fusion
 from roadscope.benchmarks.papers.zhang2017_scene import FRAME_S, SensedDrive
 from roadscope.core.pose import wrap_angle
-from roadscope.detectors.pose.body_kernels import RADIUS
-from roadscope.detectors.pose.body_model import UNKNOWNS
+from roadscope.detectors.pose.body_model import RADIUS, VALUES, part_of
 from roadscope.detectors.pose.smoother import ACCELERATION_SD
 from roadscope.envs.world.ford_saloon import CORNER_RADII_M, with_corners
 from roadscope.envs.world.prisms import Prisms
@@ -42,8 +41,6 @@ LEAST_SAMPLES = 8.0
 """Effective samples behind a covariance, below which its NEES is not given."""
 MOST_RAYS, DRAWS_OVER_LEAST = 500_000, 6
 """A round of sampling casts so many rays before it draws less; it draws at least a sixth."""
-RADIUS_UNKNOWN = 2
-"""Row of the corners' radius in the unknowns of `BodyModel`."""
 QUANTILES = 20_000
 RADII = 81
 """Radii between the least and the greatest, 5 mm apart: a surface is off by 1 mm at most."""
@@ -351,9 +348,9 @@ def unknown_corners() -> CornerPrior:
 
     least, most = ford_fusion().radius_m
     normal = ndtri((np.arange(QUANTILES) + 0.5) / QUANTILES)
-    unknowns = np.zeros((QUANTILES, UNKNOWNS))
-    unknowns[:, RADIUS_UNKNOWN] = normal
-    radii_m = np.sort(ford_fusion().parts(unknowns)[:, 0, RADIUS])
+    states = np.zeros((QUANTILES, VALUES))
+    states[:, RADIUS] = normal
+    radii_m = np.sort([part_of(ford_fusion().shape, 0, state).radius for state in states])
     rows = (radii_m - least) / (most - least) * (RADII - 1)
     bodies = bodies_of(tuple(np.linspace(least, most, RADII).tolist()))
     return CornerPrior(bodies, 1, normal, rows)

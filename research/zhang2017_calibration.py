@@ -44,22 +44,9 @@ from roadscope.benchmarks.papers.zhang2017_scene import (
     sense_sweeps,
 )
 from roadscope.benchmarks.papers.zhang2017_tables import frames_name
-from roadscope.detectors.pose.body_fit import AS_DRAWN, TURN_SD, VELOCITY_SD, BodyFit
-from roadscope.detectors.pose.body_kernels import (
-    AFT,
-    BOTTOM,
-    FORE,
-    FRONT,
-    HALF,
-    NOSE,
-    POSE,
-    RADIUS,
-    REAR,
-    TAIL,
-    TOP,
-    pose_after,
-)
-from roadscope.detectors.pose.body_model import UNKNOWNS, BodyModel
+from roadscope.detectors.pose.body_fit import TURN_SD, VELOCITY_SD, BodyFit
+from roadscope.detectors.pose.body_likelihood import EXACTLY_DRAWN, pose_after
+from roadscope.detectors.pose.body_model import MOTION, VALUES, BodyModel, BodyPart
 from roadscope.detectors.pose.estimate import VehiclePose, axis_difference
 from roadscope.detectors.pose.smoother import ACCELERATION_SD, SPEED_SD, Smoother
 from roadscope.envs.sensors.lidar_spec import LidarSpec
@@ -154,9 +141,9 @@ def passing_car(model: BodyModel, band: str, seed: int | Sequence[int]) -> Passi
     rng = np.random.default_rng(seed)
     for _ in range(TRIES):
         state = _drawn_state(BANDS[band], rng)
-        body = body_of(model, rng.standard_normal(UNKNOWNS))
+        body = body_of(model, rng.standard_normal(VALUES - MOTION))
         # What is visible lies a little off its place on the body.
-        shift = np.concatenate([model.drawn_m * rng.standard_normal(2), np.zeros(POSE - 2)])
+        shift = np.concatenate([model.drawn_m * rng.standard_normal(2), np.zeros(MOTION - 2)])
         shown = state + shift
         speed = max(state[3] + VELOCITY_SD * rng.standard_normal(), SLOWEST_M_S)
         drive = drive_through(shown)
@@ -210,22 +197,24 @@ def body_of(model: BodyModel, unknowns: np.ndarray) -> Prisms:
         [
             Prisms.of(
                 outline,
-                part[BOTTOM],
-                part[TOP],
-                reflectivity=GLASS if low <= part[BOTTOM] < high else SILVER,
+                part.bottom,
+                part.top,
+                reflectivity=GLASS if low <= part.bottom < high else SILVER,
             )
-            for part in model.parts(unknowns[None])[0]
+            for part in model.parts(np.append(np.zeros(MOTION), unknowns))
             for outline in _half_outlines(part)
         ]
     )
 
 
-def _half_outlines(part: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _half_outlines(part: BodyPart) -> tuple[np.ndarray, np.ndarray]:
     """Return the outlines behind and ahead of a part's middle; one alone has too many corners."""
-    middle = (part[REAR] + part[FRONT]) / 2
-    half, radius = part[HALF], part[RADIUS]
-    behind = half_outline(-part[REAR], -part[AFT], half, part[TAIL], radius)
-    ahead = half_outline(part[FRONT], part[FORE], half, part[NOSE], radius)
+    middle = (part.rear + part.front) / 2
+    # A flank that narrows from the middle on has no point of its own there.
+    aft = -part.aft if part.aft < middle else np.inf
+    fore = part.fore if part.fore > middle else np.inf
+    behind = half_outline(-part.rear, aft, part.half, part.tail_half, part.radius)
+    ahead = half_outline(part.front, fore, part.half, part.nose_half, part.radius)
     ahead[[0, -1], 0], behind[[0, -1], 0] = middle, -middle
     return -behind, ahead
 
@@ -269,10 +258,10 @@ def fitted_pose(model: BodyModel, car: PassingCar, frames: int) -> VehiclePose |
     """Return the pose in the middle frame from so many frames around it."""
     if frames == 1:
         shot = car.sweeps[MIDDLE]
-        fit = BodyFit(lidar(), model, AS_DRAWN)
+        fit = BodyFit(lidar(), model, EXACTLY_DRAWN)
         return fit.fit(shot.scan, shot.target, shot.world_from_lidar, velocity=car.rough_velocity)
     lag, pose = frames // 2, None
-    smoother = Smoother(lidar(), model, frames=frames, lag=lag, chances=AS_DRAWN)
+    smoother = Smoother(lidar(), model, frames=frames, lag=lag, tolerance=EXACTLY_DRAWN)
     for shot in car.sweeps[MIDDLE - lag : MIDDLE + lag + 1]:
         pose = smoother.update(shot.scan, shot.target, shot.world_from_lidar)
     return pose

@@ -11,8 +11,7 @@ if TYPE_CHECKING:
     from roadscope.detectors.pose.body_fit import BodyFit
     from roadscope.detectors.pose.body_model import BodyModel, saloon
     from roadscope.detectors.pose.estimate import VehiclePose
-    from roadscope.detectors.pose.matched_filter import fit_single
-    from roadscope.detectors.pose.multi_frame import fit_multi
+    from roadscope.detectors.pose.matched_filter import fit_multi, fit_single
     from roadscope.detectors.pose.ransac import fit_ransac
     from roadscope.detectors.pose.smoother import Smoother
 
@@ -89,7 +88,7 @@ _PLACES = {
     "BodyModel": "roadscope.detectors.pose.body_model:BodyModel",
     "Smoother": "roadscope.detectors.pose.smoother:Smoother",
     "VehiclePose": "roadscope.detectors.pose.estimate:VehiclePose",
-    "fit_multi": "roadscope.detectors.pose.multi_frame:fit_multi",
+    "fit_multi": "roadscope.detectors.pose.matched_filter:fit_multi",
     "fit_ransac": "roadscope.detectors.pose.ransac:fit_ransac",
     "fit_single": "roadscope.detectors.pose.matched_filter:fit_single",
     "saloon": "roadscope.detectors.pose.body_model:saloon",

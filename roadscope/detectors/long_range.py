@@ -11,7 +11,7 @@ import numpy as np
 
 from roadscope.core import Category, Detections, Frame
 from roadscope.detectors.drops import check_faint, without_faint
-from roadscope.detectors.long_range_body import Shot, body_poses
+from roadscope.detectors.long_range_body import AnsweredScan, body_poses
 from roadscope.detectors.long_range_pairs import pair_poses
 from roadscope.detectors.long_range_scores import FEATURES, features, shipped_model
 from roadscope.detectors.moving import Memory, extract
@@ -64,25 +64,25 @@ class LongRangeDetector:
             raise ValueError(f"min_score must be at least 0 and below 1, got {min_score!r}")
         self._fit, self._late, self._faint = fit, late, check_faint(faint)
         self._min_score = min_score
-        self._figures = _settled_figures(range_noise_m, range_max_m, detection_limit)
+        self._figures = _lidar_figures(range_noise_m, range_max_m, detection_limit)
         self._memory = Memory()
         self.reset()
 
     def reset(self) -> None:
-        """Forget everything seen."""
+        """Forget all scans."""
         self._memory.reset()
         self._links = Links()
-        self._last: Shot | None = None
+        self._last: AnsweredScan | None = None
 
     def detect(self, frame: Frame) -> Detections:
         """Return moving vehicles, ego frame, in the frame's scan or, if late, in the last one."""
-        found, stamp_s = self.propose(frame)
-        values = np.array([f.features for f in found]).reshape(-1, len(FEATURES))
+        vehicles, stamp_s = self.propose(frame)
+        values = np.array([v.features for v in vehicles]).reshape(-1, len(FEATURES))
         scores = shipped_model().probabilities(values)
-        kept = np.flatnonzero(scores >= self._min_score)
-        return detections([found[k] for k in kept], scores[kept], stamp_s)
+        probable = np.flatnonzero(scores >= self._min_score)
+        return detections([vehicles[k] for k in probable], scores[probable], stamp_s)
 
-    def propose(self, frame: Frame) -> tuple[list[Found], float]:
+    def propose(self, frame: Frame) -> tuple[list[MovingVehicle], float]:
         """Return what moves, not yet scored, and the stamp that it is answered for."""
         if frame.lidar is not None:
             frame = replace(frame, lidar=without_faint(frame.lidar, self._faint))
@@ -95,17 +95,18 @@ class LongRangeDetector:
         self._links.update(scan.stamp_s, extract(memory.now, memory.back()), memory.drive_from_ego)
         mount = frame.calibration.pose(scan.sensor)
         spec = lidar_of(scan, **self._figures) if self._fit == "body" else None
-        shot = Shot.of(scan, memory.now, memory.drive_from_ego, mount, spec)
-        asked, self._last = (self._last if self._late else shot), shot
-        if asked is None:
+        answered = AnsweredScan(scan, memory.now, memory.drive_from_ego, mount, spec)
+        reported, self._last = (self._last if self._late else answered), answered
+        if reported is None:
             return [], scan.stamp_s
-        return _found(self._links.chains, asked, self._fit), asked.scan.stamp_s
+        vehicles = _moving_vehicles(self._links.chains, reported, self._fit)
+        return vehicles, reported.scan.stamp_s
 
 
-def _settled_figures(
+def _lidar_figures(
     range_noise_m: float | None, range_max_m: float, detection_limit: float
 ) -> dict[str, Any]:
-    """Return what `lidar_of` is told, or refuse it."""
+    """Return the arguments of `lidar_of`; ValueError for one that is impossible."""
     if range_noise_m is not None and not 0 <= range_noise_m < np.inf:
         raise ValueError(f"range_noise_m must be None or from 0 up, got {range_noise_m!r}")
     if not 0 < range_max_m < np.inf:
@@ -119,7 +120,7 @@ def _settled_figures(
     }
 
 
-class Found(NamedTuple):
+class MovingVehicle(NamedTuple):
     """A vehicle in the ego frame at the stamp that is answered; features are what is scored."""
 
     centre: tuple[float, float, float]
@@ -129,31 +130,36 @@ class Found(NamedTuple):
     features: np.ndarray
 
 
-def _found(chains: Sequence[Chain], shot: Shot, fit: str) -> list[Found]:
-    """Return the vehicles of those chains that were seen in a shot and move."""
-    stamp_s, rings = shot.scan.stamp_s, shot.scan.ring
+def _moving_vehicles(
+    chains: Sequence[Chain], answered: AnsweredScan, fit: str
+) -> list[MovingVehicle]:
+    """Return the vehicles of those chains that move and have a sighting in a scan."""
+    stamp_s, rings = answered.scan.stamp_s, answered.scan.ring
     places = ((c, k) for c in chains for k, s in enumerate(c.sightings) if s.stamp_s == stamp_s)
     moving = [(chain, at) for chain, at in places if chain.moves]
     usuals = usual([chain for chain, _ in moving])
-    poses = _poses(moving, shot, fit, usuals)
+    poses = _poses(moving, answered, fit, usuals)
     # As numbers: for one place at a time they are faster than an array.
-    ego_from_drive = inverse_of(shot.drive_from_ego).tolist()
-    found = []
+    ego_from_drive = inverse_of(answered.drive_from_ego).tolist()
+    vehicles = []
     for (chain, at), pose, (body, size) in zip(moving, poses, usuals, strict=True):
-        seen = chain.sightings[at]
-        values = features(chain, seen, rings[seen.candidate.rows], pose)
-        found.append(_in_ego(pose, (body.category, size[2]), values, ego_from_drive))
-    return found
+        sighting = chain.sightings[at]
+        values = features(chain, sighting, rings[sighting.candidate.rows], pose)
+        vehicles.append(_in_ego(pose, (body.category, size[2]), values, ego_from_drive))
+    return vehicles
 
 
 def _poses(
-    moving: Sequence[tuple[Chain, int]], shot: Shot, fit: str, usuals: Sequence[tuple[Body, Size]]
+    moving: Sequence[tuple[Chain, int]],
+    answered: AnsweredScan,
+    fit: str,
+    usuals: Sequence[tuple[Body, Size]],
 ) -> list[VehiclePose]:
     """Return a pose of each chain at one of its sightings, the drive's frame."""
     if fit == "multi":
         return pair_poses(moving, [size[:2] for _, size in usuals], MOST_POINTS)
     if fit == "body":
-        fitted = body_poses(moving, shot, [body for body, _ in usuals])
+        fitted = body_poses(moving, answered, [body for body, _ in usuals])
     else:
         fitted = [None] * len(moving)
     return [
@@ -167,12 +173,12 @@ def _in_ego(
     kind: tuple[Category, float],
     values: np.ndarray,
     ego_from_drive: list[list[float]],
-) -> Found:
+) -> MovingVehicle:
     """Bring a pose of the drive's frame into the ego frame; ego_from_drive: (4, 4)."""
     (a, b, _, ahead), (c, d, _, left), *_ = ego_from_drive
     category, height_m = kind
     x, y = pose.x * a + pose.y * b + ahead, pose.x * c + pose.y * d + left
-    return Found(
+    return MovingVehicle(
         (x, y, height_m / 2),
         pose.yaw + math.atan2(c, a),
         (pose.length, pose.width, height_m),
@@ -191,15 +197,15 @@ def _posed(chain: Chain, at: int, fit: str, size: tuple[float, float, float]) ->
     return fit_single(points, origin, length_m=length_m, width_m=width_m)
 
 
-def detections(found: Sequence[Found], scores: np.ndarray, stamp_s: float) -> Detections:
+def detections(vehicles: Sequence[MovingVehicle], scores: np.ndarray, stamp_s: float) -> Detections:
     """Return vehicles with scores as detections in the ego frame."""
-    if not found:
+    if not vehicles:
         return Detections.empty(stamp_s)
     return Detections(
-        centres=np.array([f.centre for f in found]),
-        sizes=np.array([f.size for f in found]),
-        yaws=np.array([f.yaw for f in found]),
-        categories=np.array([f.category for f in found], np.int8),
+        centres=np.array([v.centre for v in vehicles]),
+        sizes=np.array([v.size for v in vehicles]),
+        yaws=np.array([v.yaw for v in vehicles]),
+        categories=np.array([v.category for v in vehicles], np.int8),
         scores=scores,
         frame="ego",
         stamp_s=stamp_s,

@@ -1,17 +1,12 @@
-"""The matched filter of three frames inside a detector: all vehicles of a scan in one call."""
+"""The matched filter of three frames inside a detector."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 
-import numpy as np
-
-from roadscope.core.jit import compiled
 from roadscope.detectors.moving.links import Chain
 from roadscope.detectors.pose.estimate import VehiclePose
-from roadscope.detectors.pose.matched_filter import settled_reading
-from roadscope.detectors.pose.pair_kernels import Filter
-from roadscope.detectors.pose.rotating_pair import Frames, Plan, best_pair
+from roadscope.detectors.pose.matched_filter import fit_multi
 
 FRAMES = 3
 BIN_M, STEP_DEG = 0.04, 2.0
@@ -27,68 +22,19 @@ def pair_poses(
     moving: chains, and which sighting of each is answered. sizes: length and width of each, metres.
     most: returns of a sighting that are looked at, evenly chosen.
     """
-    firsts = [max(0, min(at - 1, len(chain.sightings) - FRAMES)) for chain, at in moving]
-    windows = [
-        chain.sightings[first : first + FRAMES]
-        for (chain, _), first in zip(moving, firsts, strict=True)
-    ]
-    seen = [s for window in windows for s in window]
-    if not seen:
-        return []
-    settings, plan = settled_reading(*map(float, sizes[0]), bin_m=BIN_M, step_deg=STEP_DEG)
-    found = best_pairs(
-        (np.concatenate([s.points for s in seen]),
-         np.concatenate([s.candidate.times_s for s in seen])),
-        np.cumsum([0, *(len(s.points) for s in seen)]),
-        np.cumsum([0, *map(len, windows)]),
-        (np.array([s.origin for s in seen]), np.array([s.stamp_s for s in seen])),
-        (np.array([chain.velocity for chain, _ in moving]), np.array(sizes, np.float64),
-         np.array([at - first for (_, at), first in zip(moving, firsts, strict=True)])),
-        (settings, plan, most),
-    )  # fmt: skip
-    return [
-        VehiclePose(x, y, yaw, length, width, score=score)
-        for (x, y, yaw, score), (length, width) in zip(found.tolist(), sizes, strict=True)
-    ]
+    return [_pose(chain, at, size, most) for (chain, at), size in zip(moving, sizes, strict=True)]
 
 
-@compiled()
-def best_pairs(
-    returns: tuple[np.ndarray, np.ndarray],
-    starts: np.ndarray,
-    windows: np.ndarray,
-    views: tuple[np.ndarray, np.ndarray],
-    vehicles: tuple[np.ndarray, np.ndarray, np.ndarray],
-    rules: tuple[Filter, Plan, int],
-) -> np.ndarray:
-    """Return what `best_pair` does of V vehicles, (V, 4).
-
-    returns: (N, 3) places, metres, and (N,) seconds after the stamp, of W sightings one after the
-    other; starts: (W + 1,) where each begins, windows: (V + 1,) where each vehicle's begin. views:
-    of each sighting, (W, 2) the sensor and (W,) the stamp. vehicles: (V, 2) velocities, m/s, (V, 2)
-    length and width, metres, and (V,) which sighting is answered. rules: filter, but for its sizes,
-    and plan; returns of a sighting that are looked at.
-    """
-    (points, times_s), (origins, stamps_s) = returns, views
-    (velocities, sizes, answered), (usual, plan, most) = vehicles, rules
-    found = np.empty((len(answered), 4))
-    for v in range(len(answered)):
-        first, end = windows[v], windows[v + 1]
-        places = np.empty((starts[end] - starts[first], 2))
-        begins, count = np.zeros(end - first + 1, np.int64), 0
-        for w in range(first, end):
-            step = -(-(starts[w + 1] - starts[w]) // most)
-            for i in range(starts[w], starts[w + 1], step):
-                for k in range(2):
-                    places[count, k] = points[i, k] - times_s[i] * velocities[v, k]
-                count += 1
-            begins[w - first + 1] = count
-        frames = Frames(
-            places[:count], begins, origins[first:end], stamps_s[first:end], answered[v]
-        )
-        settings = Filter(
-            usual.bin_m, usual.sigma_m, usual.alpha, sizes[v, 0], sizes[v, 1], usual.power,
-            usual.tie,
-        )  # fmt: skip
-        found[v] = best_pair(frames, settings, plan)
-    return found
+def _pose(chain: Chain, at: int, size: tuple[float, float], most: int) -> VehiclePose:
+    first = max(0, min(at - 1, len(chain.sightings) - FRAMES))
+    window = chain.sightings[first : first + FRAMES]
+    return fit_multi(
+        [sighting.at_stamp(chain.velocity, most=most) for sighting in window],
+        [sighting.origin for sighting in window],
+        [sighting.stamp_s for sighting in window],
+        length_m=size[0],
+        width_m=size[1],
+        at=at - first,
+        bin_m=BIN_M,
+        step_deg=STEP_DEG,
+    )

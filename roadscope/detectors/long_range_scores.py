@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from functools import cache
+from typing import NamedTuple
 
 import numpy as np
 
@@ -13,66 +14,92 @@ from roadscope.detectors.pose.estimate import VehiclePose
 from roadscope.detectors.scoring import ScoreModel
 
 FEATURES = (
-    "log_returns", "levels", "log_evidence", "sightings", "speed_m_s", "unsteady_m", "range_m",
-    "top_m", "bottom_m", "long_m", "wide_m", "outside", "askew_deg", "length_m",
-)  # fmt: skip
+    "log_returns",
+    "levels",
+    "log_evidence",
+    "sightings",
+    "speed_m_s",
+    "unsteady_m",
+    "range_m",
+    "top_m",
+    "bottom_m",
+    "long_m",
+    "wide_m",
+    "outside",
+    "askew_deg",
+    "length_m",
+)
 """Names of the columns of `features`."""
 MANY = 10
 """Sightings beyond which more say nothing new."""
 MARGIN_M = 0.25
 
 
-def features(chain: Chain, seen: Sighting, ring: np.ndarray, pose: VehiclePose) -> np.ndarray:
+def features(chain: Chain, sighting: Sighting, ring: np.ndarray, pose: VehiclePose) -> np.ndarray:
     """Return (F,) `FEATURES` of a vehicle that is followed and its pose in the drive's frame.
 
-    seen: the sighting that the pose is of. ring: (N,) beams of its returns. How far marks lie
+    sighting: what the pose was fitted to. ring: (N,) beams of its returns. How far marks lie
     from a straight line, how long and wide the returns reach along the pose, which share of them
-    lies outside its rectangle and how far it is turned from the way; logarithms are natural.
+    lies outside its rectangle and how far it is turned from the course; logarithms are natural.
     """
-    way_x, way_y = chain.velocity.tolist()
-    speed, (x, y) = math.hypot(way_x, way_y), seen.origin.tolist()
-    levels, top, bottom, along, across, outside = _about(
-        seen.points, seen.candidate.times_s, ring, chain.velocity,
-        (pose.x, pose.y, pose.yaw, pose.length, pose.width),
-    )  # fmt: skip
+    speed_x, speed_y = chain.velocity.tolist()
+    speed, (x, y) = math.hypot(speed_x, speed_y), sighting.origin.tolist()
+    box = Box(pose.x, pose.y, pose.yaw, pose.length, pose.width)
+    extent = extent_in(box, sighting.points, sighting.candidate.times_s, ring, chain.velocity)
     cos, sin = math.cos(pose.yaw), math.sin(pose.yaw)
-    along_way = abs(cos * way_x + sin * way_y)
+    along = abs(cos * speed_x + sin * speed_y)
     return np.array(
         [
-            math.log(len(seen.points)),
-            levels,
-            math.log1p(max(seen.candidate.evidence, 0.0)),
+            math.log(len(sighting.points)),
+            extent.beams,
+            math.log1p(max(sighting.candidate.evidence, 0.0)),
             min(chain.count, MANY),
             speed,
             unsteadiness(chain),
             math.hypot(pose.x - x, pose.y - y),
-            top,
-            bottom,
-            along,
-            across,
-            outside,
-            math.degrees(math.acos(min(along_way / speed, 1.0))) if speed > 0 else 45.0,
+            extent.top,
+            extent.bottom,
+            extent.along,
+            extent.across,
+            extent.outside,
+            math.degrees(math.acos(min(along / speed, 1.0))) if speed > 0 else 45.0,
             pose.length,
         ]
     )
 
 
-@compiled()
-def _about(
-    points: np.ndarray,
-    times_s: np.ndarray,
-    ring: np.ndarray,
-    velocity: np.ndarray,
-    box: tuple[float, float, float, float, float],
-) -> tuple[float, float, float, float, float, float]:
-    """Return beams, highest and lowest z, reach along and across a box, and share outside it.
+class Box(NamedTuple):
+    """A rectangle in the drive's frame, metres and radians."""
 
-    Points (N, 3) are carried back by their times (N,) with a (2,) velocity. box: x, y, yaw,
-    length, width.
+    x: float
+    y: float
+    yaw: float
+    length: float
+    width: float
+
+
+class Extent(NamedTuple):
+    """How far returns reach, metres: highest and lowest z, along and across a box.
+
+    beams: how many have a return. outside: share of the returns outside the box.
     """
+
+    beams: int
+    top: float
+    bottom: float
+    along: float
+    across: float
+    outside: float
+
+
+@compiled()
+def extent_in(
+    box: Box, points: np.ndarray, times_s: np.ndarray, ring: np.ndarray, velocity: np.ndarray
+) -> Extent:
+    """Return how far points (N, 3) reach, carried back by their times (N,) with a velocity (2,)."""
     x, y, yaw, length, width = box
     cos, sin = np.cos(yaw), np.sin(yaw)
-    met, outside = np.zeros(ring.max() + 1, np.bool_), 0
+    has_beam, outside = np.zeros(ring.max() + 1, np.bool_), 0
     rear, front, right, left = np.inf, -np.inf, np.inf, -np.inf
     for i in range(len(points)):
         dx = points[i, 0] - times_s[i] * velocity[0] - x
@@ -80,9 +107,10 @@ def _about(
         u, v = cos * dx + sin * dy, cos * dy - sin * dx
         rear, front, right, left = min(rear, u), max(front, u), min(right, v), max(left, v)
         outside += abs(u) > 0.5 * length + MARGIN_M or abs(v) > 0.5 * width + MARGIN_M
-        met[ring[i]] = True
+        has_beam[ring[i]] = True
     high, low = points[:, 2].max(), points[:, 2].min()
-    return met.sum(), high, low, front - rear, left - right, outside / len(points)
+    share = outside / len(points)
+    return Extent(has_beam.sum(), high, low, front - rear, left - right, share)
 
 
 def unsteadiness(chain: Chain) -> float:

@@ -1,94 +1,87 @@
-"""A body's rays are found about it as in all of the scan; the way of sensor and body is right."""
+"""The most likely pose of a vehicle in one scan, its course known or not."""
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 from toy_lidar import CALIBRATION, scan
 
 from roadscope.core import Pose
-from roadscope.detectors.long_range_body import BUDGET, HEADING_RAD, MARK_M, VAGUE_RAD, Shot
+from roadscope.detectors.long_range_body import (
+    HEADING_RAD,
+    AnsweredScan,
+    KnownCourse,
+    course_of,
+    likely_pose,
+)
 from roadscope.detectors.moving.lidar import lidar_of
+from roadscope.detectors.moving.links import Chain
 from roadscope.detectors.moving.view import View
-from roadscope.detectors.pose.body_glance import ways
-from roadscope.detectors.pose.body_rays import sight
-from roadscope.detectors.pose.body_sight_kernels import Motion, rays_about, returns_about
+from roadscope.detectors.pose import BodyModel
+from roadscope.detectors.pose.body_rays import body_scan
 
 FIGURES = {"range_noise_m": 0.02, "range_max_m": 100.0, "detection_limit": 0.4}
 CAR = (4.6, 1.85, 1.5)
+BRICK = BodyModel((4.6, 0.1), (1.85, 0.05), (0.0, 0.1))
+
+
+def seen_car(x, y, yaw, first_deg=-180.0):
+    """Return what a scan says of a car, the sensor's place being the calibration's."""
+    azimuths = np.radians(first_deg + np.arange(0.0, 360.0, 0.25))
+    sweep = scan(
+        [(x, y, *CAR, yaw)], noise_m=0.02, elevations=np.arange(-8.0, 1.4, 0.66), azimuths=azimuths
+    )
+    mount = CALIBRATION.pose(sweep.sensor)
+    places = mount.apply(sweep.points)
+    own = (np.hypot(*(places[:, :2] - [x, y]).T) < 2.7) & (places[:, 2] > 0.2)
+    spec = lidar_of(sweep, **FIGURES)
+    assert spec is not None
+    return body_scan(spec, sweep, own, mount)
 
 
 @pytest.mark.parametrize("first_deg", [-180.0, 0.0, 30.0])
-@given(y=st.integers(-80, 80), yaw=st.integers(-300, 300), seed=st.integers(0, 2**32 - 1))
-@settings(max_examples=8, deadline=None)
-def test_the_columns_about_a_body_tell_all(first_deg, y, yaw, seed) -> None:
-    """Also of a body at the seam of the sweep."""
-    azimuths = np.radians(first_deg + np.arange(0.0, 360.0, 0.5))
-    boxes = [(15.0, y / 10, *CAR, yaw / 100), (20, -12, 30, 0.4, 3.0, 0.0)]
-    beams = np.arange(-8.0, 1.4, 1.33)
-    seen = scan(boxes, noise_m=0.02, seed=seed, elevations=beams, azimuths=azimuths)
-    mount = CALIBRATION.pose(seen.sensor)
-    places = mount.apply(seen.points)
-    own = (np.hypot(*(places[:, :2] - [15.0, y / 10]).T) < 2.6) & (places[:, 2] > 0.2)
-    spec = lidar_of(seen, **FIGURES)
-    assert own.any()
-    assert spec is not None
-    shot = Shot.of(seen, View.of(seen, mount, np.zeros(3)), Pose.identity(), mount, spec)
-    ordered = shot.order, shot.columns
-    part, _ = returns_about(shot.returns, ordered, np.flatnonzero(own), spec.columns)
-    assert len(part.ring) < len(seen) / 2
-    (matrix,), velocity = shot.moves([0.0])
-    lidar = shot.beams, Motion(matrix, velocity, 0.0, 1.0)
-    few, _ = rays_about(shot.returns, ordered, np.flatnonzero(own), lidar, BUDGET)
-    whole = sight(spec, seen, own, mount, budget=BUDGET)
-    for one, other in zip(few, whole.rays, strict=True):
-        assert np.array_equal(one, other)
+@pytest.mark.parametrize(("x", "y", "yaw"), [(15.0, 2.0, 0.4), (12.0, -5.0, 1.9), (18.0, 0.0, 0.0)])
+def test_a_car_is_found_also_at_the_seam_of_the_sweep(x, y, yaw, first_deg):
+    pose = likely_pose(seen_car(x, y, yaw, first_deg), BRICK, KnownCourse(0.0, yaw, HEADING_RAD))
+    assert np.hypot(pose.x - x, pose.y - y) < 0.12
+    assert abs((pose.yaw - yaw + np.pi) % (2 * np.pi) - np.pi) < np.radians(2.5)
 
 
-def slow_motion(drive, mount, twist, time_s):
-    """Return matrix and velocity as matrix products say them."""
-    x_s, y_s, turn_s = twist
-    turned = drive @ Pose.planar(0.0, 0.0, turn_s * time_s).matrix @ mount
-    turned[:3, 3] = (drive @ mount)[:3, 3]
-    x, y = mount[:2, 3]
-    return turned, drive[:2, :2] @ [x_s - turn_s * y, y_s + turn_s * x]
+def test_the_course_decides_which_way_round_a_car_is():
+    seen = seen_car(15.0, 2.0, 0.4)
+    ahead, back = (
+        likely_pose(seen, BRICK, KnownCourse(0.0, heading, HEADING_RAD))
+        for heading in (0.4, 0.4 - np.pi)
+    )
+    assert np.cos(ahead.yaw - 0.4) > 0.99
+    assert np.cos(back.yaw - 0.4) < -0.99
 
 
-@pytest.mark.parametrize("seed", range(20))
-def test_the_sensor_goes_as_matrices_say(seed) -> None:
+@pytest.mark.parametrize("seed", range(5))
+def test_the_sensor_moves_as_matrices_say(seed):
     rng = np.random.default_rng(seed)
     drive, mount = (
-        Pose.from_euler(*rng.uniform(-50, 50, 3), yaw=yaw, pitch=0.1, roll=-0.2).matrix
+        Pose.from_euler(*rng.uniform(-50, 50, 3), yaw=yaw, pitch=0.0, roll=0.0)
         for yaw in rng.uniform(-3, 3, 2)
     )
-    twist, times_s = rng.uniform(-1, 1, 3) * [30.0, 2.0, 0.6], rng.uniform(-0.1, 0.1, 4)
-    seen = scan([(15.0, 0.0, *CAR, 0.0)])
-    view = View.of(seen, Pose(mount), twist)
-    found, velocity = Shot.of(seen, view, Pose(drive), Pose(mount), None).moves(times_s)
-    for matrix, time_s in zip(found, times_s, strict=True):
-        expected, speed = slow_motion(drive, mount, twist, time_s)
-        assert matrix == pytest.approx(expected, abs=1e-12)
-        assert velocity == pytest.approx(speed, abs=1e-12)
+    x_s, y_s, turn_s = twist = rng.uniform(-1, 1, 3) * [30.0, 2.0, 0.6]
+    sweep = scan([(15.0, 0.0, *CAR, 0.0)])
+    answered = AnsweredScan(sweep, View.of(sweep, mount, twist), drive, mount, None)
+    after = drive.matrix @ Pose.planar(x_s * 1e-6, y_s * 1e-6, turn_s * 1e-6).matrix @ mount.matrix
+    before = drive.matrix @ mount.matrix
+    expected = (after - before)[:2, 3] / 1e-6
+    assert answered.sensor_velocity == pytest.approx(expected, abs=1e-3)
 
 
-def slow_way(times_s, velocity):
-    spread, speed = np.sqrt(((times_s - times_s.mean()) ** 2).sum()), np.hypot(*velocity)
-    if spread > 0 and speed > 0:
-        sd = np.hypot(HEADING_RAD, MARK_M / spread / speed)
-        if sd < VAGUE_RAD:
-            return speed, np.arctan2(velocity[1], velocity[0]), sd
-    return 0.0, 0.0, np.inf
+def chain_of(times_s, velocity):
+    chain = Chain()
+    chain.times, chain.velocity = list(times_s), np.array(velocity)
+    return chain
 
 
-def test_what_stands_or_was_met_once_has_no_way() -> None:
-    rng = np.random.default_rng(0)
-    counts = [1, 2, 3, 4, 4, 4, 2]
-    velocities = rng.uniform(-20, 20, (len(counts), 2))
-    velocities[3:6] = [0.0, 0.0], [0.05, 0.0], [3.0, -4.0]
-    times_s = [1.0 + 0.1 * np.arange(count) for count in counts]
-    starts = np.cumsum([0, *counts])
-    going = np.column_stack([np.hypot(*velocities.T), np.arctan2(*velocities.T[::-1])])
-    found = ways(np.concatenate(times_s), starts, going, (HEADING_RAD, MARK_M, VAGUE_RAD))
-    for row, times, velocity in zip(found, times_s, velocities, strict=True):
-        assert row == pytest.approx(slow_way(times, velocity), rel=1e-12)
-    assert np.isinf(found[:, 2]).tolist() == [k in (0, 3, 4) for k in range(len(counts))]
+def test_what_stands_or_was_seen_once_has_no_course():
+    assert course_of(chain_of([1.0], [20.0, 0.0])).sd == np.inf
+    assert course_of(chain_of([1.0, 1.1, 1.2], [0.0, 0.0])).sd == np.inf
+    assert course_of(chain_of([1.0, 1.1], [0.05, 0.0])).sd == np.inf
+    course = course_of(chain_of([1.0, 1.1, 1.2, 1.3], [3.0, -4.0]))
+    assert course.speed == pytest.approx(5.0)
+    assert course.heading == pytest.approx(np.arctan2(-4.0, 3.0))
+    assert HEADING_RAD < course.sd < np.radians(30.0)

@@ -24,7 +24,7 @@ from research.ray_likelihood import (
 )
 from roadscope.benchmarks.papers.zhang2017_methods import ford_fusion
 from roadscope.benchmarks.papers.zhang2017_scene import sense_drive
-from roadscope.detectors.pose.body_kernels import RADIUS
+from roadscope.detectors.pose.body_model import RADIUS, VALUES, part_of
 from roadscope.envs.raycast.cast import Columns, cast
 from roadscope.envs.raycast.scene import Scene
 from roadscope.envs.world.ford_saloon import with_corners
@@ -113,7 +113,9 @@ def test_the_likelihood_is_that_of_the_ray_caster(name, radius_m):
 
 def test_radii_are_spread_as_our_fit_supposes():
     rng = np.random.default_rng(1)
-    fitted = ford_fusion().parts(rng.normal(size=(20_000, 5)))[:, 0, RADIUS]
+    states = np.zeros((20_000, VALUES))
+    states[:, RADIUS] = rng.normal(size=20_000)
+    fitted = np.array([part_of(ford_fusion().shape, 0, state).radius for state in states])
     rows = unknown_corners().rows_of(rng.normal(size=(20_000, 1)))
     shares = np.linspace(0.05, 0.95, 10)
     least, most = ford_fusion().radius_m

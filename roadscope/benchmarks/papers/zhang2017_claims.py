@@ -74,8 +74,9 @@ MOST_FRAMES = max(OURS, key=lambda name: OURS[name])
 BEATEN, FALLING, CONSISTENT = "beats paper", "more is better", "NEES"
 OF_EACH_DRIVE = (BEATEN, FALLING, CONSISTENT)
 """What is asked of ours on each drive."""
-LIMITS_MS = {SINGLE: 1.0, MULTI: 5.0, **dict.fromkeys(OURS, 15.0)}
-"""Limits of the mean time of a frame; chosen by hand."""
+LIMITS_MS = {SINGLE: 5.0, MULTI: 15.0, **dict.fromkeys(OURS, 40.0)}
+"""Limits of the mean processor time of a frame. 40 ms is a third of what the paper's own multi
+frame takes; those of the paper's methods are twice what was measured."""
 NONE_TURNED = "{}: none turned by 90 deg"
 CONFIDENCE = 0.95
 POSE_UNKNOWNS = 3

@@ -18,12 +18,11 @@ from typing import Any
 import numpy as np
 
 from roadscope.benchmarks.papers.zhang2017_scene import FRAME_S, DriveSweep, SensedDrive
-from roadscope.detectors.pose.body_fit import AS_DRAWN, CHANCES, BodyFit
-from roadscope.detectors.pose.body_kernels import Chances
-from roadscope.detectors.pose.body_model import BodyModel, Storey, saloon
+from roadscope.detectors.pose.body_fit import BodyFit
+from roadscope.detectors.pose.body_likelihood import EXACTLY_DRAWN, ROUGHLY_DRAWN, Tolerance
+from roadscope.detectors.pose.body_model import BodyModel, BodySection, saloon
 from roadscope.detectors.pose.estimate import VehiclePose, axis_difference
-from roadscope.detectors.pose.matched_filter import fit_single
-from roadscope.detectors.pose.multi_frame import fit_multi
+from roadscope.detectors.pose.matched_filter import fit_multi, fit_single
 from roadscope.detectors.pose.ransac import fit_ransac
 from roadscope.detectors.pose.smoother import Smoother
 from roadscope.envs.world.ford_saloon import (
@@ -129,7 +128,7 @@ def ford_fusion(least_radius_m: float = 0.0, most_radius_m: float = 0.4) -> Body
         (WIDTH_M, 0.0),
         (least_radius_m, most_radius_m),
         tuple(
-            Storey(slab.bottom_m, slab.top_m, slab.from_tail_m, slab.from_nose_m, slab.breadth)
+            BodySection(slab.bottom_m, slab.top_m, slab.from_tail_m, slab.from_nose_m, slab.breadth)
             for slab in SLABS
         ),
         (rear / LENGTH_M, front / LENGTH_M),
@@ -171,7 +170,7 @@ VELOCITY_STEPS = 5
 
 
 def _ours_single(run: SensedDrive) -> Iterator[Poses]:
-    fit = BodyFit(run.spec, any_corners(run.body), AS_DRAWN)
+    fit = BodyFit(run.spec, any_corners(run.body), EXACTLY_DRAWN)
     rolling = run.drive.rolling
     for k, sweep in enumerate(run.sweeps):
         yield [
@@ -216,13 +215,13 @@ def _sensor_velocity(sweeps: tuple[DriveSweep, ...], k: int) -> np.ndarray:
 
 
 def _smoothed(
-    frames: int, model: Callable[[str], BodyModel], chances: Chances = AS_DRAWN
+    frames: int, model: Callable[[str], BodyModel], tolerance: Tolerance = EXACTLY_DRAWN
 ) -> Method:
     """Return the method that joins so many frames; its answer is for the middle one."""
 
     def run_smoother(run: SensedDrive) -> Iterator[Poses]:
         lag = frames // 2
-        smoother = Smoother(run.spec, model(run.body), frames=frames, lag=lag, chances=chances)
+        smoother = Smoother(run.spec, model(run.body), frames=frames, lag=lag, tolerance=tolerance)
         for k, sweep in enumerate(run.sweeps):
             pose = smoother.update(
                 sweep.scan, sweep.target, sweep.world_from_lidar, rolling=run.drive.rolling
@@ -245,8 +244,8 @@ METHODS: Mapping[str, Method] = MappingProxyType(
         "ours, 3 frames": _smoothed(3, any_corners),
         "ours, 7 frames": _smoothed(7, any_corners),
         "known radius, 7": _smoothed(7, known_radius),
-        "any saloon, 7": _smoothed(7, any_saloon, CHANCES),
-        "sized saloon, 7": _smoothed(7, sized_saloon, CHANCES),
+        "any saloon, 7": _smoothed(7, any_saloon, ROUGHLY_DRAWN),
+        "sized saloon, 7": _smoothed(7, sized_saloon, ROUGHLY_DRAWN),
     }
 )
 """By name; those of the paper first."""

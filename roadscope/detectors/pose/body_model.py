@@ -1,50 +1,46 @@
-"""What is known of a vehicle's body before it is seen."""
+"""What is known of a vehicle's body before it is measured, and its outline seen from above."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from functools import cache
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
 
+from roadscope.core.checks import require
 from roadscope.core.jit import compiled
-from roadscope.detectors.pose.body_kernels import (
-    AFT,
-    AFT_REACH,
-    AFT_X,
-    AFT_Y,
-    BOTTOM,
-    COLUMNS,
-    FORE,
-    FORE_REACH,
-    FORE_X,
-    FORE_Y,
-    FRONT,
-    HALF,
-    HIT,
-    MOST_PARTS,
-    NOSE,
-    RADIUS,
-    REAR,
-    TAIL,
-    TOP,
-    Rays,
-)
-from roadscope.detectors.pose.body_lanes import Drawn
 
-UNKNOWNS = 5
-"""Length, width, corner radius, set-backs of the nose and of the tail."""
+MOST_SECTIONS = 8
+CORNER_X = tuple(math.cos(math.radians(angle)) for angle in (0.0, 30.0, 60.0, 90.0))
+"""A rounded corner is cut into three facets, as in the mesh of a simulated car: x of its points at
+a radius of 1; y is the same from the other end."""
+OUTLINE_POINTS = 20
+"""Of a part: four corners of four points, and four points where the flanks begin to narrow."""
+LEAST_SHARE = 0.3
+"""No body is shorter or narrower than this share of its mean size."""
 GLASS = 6.0
 """By how much less a window sends back than light paint: two surfaces of refractive index 1.5
 reflect 4 % each (Fresnel), light paint half of the light."""
 
 
-class Storey(NamedTuple):
-    """One storey of a body: heights above the road and set-backs from the ends, metres.
+STATE = (
+    *("x", "y", "yaw", "speed", "turn_rate", "acceleration"),
+    *("length", "width", "radius", "nose", "tail"),
+)
+"""The values of a body in motion. At a reference time, world frame: x, y of the centre, yaw, speed
+and acceleration along the heading, turn rate; metres, radians, seconds. Then standard normal
+unknowns of its shape: length, width, corner radius, set-backs of nose and tail."""
+X, Y, YAW, SPEED, TURN_RATE, ACCELERATION, LENGTH, WIDTH, RADIUS, NOSE, TAIL = range(len(STATE))
+VALUES, MOTION = len(STATE), LENGTH
+"""How many values there are, and how many of them describe the motion."""
 
-    nose_sd_m, tail_sd_m: how well the set-backs are known. breadth: share of the width.
+
+class BodySection(NamedTuple):
+    """A horizontal section of a body: heights above the road and set-backs from the ends, metres.
+
+    nose_sd_m, tail_sd_m: how well the set-backs are known. breadth: share of the body's width.
     """
 
     bottom_m: float
@@ -56,24 +52,55 @@ class Storey(NamedTuple):
     nose_sd_m: float = 0.0
 
 
-@dataclass(frozen=True, slots=True)
+class BodyPart(NamedTuple):
+    """One section of a certain body, metres, body frame: x ahead of the centre, y left.
+
+    rear, front: x of the ends. half, tail_half, nose_half: half the width between the axles, at
+    the rear end and at the front end. aft, fore: x from which the flanks narrow. radius: of the
+    four corners. bottom, top: heights above the road.
+    """
+
+    rear: float
+    front: float
+    half: float
+    tail_half: float
+    nose_half: float
+    aft: float
+    fore: float
+    radius: float
+    bottom: float
+    top: float
+
+
+class BodyShape(NamedTuple):
+    """A body model as arrays; fields and order as in `BodyModel`, sections (P, 7)."""
+
+    length_m: np.ndarray
+    width_m: np.ndarray
+    radius_m: np.ndarray
+    axles: np.ndarray
+    narrowing: np.ndarray
+    sections: np.ndarray
+
+
+@dataclass(frozen=True)
 class BodyModel:
-    """A stack of storeys with rounded corners, symmetric about its long axis.
+    """A stack of sections with rounded corners, symmetric about its long axis.
 
     length_m, width_m: mean and standard deviation. radius_m: least and greatest corner radius,
-    small ones as likely as middling ones and the greatest half as likely; it is cut to what the
-    narrowest storey has room for.
+    small ones as likely as middling ones and the greatest half as likely; it is cut to half of
+    the narrowest end.
     axles: rear and front axle as shares of the length from the centre; narrowing: width at the
     tail and at the nose as shares of the width between the axles. drawn_m: standard deviation,
-    along and across, of where what is seen lies on the body; one for all returns, so that no
-    number of them makes the pose surer than that.
+    along and across, of where the visible surface lies on the body; one for all returns, so that
+    no number of them makes the pose surer than that.
     glass_m: heights from and up to which the body is of glass, metres above the road.
     """
 
     length_m: tuple[float, float]
     width_m: tuple[float, float]
     radius_m: tuple[float, float] = (0.0, 0.4)
-    storeys: tuple[Storey, ...] = (Storey(0.15, 1.5),)
+    sections: tuple[BodySection, ...] = (BodySection(0.15, 1.5),)
     axles: tuple[float, float] = (-0.28, 0.3)
     narrowing: tuple[float, float] = (1.0, 1.0)
     drawn_m: float = 0.0
@@ -81,131 +108,119 @@ class BodyModel:
 
     def __post_init__(self) -> None:
         for name in ("length_m", "width_m"):
-            told = getattr(self, name)
-            pair = np.shape(told) == (2,)
-            if not (pair and 0 < told[0] < np.inf and 0 <= told[1] < told[0] / 2):
-                raise ValueError(
-                    f"{name} must be (mean, standard deviation) in metres, the mean positive and "
-                    f"more than twice the deviation, got {told}"
-                )
-        least, most = self.radius_m
-        if not 0 <= least <= most < self.width_m[0] / 2:
-            raise ValueError(
-                f"radius_m must be (least, greatest) from 0 to half the width, got {self.radius_m}"
-            )
-        if not 0 <= self.drawn_m < np.inf:
-            raise ValueError(f"drawn_m must be zero or more metres, got {self.drawn_m}")
-        if self.glass_m is not None and not 0 <= self.glass_m[0] < self.glass_m[1]:
-            raise ValueError(f"glass_m must be (from, up to) in metres, got {self.glass_m}")
-        if not 1 <= len(self.storeys) <= MOST_PARTS:
-            raise ValueError(f"a body has 1 to {MOST_PARTS} storeys, got {len(self.storeys)}")
+            size = getattr(self, name)
+            is_size = np.shape(size) == (2,) and 0 < size[0] < np.inf and 0 <= size[1] < size[0] / 2
+            expected = "(mean, standard deviation) in metres, the mean above twice the deviation"
+            require(is_size, self, name, expected, size)
+        fits = 0 <= self.radius_m[0] <= self.radius_m[1] < self.width_m[0] / 2
+        expected = "(least, greatest) from 0 to half the width"
+        require(fits, self, "radius_m", expected, self.radius_m)
+        require(0 <= self.drawn_m < np.inf, self, "drawn_m", "zero or more metres", self.drawn_m)
+        low, high = self.glass_m or (0.0, 1.0)
+        require(0 <= low < high, self, "glass_m", "(from, up to) in metres", self.glass_m)
+        count, expected = len(self.sections), f"1 to {MOST_SECTIONS} sections"
+        require(1 <= count <= MOST_SECTIONS, self, "sections", expected, count)
 
-    @property
+    @cached_property
+    def shape(self) -> BodyShape:
+        """The body as arrays."""
+        return BodyShape(*(np.array(getattr(self, name), np.float64) for name in BodyShape._fields))
+
+    @cached_property
     def uncertain(self) -> np.ndarray:
-        """Indices of those of the `UNKNOWNS` that are not known exactly."""
+        """Indices of those values of the shape in a state that are not known exactly."""
         spreads = (
             self.length_m[1],
             self.width_m[1],
             self.radius_m[1] - self.radius_m[0],
-            max(storey.nose_sd_m for storey in self.storeys),
-            max(storey.tail_sd_m for storey in self.storeys),
+            max(section.nose_sd_m for section in self.sections),
+            max(section.tail_sd_m for section in self.sections),
         )
-        return np.flatnonzero(np.array(spreads) > 0)
+        return MOTION + np.flatnonzero(np.array(spreads) > 0)
 
-    def sizes(self, unknowns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return lengths and widths (K,) in metres for (K, 5) standard normal unknowns."""
-        length = self.length_m[0] + self.length_m[1] * unknowns[:, 0]
-        width = self.width_m[0] + self.width_m[1] * unknowns[:, 1]
-        floor_length, floor_width = 0.3 * self.length_m[0], 0.3 * self.width_m[0]
-        return np.maximum(length, floor_length), np.maximum(width, floor_width)
+    def sizes(self, state: np.ndarray) -> tuple[float, float]:
+        """Return length and width in metres of a state (11,)."""
+        means, sds = np.transpose([self.length_m, self.width_m])
+        sizes = np.maximum(means + sds * state[[LENGTH, WIDTH]], LEAST_SHARE * means)
+        return float(sizes[0]), float(sizes[1])
 
-    def glazed(self, rays: Rays) -> Rays:
-        """Return the rays of one scan, those at the windows' height with what glass needs.
-
-        A window seen at a slant sends nothing back where paint still would; taken for paint, a
-        silent ray would tell for certain that the body does not reach there. Rays without a
-        return of the body have the height that they have at its mean distance.
-        """
-        hits = rays.kind == HIT
-        if self.glass_m is None or not hits.any():
-            return rays
-        reach = np.where(hits, rays.reach, rays.reach[hits].mean())
-        height = rays.origin[:, 2] + rays.slope * reach
-        low, high = self.glass_m
-        dark = (low < height) & (height < high)
-        return rays._replace(need=np.where(dark, GLASS * rays.need, rays.need))
-
-    def parts(self, unknowns: np.ndarray) -> np.ndarray:
-        """Return the parts (K, P, 16) as the likelihood wants them for (K, 5) unknowns."""
-        parts = np.empty((len(unknowns), len(self.storeys), COLUMNS))
-        shape = (*self.radius_m, *self.axles, *self.narrowing)
-        length, width = self.sizes(unknowns)
-        fill_parts(unknowns, np.stack([length, width]), np.array(self.storeys), shape, parts)
-        return parts
+    def parts(self, state: np.ndarray) -> list[BodyPart]:
+        """Return the sections of the body of a state (11,)."""
+        state = np.asarray(state, np.float64)
+        return [part_of(self.shape, p, state) for p in range(len(self.sections))]
 
 
 @compiled(borrowing=True)
-def fill_parts(
-    unknowns: np.ndarray,
-    sizes: np.ndarray,
-    storeys: np.ndarray,
-    shape: tuple[float, float, float, float, float, float],
-    parts: np.ndarray,
-) -> None:
-    """Fill parts (K, P, 16).
-
-    unknowns: (K, 5). sizes: (2, K) lengths and widths, metres. shape: least and greatest radius,
-    axles, narrowing.
-    """
-    for k in range(len(parts)):
-        length, width = sizes[0, k], sizes[1, k]
-        # Folded at the least radius, so that a sharp body is no wall that a search runs along.
-        share = min(0.5 * abs(1.0 + unknowns[k, 2]), 1.0)
-        radius = shape[0] + (shape[1] - shape[0]) * share
-        aft, fore = shape[2] * length, shape[3] * length
-        for p in range(len(storeys)):
-            bottom, top, tail, nose, breadth, tail_sd, nose_sd = storeys[p]
-            rear = tail + tail_sd * unknowns[k, 4] - 0.5 * length
-            front = max(0.5 * length - nose - nose_sd * unknowns[k, 3], rear + 0.3)
-            half = 0.5 * breadth * width
-            # How far an end lies beyond its axle, as a share of the body's overhang.
-            behind = min(max((aft - rear) / (0.5 * length + aft), 0.0), 1.0)
-            ahead = min(max((front - fore) / (0.5 * length - fore), 0.0), 1.0)
-            part = parts[k, p]
-            part[REAR], part[FRONT], part[HALF] = rear, front, half
-            part[TAIL] = half * (1.0 - (1.0 - shape[4]) * behind)
-            part[NOSE] = half * (1.0 - (1.0 - shape[5]) * ahead)
-            room = 0.499 * min(front - rear, 2.0 * min(part[TAIL], part[NOSE]))
-            curved = part[RADIUS] = min(radius, room)
-            part[BOTTOM], part[TOP] = bottom, top
-            # Flanks have narrowed to the ends' width where the corners begin.
-            part[AFT], part[FORE] = max(aft, rear + curved), min(fore, front - curved)
-            part[FORE_X], part[FORE_Y], part[FORE_REACH] = _flank(
-                half - part[NOSE], front - curved - part[FORE], part[FORE], half
-            )
-            part[AFT_X], part[AFT_Y], part[AFT_REACH] = _flank(
-                part[TAIL] - half, part[AFT] - (rear + curved), part[AFT], half
-            )
-
-
-@compiled(borrowing=True)
-def _flank(less: float, over: float, x: float, half: float) -> tuple[float, float, float]:
-    """Return normal and reach of a left flank that narrows by so much over a length from x on."""
-    length = math.sqrt(less * less + over * over)
-    if over <= 0.0:
-        return 0.0, 1.0, half
-    nx, ny = less / length, over / length
-    return nx, ny, nx * x + ny * half
-
-
-@cache
-def drawn(model: BodyModel) -> Drawn:
-    """Return a body as kernels draw it."""
-    return Drawn(
-        np.array([model.length_m, model.width_m]),
-        np.array(model.storeys),
-        (*model.radius_m, *model.axles, *model.narrowing),
+def part_of(shape: BodyShape, p: int, state: np.ndarray) -> BodyPart:
+    """Return one section of the body of a state (11,)."""
+    length = max(
+        shape.length_m[0] + shape.length_m[1] * state[LENGTH], LEAST_SHARE * shape.length_m[0]
     )
+    width = max(shape.width_m[0] + shape.width_m[1] * state[WIDTH], LEAST_SHARE * shape.width_m[0])
+    # Folded at the least radius, so that a search does not run along a wall.
+    share = min(0.5 * abs(1.0 + state[RADIUS]), 1.0)
+    radius = shape.radius_m[0] + (shape.radius_m[1] - shape.radius_m[0]) * share
+    bottom, top, tail, nose, breadth, tail_sd, nose_sd = shape.sections[p]
+    rear = tail + tail_sd * state[TAIL] - 0.5 * length
+    front = max(0.5 * length - nose - nose_sd * state[NOSE], rear + 0.3)
+    half = 0.5 * breadth * width
+    aft, fore = shape.axles[0] * length, shape.axles[1] * length
+    # How far an end lies beyond its axle, as a share of the body's overhang.
+    behind = min(max((aft - rear) / (0.5 * length + aft), 0.0), 1.0)
+    ahead = min(max((front - fore) / (0.5 * length - fore), 0.0), 1.0)
+    tail_half = half * (1.0 - (1.0 - shape.narrowing[0]) * behind)
+    nose_half = half * (1.0 - (1.0 - shape.narrowing[1]) * ahead)
+    radius = min(radius, 0.499 * min(front - rear, 2.0 * min(tail_half, nose_half)))
+    # A flank narrows from its axle to the corner, or from the middle where the corner is there.
+    middle = 0.5 * (front + rear)
+    if aft <= rear + radius:
+        aft = min(middle, rear + radius) if tail_half == half else middle
+    if fore >= front - radius:
+        fore = max(middle, front - radius) if nose_half == half else middle
+    return BodyPart(rear, front, half, tail_half, nose_half, aft, fore, radius, bottom, top)
+
+
+class Outlines(NamedTuple):
+    """The outlines of P parts seen from above, counter-clockwise, each of 20 points.
+
+    x, y: (P, 20) metres, body frame. inverse: (P, 20) 1 over the distance to the next point, 0
+    where this is the same point. size: (2,) half the length and half the width, metres.
+    """
+
+    x: np.ndarray
+    y: np.ndarray
+    inverse: np.ndarray
+    size: np.ndarray
+
+
+def new_outlines(parts: int) -> Outlines:
+    """Return outlines that are still to be filled in."""
+    size = parts, OUTLINE_POINTS
+    return Outlines(np.empty(size), np.empty(size), np.empty(size), np.empty(2))
+
+
+@compiled(borrowing=True)
+def fill_outlines(shape: BodyShape, state: np.ndarray, outlines: Outlines) -> None:
+    """Fill in the outlines of the body of a state (11,)."""
+    x, y, last = outlines.x, outlines.y, OUTLINE_POINTS - 1
+    outlines.size[:] = 0.0
+    for p in range(len(shape.sections)):
+        part = part_of(shape, p, state)
+        for i in range(4):
+            cosine, sine = CORNER_X[i], CORNER_X[3 - i]
+            x[p, i] = part.front - part.radius + part.radius * cosine
+            y[p, i] = part.nose_half - part.radius + part.radius * sine
+            x[p, 6 + i] = part.rear + part.radius - part.radius * sine
+            y[p, 6 + i] = part.tail_half - part.radius + part.radius * cosine
+        x[p, 4], y[p, 4], x[p, 5], y[p, 5] = part.fore, part.half, part.aft, part.half
+        for i in range(OUTLINE_POINTS // 2):
+            x[p, last - i], y[p, last - i] = x[p, i], -y[p, i]
+        for i in range(OUTLINE_POINTS):
+            after = i + 1 if i < last else 0
+            length = math.hypot(x[p, after] - x[p, i], y[p, after] - y[p, i])
+            outlines.inverse[p, i] = 1.0 / length if length > 1e-9 else 0.0
+        outlines.size[0] = max(outlines.size[0], part.front, -part.rear)
+        outlines.size[1] = max(outlines.size[1], part.half)
 
 
 def saloon(length_m: tuple[float, float], width_m: tuple[float, float]) -> BodyModel:
@@ -217,12 +232,12 @@ def saloon(length_m: tuple[float, float], width_m: tuple[float, float]) -> BodyM
     return BodyModel(
         length_m,
         width_m,
-        storeys=(
-            Storey(0.16, 0.75),
-            Storey(0.75, 0.88, 0.02, 0.18, 0.99, 0.015, 0.06),
-            Storey(0.88, 1.00, 0.05, 0.70, 0.97, 0.03, 0.25),
-            Storey(1.00, 1.20, 0.50, 1.45, 0.88, 0.20, 0.25),
-            Storey(1.20, 1.48, 1.10, 1.95, 0.78, 0.30, 0.25),
+        sections=(
+            BodySection(0.16, 0.75),
+            BodySection(0.75, 0.88, 0.02, 0.18, 0.99, 0.015, 0.06),
+            BodySection(0.88, 1.00, 0.05, 0.70, 0.97, 0.03, 0.25),
+            BodySection(1.00, 1.20, 0.50, 1.45, 0.88, 0.20, 0.25),
+            BodySection(1.20, 1.48, 1.10, 1.95, 0.78, 0.30, 0.25),
         ),
         narrowing=(0.97, 0.96),
         drawn_m=0.03,

@@ -65,6 +65,12 @@ def axis_difference(yaw: np.ndarray | float, reference: np.ndarray | float) -> n
     return (np.asarray(yaw) - reference + np.pi / 2) % np.pi - np.pi / 2
 
 
+def pointing_away(angle: float, sight: np.ndarray) -> float:
+    """Return the direction of an axis that points away along the line of sight (2,), radians."""
+    is_away = np.cos(angle) * sight[0] + np.sin(angle) * sight[1] >= 0
+    return float(angle if is_away else angle + np.pi)
+
+
 def settled_points(points_xy: np.ndarray, *, least: int = 1) -> np.ndarray:
     """Return (N, 2) float64 points; ValueError when they are no finite points in the plane."""
     points = np.ascontiguousarray(points_xy, dtype=np.float64)

@@ -1,202 +1,273 @@
-"""Binning and one-dimensional matched filter of the rotating line pair, compiled."""
+"""Responses of the matched filter of Zhang 2017 along the two axes of a line pair, compiled."""
 
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
 from roadscope.core.jit import compiled
 
-REACH = 4.0
-"""Standard deviations after which the smoothed edge of a template is cut off."""
+CUT_OFF_SD = 4.0
+"""Standard deviations after which the Gaussian of a smoothed edge is cut off; chosen by hand."""
+LAG_M = 0.5
+"""How far the common velocity may move a frame from its own best place; chosen by hand."""
 
 
-@compiled(borrowing=True)
-def grid_half(reach: float, length: float, bin_m: float, sigma_m: float) -> int:
-    """Bins to either side of the reference that hold every place the filter looks at.
+class Frames(NamedTuple):
+    """The returns of one vehicle in F frames.
 
-    reach: greatest distance of a point from the reference, metres.
+    points: (N, 2) metres from the mean of their frame, frame after frame. starts: (F + 1,) row
+    of each frame's first point. means: (F, 2) of each frame, metres from the reference point.
+    sights: (F, 2) from the sensor to the mean, metres. stamps: (F,) seconds from the stamp of the
+    reference frame. from_mean, from_reference: greatest distance of a point from the mean of its
+    frame and from the reference point, metres.
     """
-    return math.ceil((reach + 0.5 * length + REACH * sigma_m) / bin_m) + 3
+
+    points: np.ndarray
+    starts: np.ndarray
+    means: np.ndarray
+    sights: np.ndarray
+    stamps: np.ndarray
+    from_mean: float
+    from_reference: float
+
+
+class FilterSettings(NamedTuple):
+    """Settings of the matched filter.
+
+    bin_m: width of a bin. sigma_m: of the Gaussian that smooths the edges. alpha: penalty of a
+    return outside the body. length_m, width_m: of the body. power: of the cosine in the share of
+    returns of a face, 0 for no near edge. tie: responses that differ by less are equal.
+    """
+
+    bin_m: float
+    sigma_m: float
+    alpha: float
+    length_m: float
+    width_m: float
+    power: int
+    tie: float
+
+
+class Placement(NamedTuple):
+    """The best place of the body at one angle.
+
+    along, across: (F,) and one place of the body's centre in metres along the two axes from the
+    reference point. velocity: along the long axis, metres per second.
+    """
+
+    score: float
+    velocity: float
+    across: float
+    along: np.ndarray
+
+
+class Line(NamedTuple):
+    """One line of the pair.
+
+    x, y: its unit vector. offset: place of the points' origin along it, metres. leads_away:
+    whether it leads away from the sensor.
+    """
+
+    x: float
+    y: float
+    offset: float
+    leads_away: bool
 
 
 @compiled()
-def gaussian_taps(sigma: float) -> np.ndarray:
-    """Weights of a Gaussian for whole bins from its middle; sigma in bins."""
-    half = math.ceil(REACH * sigma)
-    taps = np.exp(-0.5 * (np.arange(-half, half + 1) / sigma) ** 2)
-    taps /= taps.sum()
-    return taps
-
-
-@compiled(borrowing=True)
-def near_share(
-    sight: np.ndarray, along: np.ndarray, extent: float, other: float, power: int
+def near_face_share(
+    sight: np.ndarray, line: Line, extent: float, other_extent: float, power: int
 ) -> float:
-    """Share of the returns that lie on the face at the near end of an axis.
+    """Return the share of the returns that lie on the face at the near end of a line.
 
-    Seen under the angle beta between the line of sight (2,) and the unit axis (2,), that face
-    gives other * |cos beta|^power and the one along the axis extent * |sin beta|^power; power 0
-    knows no near end.
+    Under the viewing angle beta between the line of sight and this line, the face at the near end
+    gives other_extent * |cos beta|^power returns and the one along the line
+    extent * |sin beta|^power.
     """
     if power == 0:
         return 0.0
-    cos = abs(sight[0] * along[0] + sight[1] * along[1])
-    sin = abs(sight[0] * along[1] - sight[1] * along[0])
-    face, flank = other * cos**power, extent * sin**power
-    return face / (face + flank) if face + flank > 0.0 else 0.0
+    cosine = abs(sight[0] * line.x + sight[1] * line.y)
+    sine = abs(sight[0] * line.y - sight[1] * line.x)
+    end, side = other_extent * cosine**power, extent * sine**power
+    return end / (end + side) if end + side > 0.0 else 0.0
 
 
-@compiled(borrowing=True)
-def respond(
-    weighed: tuple[np.ndarray, np.ndarray],
-    face: tuple[float, float, float],
-    settings: tuple[float, float, float],
-    taps: np.ndarray,
-    work: np.ndarray,
-) -> None:
-    """Fill the filter's response for every place of the body's middle along one axis.
-
-    weighed: (N,) places along the axis, metres from the reference, and (N,) returns that each one
-    stands for. face: side, 1 where the sensor looks along the axis, -1 where against it; extent of
-    the body along the axis, metres; share of the returns at the near end. settings: bin, sigma
-    in metres and alpha. taps: of the Gaussian. work: (3, K), two rows of work space, then the
-    response, entry i for the middle (i - K // 2) bins away.
-    """
-    side, extent, share = face
-    bin_m, sigma_m, alpha = settings
-    smooth, below, response = work
-    low, high = _bin(weighed, side, extent / bin_m, bin_m, below)
-    low, high = _smooth(below, low, high, taps, smooth)
-    total = _accumulate(smooth, low, high, below)
-    edge, plateau = template_weights(share, extent, bin_m, sigma_m)
-    plateau += alpha
-    size, far = len(response), extent / bin_m
-    whole = math.floor(far)
-    part = far - whole
-    ends, last = high - whole - 1, min(size - 1, high)
-    first = max(0, low - whole - 1)
-    # Loops without a branch over views from zero: several bins at a time.
-    response[:] = -alpha * total
-    inside = response[first : last + 1]
-    for i in range(len(inside)):
-        inside[i] = (plateau - alpha) * total
-    lower, upper = below[first + whole :], below[first + whole + 1 :]
-    for i in range(min(ends, last) - first + 1):
-        inside[i] -= plateau * (total - (1.0 - part) * lower[i] - part * upper[i])
-    begun = response[low : last + 1]
-    near, passed = smooth[low:], below[low:]
-    for i in range(len(begun)):
-        begun[i] += edge * near[i] - plateau * passed[i]
-    if side < 0.0:
-        for i in range(size // 2):
-            response[i], response[size - 1 - i] = response[size - 1 - i], response[i]
-
-
-@compiled(borrowing=True)
-def _bin(
-    weighed: tuple[np.ndarray, np.ndarray],
-    side: float,
+@compiled()
+def axis_response(
+    points: np.ndarray,
+    line: Line,
     extent: float,
-    bin_m: float,
-    counts: np.ndarray,
-) -> tuple[int, int]:
-    """Share every point between its two neighbouring bins; return the outer bins.
+    share: float,
+    settings: FilterSettings,
+    bins: int,
+) -> np.ndarray:
+    """Return the mean response (bins,) of returns (N, 2) to the template along one line.
 
-    Places are turned so that the near end comes first, and moved by half the extent (in bins):
-    a near edge in a bin then means the middle of the body in it.
+    extent: of the body along the line, metres. share: of the near face. Entry i is the response
+    with the body's centre at (i - bins // 2) * bin_m.
+
+    The template is share * (Gaussian at the near edge) + (1 - share) * (plateau as long as the
+    body), divided by the root of its energy, minus alpha outside the body.
     """
-    places, weights = weighed
-    counts[:] = 0.0
-    half = len(counts) // 2
-    low, high = len(counts), 0
-    scale, shift = side / bin_m, 0.5 * extent + half
-    for k in range(len(places)):
-        exact = scale * places[k] + shift
-        i = math.floor(exact)
-        upper = exact - i
-        counts[i] += weights[k] * (1.0 - upper)
-        counts[i + 1] += weights[k] * upper
-        low, high = min(low, i), max(high, i + 1)
-    return low, high
-
-
-@compiled(borrowing=True)
-def _smooth(
-    counts: np.ndarray, low: int, high: int, taps: np.ndarray, smooth: np.ndarray
-) -> tuple[int, int]:
-    """Convolve the bins with the taps; return the outer bins reached, which the grid holds."""
-    half = len(taps) // 2
-    first, last = low - half, high + half
-    smooth[first : last + 1] = 0.0
-    for i in range(low, high + 1):
-        count = counts[i]
-        if count > 0.0:
-            reached = smooth[i - half : i + half + 1]
+    bin_m, sigma, half = settings.bin_m, settings.sigma_m / settings.bin_m, bins // 2
+    reach = math.ceil(CUT_OFF_SD * sigma)
+    taps = np.exp(-0.5 * (np.arange(-reach, reach + 1) / sigma) ** 2)
+    taps /= taps.sum() * len(points)
+    # The line is turned so that the near edge comes first, and moved by half the extent, so that
+    # a near edge in a bin means a centre in this bin. Each return is shared by two bins.
+    scale = (1.0 if line.leads_away else -1.0) / bin_m
+    shift = scale * line.offset + 0.5 * extent / bin_m + half
+    counts = np.zeros(bins)
+    for i in range(len(points)):
+        exact = scale * (points[i, 0] * line.x + points[i, 1] * line.y) + shift
+        lower = int(exact)
+        counts[lower] += lower + 1 - exact
+        counts[lower + 1] += exact - lower
+    density = np.zeros(bins)
+    for i in range(reach, bins - reach):
+        if counts[i] > 0.0:
+            smoothed = density[i - reach : i + reach + 1]
             for k in range(len(taps)):
-                reached[k] += count * taps[k]
-    return first, last
+                smoothed[k] += counts[i] * taps[k]
+    # How many returns lie before the middle of each bin, and how many of them in the body.
+    before = np.cumsum(density) - 0.5 * density
+    energy = _template_energy(share, extent, settings.sigma_m)
+    edge, plateau = share / (bin_m * energy), (1.0 - share) / (extent * energy)
+    whole, part = int(extent / bin_m), extent / bin_m % 1.0
+    response = np.empty(bins)
+    for i in range(bins):
+        last, after = min(i + whole, bins - 1), min(i + whole + 1, bins - 1)
+        inside = (1.0 - part) * before[last] + part * before[after] - before[i]
+        response[i] = edge * density[i] + plateau * inside - settings.alpha * (1.0 - inside)
+    return response if line.leads_away else response[::-1].copy()
 
 
-@compiled(borrowing=True)
-def _accumulate(smooth: np.ndarray, low: int, high: int, below: np.ndarray) -> float:
-    """Fill how many points lie below each bin's middle, their edge being an erf; return all."""
-    total = 0.0
-    for i in range(low, high + 1):
-        below[i] = total + 0.5 * smooth[i]
-        total += smooth[i]
-    return total
+@compiled()
+def _template_energy(share: float, extent: float, sigma: float) -> float:
+    """Return the root of the energy of share * Gaussian + (1 - share) * plateau."""
+    rest, root = 1.0 - share, math.sqrt(math.pi)
+    edge = share * share / (2.0 * root * sigma)
+    both = share * rest / extent
+    plateau = rest * rest / (extent * extent) * max(extent - 2.0 * sigma / root, 0.5 * extent)
+    return math.sqrt(edge + both + plateau)
 
 
-@compiled(borrowing=True)
-def template_weights(
-    share: float, extent: float, bin_m: float, sigma_m: float
-) -> tuple[float, float]:
-    """Return what one in the bin of the near edge and one on the plateau give, at unit energy."""
-    energy = _energy(share, extent, sigma_m)
-    return share / (bin_m * energy), (1.0 - share) / (extent * energy)
+@compiled()
+def peak(response: np.ndarray, tie: float) -> float:
+    """Return the place of the greatest response, in bins from the middle.
 
-
-@compiled(borrowing=True)
-def _energy(share: float, extent: float, sigma: float) -> float:
-    """Norm of the template share * Gaussian + (1 - share) * plateau of the extent."""
-    flat = 1.0 - share
-    root = math.sqrt(math.pi)
-    peak = share * share / (2.0 * root * sigma)
-    both = share * flat / extent
-    plateau = flat * flat / (extent * extent) * max(extent - 2.0 * sigma / root, 0.5 * extent)
-    return math.sqrt(peak + both + plateau)
-
-
-@compiled(borrowing=True, fastmath=True)
-def greatest(values: np.ndarray) -> float:
-    """Return the greatest of (N,) finite values, N at least 1, compared several at a time."""
-    top: float = values[0]
-    for i in range(len(values)):
-        top = values[i] if values[i] > top else top
-    return top
-
-
-@compiled(borrowing=True)
-def summit(response: np.ndarray, tie: float) -> tuple[float, float]:
-    """Return the greatest response and its place in bins from the middle.
-
-    Equal ones (within `tie`) are a plateau, whose middle counts; a single peak is placed by the
-    parabola through its neighbours.
+    Equal responses (within `tie`) are a plateau, whose middle counts. A single peak is placed by
+    the parabola through its neighbours.
     """
-    top, best = greatest(response), 0
-    while response[best] < top:
-        best += 1
+    best = int(response.argmax())
     first = last = best
-    while first > 0 and response[first - 1] >= top - tie:
+    while first > 0 and response[first - 1] >= response[best] - tie:
         first -= 1
-    while last + 1 < len(response) and response[last + 1] >= top - tie:
+    while last + 1 < len(response) and response[last + 1] >= response[best] - tie:
         last += 1
     place = 0.5 * (first + last)
-    if last == first and 0 < best < len(response) - 1:
+    if first == last and 0 < best < len(response) - 1:
         before, after = response[best - 1], response[best + 1]
-        bend = before - 2.0 * top + after
-        if bend < 0.0:
-            place += 0.5 * (before - after) / bend
-    return top, place - len(response) // 2
+        place += 0.5 * (before - after) / (before - 2.0 * response[best] + after)
+    return place - len(response) // 2
+
+
+@compiled()
+def pair_responses(
+    frames: Frames, angle: float, settings: FilterSettings
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return the responses along (F, K) and across (M,) of a line pair at an angle.
+
+    Along the long axis each frame is placed from its own mean; across it all frames share one
+    place, from the reference point. A frame counts as its share of the returns.
+    """
+    length, width = settings.length_m, settings.width_m
+    x, y = math.cos(angle), math.sin(angle)
+    long_bins = _bins(frames.from_mean + 0.5 * length, settings)
+    wide_bins = _bins(frames.from_reference + 0.5 * width, settings)
+    along, across = np.empty((len(frames.stamps), long_bins)), np.zeros(wide_bins)
+    for f in range(len(frames.stamps)):
+        points = frames.points[frames.starts[f] : frames.starts[f + 1]]
+        sight, mean = frames.sights[f], frames.means[f]
+        weight = len(points) / len(frames.points)
+        line = Line(x, y, 0.0, sight[0] * x + sight[1] * y >= 0.0)
+        share = near_face_share(sight, line, length, width, settings.power)
+        along[f] = weight * axis_response(points, line, length, share, settings, long_bins)
+        line = Line(-y, x, mean[1] * x - mean[0] * y, sight[1] * x - sight[0] * y >= 0.0)
+        share = near_face_share(sight, line, width, length, settings.power)
+        across += weight * axis_response(points, line, width, share, settings, wide_bins)
+    return along, across
+
+
+@compiled()
+def _bins(reach_m: float, settings: FilterSettings) -> int:
+    """Return how many bins hold all places of the body and the smoothed returns: an odd number."""
+    half = math.ceil((reach_m + CUT_OFF_SD * settings.sigma_m) / settings.bin_m) + 3
+    return 2 * half + 1
+
+
+@compiled()
+def free_scores(frames: Frames, angles: np.ndarray, settings: FilterSettings) -> np.ndarray:
+    """Return the scores (A,) of angles when each frame has its own best place along the body."""
+    scores = np.empty(len(angles))
+    for a in range(len(angles)):
+        along, across = pair_responses(frames, angles[a], settings)
+        scores[a] = across.max()
+        for f in range(len(along)):
+            scores[a] += along[f].max()
+    return scores
+
+
+@compiled()
+def place_at(frames: Frames, angle: float, settings: FilterSettings, tied: bool) -> Placement:
+    """Return the best placement at an angle.
+
+    tied: one velocity moves all frames; otherwise each frame has its own place, and the velocity
+    is the slope of these places.
+    """
+    along, across = pair_responses(frames, angle, settings)
+    stamps, bin_m, tie = frames.stamps, settings.bin_m, settings.tie
+    means = frames.means[:, 0] * math.cos(angle) + frames.means[:, 1] * math.sin(angle)
+    places = means.copy()
+    score = across.max()
+    for f in range(len(along)):
+        places[f] += bin_m * peak(along[f], tie)
+        score += along[f].max()
+    times = stamps - stamps.mean()
+    spread = (times * times).sum()
+    velocity = (times * places).sum() / spread if spread > 0.0 else 0.0
+    lateral = bin_m * peak(across, tie)
+    if not tied or len(along) == 1:
+        return Placement(score, velocity, lateral, places)
+    # Steps of the velocity that move the outermost frame by one bin.
+    step, count = bin_m / np.abs(stamps).max(), math.ceil(LAG_M / bin_m)
+    scores = np.empty(2 * count + 1)
+    for k in range(len(scores)):
+        shifts = (stamps * (velocity + (k - count) * step) - means) / bin_m
+        scores[k] = _shifted_sum(along, shifts).max()
+    velocity += step * peak(scores, tie)
+    total = _shifted_sum(along, (stamps * velocity - means) / bin_m)
+    places = bin_m * peak(total, tie) + stamps * velocity
+    return Placement(across.max() + total.max(), velocity, lateral, places)
+
+
+@compiled()
+def _shifted_sum(along: np.ndarray, shifts: np.ndarray) -> np.ndarray:
+    """Return the sum (K,) of the rows (F, K), each moved back by a shift (F,) in bins.
+
+    Between bins a response is a straight line; beyond its row it is the row's least value.
+    """
+    size = along.shape[1]
+    total = np.zeros(size)
+    for f in range(len(along)):
+        row, least, whole = along[f], along[f].min(), math.floor(shifts[f])
+        part = shifts[f] - whole
+        first, last = min(max(0, -whole), size), max(min(size, size - 1 - whole), 0)
+        total[:first] += least
+        for i in range(first, last):
+            total[i] += (1.0 - part) * row[i + whole] + part * row[i + whole + 1]
+        total[max(first, last) :] += least
+    return total

@@ -1,9 +1,12 @@
-"""Pose from one frame: rotating line pair and matched filter (Zhang 2017, section 2)."""
+"""Pose by a rotating line pair and a matched filter (Zhang 2017, sections 2 and 3)."""
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
 from functools import lru_cache
-from typing import Literal, TypedDict, Unpack
+from itertools import accumulate, pairwise
+from typing import Literal, NamedTuple, TypedDict, Unpack
 
 import numpy as np
 
@@ -14,25 +17,25 @@ from roadscope.detectors.pose.estimate import (
     settled_origin,
     settled_points,
 )
-from roadscope.detectors.pose.pair_kernels import Filter
-from roadscope.detectors.pose.rotating_pair import Frames, Plan, best_pair, planned
+from roadscope.detectors.pose.filter_kernels import FilterSettings, Frames, free_scores, place_at
 
 Template = Literal["echo", "extent", "plateau"]
 POWERS: dict[Template, int] = {"echo": 2, "extent": 1, "plateau": 0}
 TIE = 1e-3
-"""Responses this near to the greatest count as equal: a side seen whole fits within its slack."""
-ALONE_S = np.zeros(1)
+"""Responses that differ by less are equal: a side that is seen whole fits within its slack."""
+MOVING_M_S = 1.0
+"""From this speed on, the direction of motion says which end is the front; chosen by hand."""
 
 
 class Reading(TypedDict, total=False):
     """How the paper is read: options of its fits, with the defaults of `settled_reading`.
 
-    sigma_m: of the smoothed edges, twice the range noise. alpha: what a return off the body
-    costs. bin_m, step_deg: of places and angles. search_deg: the paper turns the pair through
-    90 deg; that cannot tell length from width, so 180 are searched here. template: a face's share
-    goes with its extent and the cosine of incidence ("extent"), or once more with the cosine,
-    since echoes fade with it ("echo"); "plateau" leaves the near edge out, which is the step
-    function taken literally.
+    sigma_m: of the smoothed edges, twice the range noise. alpha: penalty of a return outside the
+    body. bin_m, step_deg: of places and angles. search_deg: the paper turns the pair through
+    90 deg; this cannot tell length from width, so 180 deg are searched here. template: the share
+    of a face is its extent times the cosine of incidence ("extent") or times the square of it,
+    since echoes fade with incidence ("echo"); "plateau" leaves the near edge out, which is the
+    step function taken literally.
     """
 
     bin_m: float
@@ -41,6 +44,13 @@ class Reading(TypedDict, total=False):
     step_deg: float
     search_deg: float
     template: Template
+
+
+class _Angles(NamedTuple):
+    """The angles of a search: multiples of a step in radians, counted from the initial angle."""
+
+    step: float
+    number: int
 
 
 def fit_single(
@@ -53,7 +63,7 @@ def fit_single(
 ) -> VehiclePose:
     """Return the rectangle of known size that fits one frame best (Zhang 2017, eq. 1-9).
 
-    points_xy: (N, 2) metres, returns of one vehicle, at least one. origin: (2,) the sensor in
+    points_xy: (N, 2) metres, returns of one vehicle, at least one. origin: (2,) of the sensor in
     the same frame. yaw points away from the sensor: a rectangle has no front.
 
     The bodies of eq. 1-9 are lost. Reading taken: along each axis a body shows an edge at its
@@ -62,12 +72,114 @@ def fit_single(
     unit energy.
     """
     points, place = settled_points(points_xy), settled_origin(origin)
-    check_spread(points)
-    settings, plan = settled_reading(length_m, width_m, **reading)
-    # Copies, for read-only arrays would be compiled for once more.
-    frames = Frames(points.copy(), np.array([0, len(points)]), np.array([place]), ALONE_S, 0)
-    x, y, yaw, score = best_pair(frames, settings, plan)
-    return VehiclePose(x, y, yaw, length_m, width_m, score=score)
+    return fit_multi([points], [place], np.zeros(1), length_m=length_m, width_m=width_m, **reading)
+
+
+def fit_multi(
+    frames: Sequence[np.ndarray],
+    origins: Sequence[np.ndarray],
+    stamps_s: Sequence[float] | np.ndarray,
+    *,
+    length_m: float,
+    width_m: float,
+    at: int | None = None,
+    tied: bool = True,
+    **reading: Unpack[Reading],
+) -> VehiclePose:
+    """Return the rectangle of known size in one of F frames, fitted to all (Zhang 2017, eq. 10-12).
+
+    frames: F arrays (N, 2) of one vehicle's returns in metres, one fixed frame for all, at least
+    one return in each. origins: F (2,) places of the sensor in it. stamps_s: F stamps, rising.
+    at: index of the frame whose pose is returned, the middle one if left out; -1, the newest, is
+    the causal use. The rest as in `fit_single`. yaw points in the direction of motion, or away
+    from the sensor where the body hardly moved.
+
+    All frames share heading and place across it; along it they are moved by v * ds with one v
+    that is searched. Not tied, each frame has its own shift, which is the weaker assumption of
+    figure 4: then the velocity is the slope of the shifts.
+    """
+    stamps = _checked_stamps(stamps_s, len(frames), len(origins))
+    reference = _checked_index(at, len(frames))
+    settings, angles = settled_reading(length_m, width_m, **reading)
+    if not all(len(points) for points in frames):
+        raise ValueError("a pose needs at least 1 point in each frame, got none in one")
+    for points in frames:
+        check_spread(settled_points(points))
+    sensors = np.array([settled_origin(o) for o in origins])
+    centred, point = _centred(frames, sensors, stamps, reference)
+    angle = _best_angle(centred, settings, angles, tied)
+    best = place_at(centred, angle, settings, tied)
+    axis = np.array([np.cos(angle), np.sin(angle)])
+    x, y = point + best.along[reference] * axis + best.across * np.array([-axis[1], axis[0]])
+    moves = abs(best.velocity) >= MOVING_M_S
+    forward = best.velocity >= 0 if moves else axis @ centred.sights[reference] >= 0
+    yaw = angle if forward else angle + np.pi
+    return VehiclePose(float(x), float(y), yaw, length_m, width_m, score=best.score)
+
+
+def _centred(
+    frames: Sequence[np.ndarray], origins: np.ndarray, stamps: np.ndarray, reference: int
+) -> tuple[Frames, np.ndarray]:
+    """Return the frames as the filter takes them, and the (2,) reference point.
+
+    The reference point is the mean of the reference frame: the line pair passes through it.
+    """
+    means = np.array([np.mean(points, axis=0) for points in frames], np.float64)
+    counts = [len(points) for points in frames]
+    every, own_means = np.concatenate(frames).astype(np.float64), np.repeat(means, counts, axis=0)
+    point = means[reference]
+    from_mean, from_reference = (np.hypot(*(every - place).T).max() for place in (own_means, point))
+    centred = Frames(
+        every - own_means,
+        np.array([0, *accumulate(counts)]),
+        means - point,
+        means - origins,
+        stamps - stamps[reference],
+        float(from_mean),
+        float(from_reference),
+    )
+    return centred, point
+
+
+def _best_angle(frames: Frames, settings: FilterSettings, angles: _Angles, tied: bool) -> float:
+    """Return the angle of the greatest score, between the steps of the search.
+
+    Frames with places of their own score at least as much as tied frames. So an angle whose free
+    score is below the best tied score is not looked at more closely.
+    """
+    start = initial_angle(frames)
+    tried = start + angles.step * np.arange(angles.number)
+    scores = free_scores(frames, tried, settings)
+    is_tied = tied and len(frames.stamps) > 1
+    if is_tied:
+        bounds, scores = scores, np.full(len(tried), -np.inf)
+        for k in np.argsort(-bounds, kind="stable"):
+            if bounds[k] < scores.max():
+                break
+            scores[k] = place_at(frames, tried[k], settings, tied).score
+    best = int(scores.argmax())
+    beside = tried[best] + np.array([-angles.step, angles.step])
+    if is_tied:
+        before, after = (place_at(frames, angle, settings, tied).score for angle in beside)
+    else:
+        before, after = free_scores(frames, beside, settings)
+    # The parabola through the best score and its neighbours stands for smaller steps.
+    bend = before - 2 * scores[best] + after
+    off = min(max(0.5 * (before - after) / bend, -0.5), 0.5) if bend < 0 else 0.0
+    return float(tried[best] + angles.step * off)
+
+
+def initial_angle(frames: Frames) -> float:
+    """Return the direction of the line that fits the points best, radians.
+
+    Reading taken: least squares of the distances from the line, since a slope of y over x has no
+    vertical lines. Points without a direction give the line of sight.
+    """
+    x, y = frames.points.T
+    xx, xy, yy = (float(np.mean(product)) for product in (x * x, x * y, y * y))
+    if math.hypot(xx - yy, 2 * xy) <= 1e-12:
+        return math.atan2(frames.sights[0, 1], frames.sights[0, 0])
+    return 0.5 * math.atan2(2 * xy, xx - yy)
 
 
 @lru_cache(maxsize=256)
@@ -81,8 +193,11 @@ def settled_reading(
     step_deg: float = 1.0,
     search_deg: float = 180.0,
     template: Template = "echo",
-) -> tuple[Filter, Plan]:
-    """Return the filter for a body of a known size and the angles to try; refuse what cannot be."""
+) -> tuple[FilterSettings, _Angles]:
+    """Return the filter for a body of known size and the angles to try, or refuse an option.
+
+    A step that does not divide the search evenly is shortened.
+    """
     positive(length_m=length_m, width_m=width_m, sigma_m=sigma_m, bin_m=bin_m)
     if not 0 <= alpha < np.inf:
         raise ValueError(f"alpha must be finite and not negative, got {alpha!r}")
@@ -94,12 +209,37 @@ def settled_reading(
         raise ValueError(f"step_deg must be above 0 and at most 10, got {step_deg!r}")
     if search_deg not in (90.0, 180.0):
         raise ValueError(f"search_deg must be 90 or 180, got {search_deg!r}")
-    sides = float(length_m), float(width_m)
-    settings = Filter(float(bin_m), float(sigma_m), float(alpha), *sides, POWERS[template], TIE)
-    return settings, planned(step_deg, search_deg)
+    settings = FilterSettings(
+        float(bin_m),
+        float(sigma_m),
+        float(alpha),
+        float(length_m),
+        float(width_m),
+        POWERS[template],
+        TIE,
+    )
+    count = math.ceil(search_deg / step_deg - 1e-9)
+    return settings, _Angles(math.radians(search_deg / count), count)
 
 
-def away(angle: float, sight: np.ndarray) -> float:
-    """Turn an axis by half a turn if need be, so that it leads away along the line of sight."""
-    ahead = np.cos(angle) * sight[0] + np.sin(angle) * sight[1] >= 0
-    return float(angle if ahead else angle + np.pi)
+def _checked_stamps(
+    stamps_s: Sequence[float] | np.ndarray, frames: int, origins: int
+) -> np.ndarray:
+    stamps = np.asarray(stamps_s, np.float64)
+    if not frames:
+        raise ValueError("a multi-frame fit needs at least 1 frame, got none")
+    if stamps.shape != (frames,) or origins != frames:
+        raise ValueError(
+            f"frames, origins and stamps must be as many, got {frames}, {origins}, {stamps.shape}"
+        )
+    if not np.isfinite(stamps).all() or not all(a < b for a, b in pairwise(stamps)):
+        raise ValueError(f"stamps must be finite and rising, got {stamps}")
+    return stamps
+
+
+def _checked_index(at: int | None, frames: int) -> int:
+    if at is None:
+        return frames // 2
+    if not -frames <= at < frames:
+        raise ValueError(f"at must name one of {frames} frames, got {at}")
+    return at % frames

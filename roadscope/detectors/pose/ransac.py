@@ -8,11 +8,11 @@ import numpy as np
 
 from roadscope.detectors.pose.estimate import (
     VehiclePose,
+    pointing_away,
     positive,
     settled_origin,
     settled_points,
 )
-from roadscope.detectors.pose.matched_filter import away
 from roadscope.detectors.pose.ransac_kernels import Sides, agreed, by_range
 
 LongSide = Literal["size", "main"]
@@ -50,5 +50,5 @@ def fit_ransac(
     pairs = rng.integers(0, len(points), (2, int(trials)))
     sides = Sides(float(length_m), float(width_m), long_side == "main")
     x, y, angle, share = agreed(points, place, pairs, float(inlier_m), sides)
-    yaw = away(angle, points.mean(axis=0) - place)
+    yaw = pointing_away(angle, points.mean(axis=0) - place)
     return VehiclePose(x, y, yaw, length_m, width_m, score=share)

@@ -3,92 +3,64 @@
 from __future__ import annotations
 
 from collections import deque
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
 
 from roadscope.core import LidarScan, Pose, wrap_angle
-from roadscope.detectors.pose.body_descent import LIMIT, SLACKS_M, STEPS, descend, misfits_of
 from roadscope.detectors.pose.body_fit import (
-    CHANCES,
     TURN_SD,
-    Likely,
+    Answer,
+    likely_answers,
     pose_of,
-    thinned_problem,
+    with_glass,
 )
-from roadscope.detectors.pose.body_kernels import HIT, POSE, Chances, Rays, pose_after
-from roadscope.detectors.pose.body_model import BodyModel
-from roadscope.detectors.pose.body_posterior import Guess, around, posterior
-from roadscope.detectors.pose.body_rays import Sighting, sight
-from roadscope.detectors.pose.body_sampling import WHOLE, Posterior, Problem, free_of
+from roadscope.detectors.pose.body_likelihood import ROUGHLY_DRAWN, Tolerance, pose_after
+from roadscope.detectors.pose.body_model import ACCELERATION, MOTION, SPEED, VALUES, BodyModel
+from roadscope.detectors.pose.body_rays import BodyRays, BodyScan, body_scan
+from roadscope.detectors.pose.body_search import (
+    SLACKS_M,
+    BodyProblem,
+    Posterior,
+    first_poses,
+    prior_sd,
+)
 from roadscope.detectors.pose.estimate import VehiclePose
-from roadscope.detectors.pose.window_start import TURNED, Guesses, Seen
 from roadscope.envs.sensors.lidar_spec import LidarSpec
 
 SPEED_SD, ACCELERATION_SD = 30.0, 0.7
-"""Standard deviations of a vehicle's speed (m/s) and acceleration (m/s2) before it is seen."""
-SPEED = 3
-"""Place of the speed among what is free, where it is."""
-BUDGET, LEAST = 960, 192
-"""Returns of all scans of a window, and of one, above which neighbours are joined: with fewer of
-one scan, beams of a near vehicle would be left out."""
-WORK = 28_000
-"""Effort of the sampling: a window's posterior is nearer to a normal one than a scan's."""
+"""Standard deviations of a vehicle's speed (m/s) and acceleration (m/s2) before it is measured."""
+BUDGET, LEAST_BUDGET = 2100, 300
+"""Returns of all scans of a window, and of one, beyond which some are left out."""
+COARSE_RAYS = 150
+"""Rays of the first search in a window."""
 NEAR_SLACKS_M = (0.06, 0.02, 0.0)
-"""Added to the noise on the way from a guess that is nearly right."""
-WIDER = 1.5
-"""How much wider than the last posterior, as a factor on its covariance, the next one is looked
-for: of windows as long all but one scan are the same."""
-COUNTED = 100.0
-"""Effective samples from which the posterior around the last one is taken as it is."""
+"""Added to the noise on the way from the last answer, see `descend`."""
 LONG = 3
-"""Scans from which a window's posterior is told by the last one."""
-FITTING = 2.0
-"""Standard deviations of the cost, above its mean, up to which the last answer, moved on, is
+"""Scans from which the last answer, moved on, is nearly right."""
+FITTING_SD = 2.0
+"""Standard deviations of the cost, above its mean, up to which an answer from the last one is
 taken to be right."""
-SAME = 3.0
-"""Standard deviations, and a descent's step, within which two answers are one."""
-CLOSE = 30.0
-"""How much more than the best one of two first fits may cost to be looked at, too."""
 WORSE = 1.1
-"""By how much the cost of a return must grow for another search, after one that gained nothing."""
-SLOW_M_S = 1.0
-"""Speed up to which a vehicle's looks must tell which way round it is, not its way."""
-BACKWARD_M_S, WAY_M = -1.0, 0.5
-"""Speed from which a vehicle is taken to have been turned round, and the way that tells."""
+"""By how much the cost must grow for another search with new guesses, after one."""
+ENOUGH_RETURNS = 3
+"""Returns from which a scan alone gives a good first guess."""
+TURN_RATES = (-2 * TURN_SD, 0.0, 2 * TURN_SD)
+"""Turn rates of first guesses, rad/s."""
+SLOW_M_S, BACKWARD_SD = 1.0, 0.3
+"""Speed up to which the looks of a vehicle must tell which way round it is, not its motion; and
+standard deviation, m/s, of the speed of what goes backwards."""
 
 
-class _Shot(NamedTuple):
-    """One scan as it came; fields as in `Smoother.update`."""
-
-    scan: LidarScan
-    target: np.ndarray
-    world_from_lidar: Pose
-    rolling: bool
-
-
-@dataclass(frozen=True, slots=True)
-class _Known:
-    """The last answer: when, what of it was free, and what is known of that."""
+class _WindowScan(NamedTuple):
+    """One scan of the window: its stamp, what it says, and where the sensor was, x, y, yaw."""
 
     stamp_s: float
-    free: np.ndarray
-    found: Posterior
-
-    def moved(self, stamp_s: float) -> Guess:
-        """Return where to look at another stamp, in a window as long."""
-        mean = self.found.mean.copy()
-        mean[:POSE] = _state_after(mean[:POSE], stamp_s - self.stamp_s)
-        return Guess(mean, WIDER * self.found.covariance, False)
-
-
-def _state_after(state: np.ndarray, span: float) -> np.ndarray:
-    """Return x to acceleration (6,) after a time."""
-    moved = state.copy()
-    moved[:3] = pose_after(state, span)
-    moved[3] += state[5] * span
-    return moved
+    body: BodyScan
+    sensor_pose: np.ndarray
 
 
 class Smoother:
@@ -105,230 +77,180 @@ class Smoother:
         *,
         frames: int = 7,
         lag: int | None = None,
-        chances: Chances = CHANCES,
+        tolerance: Tolerance = ROUGHLY_DRAWN,
     ) -> None:
         """Take the LiDAR, the body and the window.
 
         frames: scans joined at most. lag: how many scans back the answer is, 0 for the newest;
-        left out, the middle of the window. chances: as in `BodyFit`.
+        left out, the middle of the window. tolerance: as in `BodyFit`.
         """
         if frames < 1:
             raise ValueError(f"frames must be at least 1, got {frames}")
         self._lag = frames // 2 if lag is None else lag
         if not 0 <= self._lag < frames:
             raise ValueError(f"lag must be from 0 to frames - 1 = {frames - 1}, got {lag}")
-        self._spec, self._model, self._chances = spec, model, chances
+        self._spec, self._model, self._tolerance = spec, model, tolerance
         self._frames = frames
-        self._guesses = Guesses(model, chances)
         self.reset()
 
     def reset(self) -> None:
         """Forget every scan."""
-        self._window: deque[Seen] = deque(maxlen=self._frames)
-        self._guesses.reset()
-        self._last: tuple[float, np.ndarray] | None = None
-        self._known: _Known | None = None
-        self._anchor: tuple[float, np.ndarray] | None = None
-        self._velocity: np.ndarray | None = None
-        self._settled = 0.0
-        self._first: _Shot | None = None
+        self._window: deque[_WindowScan] = deque(maxlen=self._frames)
+        self._first: Callable[..., BodyScan] | None = None
+        self._last_stamp_s, self._last_state = 0.0, np.empty(0)
+        self._guessed_cost = 0.0
 
     def update(
         self, scan: LidarScan, target: np.ndarray, world_from_lidar: Pose, *, rolling: bool = True
     ) -> VehiclePose | None:
         """Take a scan in and return the pose `lag` scans ago, world frame, at its stamp.
 
-        None while there is no such scan, or no return in the window. Arguments as in `sight`;
+        None while there is no such scan, or no return in the window. Arguments as in `body_scan`;
         stamps that do not increase are a `ValueError`.
         """
         if self._window and not scan.stamp_s > self._window[-1].stamp_s:
             last_s = self._window[-1].stamp_s
             raise ValueError(f"stamps must increase: {scan.stamp_s} s after {last_s} s")
-        place = np.array([*world_from_lidar.translation[:2], world_from_lidar.yaw])
-        motion = np.zeros(3)
+        sensor_pose = np.array([*world_from_lidar.translation[:2], world_from_lidar.yaw])
+        twist = np.zeros(3)
         if self._window and rolling:
             before = self._window[-1]
-            motion = place - before.place
-            motion[2] = wrap_angle(motion[2])
-            motion /= scan.stamp_s - before.stamp_s
+            twist = sensor_pose - before.sensor_pose
+            twist[2] = wrap_angle(twist[2])
+            twist /= scan.stamp_s - before.stamp_s
+        read_scan = partial(
+            body_scan,
+            self._spec,
+            scan,
+            target,
+            world_from_lidar,
+            rolling=rolling,
+            budget=max(BUDGET // self._frames, LEAST_BUDGET),
+            rough_m=self._tolerance.rough_m,
+        )
         if self._first is not None and rolling:
-            # Only now is known how the sensor went while it took its first scan.
-            self._window[0] = replace(self._window[0], sighting=self._sighted(self._first, motion))
-            self._guesses.reset()
-        shot = _Shot(scan, target, world_from_lidar, rolling)
-        self._first = None if self._window else shot
-        self._window.append(Seen(scan.stamp_s, self._sighted(shot, motion), place))
-        return self._solve(len(self._window) - 1 - self._lag)
-
-    def _sighted(self, shot: _Shot, motion: np.ndarray) -> Sighting:
-        """Return what a scan tells; motion: (3,) of the sensor, m/s and rad/s, world frame."""
-        sighting = sight(
-            self._spec, shot.scan, shot.target, shot.world_from_lidar,
-            sensor_velocity=motion[:2], sensor_turn=float(motion[2]), rolling=shot.rolling,
-            budget=max(BUDGET // self._frames, LEAST), rough_m=self._chances.rough_m,
-        )  # fmt: skip
-        return replace(sighting, rays=self._model.glazed(sighting.rays))
+            # Only now is known how the sensor moved while it took its first scan.
+            self._window[0] = self._window[0]._replace(body=self._body_scan(self._first, twist))
+        self._first = None if self._window else read_scan
+        body = self._body_scan(read_scan, twist)
+        self._window.append(_WindowScan(scan.stamp_s, body, sensor_pose))
+        return self._pose(len(self._window) - 1 - self._lag)
 
     def flush(self) -> list[VehiclePose | None]:
         """Return the poses of the last `lag` scans, from the scans that there are."""
         first = max(len(self._window) - self._lag, 0)
-        return [self._solve(at) for at in range(first, len(self._window))]
+        return [self._pose(at) for at in range(first, len(self._window))]
 
-    def _solve(self, at: int) -> VehiclePose | None:
+    def _body_scan(self, read_scan: Callable[..., BodyScan], twist: np.ndarray) -> BodyScan:
+        """Return what a scan says; twist: (3,) of the sensor, m/s and rad/s, world frame."""
+        body = read_scan(sensor_velocity=twist[:2], sensor_turn=float(twist[2]))
+        return replace(body, rays=with_glass(self._model, body.rays))
+
+    def _pose(self, at: int) -> VehiclePose | None:
         """Return the pose of one scan of the window from all of them."""
         if at < 0:
             return None
         stamp_s = self._window[at].stamp_s
-        problem = self._problem(stamp_s)
-        found = self._followed(problem, stamp_s)
-        if found is None or _cost(problem, found) > self._bound(problem):
-            found = self._searched(problem, stamp_s, found)
-        if found is None:
-            return None
-        answers = [Likely(found.evidence, found)]
-        if SPEED in problem.free and found.mean[SPEED] < SLOW_M_S:
-            answers = [_forward(each) for each in (found, _twin(problem, found))]
-            found = max(answers, key=lambda answer: answer.log).found
-        self._last = stamp_s, problem.whole(found.mean[None])[0]
-        self._known = _Known(stamp_s, problem.free, found)
-        self._note_way(stamp_s, found.mean[:2])
+        problem, answers = self._problem(stamp_s), []
+        answers_from = partial(
+            likely_answers, problem, state_cost=_backward_cost, coarse_rays=COARSE_RAYS
+        )
+        if len(self._last_state):
+            starts = _moved(self._last_state, stamp_s - self._last_stamp_s)[:, problem.free]
+            slacks_m = NEAR_SLACKS_M if len(self._window) >= LONG else SLACKS_M
+            answers = answers_from(starts, slacks_m=slacks_m)
+        # Squares of as many returns have this mean and standard deviation.
+        bound = 1.0 + FITTING_SD * np.sqrt(2 / max(problem.hits, 1))
+        if not answers or _cost(problem, answers) > max(bound, WORSE * self._guessed_cost):
+            starts = self._guesses(stamp_s)
+            answers += answers_from(starts[:, problem.free]) if len(starts) else []
+            if not answers:
+                return None
+            self._guessed_cost = _cost(problem, answers)
+        self._last_stamp_s = stamp_s
+        self._last_state = problem.states(_best(answers).mean[None])[0]
         return pose_of(answers, problem)
 
-    def _followed(self, problem: Problem, stamp_s: float) -> Posterior | None:
-        """Return the posterior around the last one, moved on; None where there is none."""
-        known = self._known
-        if known is None or len(self._window) < LONG:
-            return None
-        if not np.array_equal(known.free, problem.free):
-            return None
-        found = posterior(problem, known.moved(stamp_s), work=WORK)
-        turned = self._turned(problem.whole(found.mean[None]))[0]
-        return found if found.reached and found.effective >= COUNTED and not turned else None
-
-    def _searched(
-        self, problem: Problem, stamp_s: float, followed: Posterior | None
-    ) -> Posterior | None:
-        """Return the posterior around the best state, which is the followed one's where it ends."""
-        best, tries = self._best(problem, stamp_s)
-        if best is None:
-            return None
-        found = followed
-        if found is None or not _same(problem, found, best[0]):
-            found = posterior(problem, around(problem, *best), work=WORK)
-        # What one try alone came to may be far off, and says nothing of what can be reached.
-        if tries > 1:
-            self._settled = _cost(problem, found) / max((problem.rays.kind == HIT).sum(), 1)
-        return found
-
-    def _bound(self, problem: Problem) -> float:
-        """Return the cost up to which the last answer, moved on, is taken to be right."""
-        hits = (problem.rays.kind == HIT).sum()
-        return float(max(hits + FITTING * np.sqrt(2 * hits), WORSE * self._settled * hits))
-
-    def _best(
-        self, problem: Problem, stamp_s: float
-    ) -> tuple[tuple[np.ndarray, np.ndarray] | None, int]:
-        """Return the best state and its covariance, and of how many tries it is the best.
-
-        They are from the last state and, where that is bad, from anew.
-        """
-        bound = self._bound(problem)
-        tries = []
-        before = self._moved(stamp_s)
-        if before is not None and not self._turned(before[None])[0]:
-            rough = descend(thinned_problem(problem), before[None, problem.free], NEAR_SLACKS_M[:2])
-            tries.append(descend(problem, rough.vectors, NEAR_SLACKS_M[2:]))
-        if not tries or tries[0].costs[0] > bound:
-            guesses = self._guesses.at(stamp_s, self._window)
-            if len(guesses):
-                rough = descend(thinned_problem(problem), guesses[:, problem.free], SLACKS_M[:-2])
-                turned = self._turned(problem.whole(rough.vectors))
-                costs = rough.costs + TURNED * turned
-                chosen = np.flatnonzero(costs <= costs.min() + CLOSE)
-                tries.append(descend(problem, rough.vectors[chosen], NEAR_SLACKS_M[1:]))
-        if not tries:
-            return None, 0
-        vectors = np.concatenate([found.vectors for found in tries])
-        costs = np.concatenate([found.costs for found in tries])
-        covariances = np.concatenate([found.covariances for found in tries])
-        costs = costs + TURNED * self._turned(problem.whole(vectors))
-        if SPEED in problem.free:
-            costs += _backward(vectors[:, SPEED], covariances[:, SPEED, SPEED])
-        least = np.argmin(costs)
-        return (vectors[least], covariances[least]), len(tries)
-
-    def _turned(self, states: np.ndarray) -> np.ndarray:
-        """Whether states (S, 11) are those of a vehicle that is taken for its mirror image."""
-        backward = states[:, 3] < BACKWARD_M_S
-        if self._velocity is None or len(self._window) > 1:
-            return backward
-        headings = np.stack([np.cos(states[:, 2]), np.sin(states[:, 2])], axis=1)
-        turned: np.ndarray = headings @ self._velocity < 0
-        return turned
-
-    def _note_way(self, stamp_s: float, place: np.ndarray) -> None:
-        """Remember how the vehicle moves: one scan tells neither speed nor front from rear."""
-        if self._anchor is None:
-            self._anchor = stamp_s, place
-        before, start = self._anchor
-        if np.hypot(*(place - start)) > WAY_M:
-            self._anchor, self._velocity = (stamp_s, place), (place - start) / (stamp_s - before)
-
-    def _problem(self, stamp_s: float) -> Problem:
-        rays = [seen.sighting.rays for seen in self._window]
-        times = [
-            r.time + (seen.stamp_s - stamp_s) for r, seen in zip(rays, self._window, strict=True)
+    def _problem(self, stamp_s: float) -> BodyProblem:
+        """Return the problem of the whole window, the reference time being a stamp."""
+        rays = [
+            scan.body.rays._replace(time=scan.body.rays.time + (scan.stamp_s - stamp_s))
+            for scan in self._window
         ]
-        joined = Rays(*(np.concatenate(columns) for columns in zip(*rays, strict=True)))
-        prior = np.ones(WHOLE)
-        prior[:POSE] = np.inf, np.inf, np.inf, SPEED_SD, TURN_SD, ACCELERATION_SD
-        zero, fixed = np.zeros(WHOLE), np.zeros(WHOLE)
-        free = free_of(self._model, True)
-        if len(self._window) == 1:
-            free = np.delete(free, [3, 4, 5])
-            fixed[3] = 0.0 if self._velocity is None else np.hypot(*self._velocity)
-        return Problem(
-            joined._replace(time=np.concatenate(times)), self._model, self._chances, fixed, free,
-            prior, zero,
-        )  # fmt: skip
+        return BodyProblem(
+            BodyRays(*(np.concatenate(columns) for columns in zip(*rays, strict=True))),
+            self._model,
+            np.concatenate([np.arange(MOTION), self._model.uncertain]),
+            self._tolerance,
+            sd=prior_sd(speed=SPEED_SD, turn_rate=TURN_SD, acceleration=ACCELERATION_SD),
+        )
 
-    def _moved(self, stamp_s: float) -> np.ndarray | None:
-        """Return the last answer's state (11,) moved on to a stamp."""
-        if self._last is None:
-            return None
-        before, state = self._last
-        return np.concatenate([_state_after(state[:POSE], stamp_s - before), state[POSE:]])
+    def _guesses(self, stamp_s: float) -> np.ndarray:
+        """Return states (S, 11) to search from, the last answer being left aside.
 
-
-def _cost(problem: Problem, found: Posterior) -> float:
-    """Return by how much the rays disagree with a posterior's mean, as a descent counts it."""
-    off = misfits_of(problem, found.mean[None], 0.0)[0]
-    return float(LIMIT**2 * np.log1p((off / LIMIT) ** 2).sum())
-
-
-def _same(problem: Problem, found: Posterior, vector: np.ndarray) -> bool:
-    """Whether a descent ended at a posterior's mean, as nearly as its steps are fine."""
-    spread = np.sqrt(np.diag(found.covariance))
-    return bool((np.abs(vector - found.mean) <= SAME * spread + STEPS[problem.free]).all())
+        The scan nearest to the stamp gives the pose, the returns' means give the velocity, and
+        the turn rate is tried.
+        """
+        filled = [scan for scan in self._window if scan.body.returns]
+        usable = [scan for scan in filled if scan.body.returns >= ENOUGH_RETURNS] or filled
+        states = []
+        for velocity in _velocities(filled):
+            scan = min(usable, key=lambda scan: (scan.body.is_split, abs(scan.stamp_s - stamp_s)))
+            points, cut = scan.body.rays.points(velocity), scan.body.cut
+            for x, y, yaw in first_poses(points, scan.body.origin, self._model, cut=cut):
+                speed = velocity @ (np.cos(yaw), np.sin(yaw))
+                place = (x, y) + velocity * (stamp_s - scan.stamp_s)
+                rates = TURN_RATES if len(filled) > 1 else (0.0,)
+                states += [[*place, yaw, speed, rate, *[0.0] * (VALUES - 5)] for rate in rates]
+        return np.array(states)
 
 
-def _twin(problem: Problem, found: Posterior) -> Posterior:
-    """Return the posterior of a vehicle that is the other way round and goes the same way."""
-    turned = found.mean.copy()
-    turned[2] += np.pi
-    turned[[SPEED, POSE - 1]] *= -1
-    rough = descend(thinned_problem(problem), turned[None], SLACKS_M[:-2])
-    best = descend(problem, rough.vectors, NEAR_SLACKS_M[1:])
-    return posterior(problem, around(problem, best.vectors[0], best.covariances[0]), work=WORK)
+def _best(answers: Sequence[Answer]) -> Posterior:
+    return max(answers, key=lambda answer: answer.log_weight).posterior
 
 
-def _forward(found: Posterior) -> Likely:
-    """Return a posterior with the log of its evidence, less what it costs to go backwards."""
-    cost = _backward(found.mean[[SPEED]], found.covariance[SPEED, SPEED])
-    return Likely(found.evidence - 0.5 * float(cost[0]), found)
+def _cost(problem: BodyProblem, answers: Sequence[Answer]) -> float:
+    """Return the cost of the best answer, by return."""
+    return float(problem.cost(_best(answers).mean)) / max(problem.hits, 1)
 
 
-def _backward(speeds: np.ndarray, variances: np.ndarray) -> np.ndarray:
-    """Return what it costs (S,) to go backwards, as far as that is known: vehicles rarely do."""
-    costs: np.ndarray = np.minimum(np.minimum(speeds, 0.0) ** 2 / variances, CLOSE)
-    return costs
+def _moved(last: np.ndarray, span_s: float) -> np.ndarray:
+    """Return a state (11,) after a time and, if it is slow, its mirror image: (1 or 2, 11)."""
+    state = last.copy()
+    state[:3] = pose_after(last, span_s)
+    state[SPEED] += state[ACCELERATION] * span_s
+    mirrored = state.copy()
+    mirrored[2] += np.pi
+    mirrored[[SPEED, ACCELERATION]] *= -1
+    return np.array([state, mirrored] if abs(state[SPEED]) < SLOW_M_S else [state])
+
+
+def _backward_cost(states: np.ndarray) -> np.ndarray:
+    """Return what it costs (K,) states (K, 11) to go backwards: vehicles rarely do."""
+    return np.asarray((np.minimum(states[:, SPEED], 0.0) / BACKWARD_SD) ** 2)
+
+
+def _velocities(scans: Sequence[_WindowScan]) -> list[np.ndarray]:
+    """Return velocities (2,) that the returns' means may have; none without a scan.
+
+    Of split scans each half counts for itself: its mean may have moved from half to half, or, as
+    the halves measure different sides of a vehicle that stands too, from each half to its like.
+    """
+    rows = []
+    for scan in scans:
+        times, points = scan.body.times, scan.body.rays.points(np.zeros(2))
+        is_late = (times > times.mean()) & scan.body.is_split
+        for half in (False, True):
+            if (rows_of_half := is_late == half).any():
+                mean = points[rows_of_half].mean(axis=0)
+                rows.append([half, scan.stamp_s + times[rows_of_half].mean(), *mean])
+    if not rows:
+        return []
+    table, velocities = np.array(rows), []
+    for groups in (table[:, 0], 0 * table[:, 0])[: 1 + table[:, 0].any()]:
+        off = np.concatenate(
+            [table[groups == g, 1:] - table[groups == g, 1:].mean(axis=0) for g in set(groups)]
+        )
+        spread = off[:, 0] @ off[:, 0]
+        velocities.append(off[:, 0] @ off[:, 1:] / spread if spread > 0 else np.zeros(2))
+    return velocities

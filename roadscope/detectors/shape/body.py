@@ -1,4 +1,4 @@
-"""A rounded body fitted to a cluster's outline and to the sight past its ends, as a shape."""
+"""A rounded body fitted to a cluster's outline and to the free sight past its ends, as a shape."""
 
 from __future__ import annotations
 
@@ -8,32 +8,33 @@ from functools import cache
 
 import numpy as np
 
-from roadscope.core.jit import compiled
+from roadscope.core import wrap_angle
 from roadscope.detectors.horizon import Horizon
-from roadscope.detectors.pose.body_descent import RULES, space_of
-from roadscope.detectors.pose.body_descent_kernels import Rules, Space, lowest
-from roadscope.detectors.pose.body_fit import CHANCES, still_problem
-from roadscope.detectors.pose.body_kernels import POSE, Rays
-from roadscope.detectors.pose.body_lanes import Drawn
-from roadscope.detectors.pose.body_model import BodyModel, Storey, drawn
-from roadscope.detectors.pose.body_outline_kernels import Around, outline_rays
-from roadscope.detectors.pose.body_start import along_sides
+from roadscope.detectors.pose.body_model import BodyModel, BodySection
+from roadscope.detectors.pose.body_rays import EMPTY, HIT, PASSED, BodyRays
+from roadscope.detectors.pose.body_search import BodyProblem, descend, first_poses
 from roadscope.detectors.shape.bodies import BODIES, BRICKS, Body
 from roadscope.detectors.shape.cluster import Cluster
 from roadscope.detectors.shape.l_shape import vehicles_by_l_shape
 from roadscope.detectors.shape.recognition import Vehicle
 
-SLACKS = np.array([0.15, 0.05, 0.02, 0.0, 0.0, 0.0])
-"""Added to noise and edges round by round, metres."""
+SLACKS_M = (0.15, 0.05, 0.02, 0.0, 0.0)
+"""Added to noise and edges, see `descend`."""
 MOVED_M = 2.0
 """A fit that ends farther from its first guess has run away."""
+MOST_POINTS = 32
+"""Outline points that are used."""
+BESIDE = 3
+"""Columns beyond either end of the outline whose rays are used."""
+NOISE_M = (0.02, 0.15)
+"""Least and greatest noise of an outline that is believed."""
 
 
 def vehicles_by_body(cluster: Cluster, horizon: Horizon) -> list[Vehicle]:
     """Return the road users of a cluster, cars to buses fitted as bodies with rounded corners.
 
     Which kind of road user it is comes from the search-based L-shape; its sizes are the prior
-    of length and width. Sight past the ends of the outline bounds the body, and what stands
+    of length and width. Free sight past the ends of the outline bounds the body; what stands
     nearer there does not.
     """
     vehicles = vehicles_by_l_shape(cluster, horizon)
@@ -44,47 +45,66 @@ def vehicles_by_body(cluster: Cluster, horizon: Horizon) -> list[Vehicle]:
 
 def _fitted(vehicle: Vehicle, cluster: Cluster, horizon: Horizon) -> Vehicle:
     model = _model(_kind(vehicle))
-    x, y = vehicle.centre
     outline, origin = np.asarray(cluster.outline, np.float64), np.asarray(cluster.origin)
-    found, length, width = _likeliest(
-        (outline, origin, horizon.around), np.array([x, y, vehicle.yaw]), drawn(model),
-        _space(model), (SLACKS, RULES),
-    )  # fmt: skip
-    if not math.hypot(found[0] - x, found[1] - y) < MOVED_M:
+    free = np.concatenate([np.arange(3), model.uncertain])
+    problem = BodyProblem(outline_rays(outline, origin, horizon), model, free)
+    starts = np.zeros((3, len(free)))
+    starts[:2, :3] = first_poses(outline, origin, model)[:2]
+    starts[2, :3] = *vehicle.centre, vehicle.yaw
+    ends = descend(problem, starts, SLACKS_M, around=0)
+    state = problem.states(ends.vectors[[ends.costs.argmin()]])[0]
+    x, y, yaw = state[:3].tolist()
+    if not math.dist((x, y), vehicle.centre) < MOVED_M:
         return vehicle
-    return replace(
-        vehicle,
-        centre=(float(found[0]), float(found[1])),
-        size=(length, width, vehicle.size[2]),
-        yaw=math.atan(math.tan(found[2])),
+    size = (*model.sizes(state), vehicle.size[2])
+    return replace(vehicle, centre=(x, y), size=size, yaw=math.atan(math.tan(yaw)))
+
+
+def outline_rays(outline: np.ndarray, origin: np.ndarray, horizon: Horizon) -> BodyRays:
+    """Return the level rays to an outline (M, 2), metres, and those that pass beside it.
+
+    origin: (2,) metres, the sensor. A ray that meets something nearer says nothing, for its reach
+    ends there.
+    """
+    offsets = outline[:: -(-len(outline) // MOST_POINTS)] - origin
+    reach, azimuths = np.hypot(*offsets.T), np.arctan2(offsets[:, 1], offsets[:, 0])
+    noise_m = _noise(reach)
+    steps = horizon.step * np.arange(1, BESIDE + 1)
+    ends = np.arctan2(*(outline[[0, -1]] - origin).T[::-1])
+    beside = np.concatenate([ends[0] - steps, ends[1] + steps])
+    if horizon.view is not None:
+        right, left = horizon.view
+        beside = beside[wrap_angle(beside - right) <= wrap_angle(left - right)]
+    past = np.array([_reach_towards(azimuth, horizon) for azimuth in beside])
+    kinds = np.where(np.isfinite(past), PASSED, EMPTY)
+    azimuths, reach = np.append(azimuths, beside), np.append(reach, past)
+    count = len(reach)
+    return BodyRays(
+        np.tile([*origin, 1.0], (count, 1)),
+        np.column_stack([np.cos(azimuths), np.sin(azimuths)]),
+        np.zeros(count),
+        reach,
+        np.append(np.full(len(offsets), HIT), kinds).astype(np.int64),
+        np.full(count, noise_m),
+        np.zeros(count),
+        np.zeros(count),
     )
 
 
-@compiled()
-def _likeliest(
-    seen: tuple[np.ndarray, np.ndarray, Around],
-    guess: np.ndarray,
-    body: Drawn,
-    space: Space,
-    search: tuple[np.ndarray, Rules],
-) -> tuple[np.ndarray, float, float]:
-    """Return x, y, yaw, and length and width of the likeliest body.
+def _reach_towards(azimuth: float, horizon: Horizon) -> float:
+    """Return the range of the nearest return in the column of a direction, inf without one."""
+    off = np.abs(wrap_angle(horizon.azimuths - azimuth))
+    if not len(off) or off.min() >= 0.6 * horizon.step:
+        return np.inf
+    return float(horizon.ranges[off.argmin()])
 
-    seen: outline (M, 2), sensor (2,), and sight around. guess: (3,) x, y, yaw, tried beside the
-    sides of an initial rectangle.
-    """
-    outline, origin, around = seen
-    slacks, rules = search
-    means = body.sizes[:, 0]
-    begin = np.zeros((3, len(space.free)))
-    begin[:2, :3] = along_sides(outline, origin, means[0], means[1])[:2]
-    begin[2, :3] = guess
-    rays = outline_rays(outline, origin, around)
-    vectors, costs = lowest(begin, slacks, body, space, (rays, rules))
-    whole = space.fixed.copy()
-    whole[space.free] = vectors[costs.argmin()]
-    sides = np.maximum(means + body.sizes[:, 1] * whole[POSE : POSE + 2], 0.3 * means)
-    return whole[:3], sides[0], sides[1]
+
+def _noise(reach: np.ndarray) -> float:
+    """Return the noise of ranges in order, from how far each is from its neighbours' mean."""
+    if len(reach) < 3:
+        return NOISE_M[1]
+    bends = np.abs(reach[1:-1] - (reach[:-2] + reach[2:]) / 2)
+    return float(np.clip(np.median(bends) / 0.6745 / math.sqrt(1.5), *NOISE_M))
 
 
 def _kind(vehicle: Vehicle) -> Body:
@@ -95,14 +115,4 @@ def _kind(vehicle: Vehicle) -> Body:
 
 @cache
 def _model(body: Body) -> BodyModel:
-    return BodyModel(body.length, body.width, storeys=(Storey(0.0, 2.0),))
-
-
-@cache
-def _space(model: BodyModel) -> Space:
-    """Return where a standing body is searched, whatever the rays."""
-    none = np.empty(0)
-    rays = Rays(
-        np.empty((0, 3)), np.empty((0, 2)), none, none, np.empty(0, np.int64), none, none, none
-    )
-    return space_of(still_problem(rays, model, CHANCES), around=0, ways=2)
+    return BodyModel(body.length, body.width, sections=(BodySection(0.0, 2.0),))

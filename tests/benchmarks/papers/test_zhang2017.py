@@ -180,7 +180,7 @@ def test_every_claim_is_judged_on_the_means_and_in_single_seeds(rows):
     }
     for method in OURS:
         assert held[tables.OF_ALL, f"{method}: none turned by 90 deg", "holds"] in (0, 1)
-        assert 0 <= held[tables.OF_ALL, f"{method}: 15 ms following", "in single seeds"] <= 1
+        assert 0 <= held[tables.OF_ALL, f"{method}: 40 ms following", "in single seeds"] <= 1
     shares = tables.OF_OURS.format("rounded") + tables.SHARE_OF_SEEDS
     beaten = [r for r in rows if r.experiment == shares and r.quantity == claims.BEATEN]
     assert {r.n for r in beaten} == {2}
@@ -277,8 +277,8 @@ def test_intervals_of_seeds_cover_3_where_frames_of_a_seed_repeat_each_other():
 
 def test_times_are_held_against_their_limits():
     quick = dict.fromkeys(claims.LIMITS_MS, 0.9)
-    held = time_claims(quick, quick | {MULTI: 5.1})
-    assert not held.pop("multi frame: 5 ms on any drive")
+    held = time_claims(quick, quick | {MULTI: 15.1})
+    assert not held.pop("multi frame: 15 ms on any drive")
     assert all(held.values())
 
 

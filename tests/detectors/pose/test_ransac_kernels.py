@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from roadscope.detectors.pose.matched_filter import away
+from roadscope.detectors.pose.estimate import pointing_away
 from roadscope.detectors.pose.ransac import fit_ransac
 
 CORNER_POINTS = 2
@@ -50,7 +50,7 @@ def obvious(points, place, rng, long_side):
     behind = np.copysign(other / 2, (mean - place) @ normal)
     x, y = mean + middle * axis + (depth + behind) * normal
     heading = axis if is_flank else normal
-    yaw = away(float(np.arctan2(heading[1], heading[0])), mean - place)
+    yaw = pointing_away(float(np.arctan2(heading[1], heading[0])), mean - place)
     share = float(np.mean(held | second))
     return x, y, yaw, share
 

@@ -13,7 +13,7 @@ from research.zhang2017_calibration import (
 )
 from roadscope.benchmarks.papers.zhang2017_methods import ford_fusion
 from roadscope.benchmarks.papers.zhang2017_scene import RobotLidar, sense_drive, sense_sweeps
-from roadscope.detectors.pose.body_model import UNKNOWNS
+from roadscope.detectors.pose.body_model import MOTION, VALUES
 from roadscope.detectors.pose.estimate import axis_difference
 from roadscope.detectors.pose.smoother import Smoother
 
@@ -175,7 +175,7 @@ def test_cars_that_the_sweep_begins_and_ends_on_are_found(way, frames):
     One that stands is met twice, too, from two sides.
     """
     model, rng = ford_fusion(), np.random.default_rng(3)
-    body = body_of(model, np.zeros(UNKNOWNS))
+    body = body_of(model, np.zeros(VALUES - MOTION))
     drive = drive_through(np.array([*way, 0.1, 0.3]))
     shots = sense_sweeps(drive, RobotLidar(lidar()), body, NO_PHASES, rng)
     told = way[3] * np.array([np.cos(way[2]), np.sin(way[2])])

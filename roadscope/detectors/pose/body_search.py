@@ -1,0 +1,393 @@
+"""From the rays of a body to its most likely states and to their posterior.
+
+First guesses, damped least squares from there, adaptive importance sampling around its end; the
+same every time.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from functools import cache
+from typing import NamedTuple
+
+import numpy as np
+
+from roadscope.detectors.pose.body_likelihood import (
+    ROUGHLY_DRAWN,
+    RayFits,
+    Tolerance,
+    ray_fits,
+)
+from roadscope.detectors.pose.body_model import MOTION, STATE, VALUES, BodyModel
+from roadscope.detectors.pose.body_rays import HIT, BodyRays
+
+STEPS = np.array([0.01, 0.01, 0.003, 0.05, 0.02, 0.05, 0.2, 0.2, 0.2, 0.2, 0.2])
+"""By how much the values of a state are moved for a slope: about a standard deviation."""
+SLACKS_M = (0.25, 0.15, 0.08, 0.04, 0.02, 0.01, 0.005, 0.0)
+"""Added to noise and edges iteration by iteration: first every ray counts, then the near ones."""
+SHARES = np.array([1.0, 0.5, 0.2, 0.0])
+"""Shares of a step that are tried."""
+AROUND, WIDTH = 8, 1.5
+"""Places around the step's end that are tried too, and how many standard deviations wide."""
+LIMIT = 3.0
+"""Misfits beyond so many standard deviations lose weight."""
+LOOSE_STEPS = 30.0
+"""Steps, at a slack of 1 m, by which a value moves that the rays say little of."""
+WIDER = 2.0
+"""How much wider than the last estimate samples are drawn, as a factor on the covariance: the
+posterior of one scan has corners that narrower samples leave out (1.3 made it a twentieth too
+small)."""
+FEW, FLATTER = 0.1, 0.85
+"""Share of a round's samples that must count; where fewer would, the weights are flattened, by
+powers of the second value."""
+QUADRATIC_SD, QUADRATIC_ERROR = 2.5, 0.3
+"""A ray is quadratic if its log-likelihood departs from its quadratic form by no more than the
+second value at so many standard deviations along each principal axis."""
+WORK, FEWEST, MOST = 24_000, 224, 512
+"""Rays times samples of a round, and bounds on samples: few rays bound a posterior with corners,
+many make it normal."""
+MANY_RAYS = WORK // FEWEST
+"""Up to so many rays are all sampled; of more, the quadratic ones are merged."""
+ROUNDS, UNBOUND_ROUNDS = 10, 6
+"""Most rounds of sampling, of a posterior without bounds too."""
+MOVED_SD, GROWN = 2.0, 4.0
+"""Standard deviations by which a mean may move, and the factor by which a variance may grow, until
+the quadratic rays are chosen anew: a form says nothing of where its rays were not tried."""
+LEAST_VARIANCE, LEAST_BEND = 1e-18, 1e-9
+"""Bounds against division by zero, of a variance and of the bend of a log-density."""
+LOOSE, LOOSE_SD = 0.5, 4.0
+"""How far off a search leaves the values of the shape, as a share of its steps, and at most in
+standard deviations: a corner's radius is bound from one side, which no quadratic form around its
+best value tells."""
+SETTLED = 0.6
+"""Samples that count, as a share of those that would if the posterior were normal and known, from
+which the estimate is settled."""
+ANGLES = np.radians(np.arange(0.0, 90.0, 3.0))
+"""Headings that are tried for a first guess."""
+CLOSE_M = 0.2
+"""Distance from a side beyond which a return says nothing about it."""
+SETS = 4
+"""Sets of evenly spread points."""
+GUESS_POINTS = 64
+"""Most returns for a first guess."""
+
+
+@dataclass(frozen=True, slots=True)
+class QuadraticRays:
+    """Rays whose misfits are linear in the vector: their log-likelihood is one quadratic form.
+
+    at: (D,) vector around which. normal (D, D), pull (D,): the log-likelihood of a departure d is
+    -0.5 d' normal d - pull' d, plus the constant.
+    """
+
+    at: np.ndarray
+    normal: np.ndarray
+    pull: np.ndarray
+    constant: float
+
+    def log_likelihood(self, vectors: np.ndarray) -> np.ndarray:
+        """Return the log-likelihood (K,) of vectors (K, D)."""
+        off = vectors - self.at
+        return np.asarray(self.constant - ((0.5 * off @ self.normal + self.pull) * off).sum(axis=1))
+
+
+@dataclass(frozen=True, slots=True)
+class BodyProblem:
+    """Rays, a body, and which of the 11 values of its state are searched.
+
+    free: (D,) indices of these values, in the order of a vector. fixed: (11,) the others.
+    centre, sd: (11,) mean and standard deviation of a normal prior, infinite for none.
+    """
+
+    rays: BodyRays
+    model: BodyModel
+    free: np.ndarray
+    tolerance: Tolerance = ROUGHLY_DRAWN
+    fixed: np.ndarray = field(default_factory=lambda: np.zeros(VALUES))
+    centre: np.ndarray = field(default_factory=lambda: np.zeros(VALUES))
+    sd: np.ndarray = field(default_factory=lambda: prior_sd())
+    quadratic: QuadraticRays | None = None
+
+    def states(self, vectors: np.ndarray) -> np.ndarray:
+        """Return the states (K, 11) of vectors (K, D)."""
+        states = np.tile(self.fixed, (len(vectors), 1))
+        states[:, self.free] = vectors
+        return states
+
+    @property
+    def hits(self) -> int:
+        """How many rays brought a return of the body."""
+        return int((self.rays.kind == HIT).sum())
+
+    def fits(self, vectors: np.ndarray, slack_m: float = 0.0) -> RayFits:
+        """Return likelihoods and misfits (..., M) of vectors (..., D); see `ray_fits`."""
+        states = self.states(vectors.reshape(-1, len(self.free)))
+        fits = ray_fits(states, self.model.shape, self.rays, self.tolerance, slack_m)
+        shape = *vectors.shape[:-1], len(self.rays.slope)
+        return RayFits(fits.likelihoods.reshape(shape), fits.misfits.reshape(shape))
+
+    def log_density(self, vectors: np.ndarray) -> np.ndarray:
+        """Return the log of the posterior, up to a constant, (K,) for vectors (K, D)."""
+        logs: np.ndarray = np.log(self.fits(vectors).likelihoods).sum(axis=1)
+        logs -= 0.5 * self.prior_cost(vectors)
+        return logs if self.quadratic is None else logs + self.quadratic.log_likelihood(vectors)
+
+    def prior_cost(self, vectors: np.ndarray) -> np.ndarray:
+        """Return the sum of squares (...,) of vectors (..., D) under the prior."""
+        off = (vectors - self.centre[self.free]) / self.sd[self.free]
+        return np.asarray((off * off).sum(axis=-1))
+
+    def cost(self, vectors: np.ndarray, slack_m: float = 0.0) -> np.ndarray:
+        """Return the cost (...,): squared misfits, tempered for outliers, and the prior."""
+        return np.asarray(tempered(self.fits(vectors, slack_m).misfits) + self.prior_cost(vectors))
+
+    def slopes(
+        self, vectors: np.ndarray, steps: np.ndarray, slack_m: float = 0.0
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Return misfits (S, M) of vectors (S, D) and their derivatives (S, D, M).
+
+        steps: (D,) by which each value is moved both ways.
+        """
+        moves = np.concatenate([np.zeros((1, len(steps))), np.diag(steps), -np.diag(steps)])
+        misfits = self.fits(vectors[:, None] + moves, slack_m).misfits
+        ahead, back = misfits[:, 1 : 1 + len(steps)], misfits[:, 1 + len(steps) :]
+        return misfits[:, 0], (ahead - back) / (2.0 * steps[:, None])
+
+    def thinned(self, most: int) -> BodyProblem:
+        """Return the problem with at most so many rays, evenly chosen."""
+        return replace(self, rays=self.rays.thinned(most))
+
+
+def prior_sd(**sd: float) -> np.ndarray:
+    """Return standard deviations (11,) of a prior: flat for the motion, 1 for the shape."""
+    values = dict.fromkeys(("x", "y", "yaw", "speed", "turn_rate", "acceleration"), np.inf) | sd
+    return np.array([values.get(name, 1.0) for name in STATE])
+
+
+def tempered(misfits: np.ndarray) -> np.ndarray:
+    """Return the sum (...,) of squared misfits (..., M), large ones counted less."""
+    return np.asarray(LIMIT**2 * np.log1p((misfits / LIMIT) ** 2).sum(axis=-1))
+
+
+@dataclass(frozen=True, slots=True)
+class Descent:
+    """Where a search ended: vectors (S, D), their covariances (S, D, D) and costs (S,)."""
+
+    vectors: np.ndarray
+    covariances: np.ndarray
+    costs: np.ndarray
+
+
+def descend(
+    problem: BodyProblem,
+    vectors: np.ndarray,
+    slacks_m: tuple[float, ...] = SLACKS_M,
+    *,
+    around: int = AROUND,
+) -> Descent:
+    """Improve vectors (S, D) of a problem, each on its own, by damped least squares.
+
+    slacks_m: added to noise and edges, iteration by iteration. around: places around the end of
+    each step that are tried too, because silhouettes make no parabola.
+    """
+    steps, vectors = STEPS[problem.free], np.array(vectors, np.float64)
+    precision, centre = problem.sd[problem.free] ** -2.0, problem.centre[problem.free]
+    spread = WIDTH * normal_points(AROUND, len(steps))[0, :around]
+    for slack_m in slacks_m:
+        misfits, slopes = problem.slopes(vectors, steps, slack_m)
+        weighed = slopes / (1.0 + (misfits / LIMIT) ** 2)[:, None]
+        # The last term keeps values that the rays say little of from running away.
+        damping = precision + ((0.3 + slack_m) * LOOSE_STEPS * steps) ** -2.0
+        covariances = np.linalg.inv(weighed @ np.swapaxes(slopes, 1, 2) + np.diag(damping))
+        pull = (weighed @ misfits[..., None])[..., 0] + precision * (vectors - centre)
+        step = (covariances @ pull[..., None])[..., 0]
+        ends = vectors[:, None] - SHARES[:, None] * step[:, None]
+        beside = ends[:, :1] + spread @ np.swapaxes(np.linalg.cholesky(covariances), 1, 2)
+        tried = np.concatenate([ends, beside], axis=1)
+        costs = problem.cost(tried, slack_m)
+        vectors = tried[np.arange(len(tried)), costs.argmin(axis=1)]
+    return Descent(vectors, covariances, costs.min(axis=1))
+
+
+@cache
+def normal_points(count: int, dimensions: int) -> np.ndarray:
+    """Return sets (4, count, dimensions) of evenly spread standard normal points.
+
+    Additive recurrence with the generalised golden ratio (Roberts 2018); each set is centred and
+    scaled to unit variance, so that few points carry little bias.
+    """
+    from scipy.special import ndtri
+
+    golden = 2.0
+    for _ in range(60):
+        golden = (1 + golden) ** (1 / (dimensions + 1))
+    steps = golden ** -np.arange(1.0, dimensions + 1)
+    turns = np.outer(np.arange(1, SETS * count + 1), steps) + 0.5
+    points = ndtri(np.clip(turns % 1.0, 1e-6, 1 - 1e-6)).reshape(SETS, count, dimensions)
+    points -= points.mean(axis=1, keepdims=True)
+    points /= points.std(axis=1, keepdims=True)
+    return np.asarray(points)
+
+
+@dataclass(frozen=True, slots=True)
+class Posterior:
+    """Mean (D,) and covariance (D, D) of a posterior.
+
+    evidence: log of the density's integral. reached: whether samples have the posterior's own
+    weights, not flattened ones.
+    """
+
+    mean: np.ndarray
+    covariance: np.ndarray
+    evidence: float
+    reached: bool
+
+
+def posterior(problem: BodyProblem, vector: np.ndarray, covariance: np.ndarray) -> Posterior:
+    """Return the posterior of a problem around the end of a search.
+
+    In each round samples are drawn from a normal distribution around the last estimate of mean
+    and covariance, and weighed by the posterior over what they were drawn from. While too few
+    would count, weights are flattened, so that the estimate moves there in steps.
+    """
+    known_sd = LOOSE_SD * np.sqrt(np.diag(covariance))
+    loose = np.minimum(LOOSE * STEPS[problem.free], known_sd) * (problem.free >= MOTION)
+    mean, covariance = vector, covariance + np.diag(loose**2)
+    # The share of samples that counts where the posterior is a normal one around the mean.
+    of_normal = (2.0 / WIDER - WIDER**-2.0) ** (0.5 * len(mean))
+    # Fewer returns than unknowns leave a posterior without bounds, which samples would follow.
+    is_bound, was_reached = problem.hits >= len(mean), False
+    near, split, is_to_split = problem, None, len(problem.rays.slope) > MANY_RAYS
+    for turn in range(ROUNDS if is_bound else UNBOUND_ROUNDS):
+        if is_to_split:
+            split = split_rays(problem, mean, covariance)
+            near, mean = split.problem, split.better_mean
+        count = int(np.clip(WORK // max(len(near.rays.slope), 1), FEWEST, MOST)) // 32 * 32
+        root = np.linalg.cholesky(WIDER * covariance)
+        normals = normal_points(count, len(mean))[turn % SETS]
+        samples = mean + normals @ root.T
+        ratios = near.log_density(samples) + 0.5 * (normals * normals).sum(axis=1)
+        power = _flattening(ratios, FEW * count)
+        weights = np.exp(power * (ratios - ratios.max()))
+        evidence = np.log(weights.mean()) + power * ratios.max() + np.log(np.diag(root)).sum()
+        weights /= weights.sum()
+        effective = 1.0 / (weights @ weights)
+        mean = weights @ samples
+        off = samples - mean
+        # A little of the proposal is mixed in where few samples count: it must not collapse.
+        share = 0.02 * min(0.5, len(mean) / effective / 4)
+        covariance = (off.T * weights) @ off + share * (root @ root.T)
+        is_to_split = split is not None and _has_left(split, mean, covariance)
+        is_settled = effective > SETTLED * of_normal * count and not is_to_split
+        if was_reached and power == 1.0 and is_settled:
+            break
+        was_reached = power == 1.0
+    if not is_bound and power < 1.0:
+        # Their mean says no more than how far they have come.
+        covariance, mean = covariance + np.outer(mean - vector, mean - vector), vector
+    # What so few evenly spread samples add to the errors, compared with 20 times as many.
+    covariance = covariance * (effective + 1.0) / max(effective - 1.0, 1.0)
+    return Posterior(mean, covariance, float(evidence), bool(power == 1.0))
+
+
+class SplitRays(NamedTuple):
+    """A problem whose quadratic rays are merged into one form, and where that was tried.
+
+    mean (D,), covariance (D, D): around which. better_mean: (D,) after a step of Newton's method
+    along each principal axis of the covariance.
+    """
+
+    problem: BodyProblem
+    mean: np.ndarray
+    covariance: np.ndarray
+    better_mean: np.ndarray
+
+
+def split_rays(problem: BodyProblem, mean: np.ndarray, covariance: np.ndarray) -> SplitRays:
+    """Merge the quadratic rays of a problem around a mean into one form.
+
+    So the many samples cost only the rays near a silhouette or a corner.
+    """
+    size = len(mean)
+    variances, axes = np.linalg.eigh(covariance)
+    moves = QUADRATIC_SD * axes * np.sqrt(np.maximum(variances, LEAST_VARIANCE))
+    tried = mean + np.concatenate([np.zeros((1, size)), moves.T, -moves.T])
+    likelihoods, misfits = problem.fits(tried)
+    logs, misfit = np.log(likelihoods), misfits[0]
+    slope = np.linalg.solve(moves.T, 0.5 * (misfits[1 : size + 1] - misfits[size + 1 :]))
+    form = -0.5 * ((misfit + (tried - mean) @ slope) ** 2 - misfit**2)
+    is_quadratic = (np.abs(logs - logs[0] - form) < QUADRATIC_ERROR).all(axis=0)
+    slope = slope[:, is_quadratic]
+    quadratic = QuadraticRays(
+        mean, slope @ slope.T, slope @ misfit[is_quadratic], float(logs[0, is_quadratic].sum())
+    )
+    gains = logs.sum(axis=1) - 0.5 * problem.prior_cost(tried)
+    ahead, back = gains[1 : size + 1] - gains[0], gains[size + 1 :] - gains[0]
+    share = 0.5 * (ahead - back) / np.maximum(-(ahead + back), LEAST_BEND)
+    return SplitRays(
+        replace(problem, rays=problem.rays.rows(~is_quadratic), quadratic=quadratic),
+        mean,
+        covariance,
+        mean + moves @ np.clip(share, -1.0, 1.0),
+    )
+
+
+def _has_left(split: SplitRays, mean: np.ndarray, covariance: np.ndarray) -> bool:
+    """Return whether an estimate reaches beyond where the rays were split."""
+    off = mean - split.mean
+    shares = np.linalg.solve(split.covariance, np.column_stack([off, covariance]))
+    growth = np.linalg.eigvals(shares[:, 1:]).real.max()
+    return bool(off @ shares[:, 0] > MOVED_SD**2 or growth > GROWN)
+
+
+def _flattening(logs: np.ndarray, least: float) -> float:
+    """Return the power of the weights, 1 or less, at which at least so many samples count."""
+    for power in FLATTER ** np.arange(60.0):
+        weights = np.exp(power * (logs - logs.max()))
+        if weights.sum() ** 2 >= least * (weights @ weights):
+            return float(power)
+    return 0.0
+
+
+def first_poses(
+    points: np.ndarray, origin: np.ndarray, model: BodyModel, *, cut: bool = False
+) -> np.ndarray:
+    """Return x, y, yaw (4, 3) for the headings along the sides of an initial rectangle.
+
+    points: (N, 2) metres, N at least 1. origin: (2,) metres, the sensor. cut: the sweep began or
+    ended on the body, so that its near end may be missing; (16, 3) more have each end at one of
+    the points' own.
+    """
+    points = points[:: -(-len(points) // GUESS_POINTS)]
+    first = _side_direction(points, origin)
+    poses = []
+    for yaw in first + 0.5 * np.pi * np.arange(4):
+        axes = np.array([[np.cos(yaw), np.sin(yaw)], [-np.sin(yaw), np.cos(yaw)]])
+        halves = 0.5 * np.array([model.length_m[0], model.width_m[0]])
+        places, sensor = points @ axes.T, axes @ origin
+        low, high = places.min(axis=0), places.max(axis=0)
+        # The near side of the body is where the points are.
+        near = np.where(sensor > high, high - halves, 0.5 * (low + high))
+        near = np.where(sensor < low, low + halves, near)
+        poses.append([*near @ axes, yaw])
+        for k in range(2) if cut else ():
+            for end in (low[k] + halves[k], high[k] - halves[k]):
+                moved = near.copy()
+                moved[k] = end
+                poses.append([*moved @ axes, yaw])
+    return np.array(poses)
+
+
+def _side_direction(points: np.ndarray, origin: np.ndarray) -> float:
+    """Return the angle at which the sides next to the sensor are nearest to the returns."""
+    if len(points) < 3:
+        x, y = points.mean(axis=0) - origin
+        return float(np.arctan2(y, x))
+    nearest = np.full((len(points), len(ANGLES)), CLOSE_M)
+    for angles in (ANGLES, ANGLES + 0.5 * np.pi):
+        axes = np.array([np.cos(angles), np.sin(angles)])
+        places, sensor = points @ axes, origin @ axes
+        low, high = places.min(axis=0), places.max(axis=0)
+        is_ahead = sensor > 0.5 * (low + high)
+        nearest = np.minimum(nearest, np.where(is_ahead, high - places, places - low))
+    return float(ANGLES[nearest.sum(axis=0).argmin()])
