@@ -52,27 +52,6 @@ def test_more_frames_are_better_on_a_curve_too(curve):
     assert places[2] < 0.01
 
 
-def test_following_the_last_window_is_as_good_as_searching_each_anew(curve, monkeypatch):
-    followed = follow(curve, frames=5)
-    searched = 0
-    best = Smoother._best
-
-    def counted(*args):
-        nonlocal searched
-        searched += 1
-        return best(*args)
-
-    monkeypatch.setattr(Smoother, "_best", counted)
-    assert follow(curve, frames=5) == followed
-    assert searched < len(followed) / 2
-    monkeypatch.setattr(Smoother, "_followed", lambda *args: None)
-    off = []
-    for a, b in zip(followed, follow(curve, frames=5), strict=True):
-        root = np.linalg.cholesky(b.covariance)
-        off.append(np.linalg.solve(root, [a.x - b.x, a.y - b.y, a.yaw - b.yaw]))
-    assert rms(np.array(off)) < 0.6
-
-
 def test_the_newest_frame_can_be_asked_for(curve):
     newest = errors(curve, follow(curve, frames=5, lag=0))
     assert len(newest) == 12
