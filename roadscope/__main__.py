@@ -95,8 +95,8 @@ app.add_typer(
 )
 
 
-def _version(asked: bool) -> None:
-    if asked:
+def _version(requested: bool) -> None:
+    if requested:
         from roadscope import __version__
 
         typer.echo(f"roadscope {__version__}")

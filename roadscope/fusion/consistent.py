@@ -51,7 +51,7 @@ class ConsistentFusion:
         rows, columns = candidates.lidar_rows, candidates.camera_rows
         masses, scores = _masses(views, candidates), 1 / (1 + np.exp(-odds))
         fused = assemble(views, rows, columns, masses, scores)
-        return with_places(fused, views, agreement, (columns, projection))
+        return with_places(fused, views, agreement, columns, projection)
 
 
 def odds_of(
@@ -69,10 +69,13 @@ def with_places(
     fused: FusedDetections,
     views: Views,
     agreement: Agreement,
-    seen: tuple[np.ndarray, Projection],
+    camera_rows: np.ndarray,
+    projection: Projection,
 ) -> FusedDetections:
-    """Give targets of the camera alone a place and a size, from a cluster or from the image."""
-    camera_rows, projection = seen
+    """Give targets of the camera alone a place and a size, from a cluster or from the image.
+
+    camera_rows: (T,) row of the camera's detection of each target.
+    """
     alone = np.flatnonzero(~fused.has_box)
     if not len(alone):
         return fused

@@ -16,7 +16,7 @@ from roadscope.core.record import Record
 # One scan: a range image, and points freed of the own motion.
 
 
-class RangeImage(NamedTuple):
+class PolarImage(NamedTuple):
     """What a scan saw, and where its rays went, for kernels.
 
     ranges: (R, C) float32, metres, by beam and column, nan where nothing came back.
@@ -79,9 +79,9 @@ class View(Record):
         return View(points, times_s, *rays, twist, lidar_from_ego)
 
     @property
-    def range_image(self) -> RangeImage:
+    def range_image(self) -> PolarImage:
         """What kernels need of a view."""
-        return RangeImage(
+        return PolarImage(
             self.image,
             self.slopes,
             self.azimuth,
@@ -329,7 +329,7 @@ def height_spans(points: np.ndarray, cell_m: float) -> np.ndarray:
 
 @compiled()
 def count_free_and_taken(
-    points: np.ndarray, heights: np.ndarray, image: RangeImage, counts: np.ndarray
+    points: np.ndarray, heights: np.ndarray, image: PolarImage, counts: np.ndarray
 ) -> None:
     """Add one, in place, for places (N, 3) that a scan shows free, and for those it shows taken.
 
@@ -358,7 +358,7 @@ def count_free_and_taken(
 
 
 @compiled()
-def is_seen_through(points: np.ndarray, image: RangeImage) -> np.ndarray:
+def is_seen_through(points: np.ndarray, image: PolarImage) -> np.ndarray:
     """Return (N,) whether a ray crosses a place at a body's height above the road and goes on.
 
     points: (N, 3) metres, the scan's ego frame.
@@ -378,7 +378,7 @@ def is_seen_through(points: np.ndarray, image: RangeImage) -> np.ndarray:
 
 
 @compiled(borrowing=True)
-def _ray_to(point: np.ndarray, image: RangeImage) -> tuple[int, float, float, float]:
+def _ray_to(point: np.ndarray, image: PolarImage) -> tuple[int, float, float, float]:
     """Return column, distance, range and slope of the ray to a place; column -1 if there is none.
 
     The sensor moves while it turns: where it was depends on the column, which depends on that.

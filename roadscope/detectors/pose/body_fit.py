@@ -47,7 +47,7 @@ QUARTER_TURN, ALONG = 0.0, math.cos(math.radians(50.0))
 velocity well above its standard deviation: vehicles go where they head."""
 
 
-class Course(NamedTuple):
+class BodyCourse(NamedTuple):
     """A direction in which the vehicle heads, radians, and the least cosine of its heading to it.
 
     speed: m/s along it while the sweep passes, None where it is not known.
@@ -98,13 +98,13 @@ class BodyFit:
         """
         if towards is not None and not math.isfinite(towards):
             raise ValueError(f"towards must be a finite heading in radians, got {towards!r}")
-        course = None if towards is None else Course(towards, QUARTER_TURN)
+        course = None if towards is None else BodyCourse(towards, QUARTER_TURN)
         if velocity is not None:
             x, y = checked_velocity("velocity", velocity)
             speed = math.hypot(x, y)
             if course is None:
                 is_sure = speed > 3.0 * VELOCITY_SD
-                course = Course(math.atan2(y, x), ALONG if is_sure else QUARTER_TURN)
+                course = BodyCourse(math.atan2(y, x), ALONG if is_sure else QUARTER_TURN)
             course = course._replace(speed=speed if rolling else None)
         body = body_scan(
             self.spec,
@@ -121,7 +121,9 @@ class BodyFit:
         problem, answers = self._answers(body, course)
         return pose_of(answers, problem)
 
-    def _answers(self, body: BodyScan, course: Course | None) -> tuple[BodyProblem, list[Answer]]:
+    def _answers(
+        self, body: BodyScan, course: BodyCourse | None
+    ) -> tuple[BodyProblem, list[Answer]]:
         """Return the problem of one scan and its likely answers."""
         speed, velocity, centre = None, np.zeros(2), np.zeros(VALUES)
         if course is not None and course.speed is not None:
