@@ -143,5 +143,5 @@ def test_a_worker_goes_on_with_the_group_of_its_last_item() -> None:
     with open_workers(WorkerSettings(2)) as workers:
         done = dict(workers.each(group_and_worker, items, groups=[item % 4 for item in items]))
     assert sorted(done) == list(items)
-    # Four groups, of which the last one may be shared by the two workers at the end.
-    assert len(set(done.values())) <= 5
+    # Each of two workers takes a group; the last two groups may be shared. Otherwise there are 8.
+    assert len(set(done.values())) <= 6
