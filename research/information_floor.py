@@ -67,12 +67,12 @@ KNOWS_AS_MUCH_AS_OURS = Knowledge(corners=False, acceleration=False)
 
 @dataclass(frozen=True, slots=True)
 class InformationFloor:
-    """Posteriors of K frames; NaN where a frame has too few returns.
+    """Posteriors of K frames. Where a frame has too few returns, errors and covariances are NaN.
 
     errors: (K, 3) posterior mean minus truth: along and across the car (metres), yaw (radians).
     covariances: (K, 3, 3) of the same.
     shares: (K,) effective share of the samples, 0 where the sampling failed.
-    counts: (K,) effective number of samples.
+    counts: (K,) effective number of samples, likewise.
     """
 
     errors: np.ndarray

@@ -40,8 +40,9 @@ def compiled(*, borrowing: bool = False, **options: Any) -> Callable[[F], F]:
 
     borrowing: the function makes no arrays. As a part it then does not count references to the
     arrays that it gets (`_nrt=False`, as the docstring of `register_jitable` shows it). With
-    counting (numba 0.68, HDL-32E, 250 bodies) the ray caster is slower by 4.0 level (122 to 31
-    Mray/s) and by 7.5 tilted (69 to 9), and a whole sweep by 3.7 (10.3 to 38.5 ms).
+    counting (numba 0.68, HDL-32E, 250 bodies) the ray caster takes 4.0 times as long with a level
+    sensor (122 to 31 Mray/s), 7.5 times with a tilted one (69 to 9), and a whole sweep 3.7 times
+    (10.3 to 38.5 ms).
     options: of `numba.njit`. Division follows NumPy: by zero gives inf or nan.
     """
     settings = {"error_model": "numpy", "nogil": True, "no_cfunc_wrapper": True, **options}
@@ -82,7 +83,7 @@ def _entry(function: Callable[..., Any], settings: Mapping[str, Any]) -> Callabl
 
 
 def _folder_of(function: Callable[..., Any]) -> Path | None:
-    """Return where machine code of a function may be kept; another one after each edit."""
+    """Return the folder for a function's machine code, whose name holds a hash of the sources."""
     file = Path(function.__code__.co_filename)
     folder = _writable_folder(file.parent)
     return folder and folder / f"{file.stem}-{_digest(file)}"
@@ -123,7 +124,7 @@ def _locked(file: IO[str]) -> bool:
 def _writable_folder(source_folder: Path) -> Path | None:
     """Return where machine code of a folder's sources may be kept, or None.
 
-    A folder that the user names as `NUMBA_CACHE_DIR` comes first.
+    If the user names a folder as `NUMBA_CACHE_DIR`, only that one is tried.
     """
     named = config.CACHE_DIR
     places = [Path(named)] if named else [source_folder / "__pycache__", user_folder()]
@@ -139,11 +140,11 @@ def _writable_folder(source_folder: Path) -> Path | None:
 
 @contextmanager
 def _cached_in(folder: Path) -> Iterator[None]:
-    """Let numba keep machine code of what is decorated meanwhile in a folder.
+    """Let Numba keep the machine code of functions that are decorated inside the block in a folder.
 
     Numba compares the time stamp of the function's own file only, but kernels call one another
     and read constants and record types across files: after an update stale code would run, or
-    fail to load. So the folder's name changes with all sources.
+    fail to load. So the folder's name holds a hash of all sources that the file imports.
     """
     before = config.CACHE_DIR
     config.CACHE_DIR = str(folder)
@@ -160,7 +161,7 @@ def _digest(file: Path) -> str:
 
 
 def sources_of(file: Path) -> set[Path]:
-    """Return the file, this one, and those of the package that they import, one after the other.
+    """Return the file, this one, and all files of the package that they import, also indirectly.
 
     Of a file elsewhere it is all of its folder too, for what it imports from there is not known.
     """

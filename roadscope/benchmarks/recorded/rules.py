@@ -2,9 +2,10 @@
 
 KITTI (Geiger et al. 2012): the rules of the benchmark's own evaluation on image boxes. We apply
 them to 3-D boxes (Weng et al. 2020) and to distances of centres too. A detector may find objects
-that are not asked for: vans beside cars, sitting people beside pedestrians, and objects that are
-largely occluded or truncated. A track on such a distractor counts neither as a hit nor as a false
-alarm. Neither does an unmatched track that is small in the image or in a region without labels.
+that are not asked for: vans beside cars, sitting people beside pedestrians, and objects whose
+occlusion is unknown (level 3) or that are truncated at all. A track on such a distractor counts
+neither as a hit nor as a false alarm. Neither does an unmatched track that is small in the image or
+in a region without labels.
 
 MOTChallenge (Milan et al. 2016): pedestrians count. A track on a distractor (people on vehicles,
 standing or sitting people, reflections) counts neither as a hit nor as a false alarm.
@@ -73,7 +74,7 @@ class CountedFrame(NamedTuple):
     track_ids: (N,) int64.
     similarities: (M, N) float64.
     scores: (N,) float64, of the tracks.
-    distances_m: (M, N) float64, between the centres seen from above; empty for image sequences.
+    distances_m: (M, N) float64, between the centres seen from above; empty for MOTChallenge.
     """
 
     object_ids: np.ndarray

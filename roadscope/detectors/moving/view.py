@@ -220,8 +220,8 @@ def range_noise_of(image: np.ndarray) -> float:
     if count < NOISE_LEAST:
         return NOISE_USUAL_M
     bends = np.sort(bends[:count])
-    # Of a normal distribution half lies within so many standard deviations, and of the part
-    # within three of them the mean square is so much of all of it.
+    # A quarter of a normal distribution lies within 0.3186 standard deviations of its mean. Of the
+    # part within three of them the mean square is 0.9733 of the variance.
     deviation = bends[count // 4] / 0.3186
     for _ in range(NOISE_ROUNDS):
         near = bends[: max(np.searchsorted(bends, 3.0 * deviation), 1)]

@@ -22,13 +22,15 @@ from roadscope.detectors.pose.body_model import MOTION, STATE, VALUES, BodyModel
 from roadscope.detectors.pose.body_rays import HIT, BodyRays
 
 STEPS = np.array([0.01, 0.01, 0.003, 0.05, 0.02, 0.05, 0.2, 0.2, 0.2, 0.2, 0.2])
-"""By how much the values of a state are moved for a slope: about a standard deviation."""
+"""Finite-difference step of each value of a state (m, rad, m/s, ...), about its standard deviation;
+chosen by hand."""
 SLACKS_M = (0.25, 0.15, 0.08, 0.04, 0.02, 0.01, 0.005, 0.0)
 """Added to noise and edges iteration by iteration: first every ray counts, then the near ones."""
-SHARES = np.array([1.0, 0.5, 0.2, 0.0])
-"""Shares of a step that are tried."""
-AROUND, WIDTH = 8, 1.5
-"""Places around the step's end that are tried too, and how many standard deviations wide."""
+STEP_FRACTIONS = np.array([1.0, 0.5, 0.2, 0.0])
+"""Fractions of a step that are tried."""
+EXTRA_CANDIDATES, EXTRA_SPREAD_SD = 8, 1.5
+"""Number of further states around the step's end that are tried, and their spread in standard
+deviations."""
 LIMIT = 3.0
 """Misfits beyond so many standard deviations lose weight."""
 LOOSE_STEPS = 30.0
@@ -49,16 +51,16 @@ many make it normal."""
 MANY_RAYS = WORK // FEWEST
 """Up to so many rays are all sampled; of more, the quadratic ones are merged."""
 ROUNDS, UNBOUND_ROUNDS = 10, 6
-"""Most rounds of sampling, of a posterior without bounds too."""
+"""Most rounds of sampling if the posterior is bounded, and if it is unbounded."""
 MOVED_SD, GROWN = 2.0, 4.0
 """Standard deviations by which a mean may move, and the factor by which a variance may grow, until
 the quadratic rays are chosen anew: a form says nothing of where its rays were not tried."""
 LEAST_VARIANCE, LEAST_BEND = 1e-18, 1e-9
 """Bounds against division by zero, of a variance and of the bend of a log-density."""
 LOOSE, LOOSE_SD = 0.5, 4.0
-"""How far off a search leaves the values of the shape, as a share of its steps, and at most in
-standard deviations: a corner's radius is bound from one side, which no quadratic form around its
-best value tells."""
+"""Extra standard deviation of the shape's values in the first proposal, as a share of the search's
+steps, and its limit: data limit a corner's radius from one side only, so the covariance of least
+squares is too small."""
 SETTLED = 0.6
 """Samples that count, as a share of those that would if the posterior were normal and known, from
 which the estimate is settled."""
@@ -138,8 +140,9 @@ class BodyProblem:
         return np.asarray((off * off).sum(axis=-1))
 
     def cost(self, vectors: np.ndarray, slack_m: float = 0.0) -> np.ndarray:
-        """Return the cost (...,): squared misfits, tempered for outliers, and the prior."""
-        return np.asarray(tempered(self.fits(vectors, slack_m).misfits) + self.prior_cost(vectors))
+        """Return the cost (...,): squared misfits, large ones counted less, and the prior."""
+        misfits = self.fits(vectors, slack_m).misfits
+        return np.asarray(robust_cost(misfits) + self.prior_cost(vectors))
 
     def slopes(
         self, vectors: np.ndarray, steps: np.ndarray, slack_m: float = 0.0
@@ -154,7 +157,7 @@ class BodyProblem:
         return misfits[:, 0], (ahead - back) / (2.0 * steps[:, None])
 
     def thinned(self, most: int) -> BodyProblem:
-        """Return the problem with at most so many rays, evenly chosen."""
+        """Return the problem with at most `most` rays, those beside the silhouette first."""
         return replace(self, rays=self.rays.thinned(most))
 
 
@@ -164,7 +167,7 @@ def prior_sd(**sd: float) -> np.ndarray:
     return np.array([values.get(name, 1.0) for name in STATE])
 
 
-def tempered(misfits: np.ndarray) -> np.ndarray:
+def robust_cost(misfits: np.ndarray) -> np.ndarray:
     """Return the sum (...,) of squared misfits (..., M), large ones counted less."""
     return np.asarray(LIMIT**2 * np.log1p((misfits / LIMIT) ** 2).sum(axis=-1))
 
@@ -183,7 +186,7 @@ def descend(
     vectors: np.ndarray,
     slacks_m: tuple[float, ...] = SLACKS_M,
     *,
-    around: int = AROUND,
+    around: int = EXTRA_CANDIDATES,
 ) -> Descent:
     """Improve vectors (S, D) of a problem, each on its own, by damped least squares.
 
@@ -192,7 +195,7 @@ def descend(
     """
     steps, vectors = STEPS[problem.free], np.array(vectors, np.float64)
     precision, centre = problem.sd[problem.free] ** -2.0, problem.centre[problem.free]
-    spread = WIDTH * normal_points(AROUND, len(steps))[0, :around]
+    spread = EXTRA_SPREAD_SD * normal_points(EXTRA_CANDIDATES, len(steps))[0, :around]
     for slack_m in slacks_m:
         misfits, slopes = problem.slopes(vectors, steps, slack_m)
         weighed = slopes / (1.0 + (misfits / LIMIT) ** 2)[:, None]
@@ -201,7 +204,7 @@ def descend(
         covariances = np.linalg.inv(weighed @ np.swapaxes(slopes, 1, 2) + np.diag(damping))
         pull = (weighed @ misfits[..., None])[..., 0] + precision * (vectors - centre)
         step = (covariances @ pull[..., None])[..., 0]
-        ends = vectors[:, None] - SHARES[:, None] * step[:, None]
+        ends = vectors[:, None] - STEP_FRACTIONS[:, None] * step[:, None]
         beside = ends[:, :1] + spread @ np.swapaxes(np.linalg.cholesky(covariances), 1, 2)
         tried = np.concatenate([ends, beside], axis=1)
         costs = problem.cost(tried, slack_m)
@@ -233,8 +236,9 @@ def normal_points(count: int, dimensions: int) -> np.ndarray:
 class Posterior:
     """Mean (D,) and covariance (D, D) of a posterior.
 
-    evidence: log of the density's integral. reached: whether samples have the posterior's own
-    weights, not flattened ones.
+    evidence: log of the density's integral, up to a constant that depends on D alone.
+    reached: whether samples have the posterior's own weights, not flattened ones; otherwise the
+        evidence is not valid.
     """
 
     mean: np.ndarray
@@ -379,7 +383,10 @@ def first_poses(
 
 
 def _side_direction(points: np.ndarray, origin: np.ndarray) -> float:
-    """Return the angle at which the sides next to the sensor are nearest to the returns."""
+    """Return the angle at which the sides next to the sensor are nearest to the returns.
+
+    Fewer than 3 returns say nothing of sides: it is the direction from the sensor to their mean.
+    """
     if len(points) < 3:
         x, y = points.mean(axis=0) - origin
         return float(np.arctan2(y, x))

@@ -12,7 +12,7 @@ from roadscope.benchmarks.metrics.tracking.sequence import TrackedSequence
 from roadscope.core.record import Record
 
 EPSILON = float(np.finfo(float).eps)
-"""A similarity reaches a threshold that is above it by no more than a rounding error."""
+"""Tolerance for rounding: a similarity this little below the threshold still reaches it."""
 CONTINUED = 1000.0
 """Added to the similarity of a pair that continues; more than all similarities of a frame."""
 
