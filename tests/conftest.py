@@ -18,6 +18,7 @@ settings.register_profile("roadscope", deadline=None, max_examples=50, derandomi
 settings.load_profile("roadscope")
 
 
+@pytest.hookimpl(optionalhook=True)
 def pytest_xdist_auto_num_workers(config: pytest.Config) -> int | None:
     """Start no workers for a single file: it runs in one of them anyway, and they take seconds."""
     files = {argument.partition("::")[0] for argument in config.args}

@@ -16,8 +16,8 @@ from roadscope.detectors.shape.cluster import Cluster, clusters
 TURNED = {
     # Headings a quarter degree apart are tried; which ones does not turn with the scene.
     "l-shape": (0.02, np.radians(0.3)),
-    # First guesses likewise, and a descent ends a little before the bottom.
-    "body": (0.1, np.radians(0.5)),
+    # One standard deviation of the size in the fit's posterior: the cost is as flat.
+    "body": (0.3, np.radians(0.5)),
     # Bins begin at the mean of the returns, whose rounding turns with the scene.
     "matched-filter": (0.01, np.radians(0.2)),
 }
