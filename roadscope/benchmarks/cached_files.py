@@ -38,6 +38,7 @@ FILE_KINDS: Mapping[str, FileKind] = {
     "poses": FileKind("poses by odometries", "poses", _ARRAYS),
     "tracks": FileKind("tracks", "tracks", _ARRAYS),
     "answers": FileKind("answers on other boards", "answers", _ARRAYS),
+    "papers": FileKind("figures of roadscope reproduce", "papers", _ARRAYS),
     "sources": FileKind("index of our sources", "sources", re.compile(rf"{_DIGEST}\.json")),
     "camera-training": FileKind(
         "pictures and checkpoints of roadscope train",

@@ -68,7 +68,7 @@ def timeline_hash(scenario: str = "") -> str:
 
     scenarios = [find(scenario)] if scenario else list(SCENARIOS.values())
     builders = {each.builder.partition(":")[0] for each in scenarios}
-    return fingerprint([code_hash(RECORDING, *sorted(builders)), _library_versions()])
+    return fingerprint([code_hash(RECORDING, *sorted(builders)), library_versions()])
 
 
 def sensing_hash(scenario: str = "") -> str:
@@ -108,7 +108,8 @@ def _is_file(text: str) -> bool:
         return False
 
 
-def _library_versions() -> list[str]:
+def library_versions() -> list[str]:
+    """Return the installed versions of `LIBRARIES`."""
     return [package_version(name) for name in LIBRARIES]
 
 

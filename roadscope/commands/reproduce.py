@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -12,7 +11,7 @@ from roadscope.commands.options import Jobs, Json, Quiet, workers
 from roadscope.commands.terminal import console, headline, print_json, progress_bars, show
 
 if TYPE_CHECKING:
-    from roadscope.benchmarks.papers.reproduction import ReproductionRow
+    from roadscope.benchmarks.papers.reproduction import Reproduction
 
 
 def reproduce(
@@ -26,44 +25,63 @@ def reproduce(
     everything: Annotated[
         bool, typer.Option("--all", help="Show every method in full, as in PAPER.json.")
     ] = False,
+    figures: Annotated[
+        Path | None, typer.Option(help="Folder for pictures: one for every figure of the paper.")
+    ] = None,
     out: Annotated[Path | None, typer.Option(help="Folder for PAPER.json.")] = None,
     quiet: Quiet = False,
     json: Json = False,
 ) -> None:
-    """Repeat a paper's experiments and print its figures beside ours.
+    """Repeat a paper's experiments: which of its claims hold, and its figures beside ours.
 
-    This takes minutes on two cores; zhang2022 has long drives and takes an hour or two, with
-    --seeds 3 a quarter of an hour.
+    With --seeds 1 a paper takes one to five minutes on two cores; each further seed as long again.
+    What an earlier run has measured is not measured again: a stopped run continues.
     """
     from dataclasses import asdict
 
     from roadscope.benchmarks.cache import usable_folder
-    from roadscope.benchmarks.papers import reproduction_of
-    from roadscope.benchmarks.papers.reproduction import write_rows
+    from roadscope.benchmarks.papers import draw_figures, module_of
+    from roadscope.benchmarks.papers import reproduce as repeat
+    from roadscope.benchmarks.papers.reproduction import write_reproduction
 
-    experiments = reproduction_of(paper)
+    module_of(paper)
     folder = None if out is None else usable_folder(out)
+    pictures = None if figures is None else usable_folder(figures)
+    drawn: list[Path] = []
     with progress_bars(quiet=quiet) as progress:
-        rows = experiments(seeds, lambda done, of: progress("seeds", done, of), jobs=workers(jobs))
+        result = repeat(
+            paper, seeds, lambda done, of: progress("parts", done, of), jobs=workers(jobs)
+        )
+        if pictures is not None:
+            drawn = draw_figures(paper, pictures, lambda done, of: progress("figures", done, of))
     if folder is not None:
-        write_rows(rows, folder / f"{paper}.json")
+        write_reproduction(result, folder / f"{paper}.json")
     if json:
-        print_json([asdict(row) for row in rows])
+        print_json(asdict(result))
     elif not quiet:
-        _show(paper, rows, everything=everything)
-        if folder is not None:
-            typer.echo(f"written: {folder / f'{paper}.json'}")
+        _show(paper, result, everything=everything)
+        written = [] if folder is None else [folder / f"{paper}.json"]
+        for path in (*written, *drawn):
+            typer.echo(f"written: {path}")
 
 
-def _show(paper: str, rows: Sequence[ReproductionRow], *, everything: bool) -> None:
-    """Print the tables of each experiment, with what must be said of it."""
+def _show(paper: str, result: Reproduction, *, everything: bool) -> None:
+    """Print the verdicts, then the tables of each experiment with what must be said of it."""
     from roadscope.benchmarks.papers import note_of
-    from roadscope.benchmarks.papers.reproduction import reproduction_tables
+    from roadscope.benchmarks.papers.reproduction_tables import (
+        VERDICT_NOTE,
+        reproduction_tables,
+        verdict_table,
+    )
 
-    for experiment in dict.fromkeys(row.experiment for row in rows):
+    headline(f"{paper}: verdicts")
+    show("")
+    show(verdict_table(result.verdicts))
+    console().print(VERDICT_NOTE, style="dim")
+    for experiment in dict.fromkeys(row.experiment for row in result.rows):
         show("")
         headline(experiment)
-        shown = [row for row in rows if row.experiment == experiment]
+        shown = [row for row in result.rows if row.experiment == experiment]
         for table in reproduction_tables(shown, everything=everything):
             show("")
             show(table)

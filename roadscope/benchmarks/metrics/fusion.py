@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -190,6 +191,13 @@ class FusionRates:
     target_counts: tuple[int, ...]
 
 
+class FusionBandRates(NamedTuple):
+    """Detection rates by family, 0 to 1 and nan without a target, and numbers of targets."""
+
+    detection_rates: tuple[float, ...]
+    target_counts: tuple[int, ...]
+
+
 def fusion_rates(matched: MatchedTargets, least_score: float = 0.0) -> FusionRates:
     """Return the rates of detections that have at least this score."""
     above = matched.scores >= least_score
@@ -208,6 +216,30 @@ def fusion_rates(matched: MatchedTargets, least_score: float = 0.0) -> FusionRat
         family_right=_share(int(matched.family_right[hit].sum()), len(numbers)),
         target_counts=tuple(totals),
     )
+
+
+HIDDEN_BANDS = {"not hidden": (0.0, 0.05), "up to a third": (0.05, HIDDEN), "more": (HIDDEN, 1.0)}
+"""Shares of a target's outline in the image that something else covers, from and up to; in the
+first band are a lamp post's width of a car, and rounding."""
+
+
+def rates_by_hidden(
+    matched: MatchedTargets, least_score: float = 0.0
+) -> dict[str, FusionBandRates]:
+    """Return by band of `HIDDEN_BANDS` the detection rates by family of targets in it."""
+    hit = (matched.scores >= least_score) & (matched.targets >= 0)
+    detected = np.isin(np.arange(len(matched.families)), matched.targets[hit])
+    bands = {}
+    for name, (least, most) in HIDDEN_BANDS.items():
+        inside = (matched.hidden <= most) & ((matched.hidden > least) | (least == 0.0))
+        of_family = [inside & (matched.families == k) for k in range(len(FAMILIES))]
+        bands[name] = FusionBandRates(
+            tuple(
+                _share(int((detected & chosen).sum()), int(chosen.sum())) for chosen in of_family
+            ),
+            tuple(int(chosen.sum()) for chosen in of_family),
+        )
+    return bands
 
 
 def threshold_at(matched: MatchedTargets, false_alarms_per_scan: float) -> float:

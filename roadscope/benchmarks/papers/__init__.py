@@ -4,31 +4,59 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from importlib import import_module
-from typing import Any
+from pathlib import Path
+from typing import TYPE_CHECKING
 
 from roadscope.core import SpecError
 from roadscope.core.names import unknown
 
-PAPERS = {
-    "li2021": "roadscope.benchmarks.papers.li2021",
-    "lu2018": "roadscope.benchmarks.papers.lu2018",
-    "zhang2017": "roadscope.benchmarks.papers.zhang2017",
-    "zhang2022": "roadscope.benchmarks.papers.zhang2022",
-}
-"""Name -> module with `reproduce(seeds, progress, *, jobs) -> list[ReproductionRow]` and, where
-tables need an explanation, `note_of(experiment) -> str | None`."""
+if TYPE_CHECKING:
+    from roadscope.benchmarks.papers.reproduction import Reproduction
+
+PAPERS = ("li2021", "lu2018", "zhang2017", "zhang2022")
+"""Modules beside this one, each with a record `REPRODUCTION`."""
 
 
-def reproduction_of(paper: str) -> Callable[..., Any]:
-    """Return the function that repeats a paper's experiments; `SpecError` for an unknown paper."""
+def module_of(paper: str) -> str:
+    """Return the module that repeats a paper; `SpecError` for an unknown paper."""
     if paper not in PAPERS:
         raise SpecError(unknown("paper", paper, PAPERS))
-    reproduce: Callable[..., Any] = import_module(PAPERS[paper]).reproduce
-    return reproduce
+    return f"{__name__}.{paper}"
+
+
+def reproduce(
+    paper: str,
+    seeds: int = 30,
+    progress: Callable[[int, int], None] | None = None,
+    *,
+    jobs: int = 1,
+) -> Reproduction:
+    """Repeat the experiments of a paper and judge its claims.
+
+    paper: one of `PAPERS`; `SpecError` for another. seeds: how many stand behind every interval.
+    progress: called with parts done and parts in all. jobs: processes that share the parts.
+    What an earlier run has measured is not measured again.
+    """
+    from roadscope.benchmarks.papers.reproduction import reproduce_module
+
+    return reproduce_module(module_of(paper), seeds, progress, jobs=jobs)
+
+
+def draw_figures(
+    paper: str, folder: Path, progress: Callable[[int, int], None] | None = None
+) -> list[Path]:
+    """Draw one picture for every figure of a paper's experiments; return the files.
+
+    They show the first test seed. progress: called with figures drawn and figures in all.
+    """
+    from roadscope.benchmarks.papers.drawing import draw_all
+
+    module = f"{module_of(paper)}_figures"
+    return draw_all(paper, import_module(module).FIGURES, folder, progress)
 
 
 def note_of(paper: str, experiment: str) -> str | None:
     """Return what must be known to read the tables of one of a paper's experiments."""
-    note: Callable[[str], str | None] | None
-    note = getattr(import_module(PAPERS[paper]), "note_of", None)
-    return None if note is None else note(experiment)
+    from roadscope.benchmarks.papers.reproduction import paper_of
+
+    return paper_of(module_of(paper)).note_of(experiment)

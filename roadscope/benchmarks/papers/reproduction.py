@@ -1,27 +1,32 @@
-"""A paper's figures beside ours: measured over seeds, summarised as rows, shown as tables."""
+"""A paper's experiments, repeated: measured in parts, kept, summarised and judged."""
 
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import asdict, dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, dataclass, field, replace
+from importlib import import_module
 from pathlib import Path
-from typing import NamedTuple
+from typing import BinaryIO, NamedTuple
 
 import numpy as np
-from rich.table import Table
 
-from roadscope.benchmarks.tables import plain_table
+from roadscope.benchmarks.cache import cache_dir, read_or_make
+from roadscope.benchmarks.fingerprint import fingerprint, library_versions, package_hash
 from roadscope.benchmarks.workers import in_parallel
 
 YES_OR_NO = "yes or no"
 """Unit of a claim: 1 where it holds and 0 where it does not. Tables print the words."""
-POINTS = "points"
-"""Unit of a difference of percentages. Only such a difference can be negative."""
-LOWER_BOUND = {POINTS: -np.inf}
+POINTS, METRES_MORE = "points", "m more"
+"""Units of differences, of percentages and of metres. Only differences can be negative."""
+SEEDS = "of seeds"
+"""Unit of the share of seeds in which a claim holds."""
+LOWER_BOUND = {POINTS: -np.inf, METRES_MORE: -np.inf}
 """Least possible value by unit; 0 for the others."""
-UPPER_BOUND = {YES_OR_NO: 1.0, "share": 1.0, "%": 100.0}
+UPPER_BOUND = {YES_OR_NO: 1.0, "share": 1.0, SEEDS: 1.0, "%": 100.0}
 """Greatest possible value by unit; none for the others."""
+FIRST_SEED = 20000
+"""Test seeds, as in the suites; what was chosen by trying was chosen on seeds 10000 to 19999."""
 
 
 class FigureKey(NamedTuple):
@@ -30,6 +35,12 @@ class FigureKey(NamedTuple):
     experiment: str
     method: str
     quantity: str
+
+
+Figures = dict[FigureKey, float]
+"""The figures of one seed; NaN where there is none."""
+Measured = Mapping[FigureKey, Sequence[float]]
+"""One value a seed, in the order of seeds; NaN for a seed without one."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,31 +71,47 @@ class ReproductionRow:
             )
 
 
-def over_seeds(
-    measure: Callable[[int], dict[FigureKey, float]],
-    seeds: Sequence[int],
-    progress: Callable[[int, int], None] | None = None,
-    *,
-    jobs: int = 1,
-) -> dict[FigureKey, list[float]]:
-    """Return the figures of all seeds, in the order of seeds; a seed may lack some figures.
+@dataclass(frozen=True, slots=True)
+class Verdict:
+    """Whether a claim of a paper holds in our experiments.
 
-    measure: returns the figures of one seed.
-    progress: called with seeds done and seeds in all, after each.
-    jobs: processes that share the seeds.
+    claim: what the paper claims. method: what was judged. unit: of the figure that judges it.
+    verdict: one of `HOLDS`, `FAILS` and `OPEN`.
+    value: mean over seeds; low, high: its 95 % interval, None with a single seed.
+    n: number of seeds.
     """
-    if not seeds:
-        raise ValueError(f"at least one seed is needed, got {len(seeds)}")
-    of_seeds: list[dict[FigureKey, float]] = [{} for _ in seeds]
-    for done, (index, figures) in enumerate(in_parallel(measure, seeds, jobs), start=1):
-        of_seeds[index] = figures
-        if progress is not None:
-            progress(done, len(seeds))
-    measured: dict[FigureKey, list[float]] = {}
-    for figures in of_seeds:
-        for key, value in figures.items():
-            measured.setdefault(key, []).append(value)
-    return measured
+
+    claim: str
+    method: str
+    unit: str
+    verdict: str
+    value: float | None
+    low: float | None
+    high: float | None
+    n: int
+
+
+@dataclass(frozen=True, slots=True)
+class Reproduction:
+    """What came out: verdicts on the claims, and all figures."""
+
+    verdicts: list[Verdict]
+    rows: list[ReproductionRow]
+
+
+def student_interval(values: Sequence[float]) -> tuple[float, float] | None:
+    """Return the 95 % interval of the mean of finite values (Student's t), None of one value.
+
+    It is not resampled: most seeds often agree to the last digit.
+    """
+    from scipy.special import stdtrit
+
+    n = len(values)
+    if n < 2:
+        return None
+    mean = float(np.mean(values))
+    half_width = float(stdtrit(n - 1, 0.975)) * float(np.std(values, ddof=1)) / np.sqrt(n)
+    return mean - half_width, mean + half_width
 
 
 def summarise(
@@ -92,154 +119,219 @@ def summarise(
 ) -> ReproductionRow:
     """Return a row with the mean of one value a seed and its 95 % interval (Student's t).
 
-    values: NaN for a seed that has none. The interval is not resampled: most seeds often agree to
-    the last digit.
+    values: NaN for a seed that has none.
     """
-    finite = np.array([value for value in values if np.isfinite(value)])
-    n = len(finite)
-    if n == 0:
+    finite = [float(value) for value in values if np.isfinite(value)]
+    if not finite:
         return ReproductionRow(*key, unit, paper, None, None, None, 0)
-    mean = float(finite.mean())
-    if n == 1:
-        return ReproductionRow(*key, unit, paper, mean, None, None, 1)
-    half_width = _student_quantile(n - 1) * float(finite.std(ddof=1)) / np.sqrt(n)
-    low = max(mean - half_width, LOWER_BOUND.get(unit, 0.0))
-    high = min(mean + half_width, UPPER_BOUND.get(unit, np.inf))
-    return ReproductionRow(*key, unit, paper, mean, float(low), float(high), n)
-
-
-def _student_quantile(degrees_of_freedom: int) -> float:
-    """Return the 97.5 % quantile of Student's t."""
-    from scipy.special import stdtrit
-
-    return float(stdtrit(degrees_of_freedom, 0.975))
-
-
-def write_rows(rows: Sequence[ReproductionRow], path: Path | str) -> None:
-    """Write rows as a JSON list."""
-    text = json.dumps([asdict(row) for row in rows], indent=1, allow_nan=False)
-    Path(path).write_text(text + "\n", encoding="utf-8")
+    low = high = None
+    if interval := student_interval(finite):
+        low = max(interval[0], LOWER_BOUND.get(unit, 0.0))
+        high = min(interval[1], UPPER_BOUND.get(unit, np.inf))
+    return ReproductionRow(*key, unit, paper, float(np.mean(finite)), low, high, len(finite))
 
 
 # --------------------------------------------------------------------------------------------------
-# Tables for a terminal of 80 columns.
+# Verdicts.
 
-MOST_COLUMNS = 5
-"""Quantities that fit beside each other."""
-UNITS_NOT_PRINTED = (YES_OR_NO, "1", "", "share", "count", "frame", None)
-DECIMALS = {"m": 4, "deg": 3, "%": 1, POINTS: 1}
-"""By unit, in tables without intervals; two for other units."""
+HOLDS, FAILS, OPEN = "holds", "does not hold", "open"
+"""Verdicts. Open: the 95 % interval does not decide."""
 
 
-def reproduction_tables(
-    rows: Sequence[ReproductionRow], *, everything: bool = False
-) -> Iterator[Table]:
-    """Yield the tables of one experiment.
+class Limits(NamedTuple):
+    """A claim holds if its quantity is from `low` to `high`."""
 
-    Methods with the same few quantities stand in one table. Where the paper compares methods, its
-    figures stand below ours. Where it has one figure a quantity, the first method, the paper's,
-    has a table with intervals, and the others follow in one table. Of methods with many
-    quantities, the first alone is shown.
+    low: float = -np.inf
+    high: float = np.inf
 
-    everything: show a table with intervals for every method.
+
+MORE_THAN_HALF = Limits(low=0.5)
+"""A claim about events holds if it holds in more than half of all seeds."""
+
+
+MORE_THAN_NONE = Limits(low=np.nextafter(0.0, 1.0))
+"""Of a difference: the first is greater."""
+LESS_THAN_NONE = Limits(high=-np.nextafter(0.0, 1.0))
+"""Of a difference: the first is less."""
+
+
+def judge(claim: str, method: str, unit: str, values: Sequence[float], limits: Limits) -> Verdict:
+    """Judge a claim by one value a seed; seeds without a value (NaN) are left out.
+
+    It holds if the 95 % interval of the mean lies within the limits, and does not hold if it lies
+    outside. A single seed is judged by its value.
     """
-    families: dict[tuple[str, ...], list[str]] = {}
-    for method in dict.fromkeys(row.method for row in rows):
-        quantities = tuple(row.quantity for row in rows if row.method == method)
-        families.setdefault(quantities, []).append(method)
-    for quantities, methods in families.items():
-        family_rows = [row for row in rows if row.method in methods]
-        few = len(quantities) <= MOST_COLUMNS
-        nothing_printed = all(row.paper is None for row in family_rows)
-        if few and (paper_compares_methods(family_rows) or nothing_printed):
-            yield _table_of_methods(family_rows, quantities, methods)
-            continue
-        for method in methods if everything else methods[:1]:
-            yield _table_with_intervals([row for row in family_rows if row.method == method])
-        if few and not everything and len(methods) > 1:
-            yield _table_of_methods(family_rows, quantities, methods[1:])
+    row = summarise(FigureKey("", "", ""), unit, values)
+    if row.ours is None:
+        return Verdict(claim, method, unit, OPEN, None, None, None, 0)
+    low, high = (row.ours, row.ours) if row.low is None or row.high is None else (row.low, row.high)
+    verdict = OPEN
+    if limits.low <= low and high <= limits.high:
+        verdict = HOLDS
+    elif high < limits.low or low > limits.high:
+        verdict = FAILS
+    return Verdict(claim, method, unit, verdict, row.ours, row.low, row.high, row.n)
 
 
-def paper_compares_methods(rows: Sequence[ReproductionRow]) -> bool:
-    """Return whether the paper prints different figures of one quantity for different methods."""
-    printed = {(row.quantity, row.paper) for row in rows if row.paper is not None}
-    return len(printed) > len({quantity for quantity, _ in printed})
+def judge_share(claim: str, method: str, holds: Sequence[float]) -> Verdict:
+    """Judge a claim that each seed decides, 1 or 0: it holds if more than half of all seeds do.
 
-
-def _table_with_intervals(rows: Sequence[ReproductionRow]) -> Table:
-    """Return all quantities of one method, a line each, with intervals."""
-    table = plain_table()
-    table.add_column(rows[0].method, ratio=1)
-    table.add_column("paper", justify="right", min_width=7)
-    table.add_column("ours", justify="right", min_width=9, style="bold")
-    table.add_column("95 %", justify="right", min_width=18, style="dim")
-    for row in rows:
-        interval = "" if row.low is None else f"{_number(row.low)} to {_number(row.high)}"
-        quantity = _with_unit(row.quantity, row.unit)
-        table.add_row(quantity, _figure(row, row.paper), _figure(row, row.ours), interval)
-    return table
-
-
-def _table_of_methods(
-    rows: Sequence[ReproductionRow], quantities: Sequence[str], methods: Sequence[str]
-) -> Table:
-    """Return methods by quantities, each figure with half the width of its interval."""
-    cells = {(row.method, row.quantity): row for row in rows}
-    units = [cells[methods[0], quantity].unit for quantity in quantities]
-    shared_unit = units[0] if len(quantities) > 1 and len(set(units)) == 1 else None
-    table = plain_table()
-    corner = shared_unit if shared_unit not in UNITS_NOT_PRINTED else ""
-    table.add_column(corner, style="bold", min_width=14)
-    # So that five columns leave the longest name of a method whole on 80 columns.
-    least, most = (11, 14) if len(quantities) < MOST_COLUMNS else (9, 12)
-    for quantity, unit in zip(quantities, units, strict=True):
-        heading = quantity if shared_unit else _with_unit(quantity, unit)
-        heading = heading if len(heading) <= most else heading.replace(" ", "\n", 1)
-        table.add_column(heading, justify="right", min_width=least, max_width=most)
-    for method in methods:
-        line = [cells[method, quantity] for quantity in quantities]
-        table.add_row(method, *(_mean_and_half_width(row, len(line), most) for row in line))
-        if any(row.paper is not None for row in line):
-            table.add_row("  paper", *(_figure(row, row.paper) for row in line), style="dim")
-    return table
-
-
-def _number(value: float | None) -> str:
-    """Return a number with four digits; a whole or a great number without a point."""
-    if value is None:
-        return "-"
-    return f"{value:.0f}" if float(value).is_integer() or abs(value) >= 1e4 else f"{value:.4g}"
-
-
-def _figure(row: ReproductionRow, value: float | None) -> str:
-    # A claim that holds with some of the seeds is neither yes nor no: the share is printed.
-    if row.unit == YES_OR_NO and value in (0.0, 1.0):
-        return "yes" if value else "no"
-    return _number(value)
-
-
-def _mean_and_half_width(row: ReproductionRow, columns: int, width: int) -> str:
-    """Return a figure with the decimals of its unit, or with fewer where its column is too narrow.
-
-    columns: of the table. width: of the column, letters.
+    The 95 % interval of the share is Wilson's.
     """
-    most = DECIMALS.get(row.unit, 2)
-    candidates = (_rounded(row, columns, decimals) for decimals in range(most, -1, -1))
-    return next((text for text in candidates if len(text) <= width), _rounded(row, columns, 0))
+    from scipy.stats import binomtest
+
+    judged = judge(claim, method, SEEDS, holds, MORE_THAN_HALF)
+    if judged.value is None or judged.n < 2:
+        return judged
+    yes = round(judged.value * judged.n)
+    low, high = binomtest(yes, judged.n).proportion_ci(method="wilson")
+    verdict = HOLDS if low > 0.5 else FAILS if high < 0.5 else OPEN
+    return replace(judged, verdict=verdict, low=float(low), high=float(high))
 
 
-def _rounded(row: ReproductionRow, columns: int, decimals: int) -> str:
-    if row.ours is None or row.low is None or row.high is None:
-        has_decimals = row.ours is not None and row.unit in DECIMALS
-        return f"{row.ours:.{decimals}f}" if has_decimals else _figure(row, row.ours)
-    if row.unit == "count" and row.low == row.high:
-        return _number(row.ours)
-    mean, half_width = f"{row.ours:.{decimals}f}", f"{(row.high - row.low) / 2:.{decimals}f}"
-    if columns < MOST_COLUMNS:
-        return f"{mean} ±{half_width}"
-    # Five columns leave no place for a space and a leading zero.
-    return f"{mean}±{half_width.removeprefix('0') or half_width}"
+def differences(measured: Measured, key: FigureKey, other: FigureKey) -> list[float]:
+    """Return the figure `key` minus the figure `other`, seed by seed."""
+    return [a - b for a, b in zip(measured[key], measured[other], strict=True)]
 
 
-def _with_unit(quantity: str, unit: str) -> str:
-    return quantity if unit in UNITS_NOT_PRINTED else f"{quantity}, {unit}"
+# --------------------------------------------------------------------------------------------------
+# All seeds of a paper, in parts that are kept.
+
+
+def _nothing_more(figures: Figures) -> Figures:
+    return {}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Paper:
+    """How the experiments of one paper are repeated.
+
+    parts: functions that return the figures of a seed, by name. Each is kept on its own, so that a
+        stopped run goes on where it was, and processes share them.
+    seeds_of: how many of the seeds a part runs with, by its name; all, if it is not named.
+    of_seed: returns what follows from all figures of one seed.
+    hidden: experiments whose figures only serve `of_seed`.
+    rows: returns the rows of all tables.
+    verdicts: judges the paper's claims.
+    note_of: returns what must be known to read the tables of an experiment.
+    """
+
+    parts: Mapping[str, Callable[[int], Figures]]
+    seeds_of: Mapping[str, int] = field(default_factory=dict)
+    of_seed: Callable[[Figures], Figures] = _nothing_more
+    hidden: frozenset[str] = frozenset()
+    rows: Callable[[Measured], list[ReproductionRow]]
+    verdicts: Callable[[Measured], list[Verdict]]
+    note_of: Callable[[str], str | None]
+
+
+class PartOfSeed(NamedTuple):
+    """What one worker measures: a part of a module's paper with one seed."""
+
+    module: str
+    part: str
+    seed: int
+
+
+@dataclass(frozen=True, slots=True)
+class KeptFigures:
+    """Figures as a kept file."""
+
+    figures: Figures
+
+    def save(self, file: BinaryIO) -> None:
+        """Write them as JSON; NaN becomes null."""
+        rows = [
+            [*key, value if np.isfinite(value) else None] for key, value in self.figures.items()
+        ]
+        file.write(json.dumps(rows).encode())
+
+    @staticmethod
+    def load(file: BinaryIO) -> KeptFigures:
+        """Read what `save` wrote."""
+        rows = json.loads(file.read())
+        return KeptFigures(
+            {FigureKey(*key): np.nan if value is None else value for *key, value in rows}
+        )
+
+
+def measure_part(part: PartOfSeed) -> Figures:
+    """Return the figures of a part with a seed, those that an earlier run kept if there are any."""
+    paper = part.module.rpartition(".")[2]
+    code = fingerprint([package_hash(), library_versions(), part])
+    path = cache_dir() / "papers" / f"{paper}-{code}.cache"
+    measure = paper_of(part.module).parts[part.part]
+    return read_or_make(path, KeptFigures.load, lambda: KeptFigures(measure(part.seed))).figures
+
+
+def paper_of(module: str) -> Paper:
+    """Return the paper that a module repeats."""
+    paper: Paper = import_module(module).REPRODUCTION
+    return paper
+
+
+def measure_paper(
+    module: str,
+    seeds: int,
+    progress: Callable[[int, int], None] | None = None,
+    *,
+    jobs: int = 1,
+) -> dict[FigureKey, list[float]]:
+    """Return the figures of all parts and seeds of a paper, one value a seed.
+
+    module: where its `REPRODUCTION` is. progress: called with parts done and parts in all.
+    jobs: processes that share the parts; all figures but times are the same for any number.
+    """
+    if seeds < 1:
+        raise ValueError(f"at least one seed is needed, got {seeds}")
+    paper = paper_of(module)
+    parts = [
+        PartOfSeed(module, part, FIRST_SEED + k)
+        for k in range(seeds)
+        for part in paper.parts
+        if k < paper.seeds_of.get(part, seeds)
+    ]
+    if progress is not None:
+        progress(0, len(parts))
+    of_parts: dict[int, Figures] = {}
+    for index, figures in in_parallel(measure_part, parts, jobs):
+        of_parts[index] = figures
+        if progress is not None:
+            progress(len(of_parts), len(parts))
+    of_seeds: list[Figures] = [{} for _ in range(seeds)]
+    for index in sorted(of_parts):
+        of_seeds[parts[index].seed - FIRST_SEED] |= of_parts[index]
+    return by_figure([each | paper.of_seed(each) for each in of_seeds], paper.hidden)
+
+
+def by_figure(
+    of_seeds: Sequence[Figures], hidden: frozenset[str] = frozenset()
+) -> dict[FigureKey, list[float]]:
+    """Return one value a seed for each figure, NaN for a seed without it."""
+    keys = dict.fromkeys(key for figures in of_seeds for key in figures)
+    return {
+        key: [figures.get(key, np.nan) for figures in of_seeds]
+        for key in keys
+        if key.experiment not in hidden
+    }
+
+
+def reproduce_module(
+    module: str,
+    seeds: int = 30,
+    progress: Callable[[int, int], None] | None = None,
+    *,
+    jobs: int = 1,
+) -> Reproduction:
+    """Repeat the experiments of a paper and judge its claims; arguments as of `measure_paper`."""
+    paper, measured = paper_of(module), measure_paper(module, seeds, progress, jobs=jobs)
+    return Reproduction(paper.verdicts(measured), paper.rows(measured))
+
+
+def write_reproduction(result: Reproduction, path: Path | str) -> None:
+    """Write verdicts and rows as JSON."""
+    content = {
+        name: [asdict(each) for each in getattr(result, name)] for name in ("verdicts", "rows")
+    }
+    text = json.dumps(content, indent=1, allow_nan=False)
+    Path(path).write_text(text + "\n", encoding="utf-8")
