@@ -13,6 +13,7 @@ from typing import get_args
 import numpy as np
 
 from roadscope.core import ImuSamples, LidarScan, OdometryEstimate, Pose
+from roadscope.detectors.clustering.range_angle import SPACINGS
 from roadscope.odometry.clock import Clock
 from roadscope.odometry.clusters.features import (
     NO_PARTNER,
@@ -32,7 +33,8 @@ from roadscope.odometry.loam.progress import ImuPrediction, Progress, poverty
 from roadscope.odometry.scatter import excessive_noise
 
 LARGEST_DYNAMIC_SHARE = 0.33
-"""Largest share of clustered returns that may be dynamic; with more, the prediction is wrong.
+"""Largest share of clustered returns that a guarded odometry lets be dynamic; with more, the
+prediction is wrong.
 
 On validation drives in streets and on the loop, the share is at most 0.3 with the true motion (95 %
 of scans), and at least 0.3 to 0.4 if rest is assumed (95 %). In a platoon, where everything near
@@ -54,7 +56,9 @@ class PreviousScan:
 class ZhangOdometry:
     """Matches edges and planes from scan to scan, cluster by cluster, without what moves.
 
-    eps_m, angle_deg, min_points: of the clustering (table 1). windows: whether the angle bounds
+    eps_m, angle_deg, min_points: of the clustering (table 1). spacings: by how many spacings of
+        the returns epsilon grows with range, see `cluster_range_angle`; 0: 0.02 m at every range,
+        as printed. windows: whether the angle bounds
         clusters, see `parts`, or only links. A whole wall as one cluster has another centre as soon
         as something hides a part of it, and then seems to move; the paper drops the parts of walls
         that are visible in only one of the scans. With columns of a degree such clusters have too
@@ -65,6 +69,12 @@ class ZhangOdometry:
         other returns in every scan. The paper states no threshold. view: None: 0, or 1 where only
         links are bounded: the visible part of a whole wall moves with the sensor; then slower
         objects are not dynamic.
+    dimensions: in which a centre's motion is measured: 3 as in eq. 4, or 2, seen from above: the
+        height of a centre changes by half the gap between two beams as soon as one of them misses
+        the object.
+    guarded: whether the prediction is doubted if it makes more than a third of all returns
+        dynamic; then all features are matched, of any cluster. So is the first motion, before
+        which the speed is unknown. Neither is in the paper.
     roughness: eq. 6 among neighbours on the ring or, as printed, in the whole cluster.
     drop_dynamic, same_cluster: the paper's two additions to LOAM, which can be switched off.
     map_every, loop: scans between two matches with LeGO-LOAM's map, 0 for none, and whether loops
@@ -79,11 +89,14 @@ class ZhangOdometry:
         eps_m: float = 0.02,
         angle_deg: float = 5.0,
         min_points: int = 30,
+        spacings: float = SPACINGS,
         windows: bool = True,
         still_m: float = 0.05,
         still_m_s: float = 0.5,
         view: float | None = None,
         sampled: float = 0.01,
+        dimensions: int = 3,
+        guarded: bool = False,
         roughness: Reading = "ring",
         drop_dynamic: bool = True,
         same_cluster: bool = True,
@@ -92,11 +105,14 @@ class ZhangOdometry:
     ) -> None:
         if roughness not in get_args(Reading):
             raise ValueError(f"roughness is 'ring' or 'cluster', got {roughness!r}")
+        if dimensions not in (2, 3):
+            raise ValueError(f"dimensions is 2 or 3, got {dimensions!r}")
         if map_every < 0:
             raise ValueError(f"map_every must be 0 or more, got {map_every!r}")
         if loop and not map_every:
             raise ValueError("loops are closed in a map: loop asks for map_every of 1 or more")
-        self.clustering, self.windows = Clustering(eps_m, angle_deg, min_points), windows
+        self.clustering = Clustering(eps_m, angle_deg, min_points, spacings)
+        self.windows, self.dimensions, self.guarded = windows, dimensions, guarded
         self.still_m, self.still_m_s, self.sampled = still_m, still_m_s, sampled
         self.view = float(not windows) if view is None else view
         self.roughness = roughness
@@ -123,7 +139,7 @@ class ZhangOdometry:
         whole = segments_of(scan, self.clustering)  # section 2.1
         since_s = self._progress.since(scan.stamp_s)
         predicted = self._progress.predicted(scan.stamp_s)  # eq. 3
-        if self._before is not None and not self._progress.begun:
+        if self.guarded and self._before is not None and not self._progress.begun:
             predicted = self._begin(whole, since_s, predicted)
         segments = self.cut(whole, predicted)
         features = self._features(segments, predicted, since_s)  # eq. 5 and 6
@@ -173,19 +189,21 @@ class ZhangOdometry:
         distance_m = float(np.linalg.norm(predicted[:3, 3]))
         least_m = self.still_m + self.still_m_s * since_s + self.view * distance_m
         thresholds_m = np.maximum(least_m, self.sampled * np.linalg.norm(now.centres, axis=1))
-        return match_clusters(now.centres, before.centres, predicted, thresholds_m)
+        return match_clusters(
+            now.centres, before.centres, predicted, thresholds_m, dimensions=self.dimensions
+        )
 
     def _matched(
         self, features: Features, clusters: ClusterMatch, sizes: np.ndarray, start: np.ndarray
     ) -> tuple[FeatureMatch, np.ndarray]:
         """Return the match without dynamic clusters, and (K,) whether a cluster is dropped.
 
-        sizes: (K,) returns in each. If too many returns would be dynamic, the prediction is wrong:
-        then all features are matched, of any cluster.
+        sizes: (K,) returns in each.
         """
         assert self._before is not None
         none = np.zeros_like(clusters.dynamic)
-        if not _is_plausible(clusters, sizes) or not (self.drop_dynamic or self.same_cluster):
+        is_doubted = self.guarded and not _is_plausible(clusters, sizes)
+        if is_doubted or not (self.drop_dynamic or self.same_cluster):
             return match_features(features, self._before.features, start, same_label=False), none
         now, before = of_partners(
             features, self._before.features, clusters, still_only=self.drop_dynamic

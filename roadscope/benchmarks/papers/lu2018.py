@@ -204,7 +204,7 @@ def _by_method(
     experiment: str, sensed: SensedExperiment, methods: Methods
 ) -> Iterator[tuple[str, dict[str, float]]]:
     """Yield every method with its quantities, trackers first."""
-    detections = {name: _detect(sensed, name) for name in methods.detected}
+    detections = {name: detect(sensed, name) for name in methods.detected}
     for detector in methods.tracked:
         for tracker, spec in TRACKERS.items():
             histories = track_targets(sensed, detections[detector], spec)
@@ -215,7 +215,8 @@ def _by_method(
         yield f"clustering {clustering}", measures.clutter_of_clustering(sensed, clustering)
 
 
-def _detect(sensed: SensedExperiment, name: str) -> list[Detections]:
+def detect(sensed: SensedExperiment, name: str) -> list[Detections]:
+    """Return the detections of all frames by a detector."""
     detector = DETECTORS.make(name)
     answers = [detector.detect(frame) for frame in sensed.frames]
     return [boxes for boxes in answers if isinstance(boxes, Detections)]

@@ -17,11 +17,11 @@ from roadscope.benchmarks.workers import in_parallel
 
 YES_OR_NO = "yes or no"
 """Unit of a claim: 1 where it holds and 0 where it does not. Tables print the words."""
-POINTS, METRES_MORE = "points", "m more"
-"""Units of differences, of percentages and of metres. Only differences can be negative."""
+POINTS, METRES_MORE, MILLISECONDS_MORE = "points", "m more", "ms more"
+"""Units of differences, the first of percentages. Only differences can be negative."""
 SEEDS = "of seeds"
 """Unit of the share of seeds in which a claim holds."""
-LOWER_BOUND = {POINTS: -np.inf, METRES_MORE: -np.inf}
+LOWER_BOUND = dict.fromkeys((POINTS, METRES_MORE, MILLISECONDS_MORE), -np.inf)
 """Least possible value by unit; 0 for the others."""
 UPPER_BOUND = {YES_OR_NO: 1.0, "share": 1.0, SEEDS: 1.0, "%": 100.0}
 """Greatest possible value by unit; none for the others."""
@@ -301,7 +301,7 @@ def measure_paper(
     of_seeds: list[Figures] = [{} for _ in range(seeds)]
     for index in sorted(of_parts):
         of_seeds[parts[index].seed - FIRST_SEED] |= of_parts[index]
-    return by_figure([each | paper.of_seed(each) for each in of_seeds], paper.hidden)
+    return by_figure([paper.of_seed(each) | each for each in of_seeds], paper.hidden)
 
 
 def by_figure(

@@ -14,7 +14,7 @@ MOST_COLUMNS = 5
 """Quantities that fit beside each other, each with an interval."""
 MOST_BESIDE = 2
 """Methods with many quantities that fit beside each other."""
-COLUMN = 12
+COLUMN = 13
 """Characters of a column, so that five leave the longest name of a method whole."""
 UNITS_NOT_PRINTED = (YES_OR_NO, "1", "", "share", "count", "frame", None)
 DECIMALS = {"m": 4, "deg": 3, "%": 1, POINTS: 1}

@@ -7,19 +7,21 @@ over seeds of one seed's value.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, partial
 
 import numpy as np
 
 from roadscope.benchmarks.papers.reproduction import (
     FigureKey,
+    Figures,
+    Measured,
+    Paper,
     ReproductionRow,
-    over_seeds,
     summarise,
 )
-from roadscope.benchmarks.papers.zhang2017_claims import claims, following
+from roadscope.benchmarks.papers.zhang2017_claims import claims, following, verdicts
 from roadscope.benchmarks.papers.zhang2017_methods import (
     HEADING,
     METHODS,
@@ -61,10 +63,6 @@ from roadscope.benchmarks.papers.zhang2017_tables import (
 )
 from roadscope.envs.world.ford_saloon import CORNER_RADII_M
 
-__all__ = ["note_of", "reproduce"]
-
-FIRST_SEED = 20000
-"""Test seeds, as in the suites; what was chosen by trying was chosen on seeds below."""
 FOLLOWED_FRAMES = 17
 """Of each seed and distance; thirty seeds together have the paper's 500."""
 BODIES = tuple(CORNER_RADII_M)
@@ -76,66 +74,123 @@ HIGH_M = 1.9
 """Height of a sensor on a car's roof, the other reading of where it stands."""
 
 
-def reproduce(
-    seeds: int = 30, progress: Callable[[int, int], None] | None = None, *, jobs: int = 1
-) -> list[ReproductionRow]:
-    """Run all experiments and return the paper's figures beside ours.
-
-    seeds: how many seeds stand behind every interval.
-    progress: called with seeds done and seeds in all, after each.
-    jobs: processes that share the seeds; all rows but the times are the same for any number.
-    """
-    numbers = range(FIRST_SEED, FIRST_SEED + seeds)
-    measured = over_seeds(measure, numbers, progress, jobs=jobs)
-    rows = [
+def rows(measured: Measured) -> list[ReproductionRow]:
+    """Return the paper's figures beside ours, and which claims hold in how many seeds."""
+    of_figures = [
         summarise(key, unit_of(key), values, paper_figure(key)) for key, values in measured.items()
     ]
-    return rows + claims(measured, BODIES)
+    return of_figures + claims(measured, BODIES)
 
 
-def measure(seed: int) -> dict[FigureKey, float]:
-    """Return every figure of every experiment and method with one seed."""
+# --------------------------------------------------------------------------------------------------
+# The parts of a seed. Each keeps the figures of its drives; all figures follow from these.
+
+RUNS = "runs"
+"""Experiment of the figures of single drives, which no table shows."""
+SIMULATED_RUNS, FOLLOWING_RUNS, HIGH_RUNS, NOISY_RUNS = "simulated", "following", "high", "noise"
+
+
+def measure_simulated(body: str, seed: int) -> Figures:
+    """Return the figures of all methods on the simulated drives of one body."""
     warm_up()
-    simulated = [
-        run_methods(sense_drive(drive, seed, body=body), tuple(METHODS))
-        for body in BODIES
-        for drive in SIMULATED
-    ]
-    following_runs = [
-        run_methods(
-            sense_drive(following(metres), seed, body=body, frames=FOLLOWED_FRAMES), ON_EVERY_DRIVE
-        )
-        for body in BODIES
+    return _kept(
+        SIMULATED_RUNS,
+        (run_methods(sense_drive(drive, seed, body=body), tuple(METHODS)) for drive in SIMULATED),
+    )
+
+
+def measure_following(body: str, seed: int) -> Figures:
+    """Return the figures of the following experiment with one body."""
+    warm_up()
+    runs = (
+        sense_drive(following(metres), seed, body=body, frames=FOLLOWED_FRAMES)
         for metres in FOLLOWED_M
-    ]
-    noisy = {
-        factor: [
-            run_methods(sense_drive(drive, seed, noise=factor), ON_EVERY_DRIVE)
-            for drive in VARIED_DRIVES
-        ]
-        for factor in NOISE_FACTORS
-    }
-    high = [
-        run_methods(sense_drive(drive, seed, sensor_height_m=HIGH_M), ON_EVERY_DRIVE)
-        for drive in VARIED_DRIVES
-    ]
-    usual = (*simulated, *following_runs)
+    )
+    return _kept(FOLLOWING_RUNS, (run_methods(run, ON_EVERY_DRIVE) for run in runs))
+
+
+def measure_with_noise(factor: float, seed: int) -> Figures:
+    """Return the figures with other noise: no result may depend on a quiet sensor."""
+    warm_up()
+    runs = (sense_drive(drive, seed, noise=factor) for drive in VARIED_DRIVES)
+    return _kept(f"{NOISY_RUNS} {factor}", (run_methods(run, ON_EVERY_DRIVE) for run in runs))
+
+
+def measure_from_roof(seed: int) -> Figures:
+    """Return the figures from the roof of a car: the paper does not say where its sensor is."""
+    warm_up()
+    runs = (sense_drive(drive, seed, sensor_height_m=HIGH_M) for drive in VARIED_DRIVES)
+    return _kept(HIGH_RUNS, (run_methods(run, ON_EVERY_DRIVE) for run in runs))
+
+
+def of_seed(figures: Figures) -> Figures:
+    """Return every figure that follows from the drives of one seed."""
+    simulated, follow, high = (
+        _runs(figures, kind) for kind in (SIMULATED_RUNS, FOLLOWING_RUNS, HIGH_RUNS)
+    )
+    noisy = {factor: _runs(figures, f"{NOISY_RUNS} {factor}") for factor in NOISE_FACTORS}
+    usual = (*simulated, *follow)
     kinds: dict[str, Sequence[DriveFigures]] = {
-        body: [figures for figures in usual if figures.body == body] for body in BODIES
+        body: [run for run in usual if run.body == body] for body in BODIES
     }
     kinds |= {f"noise x{factor:g}": runs for factor, runs in noisy.items()}
     kinds[f"{HIGH_M} m"] = high
     return (
         _tables_1_and_2(simulated)
-        | _following_figures(following_runs)
+        | _following_figures(follow)
         | _noise_figures(noisy)
         | _high_figures(high)
         | _nees_figures(usual)
         | _turned_shares(kinds)
         | _frame_counts(usual, high)
-        | _table_3(following_runs, usual)
-        | _reading_figures(seed)
+        | _table_3(follow, usual)
     )
+
+
+def _kept(kind: str, runs: Iterable[DriveFigures]) -> Figures:
+    """Return the figures of drives under names from which `_runs` reads them."""
+    figures: Figures = {}
+    for run in runs:
+        name = f"{kind}|{run.drive}|{run.body}"
+        figures[FigureKey(RUNS, name, "|frames")] = run.frames
+        figures[FigureKey(RUNS, name, "|unscored")] = run.unscored
+        for group, by_method in ((RMSE, run.rmse), (BESIDE, run.beside)):
+            for method, columns in by_method.items():
+                for column, value in columns.items():
+                    key = FigureKey(RUNS, name, f"{group}|{method}|{column}")
+                    figures[key] = float(value)
+        for method, value in run.nees.items():
+            figures[FigureKey(RUNS, name, f"{NEES}|{method}|")] = value
+        for method, times_ms in run.times_ms.items():
+            for k, time_ms in enumerate(times_ms.tolist()):
+                figures[FigureKey(RUNS, name, f"{TIMES}|{method}|{k}")] = time_ms
+    return figures
+
+
+def _runs(figures: Figures, kind: str) -> list[DriveFigures]:
+    """Return the drives of a kind that `_kept` wrote."""
+    runs: dict[str, DriveFigures] = {}
+    times_ms: dict[tuple[str, str], list[float]] = {}
+    for (experiment, name, quantity), value in figures.items():
+        if experiment != RUNS or not name.startswith(f"{kind}|"):
+            continue
+        if name not in runs:
+            _, drive, body = name.split("|")
+            frames, unscored = (
+                round(figures[FigureKey(RUNS, name, what)]) for what in ("|frames", "|unscored")
+            )
+            runs[name] = DriveFigures(drive, body, frames, unscored, {}, {}, {}, {})
+        group, method, *column = quantity.split("|")
+        if group in (RMSE, BESIDE):
+            tables = runs[name].rmse if group == RMSE else runs[name].beside
+            tables.setdefault(method, {})[column[0]] = value
+        elif group == NEES:
+            runs[name].nees[method] = value
+        elif group == TIMES:
+            times_ms.setdefault((name, method), []).append(value)
+    for (name, method), values in times_ms.items():
+        runs[name].times_ms[method] = np.array(values)
+    return list(runs.values())
 
 
 # --------------------------------------------------------------------------------------------------
@@ -188,8 +243,8 @@ def warm_up() -> None:
 # Figures by experiment.
 
 
-def _tables_1_and_2(simulated: Sequence[DriveFigures]) -> dict[FigureKey, float]:
-    figures: dict[FigureKey, float] = {}
+def _tables_1_and_2(simulated: Sequence[DriveFigures]) -> Figures:
+    figures: Figures = {}
     for each in simulated:
         table = RMSE.format(each.drive, each.body, SIMULATED[each.drive])
         figures |= _keyed(table, each.rmse)
@@ -197,7 +252,7 @@ def _tables_1_and_2(simulated: Sequence[DriveFigures]) -> dict[FigureKey, float]
     return figures
 
 
-def _keyed(experiment: str, rows: Mapping[str, Mapping[str, float]]) -> dict[FigureKey, float]:
+def _keyed(experiment: str, rows: Mapping[str, Mapping[str, float]]) -> Figures:
     return {
         FigureKey(experiment, method, quantity): float(value)
         for method, row in rows.items()
@@ -205,7 +260,7 @@ def _keyed(experiment: str, rows: Mapping[str, Mapping[str, float]]) -> dict[Fig
     }
 
 
-def _following_figures(following_runs: Sequence[DriveFigures]) -> dict[FigureKey, float]:
+def _following_figures(following_runs: Sequence[DriveFigures]) -> Figures:
     return {
         FigureKey(FOLLOWING.format(each.body, column), method, _distance(each)): row[column]
         for body in BODIES
@@ -220,7 +275,7 @@ def _distance(each: DriveFigures) -> str:
     return f"{each.drive.removeprefix('following-')} m"
 
 
-def _noise_figures(noisy: Mapping[float, Sequence[DriveFigures]]) -> dict[FigureKey, float]:
+def _noise_figures(noisy: Mapping[float, Sequence[DriveFigures]]) -> Figures:
     """Return the figures with other noise: no result may depend on a quiet sensor."""
     return {
         FigureKey(NOISE.format(column), method, f"{each.drive} x{factor:g}"): row[column]
@@ -231,15 +286,15 @@ def _noise_figures(noisy: Mapping[float, Sequence[DriveFigures]]) -> dict[Figure
     }
 
 
-def _high_figures(high: Sequence[DriveFigures]) -> dict[FigureKey, float]:
+def _high_figures(high: Sequence[DriveFigures]) -> Figures:
     """Return the figures from the roof of a car: the paper does not say where its sensor is."""
-    figures: dict[FigureKey, float] = {}
+    figures: Figures = {}
     for each in high:
         figures |= _keyed(HIGH.format(each.drive, SIMULATED[each.drive]), each.rmse)
     return figures
 
 
-def _nees_figures(runs: Iterable[DriveFigures]) -> dict[FigureKey, float]:
+def _nees_figures(runs: Iterable[DriveFigures]) -> Figures:
     """Return the NEES of ours by drive and number of frames."""
     return {
         FigureKey(NEES.format(each.body), each.drive, frames_name(frames)): each.nees[method]
@@ -248,9 +303,9 @@ def _nees_figures(runs: Iterable[DriveFigures]) -> dict[FigureKey, float]:
     }
 
 
-def _turned_shares(kinds: Mapping[str, Sequence[DriveFigures]]) -> dict[FigureKey, float]:
+def _turned_shares(kinds: Mapping[str, Sequence[DriveFigures]]) -> Figures:
     """Return the percentage of scored frames with a heading turned by 90 deg, by kind of runs."""
-    figures: dict[FigureKey, float] = {}
+    figures: Figures = {}
     for kind, runs in kinds.items():
         for method in METHODS:
             with_method = [each for each in runs if method in each.beside]
@@ -262,10 +317,8 @@ def _turned_shares(kinds: Mapping[str, Sequence[DriveFigures]]) -> dict[FigureKe
     return figures
 
 
-def _frame_counts(
-    runs: Iterable[DriveFigures], high: Iterable[DriveFigures]
-) -> dict[FigureKey, float]:
-    figures: dict[FigureKey, float] = {}
+def _frame_counts(runs: Iterable[DriveFigures], high: Iterable[DriveFigures]) -> Figures:
+    figures: Figures = {}
     named = [(each.drive, each) for each in runs] + [(f"{e.drive}, {HIGH_M} m", e) for e in high]
     for name, each in named:
         figures[FigureKey(COUNTS, name, FRAMES)] = each.frames
@@ -273,13 +326,11 @@ def _frame_counts(
     return figures
 
 
-def _table_3(
-    following_runs: Sequence[DriveFigures], runs: Sequence[DriveFigures]
-) -> dict[FigureKey, float]:
+def _table_3(following_runs: Sequence[DriveFigures], runs: Sequence[DriveFigures]) -> Figures:
     """Return the times, those of the following experiment pooled, as in the paper."""
     rows = {}
     for method in ON_EVERY_DRIVE:
-        times_ms = np.concatenate([each.times_ms[method] for each in following_runs])
+        times_ms = np.concatenate([each.times_ms.get(method, []) for each in following_runs])
         rows[method] = {
             "median": float(np.median(times_ms)),
             MEAN: float(times_ms.mean()),
@@ -292,11 +343,11 @@ def _table_3(
 
 
 def _mean_ms(each: DriveFigures, method: str) -> float:
-    times_ms = each.times_ms[method]
+    times_ms = each.times_ms.get(method, np.empty(0))
     return float(times_ms.mean()) if len(times_ms) else 0.0
 
 
-def _reading_figures(seed: int) -> dict[FigureKey, float]:
+def measure_readings(seed: int) -> Figures:
     """Return the errors with other readings of what the paper leaves open."""
     by_drive: dict[str, dict[str, dict[str, float]]] = {}
     for drive in SIMULATED:
@@ -311,3 +362,19 @@ def _reading_figures(seed: int) -> dict[FigureKey, float]:
         for drive, readings in by_drive.items()
         for reading, row in readings.items()
     }
+
+
+REPRODUCTION = Paper(
+    parts={
+        **{f"{SIMULATED_RUNS}, {body}": partial(measure_simulated, body) for body in BODIES},
+        **{f"{FOLLOWING_RUNS}, {body}": partial(measure_following, body) for body in BODIES},
+        **{f"{NOISY_RUNS} {f}": partial(measure_with_noise, f) for f in NOISE_FACTORS},
+        HIGH_RUNS: measure_from_roof,
+        "readings": measure_readings,
+    },
+    of_seed=of_seed,
+    hidden=frozenset({RUNS}),
+    rows=rows,
+    verdicts=partial(verdicts, bodies=BODIES),
+    note_of=note_of,
+)

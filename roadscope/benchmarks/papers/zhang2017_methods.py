@@ -278,7 +278,9 @@ READINGS: Mapping[str, Method] = MappingProxyType(
 FEWEST_RETURNS = 3
 """Frames with fewer returns of the car are not scored."""
 LATERAL, LONGITUDINAL, HEADING, POSITION = ("lateral", "longitudinal", "heading", "position")
-RMSE_UNITS = {LATERAL: "m", LONGITUDINAL: "m", HEADING: "deg", POSITION: "m"}
+FROM_PARTS = "position from parts"
+"""Root of the sum of squares of lateral and longitudinal, which an RMSE of positions is."""
+RMSE_UNITS = {LATERAL: "m", LONGITUDINAL: "m", HEADING: "deg", POSITION: "m", FROM_PARTS: "m"}
 """The columns of tables 1 and 2: RMSE across and along the car's true heading, of the heading,
 and of the distance. The paper does not say along which axes; on the straight its own are those of
 the world."""
@@ -334,6 +336,7 @@ def named_columns(squares: np.ndarray) -> dict[str, float]:
         LONGITUDINAL: float(np.sqrt(squares[0])),
         HEADING: float(np.degrees(np.sqrt(squares[2]))),
         POSITION: float(np.sqrt(squares[0] + squares[1])),
+        FROM_PARTS: float(np.hypot(np.sqrt(squares[0]), np.sqrt(squares[1]))),
     }
 
 

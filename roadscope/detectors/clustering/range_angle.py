@@ -25,7 +25,12 @@ BESIDE = 2
 
 
 def cluster_range_angle(
-    cloud: Cloud, *, eps_m: float = 0.02, angle_deg: float = 5.0, min_points: int = 30
+    cloud: Cloud,
+    *,
+    eps_m: float = 0.02,
+    angle_deg: float = 5.0,
+    min_points: int = 30,
+    spacings: float = SPACINGS,
 ) -> np.ndarray:
     """Grow clusters within a scan angle (Zhang 2022).
 
@@ -37,7 +42,8 @@ def cluster_range_angle(
     Readings taken. The printed epsilon of 0.02 m is less than the gap between two beams of the
     paper's VLP-16 from 0.6 m on and between two columns from 6 m on; here it is what noise adds
     to two spacings of the returns at the lesser of the two ranges, where the spacing is the
-    wider of those between beams and between columns. The paper grows from a seed and then from
+    wider of those between beams and between columns. With `spacings` of 0 it is 0.02 m literally,
+    at every range. The paper grows from a seed and then from
     the farthest returns in six directions until no return satisfies eq. 1 any more; that ends
     with the linked components, whichever seeds are taken first. The angle bounds links: a cluster
     goes on as long as returns follow one another. Zhang 2022's odometry cuts it by the angle.
@@ -45,9 +51,13 @@ def cluster_range_angle(
     for name, value in (("eps_m", eps_m), ("angle_deg", angle_deg), ("min_points", min_points)):
         if not 0 < value < np.inf:
             raise ValueError(f"{name} must be positive, got {value!r}")
+    if not 0 <= spacings < np.inf:
+        raise ValueError(f"spacings must be 0 or more, got {spacings!r}")
     if not len(cloud):
         return np.empty(0, np.int64)
-    rule = _link_rule(cloud, float(eps_m), float(np.radians(angle_deg)))
+    rule = _link_rule(
+        cloud, float(eps_m), float(np.radians(angle_deg)), reach=spacings * spacing(cloud)
+    )
     first_rows = linked_sets(cloud.points, cloud.origin, cloud.ring, rule)
     large = np.bincount(first_rows) >= min_points
     numbers = np.where(large, np.cumsum(large) - 1, OUTLIER)
@@ -138,9 +148,8 @@ class PolarCells(NamedTuple):
     sectors: int
 
 
-def _link_rule(cloud: Cloud, eps_m: float, angle: float) -> LinkRule:
+def _link_rule(cloud: Cloud, eps_m: float, angle: float, *, reach: float) -> LinkRule:
     """Return the rule that holds for a cloud; no link is longer than half of the angle allows."""
-    reach = SPACINGS * spacing(cloud)
     x, y = (cloud.points[:, :2] - cloud.origin).T
     nearest = max(float(np.sqrt((x * x + y * y).min())), eps_m)
     # Beyond this angle even the nearest return is out of reach; a hair more, for rounding.

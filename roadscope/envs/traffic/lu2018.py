@@ -94,7 +94,7 @@ _OCCLUSION = Script(
         Event(1, "hidden", 62, 74),
     ),
 )
-# The paper: target 1 vanishes from view in frame 16, so frame 15 is the last in which it is tracked.
+# The paper: target 1 vanishes from view in frame 16, so it is tracked in frame 15 at last.
 _THREE_VEHICLES = Script(
     "lu2018-three-vehicles",
     100,

@@ -162,19 +162,21 @@ def match_clusters(
     before: np.ndarray,
     before_from_now: np.ndarray,
     thresholds_m: np.ndarray | float,
+    *,
+    dimensions: int = 3,
 ) -> ClusterMatch:
     """Compensate (K, 3) centres for ego motion (eq. 4) and match each with the nearest of before.
 
     before: (L, 3). thresholds_m: (K,) or one for all. One to one: the nearest of all pairs is taken
     first, then the nearest of the remaining ones, and so on: our reading of the paper's nearest
-    neighbour iteration. Motion of a centre is measured in x and y: its height changes by half
-    the gap between two beams as soon as one of them misses the object.
+    neighbour iteration. dimensions: in which the motion of a centre is measured, 3 or 2 (x and y).
     """
     moved = now @ before_from_now[:3, :3].T + before_from_now[:3, 3]
     partners = one_to_one(moved, before, REACH_M)
     distances = np.full(len(now), np.inf)
     matched = partners != NO_PARTNER
-    distances[matched] = np.linalg.norm((moved[matched] - before[partners[matched]])[:, :2], axis=1)
+    offsets = moved[matched] - before[partners[matched]]
+    distances[matched] = np.linalg.norm(offsets[:, :dimensions], axis=1)
     return ClusterMatch(partners, distances, distances > thresholds_m)
 
 

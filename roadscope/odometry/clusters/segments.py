@@ -10,6 +10,7 @@ from roadscope.core import LidarScan
 from roadscope.core.jit import compiled
 from roadscope.detectors.cloud import Cloud
 from roadscope.detectors.clustering.range_angle import (
+    SPACINGS,
     TURN_ERROR,
     cluster_range_angle,
     quick_azimuth,
@@ -29,16 +30,22 @@ class Clustering:
         cannot be the whole distance, see `cluster_range_angle`.
     angle_deg: the search angle, which bounds links here; `parts` cuts clusters by it.
     min_points: clusters of fewer are outliers.
+    spacings: by how many spacings of the returns epsilon grows with range; 0: as printed.
     """
 
     eps_m: float = 0.02
     angle_deg: float = 5.0
     min_points: int = 30
+    spacings: float = SPACINGS
 
     def labels(self, cloud: Cloud) -> np.ndarray:
         """Return the cluster of each return that stands above the ground, (N,); or negative."""
         return cluster_range_angle(
-            cloud, eps_m=self.eps_m, angle_deg=self.angle_deg, min_points=self.min_points
+            cloud,
+            eps_m=self.eps_m,
+            angle_deg=self.angle_deg,
+            min_points=self.min_points,
+            spacings=self.spacings,
         )
 
 

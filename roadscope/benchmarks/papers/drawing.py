@@ -1,0 +1,91 @@
+"""Draws the figures of a paper in one style: colours that colour-blind readers tell apart."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from roadscope.benchmarks.cache import write_atomically
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#F0E442")
+"""Of Okabe and Ito, for lines and clusters in this order."""
+TRUTH, FAINT = "#000000", "#B0B0B0"
+"""Colours of the truth, and of what is only there for orientation."""
+STYLE = {
+    "font.size": 9,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.grid": True,
+    "grid.alpha": 0.3,
+    "legend.frameon": False,
+    "legend.fontsize": 8,
+    "figure.dpi": 120,
+}
+
+Draw = Callable[["Figure"], None]
+"""Draws one figure into an empty one, and sets its size."""
+
+
+def draw_all(
+    paper: str,
+    figures: Mapping[str, Draw],
+    folder: Path,
+    progress: Callable[[int, int], None] | None = None,
+) -> list[Path]:
+    """Draw figures by name into `folder/PAPER-NAME.png`; return the files.
+
+    progress: called with figures drawn and figures in all.
+    """
+    import matplotlib as mpl
+    from matplotlib.figure import Figure
+
+    paths = []
+    for name, draw in figures.items():
+        if progress is not None:
+            progress(len(paths), len(figures))
+        with mpl.rc_context(STYLE):
+            figure = Figure((9.0, 4.0), layout="constrained")
+            draw(figure)
+            paths.append(folder / f"{paper}-{name}.png")
+            # The same figures give the same bytes.
+            save = partial(figure.savefig, format="png", metadata={"Software": None})
+            write_atomically(paths[-1], save)
+    if progress is not None:
+        progress(len(paths), len(figures))
+    return paths
+
+
+def seen_from_above(axes: Axes, title: str = "") -> None:
+    """Prepare axes for x ahead and y left, metres, with equal scales."""
+    axes.set(title=title, xlabel="x ahead (m)", ylabel="y left (m)")
+    axes.set_aspect("equal", adjustable="box")
+
+
+def draw_points(axes: Axes, points: np.ndarray, colour: str = FAINT, label: str = "") -> None:
+    """Draw (N, 2) points or more columns, metres, as dots."""
+    axes.scatter(points[:, 0], points[:, 1], s=3, color=colour, label=label or None, linewidths=0)
+
+
+def draw_clusters(axes: Axes, points: np.ndarray, labels: np.ndarray) -> None:
+    """Draw (N, 2) points by cluster, colours in turn; outliers (negative labels) are faint."""
+    draw_points(axes, points[labels < 0])
+    for label in np.unique(labels[labels >= 0]):
+        draw_points(axes, points[labels == label], COLOURS[int(label) % len(COLOURS)])
+
+
+def draw_box(
+    axes: Axes, pose: np.ndarray, size: np.ndarray, colour: str = TRUTH, label: str = ""
+) -> None:
+    """Draw a rectangle from above; pose: x, y, yaw of its centre; size: length and width."""
+    corners = np.array([[1, 1], [1, -1], [-1, -1], [-1, 1], [1, 1]]) * np.asarray(size)[:2] / 2
+    c, s = np.cos(pose[2]), np.sin(pose[2])
+    x, y = (corners @ np.array([[c, s], [-s, c]]) + np.asarray(pose)[:2]).T
+    axes.plot(x, y, color=colour, linewidth=1, label=label or None)
