@@ -3,21 +3,19 @@
 from __future__ import annotations
 
 import argparse
+import json
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict
 from pathlib import Path
 
 from rich.console import Console
 
-from roadscope.benchmarks.papers.reproduction import (
-    FigureKey,
-    ReproductionRow,
-    over_seeds,
-    reproduction_tables,
-    write_rows,
-)
+from roadscope.benchmarks.papers.reproduction import FigureKey, Figures, ReproductionRow, by_figure
+from roadscope.benchmarks.papers.reproduction_tables import reproduction_tables
 from roadscope.benchmarks.speed.measure import run_steps, write_speed
 from roadscope.benchmarks.speed.rows import SpeedStep
 from roadscope.benchmarks.tables import speed_table
+from roadscope.benchmarks.workers import in_parallel
 
 
 def study_parser(module: str, description: str | None, *, seeds: int) -> argparse.ArgumentParser:
@@ -37,13 +35,18 @@ def study_parser(module: str, description: str | None, *, seeds: int) -> argpars
 
 
 def measured_over_seeds(
-    measure: Callable[[int], dict[FigureKey, float]], first_seed: int, options: argparse.Namespace
+    measure: Callable[[int], Figures], first_seed: int, options: argparse.Namespace
 ) -> dict[FigureKey, list[float]]:
-    """Run a study with the seeds that the options ask for, and say how far it is."""
+    """Run a study with the seeds that the options ask for, and say how far it is.
+
+    Return one value a seed for each figure, NaN for a seed without it.
+    """
     seeds = range(first_seed, first_seed + options.seeds)
-    return over_seeds(
-        measure, seeds, lambda done, of: print(f"seed {done} of {of}"), jobs=options.jobs
-    )
+    of_seeds: list[Figures] = [{} for _ in seeds]
+    for done, (index, figures) in enumerate(in_parallel(measure, seeds, options.jobs), start=1):
+        of_seeds[index] = figures
+        print(f"seed {done} of {len(seeds)}")
+    return by_figure(of_seeds)
 
 
 def show(
@@ -65,7 +68,8 @@ def show(
             if part in experiment:
                 console.print(note, style="dim")
     if options.out is not None:
-        write_rows(rows, options.out)
+        text = json.dumps([asdict(row) for row in rows], indent=1, allow_nan=False)
+        options.out.write_text(text + "\n", encoding="utf-8")
 
 
 def run_speed_study(

@@ -21,12 +21,12 @@ import numpy as np
 
 from research.studies import measured_over_seeds, show, study_parser
 from roadscope.benchmarks.papers.reproduction import (
+    FIRST_SEED,
     YES_OR_NO,
     FigureKey,
     ReproductionRow,
     summarise,
 )
-from roadscope.benchmarks.papers.zhang2017 import FIRST_SEED
 from roadscope.benchmarks.papers.zhang2017_claims import POSE_UNKNOWNS, consistent
 from roadscope.benchmarks.papers.zhang2017_methods import (
     FEWEST_RETURNS,

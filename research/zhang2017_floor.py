@@ -23,6 +23,7 @@ from research.information_floor import (
 )
 from research.studies import measured_over_seeds, show, study_parser
 from roadscope.benchmarks.papers.reproduction import (
+    FIRST_SEED,
     YES_OR_NO,
     FigureKey,
     ReproductionRow,
@@ -30,7 +31,6 @@ from roadscope.benchmarks.papers.reproduction import (
 )
 from roadscope.benchmarks.papers.zhang2017 import (
     BODIES,
-    FIRST_SEED,
     FOLLOWED_FRAMES,
     NOISE_FACTORS,
     VARIED_DRIVES,

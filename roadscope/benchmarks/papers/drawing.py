@@ -47,7 +47,7 @@ def draw_all(
     import matplotlib as mpl
     from matplotlib.figure import Figure
 
-    paths = []
+    paths: list[Path] = []
     for name, draw in figures.items():
         if progress is not None:
             progress(len(paths), len(figures))

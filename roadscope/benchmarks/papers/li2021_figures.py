@@ -37,6 +37,9 @@ class ImageKeeper:
     def __init__(self) -> None:
         self._detector, self.frames = CAMERA_DETECTORS.make("network"), list[Frame]()
 
+    def reset(self) -> None:
+        """Do nothing: images do not depend on one another."""
+
     def detect(self, frame: Frame) -> Detections | ImageDetections:
         """Return the network's detections."""
         self.frames.append(frame)
@@ -63,9 +66,9 @@ def _scene(scenario: str) -> Scene:
 
 def _detected(method: str, pair: SensorPair) -> FusedDetections:
     clusters = ClusterBoxes().detect(pair.scan)
-    (fused,) = fuse(method, [pair], [clusters], "clear") or [None]
+    fused = fuse(method, [pair], [clusters], "clear")
     assert fused is not None
-    return fused
+    return fused[0]
 
 
 def _draw_scene(axes: Axes, scene: Scene, method: str | None) -> None:

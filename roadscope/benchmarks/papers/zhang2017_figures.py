@@ -126,7 +126,7 @@ def poses_over_frames(drive: str, figure: Figure) -> None:
     """Figures 7 and 8: estimated poses of a simulated drive from above, and errors over frames."""
     figure.set_size_inches(10.0, 7.0)
     run = _sensed(drive)
-    grid = figure.subplot_mosaic([["above", "above"], ["position", "heading"]])
+    grid: dict[str, Axes] = figure.subplot_mosaic([["above", "above"], ["position", "heading"]])
     size = np.array([LENGTH_M, WIDTH_M])
     for k, truth in enumerate(run.truth[::BOXES_EVERY]):
         draw_box(grid["above"], truth, size, TRUTH, "truth" if k == 0 else "")

@@ -129,9 +129,10 @@ NOTES = {
     "printed, cannot tell length from width. Our RANSAC is better than the paper's: it knows both "
     "sizes, and takes the first line for the side that it is nearest to in size; 'main' among the "
     "readings always takes it for the flank, as the paper does. Ours knows the outline, but "
-    "of the corners' radius only how it is spread. 'known radius' knows it too, 'any saloon' knows the size and how saloons are built, 'sized saloon' not even "
-    "the size. Ours of 1 frame knows roughly how the car moves, as a tracker does: the median of "
-    "the last steps of its returns' mean, in the first frame the next step.",
+    "of the corners' radius only how it is spread. 'known radius' knows it too, 'any saloon' "
+    "knows the size and how saloons are built, 'sized saloon' not even the size. Ours of 1 frame "
+    "knows roughly how the car moves, as a tracker does: the median of the last steps of its "
+    "returns' mean, in the first frame the next step.",
     "table 3, time": "Processor time of one core, the paper's of MATLAB. Slowest drive: greatest "
     "mean of a frame on any drive.",
     "following, ": "The paper shows these in a figure, without numbers.",
