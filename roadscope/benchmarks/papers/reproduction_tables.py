@@ -14,8 +14,8 @@ MOST_COLUMNS = 5
 """Quantities that fit beside each other, each with an interval."""
 MOST_BESIDE = 2
 """Methods with many quantities that fit beside each other."""
-COLUMN = 13
-"""Characters of a column, so that five leave the longest name of a method whole."""
+MOST_WIDE, WHOLE = 13, 80
+"""Characters of a column at most, and of a whole table."""
 UNITS_NOT_PRINTED = (YES_OR_NO, "1", "", "share", "count", "frame", None)
 DECIMALS = {"m": 4, "deg": 3, "%": 1, POINTS: 1}
 """By unit; other figures have four digits, and their intervals two decimals."""
@@ -99,16 +99,19 @@ def _table_of_methods(
     shared_unit = units[0] if len(quantities) > 1 and len(set(units)) == 1 else None
     table = plain_table()
     corner = shared_unit if shared_unit not in UNITS_NOT_PRINTED else ""
+    # Five columns leave the longest name of a method whole.
+    free = WHOLE - max(map(len, methods)) - len(quantities)
+    width = min(MOST_WIDE, free // len(quantities))
     table.add_column(corner, min_width=14)
     for quantity, unit in zip(quantities, units, strict=True):
         heading = quantity if shared_unit else _with_unit(quantity, unit)
-        heading = heading if len(heading) <= COLUMN else heading.replace(" ", "\n", 1)
-        table.add_column(heading, justify="right", min_width=9, max_width=COLUMN)
+        heading = heading if len(heading) <= width else heading.replace(" ", "\n", 1)
+        table.add_column(heading, justify="right", min_width=min(9, width), max_width=width)
     for method in methods:
         line = [cells[method, quantity] for quantity in quantities]
         table.add_row(Text(method, "bold"), *(_rounded(row, row.ours) for row in line))
         if any(row.low is not None and row.low != row.high for row in line):
-            table.add_row("  95 %", *(_interval_of(row) for row in line), style="dim")
+            table.add_row("  95 %", *(_interval_of(row, width) for row in line), style="dim")
         if any(row.paper is not None for row in line):
             table.add_row("  paper", *(_figure(row, row.paper) for row in line), style="dim")
     return table
@@ -132,15 +135,15 @@ def _interval(low: float | None, high: float | None) -> str:
     return "" if low is None else f"[{_number(low)}, {_number(high)}]"
 
 
-def _interval_of(row: ReproductionRow) -> str:
+def _interval_of(row: ReproductionRow, width: int) -> str:
     """Return an interval with the decimals of its unit; nothing where all seeds agree."""
     if row.low is None or row.high is None or row.low == row.high:
         return ""
     for decimals in range(DECIMALS.get(row.unit, 2), -1, -1):
-        text = f"{row.low:.{decimals}f} - {row.high:.{decimals}f}"
-        if len(text) <= COLUMN:
-            return text
-    return text
+        low, high = f"{row.low:.{decimals}f}", f"{row.high:.{decimals}f}"
+        if len(low) + len(high) + 3 <= width:
+            return f"{low} - {high}"
+    return f"{low} -\n{high}"
 
 
 def _rounded(row: ReproductionRow, value: float | None) -> str:

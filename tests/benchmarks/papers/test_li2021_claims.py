@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from roadscope.benchmarks.papers import li2021
-from roadscope.detectors.camera import CAMERA_DETECTORS
+from roadscope.benchmarks.papers.reproduction import FigureKey
 
 SEEDS = range(10300, 10306)
 CHANCE = 2.57
@@ -24,9 +24,12 @@ pytestmark = pytest.mark.slow
 @pytest.fixture(scope="module")
 def figures() -> Figures:
     """Return a figure of every seed by condition, method and quantity."""
-    network = CAMERA_DETECTORS.make("network")
-    measured = [li2021.measure_with(network, seed) for seed in SEEDS]
-    return lambda *key: np.array([of_seed[key] for of_seed in measured])
+    measured: list[dict[FigureKey, float]] = []
+    for seed in SEEDS:
+        measured.append({})
+        for faults in li2021.FAULTS:
+            measured[-1] |= li2021.measure(li2021.IMAGES, faults, seed)
+    return lambda *key: np.array([of_seed[FigureKey(*key)] for of_seed in measured])
 
 
 def span(values: np.ndarray) -> tuple[float, float]:

@@ -3,7 +3,8 @@ import pytest
 
 from roadscope.benchmarks.metrics.fusion import FusionTargets, fusion_rates, match_targets
 from roadscope.benchmarks.papers import li2021
-from roadscope.benchmarks.papers.reproduction import MOST_COLUMNS, FigureKey
+from roadscope.benchmarks.papers.reproduction import FigureKey, by_figure
+from roadscope.benchmarks.papers.reproduction_tables import MOST_COLUMNS
 from roadscope.benchmarks.sensor_pairs import SensorPair
 from roadscope.core import Calibration, Detections, Frame, ImageDetections, Pose, Truth
 from roadscope.core.projection import Projection
@@ -112,7 +113,19 @@ def test_crowds_are_people_beside_people() -> None:
 
 @pytest.mark.slow
 def test_one_seed_gives_every_figure_of_the_paper() -> None:
-    figures = li2021.measure(10300)
+    figures = {}
+    for measure in li2021.REPRODUCTION.parts.values():
+        figures |= measure(10300)
+    rows = li2021.rows(by_figure([figures]))
+    targets = [row for row in rows if row.method == li2021.TARGETS and row.ours]
+    assert {row.experiment for row in targets} >= {"clear", "fog", "clear, camera imitated"}
+    calibrated = [row for row in rows if row.experiment == li2021.CALIBRATION]
+    assert all(row.ours > 0 for row in calibrated)
+    assert len(calibrated) == 12
+    for verdict in li2021.verdicts(by_figure([figures])):
+        assert verdict.n <= 1
+    camera = FigureKey("clear", li2021.CAMERA, li2021.DISTANCE)
+    assert np.isnan(figures[camera])
     for camera in (li2021.IMAGES, li2021.IMITATED):
         clear = li2021.with_camera("clear", camera)
         printed = {(li2021.with_camera(e, camera), *rest) for e, *rest in li2021.PAPER}
