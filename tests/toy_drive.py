@@ -10,7 +10,7 @@ from roadscope.odometry.rigid import exp_se3
 ELEVATIONS = np.deg2rad(np.arange(-15, 16, 2.0))
 COLUMNS, PERIOD_S, HEIGHT_M, RATE_HZ = 360, 0.1, 1.9, 400
 GRAVITY_M_S2 = 9.81
-FINE = {"zhang2022", "zhang2022-map", "zhang2022-loop"}
+FINE = {"zhang2022", "zhang2022-guarded", "zhang2022-map", "zhang2022-loop"}
 """Odometries that cut what they see by angles: they are shown the columns of a real VLP-16."""
 
 

@@ -16,21 +16,22 @@ READ_NO_SCANS = {"still", "dead-reckoning"}
 """They look at stamps only, so that a poor scan does them no harm."""
 READ_NO_IMU = {"still"}
 FEEL = {
-    "dead-reckoning", "lidar-inertial", "voxel-map", "zhang2022", "zhang2022-map",
-    "zhang2022-loop", "loam", "lego-loam", "lego-loam-loop",
+    "dead-reckoning", "lidar-inertial", "voxel-map", "zhang2022", "zhang2022-guarded",
+    "zhang2022-map", "zhang2022-loop", "loam", "lego-loam", "lego-loam-loop",
 }  # fmt: skip
 """They tell when an inertial unit that was there falls silent or sends what is no number."""
 FOLLOW = {
     "scan-to-scan": (0.5, 0.02), "voxel-map": (0.1, 0.01), "kiss-icp": (1.3, 0.03),
     "small-gicp-scan": (0.3, 0.02), "small-gicp": (0.3, 0.02), "genz-icp": (0.3, 0.02),
     "rko-lio": (0.5, 0.02), "lego-loam": (0.4, 0.02), "lego-loam-loop": (0.4, 0.02),
-    "zhang2022": (0.5, 0.03), "zhang2022-map": (0.5, 0.03), "zhang2022-loop": (0.5, 0.03),
+    "zhang2022": (0.5, 0.03), "zhang2022-guarded": (0.5, 0.03), "zhang2022-map": (0.5, 0.03),
+    "zhang2022-loop": (0.5, 0.03),
     "loam": (1.0, 0.06), "lidar-inertial": (0.1, 0.01),
 }  # fmt: skip
 """How far off, in metres and radians, those that look may be after a dozen scans, 9 m."""
 KNOWS_SPEED = {"lidar-inertial": 3}
 """Those that call themselves degraded until they know the speed, and the scan by which they do."""
-SLOW_M_S = {"rko-lio": 1.0}
+SLOW_M_S = {"rko-lio": 1.0, "zhang2022": 1.0, "zhang2022-map": 1.0, "zhang2022-loop": 1.0}
 """Those that do not find a start at speed are driven slowly."""
 UNEVEN = {"genz-icp"}
 """Their threads add up in any order, so that the same input gives poses some millimetres apart."""

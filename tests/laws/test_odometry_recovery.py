@@ -18,6 +18,8 @@ FROM_REST_S = {"rko-lio": 3.0}
 """Those that do not find a start at speed get so long to come to it."""
 MAPPED = {"zhang2022-map", "zhang2022-loop"}
 """Their map corrects at times what steps have gathered: a step towards the truth is no error."""
+UNGUARDED = MAPPED | {"zhang2022"}
+"""The paper's method has nothing against a wrong speed: it tells, but need not follow again."""
 FIRST, LAST, SCANS, SETTLED = 10, 13, 26, 5
 """Which scans are spoilt, how many there are, how many at the end have to be right."""
 WRONG_M, WRONG_RAD = 0.5, 0.1
@@ -130,6 +132,8 @@ def check_told_and_recovered(name, told, off):
     wrong = (off[:, 0] > WRONG_M) | (off[:, 1] > WRONG_RAD)
     silent = [k + 1 for k in np.flatnonzero(wrong) if told[k + 1].ok and k + 1 >= first]
     assert not silent, f"steps {silent} are off by {off[np.array(silent) - 1].round(2).tolist()}"
+    if name in UNGUARDED:
+        return
     assert all(each.ok for each in told[-SETTLED:])
     most = np.maximum([RIGHT_M, RIGHT_RAD], 1.25 * unspoilt(name))
     assert (off[-SETTLED:] < most).all(), (off[-SETTLED:].max(axis=0), most)

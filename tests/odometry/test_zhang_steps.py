@@ -38,6 +38,20 @@ def test_a_cluster_that_moved_and_one_without_partner_are_dynamic():
     assert found.dynamic.tolist() == [False, True, True]
 
 
+def test_a_displacement_has_three_dimensions_as_in_equation_4_or_two():
+    now, before = np.array([[1.0, 2.0, 0.5]]), np.array([[1.0, 2.3, 0.1]])
+    assert match_clusters(now, before, np.eye(4), 0.4).moved_m == pytest.approx([0.5])
+    seen_from_above = match_clusters(now, before, np.eye(4), 0.4, dimensions=2)
+    assert seen_from_above.moved_m == pytest.approx([0.3])
+    assert not seen_from_above.dynamic.any()
+
+
+def test_epsilon_as_printed_links_only_what_is_2_cm_apart():
+    scan = driven(1, columns=1800)[1][0][0]
+    taken, printed = (segments_of(scan, Clustering(spacings=k)) for k in (2.0, 0.0))
+    assert len(printed.sizes) < len(taken.sizes)
+
+
 def test_partners_are_one_to_one_and_the_nearest_pair_comes_first():
     before = np.array([[0.0, 0, 0]])
     found = match_clusters(np.array([[0.5, 0, 0], [0.1, 0, 0]]), before, np.eye(4), 1.0)
@@ -143,6 +157,7 @@ def test_segments_stand_above_the_ground_and_are_large():
     [
         ({"roughness": "box"}, "roughness is 'ring' or 'cluster', got 'box'"),
         ({"map_every": -1}, "map_every must be 0 or more, got -1"),
+        ({"dimensions": 1}, "dimensions is 2 or 3, got 1"),
         ({"loop": True}, "loop asks for map_every of 1 or more"),
     ],
 )
@@ -155,7 +170,7 @@ def test_settings_that_make_no_sense_are_refused(settings, said):
 def under_way():
     """An odometry after six scans of a drive at 8 m/s, the drive, and all its inputs."""
     drive, inputs = driven(10, columns=1800)
-    odometry = ZhangOdometry()
+    odometry = ZhangOdometry(guarded=True, dimensions=2)
     for each in inputs[:6]:
         odometry.update(*each)
     return odometry, drive, inputs
@@ -170,7 +185,7 @@ def away(told, drive, scan):
 def test_a_start_at_speed_does_not_make_everything_dynamic():
     """At 8 m/s all that stands has moved 0.8 m by the second scan."""
     drive, inputs = driven(6, columns=1800)
-    odometry = ZhangOdometry()
+    odometry = ZhangOdometry(guarded=True, dimensions=2)
     told = [odometry.update(*each) for each in inputs]
     assert max(away(t, drive, s) for t, (s, _) in zip(told, inputs, strict=True)) < 0.1
 
