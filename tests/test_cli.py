@@ -150,7 +150,7 @@ def test_json_of_a_check_holds_every_item(answer, entry, status) -> None:
         (["run", "motorway", "--picture", "scene.txt"], 1, "a picture ends in .png"),
         (["run", "motorway", "--picture", "/proc/no/scene.png"], 1, "cannot write to folder"),
         (["run", "street", "--image", "seen.png"], 1, "rig 'lux' has no camera"),
-        (["leaderboard", "--suite", "odometry", "--seeds", "20"], 1, "suite odometry v1 has 5;"),
+        (["leaderboard", "--suite", "odometry", "--seeds", "20"], 1, "suite odometry v2 has 5;"),
         (["run", "street", "--rig", "wide", "--image", "seen.txt"], 1, "an image ends in .png"),
         (["reproduce", "lu2019"], 1, "no paper 'lu2019' (did you mean 'lu2018'?)"),
         (["fly"], 2, "fly"),

@@ -1,6 +1,6 @@
 """Event frames by plain geometry: boxes, the field of view, and lines of sight."""
 
-from dataclasses import replace
+from dataclasses import astuple, replace
 
 import numpy as np
 import pytest
@@ -69,11 +69,12 @@ def test_targets_are_in_view_in_exactly_the_frames_of_the_paper(name):
 def test_entering_and_leaving_keep_clear_of_frames():
     """A rolling shutter of a sixth of a frame, or a rounded corner, does not move the events."""
     script = SCRIPTS["lu2018-two-vehicles"]
+    ((_, _, first, last),) = map(astuple, script.of("in_view", 2))
     for seed in SEEDS:
         line = play_script(script.name, seed)
-        early, late = in_view(boxes(line, np.array([25.16, 146.6])))[:, 2], None
+        early = in_view(boxes(line, np.array([first - 0.84, last + 0.6])))[:, 2]
         assert early.tolist() == [False, True]
-        late = in_view(boxes(line, np.array([25.4, 146.84])))[:, 2]
+        late = in_view(boxes(line, np.array([first - 0.6, last + 0.84])))[:, 2]
         assert late.tolist() == [True, False]
 
 
