@@ -61,7 +61,9 @@ def recorded(tmp_path_factory):
     return folder, RecordedImu(samples, folder, lidar_from_imu=imu_mounting(DRIVE)), steps
 
 
-@pytest.mark.parametrize("name", ["lidar-inertial", "voxel-map", "zhang2022-guarded", "loam", "lego-loam"])
+@pytest.mark.parametrize(
+    "name", ["lidar-inertial", "voxel-map", "zhang2022-guarded", "loam", "lego-loam"]
+)
 def test_a_folder_without_beams_is_followed_as_the_drive_is(recorded, name):
     """Azimuth steps are others, so that features are, and what scans tell least of, height."""
     folder, inertial, steps = recorded
