@@ -71,6 +71,7 @@ def refused(answer) -> Callable[..., str]:
     return refuse
 
 
+@pytest.mark.slow
 def test_help_of_everything() -> None:
     whole = roadscope_does("--help")
     assert whole.returncode == 0
@@ -104,6 +105,7 @@ def test_json_of_names_and_of_one_episode(answer) -> None:
     assert answer(*run, "--quiet") == (0, "", "")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("entry", "status"), [("nearest", 0), (f"{PLUGINS}:Raises", 1)])
 def test_json_of_a_check_holds_every_item(answer, entry, status) -> None:
     code, out, errors = answer("check", entry, "--json")
@@ -170,6 +172,7 @@ def test_bad_input_ends_the_program_too() -> None:
     assert done.stderr.count("\n") == 1
 
 
+@pytest.mark.slow
 def test_folders_that_cannot_be_used(tmp_path, suite, refused) -> None:
     blocked = tmp_path / "file"
     blocked.write_text("in the way")
@@ -223,6 +226,7 @@ def test_leaderboard_prints_and_writes(tmp_path, suite) -> None:
     assert f"{entry} failed in every episode: KeyError" in (out / "leaderboard.md").read_text()
 
 
+@pytest.mark.slow
 def test_the_width_is_that_which_is_asked_for(tmp_path, suite) -> None:
     suite.write_text(SUITE.replace("seeds = 4", "seeds = 1") + '[detection]\nentries = ["pag"]\n')
     widest = {}
@@ -238,6 +242,7 @@ def test_the_width_is_that_which_is_asked_for(tmp_path, suite) -> None:
     assert widest[200] > 100
 
 
+@pytest.mark.slow
 def test_json_in_place_of_tables_or_nothing_at_all(tmp_path, suite) -> None:
     """Plain lines of progress go to the other stream of a pipe."""
     suite.write_text(SUITE.replace("seeds = 4", "seeds = 1") + '[detection]\nentries = ["pag"]\n')
@@ -273,6 +278,7 @@ class Mine:
 """
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("options", [(), ("--trust",)])
 def test_only_what_is_trusted_runs_in_the_process_of_the_run(tmp_path, suite, options) -> None:
     suite.write_text(SUITE.replace("seeds = 4", "seeds = 1"))
@@ -290,6 +296,7 @@ def test_only_what_is_trusted_runs_in_the_process_of_the_run(tmp_path, suite, op
     assert ran_inside == bool(options)
 
 
+@pytest.mark.slow
 def test_run_prints_a_summary_and_draws(tmp_path) -> None:
     path, plugin = tmp_path / "scene.png", tmp_path / "late.py"
     plugin.write_text(OFFLINE)
@@ -309,6 +316,7 @@ def test_run_prints_a_summary_and_draws(tmp_path) -> None:
     assert "rror" not in done.stderr
 
 
+@pytest.mark.slow
 def test_run_explains_ten_figures_of_each_and_shows_all_when_asked() -> None:
     short = roadscope_does("run", "lu2018-occlusion", "--seconds", 1)
     whole = roadscope_does("run", "lu2018-occlusion", "--seconds", 1, "--all")
@@ -328,6 +336,7 @@ def test_run_explains_ten_figures_of_each_and_shows_all_when_asked() -> None:
     assert "gospa_m" not in short.stdout
 
 
+@pytest.mark.slow
 def test_run_shows_what_the_camera_sees(tmp_path) -> None:
     path = tmp_path / "seen.png"
     done = roadscope_does(
@@ -407,6 +416,7 @@ def started(arguments: list[str]) -> subprocess.Popen[str]:
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("jobs", [1, 2])
 def test_a_killed_run_resumes_and_recomputes_nothing(tmp_path, suite, jobs) -> None:
     out, log = tmp_path / "out", tmp_path / "log"
@@ -425,6 +435,7 @@ def test_a_killed_run_resumes_and_recomputes_nothing(tmp_path, suite, jobs) -> N
     assert finished(out) == EPISODES
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("jobs", [1, 2])
 def test_ctrl_c_keeps_finished_rows(tmp_path, suite, jobs) -> None:
     out = tmp_path / "out"
@@ -442,6 +453,7 @@ def workers_of(process: subprocess.Popen[str]) -> list[int]:
     return [int(c) for c in children if "loky_posix" in Path(f"/proc/{c}/cmdline").read_text()]
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not Path("/proc/self/task").exists(), reason="needs /proc")
 def test_workers_end_with_a_killed_run(tmp_path, suite) -> None:
     out = tmp_path / "out"

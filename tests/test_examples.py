@@ -20,6 +20,7 @@ def run(name: str, *arguments: Path) -> str:
     return result.stdout
 
 
+@pytest.mark.slow
 def test_a_random_agent_sees_the_motorway() -> None:
     printed = run("random_agent.py")
     assert "'lidar_range': (16, " in printed
@@ -27,11 +28,13 @@ def test_a_random_agent_sees_the_motorway() -> None:
     assert "10 scans" in printed
 
 
+@pytest.mark.slow
 def test_a_wrapped_environment_feeds_a_detector() -> None:
     lines = run("wrap_highway_env.py").splitlines()
     assert lines[0].startswith("step 0: 12 scans") or lines[0].startswith("step 0: 13 scans")
 
 
+@pytest.mark.slow
 def test_an_odometry_follows_the_ego() -> None:
     lines = run("odometry_on_board.py").splitlines()
     assert len(lines) == 10
@@ -40,6 +43,7 @@ def test_an_odometry_follows_the_ego() -> None:
     assert off_m < 0.01 * away_m
 
 
+@pytest.mark.slow
 def test_ppo_trains_on_the_observation() -> None:
     pytest.importorskip("stable_baselines3")
     assert "trained for 64 steps" in run("train_ppo.py")

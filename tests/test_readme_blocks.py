@@ -40,6 +40,7 @@ def test_all_blocks_are_found() -> None:
     assert len(BLOCKS) >= 5
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("printed", BLOCKS, ids=[each.splitlines()[0] for each in BLOCKS])
 def test_it_runs(printed: str) -> None:
     values(printed)

@@ -42,6 +42,7 @@ def test_it_keeps_every_promise(kind: str, tmp_path: Path) -> None:
     assert report.ok, str(report)
 
 
+@pytest.mark.slow
 def test_the_odometry_follows(tmp_path: Path) -> None:
     odometry = ODOMETRIES.make(saved(tmp_path, "odometry"))
     odometry.reset(None)

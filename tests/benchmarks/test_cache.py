@@ -98,6 +98,7 @@ DAMAGES = st.one_of(
 """What may happen to the bytes of a file."""
 
 
+@pytest.mark.slow
 @settings(max_examples=400, deadline=None, suppress_health_check=list(HealthCheck))
 @given(damage=DAMAGES)
 def test_every_damaged_file_is_named_and_made_again(

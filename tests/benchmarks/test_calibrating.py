@@ -75,6 +75,7 @@ def test_known_intrinsics_leave_less_to_be_wrong() -> None:
     assert known < free
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("quick")
 def test_misread_corners_are_left_out() -> None:
     clean, spoilt = (calibrate_rig("wide", poses=20, outliers=share) for share in (0.0, 0.3))
@@ -85,6 +86,7 @@ def test_misread_corners_are_left_out() -> None:
         calibrate_rig("wide", outliers=1)
 
 
+@pytest.mark.slow
 def test_the_joint_way_beats_corners_alone_which_stay_callable() -> None:
     joint = calibrate_rig("li2021", poses=8, seed=3).rows[-1]
     corners = calibrate_rig("li2021", poses=8, seed=3, corners_only=True).rows[-1]

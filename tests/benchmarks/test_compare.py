@@ -275,6 +275,7 @@ def alarms(kinds, seeds, runs: int) -> tuple[int, int]:
     return sum(compare(run_of(a), run_of(b)).regressed for a, b in pairs), len(pairs)
 
 
+@pytest.mark.slow
 def test_false_alarms_are_rare() -> None:
     fired, total = alarms(("skewed", "tied", "normal"), (3, 5, 8), 20)
     # Without control of false discoveries it would be most of them.
@@ -308,6 +309,7 @@ def found_share(runs: int) -> float:
     return found / runs
 
 
+@pytest.mark.slow
 def test_a_loss_of_one_standard_deviation_is_found() -> None:
     assert found_share(20) >= 0.8
 

@@ -350,6 +350,7 @@ def test_scores_of_poses_are_those_of_the_metrics(exported, tmp_path) -> None:
         assert own.scores[metric].value > 0
 
 
+@pytest.mark.slow
 def test_submissions_are_compared_with_one_another(exported, tmp_path) -> None:
     good = submit(perfect(exported, tmp_path / "good"), suite=exported, name="mine")
     bad = submit(perfect(exported, tmp_path / "bad", off_m=0.7), suite=exported, name="mine")

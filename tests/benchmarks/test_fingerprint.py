@@ -59,6 +59,7 @@ def test_other_content_has_other_fingerprints() -> None:
     assert len({fingerprint(thing) for thing in things}) == len(things)
 
 
+@pytest.mark.slow
 def test_fingerprints_do_not_depend_on_the_process() -> None:
     code = (
         "import numpy as np; from roadscope.benchmarks.fingerprint import *\n"
@@ -250,6 +251,7 @@ def test_unknown_modules_are_refused_by_name(hash_of: HashOf) -> None:
         hash_of("nothing", {})
 
 
+@pytest.mark.slow
 def test_a_file_that_changes_is_parsed_again_by_the_next_process(tmp_path: Path) -> None:
     root = tmp_path / "mini"
     root.mkdir()

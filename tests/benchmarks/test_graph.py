@@ -155,6 +155,7 @@ def test_fresh_computes_again_all_but_what_is_the_same_each_time(log: Path) -> N
     assert begun(log) == {"deep": 1, "shared": 2, "a": 2, "b": 2, "c": 2, "source": 2}
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("workers", [1, 2])
 @pytest.mark.parametrize("fresh", [False, True])
 def test_answers_of_several_jobs_are_computed_once_in_a_run(
@@ -179,6 +180,7 @@ def test_answers_of_several_jobs_that_fail_are_tried_once(log: Path, workers: in
     assert {outcome.log for outcome in found.values()} == {"its last words"}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("workers", [1, 2])
 def test_answers_that_others_need_too_are_computed_once_in_a_fresh_run(
     log: Path, workers: int
@@ -279,6 +281,7 @@ def many(log: Path) -> list[Job]:
     ]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("workers", [1, 2])
 def test_a_run_that_was_killed_goes_on_where_it_was(log: Path, workers: int) -> None:
     paths = [str(Path(__file__).parent), str(Path(__file__).parents[1])]

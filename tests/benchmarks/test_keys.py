@@ -50,6 +50,7 @@ def copy(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Copy, list[
         yield made, [made.keys()]
 
 
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize(
     ("file", "changed"),
     [

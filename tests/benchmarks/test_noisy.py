@@ -85,6 +85,7 @@ def test_who_is_not_eligible_is_not_detected() -> None:
     assert sum(map(len, detect(quiet(), truths(5, returns=4)))) == 0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("miss", [0.0, 0.2, 0.6])
 @pytest.mark.parametrize("run", [None, 2.0, 6.0])
 def test_misses_have_their_share_and_their_length(miss, run) -> None:
@@ -120,6 +121,7 @@ def test_the_hidden_are_missed_as_far_as_they_are_hidden_and_all_the_time() -> N
     assert rates[1] == pytest.approx(0.4, abs=0.05)
 
 
+@pytest.mark.slow
 def test_clutter_is_poisson_and_uniform_over_the_range_band() -> None:
     frames = truths(3000, objects=1)
     spec = "noisy?miss=0.999999&miss_run=none&clutter=3&size_m=0"

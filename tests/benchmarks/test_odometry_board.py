@@ -111,6 +111,7 @@ def test_a_second_run_does_nothing_again(suite, out, results) -> None:
     assert again.rows == results.rows
 
 
+@pytest.mark.slow
 def test_an_odometry_that_raises_or_hangs_costs_its_own_row(suite) -> None:
     small = replace(suite, seeds=suite.seeds[:1], faults=((),), scenarios=suite.scenarios[:1])
     given = {"boards": ["odometry"], "only": True}
@@ -213,6 +214,7 @@ def test_what_is_no_odometry_is_named_before_anything_runs(suite) -> None:
         parse_suite(TINY.replace("[10, 20]", "[0]"), "tiny")
 
 
+@pytest.mark.slow
 def test_the_command_line_shows_the_board(tmp_path, suite, results, monkeypatch) -> None:
     small = TINY.replace('"scan-to-scan", ', "").replace(', "dropped-scans:2"', "")
     (tmp_path / "tiny.toml").write_text(small.replace(', "standing-in-traffic"', ""))

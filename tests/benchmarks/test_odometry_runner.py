@@ -200,6 +200,7 @@ def test_wheel_speeds_are_handed_on_up_to_the_end_of_each_sweep(recording):
     assert "wheel" not in told
 
 
+@pytest.mark.slow
 def test_wheels_are_for_those_who_take_them(recording):
     np.savetxt(recording / "rolled.txt", [[0.0, 8.0], [0.5, 8.0]])
     done, _ = follow(
@@ -360,6 +361,7 @@ def test_samples_and_mounting_are_handed_on(recording):
     assert told("--imu", "none") == ([-1, -2, -3, -4, -5, -6], 0)
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize(
     ("options", "message"),
     [
@@ -402,6 +404,7 @@ def test_what_is_read_is_not_written_over(recording, name):
     assert (recording / name).read_bytes() == before
 
 
+@pytest.mark.slow
 def test_as_a_stranger_runs_it(recording):
     done = command(recording, "--odometry", "still", "--truth", "truth.tum")
     assert done.returncode == 0, done.stderr

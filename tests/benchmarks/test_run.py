@@ -171,6 +171,7 @@ BAD = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("jobs", [1, 2])
 def test_bad_plug_ins_become_rows_with_reasons_and_the_rest_goes_on(
     suite, results, tmp_path, jobs
@@ -202,6 +203,7 @@ def untimed(found: Results, board: str, *entries: str) -> list:
     return [row for row in every if row.metric not in TIMES and row.entry in names]
 
 
+@pytest.mark.slow
 def test_what_plug_ins_print_is_no_result_and_stands_in_the_log_of_a_failure(
     suite, tmp_path, capfd
 ) -> None:
@@ -251,12 +253,14 @@ def test_a_plug_in_cannot_change_what_others_get(suite, results, tmp_path) -> No
     )
 
 
+@pytest.mark.slow
 def test_parallel_jobs_give_the_same(suite, results, tmp_path) -> None:
     parallel = leaderboard(suite, jobs=2, out_dir=tmp_path, fresh=True)
     for board in ("detection", "tracking"):
         assert untimed(parallel, board) == untimed(results, board)
 
 
+@pytest.mark.slow
 def test_velocities_in_the_ego_frame_are_relative_to_the_ego(suite, tmp_path) -> None:
     """A tracker that says 0 in the ego frame claims that all move as the ego does."""
     given = [plugin("EgoFrame")]
@@ -270,6 +274,7 @@ def test_velocities_in_the_ego_frame_are_relative_to_the_ego(suite, tmp_path) ->
     assert row.value < speed / 2
 
 
+@pytest.mark.slow
 def test_a_damaged_file_of_an_episode_is_named_and_made_again(suite, tmp_path) -> None:
     jobs = plan(suite, [], boards=["detection"]).jobs
     job = next(j for j in jobs if j.entry == "pag")
@@ -340,6 +345,7 @@ def test_a_suite_that_names_what_there_is_not_is_refused_by_its_name(tmp_path) -
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.slow
 def test_only_leaves_the_suites_entries_and_the_marks_out(suite, tmp_path) -> None:
     found = leaderboard(suite, ["distance"], boards=["detection"], only=True, out_dir=tmp_path)
     assert found.entries("detection") == ["distance"]
@@ -402,6 +408,7 @@ leaderboard(suite, [entry], boards=["detection"], only=True, out_dir=out)
 """
 
 
+@pytest.mark.slow
 def test_a_run_that_was_killed_goes_on_where_it_was(tmp_path) -> None:
     path, log = tmp_path / "tiny.toml", tmp_path / "log"
     path.write_text(TINY)

@@ -262,6 +262,7 @@ def test_suites_of_the_package_have_jobs_on_all_their_boards(name: str) -> None:
     assert {job.board.name for job in made.jobs} == {board.name for board in made.boards}
 
 
+@pytest.mark.slow
 def test_the_command_line_shows_both_boards(tmp_path, suite, results) -> None:
     path = tmp_path / "tiny.toml"
     path.write_text(TINY)

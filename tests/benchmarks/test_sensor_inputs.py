@@ -66,6 +66,7 @@ def test_pixels_or_none_the_truth_of_images_is_the_same(suite) -> None:
             assert (one.frame.camera is None) == (other.frame.camera is None)
 
 
+@pytest.mark.slow
 def test_a_scan_or_an_image_that_is_lost_leaves_the_other_sensor(suite) -> None:
     lossy = replace(suite, faults=(("dropped-scans:5", "blackout:5"),), seeds=(10007, 10009))
     sensors = set()
@@ -80,6 +81,7 @@ def test_a_scan_or_an_image_that_is_lost_leaves_the_other_sensor(suite) -> None:
     assert {(False, True), (True, False), (True, True)} <= sensors
 
 
+@pytest.mark.slow
 def test_a_black_image_is_none_and_speaks_against_nothing(suite) -> None:
     dark = 0
     for seed in (10015, 10034):

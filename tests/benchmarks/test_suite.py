@@ -33,6 +33,7 @@ detectors = ["pag"]
 """
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", SUITES)
 def test_shipped_suites_name_what_exists(name) -> None:
     suite = load_suite(name)
@@ -310,6 +311,7 @@ def test_a_suite_without_entries_is_for_every_board() -> None:
         plan(empty, [])
 
 
+@pytest.mark.slow
 def test_keys_follow_content(tmp_path) -> None:
     plugin = tmp_path / "mine.py"
     source = "class Mine:\n    def __init__(self, *, a=1): ...\n    def reset(self): ...\n"

@@ -106,6 +106,7 @@ def test_what_a_function_raises_is_raised_here() -> None:
         list(in_parallel(fail, ITEMS, 2))
 
 
+@pytest.mark.slow
 def test_workers_stay_for_several_lists_and_end_afterwards() -> None:
     with open_workers(WorkerSettings(2)) as workers:
         numbers = {process for _ in range(3) for _, process in workers.each(process_number, ITEMS)}
@@ -138,6 +139,7 @@ def group_and_worker(item: int) -> tuple[int, int]:
     return item % 4, os.getpid()
 
 
+@pytest.mark.slow
 def test_a_worker_goes_on_with_the_group_of_its_last_item() -> None:
     items = range(24)
     with open_workers(WorkerSettings(2)) as workers:

@@ -60,6 +60,7 @@ def plugins(tmp_path: Path) -> Path:
     return path
 
 
+@pytest.mark.slow
 def test_an_entry_that_kills_the_run_s_workers_fails_alone(
     suite: str, plugins: Path, tmp_path: Path
 ) -> None:
@@ -82,6 +83,7 @@ def test_an_entry_that_kills_the_run_s_workers_fails_alone(
     assert results.row("detection", f"{plugins}:Finds", "f1") is not None
 
 
+@pytest.mark.slow
 def test_what_depends_on_a_deadly_source_names_its_own_entry(
     suite: str, plugins: Path, tmp_path: Path
 ) -> None:

@@ -38,6 +38,7 @@ def completed(words: str) -> list[str]:
     ).split()
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize(
     ("words", "expected"),
     [

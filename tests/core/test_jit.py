@@ -60,6 +60,7 @@ print(len(scan), sum(stats.cache_hits.values()), sum(stats.cache_misses.values()
 """
 
 
+@pytest.mark.slow
 def test_second_process_does_not_compile_the_caster(tmp_path: Path) -> None:
     path = tmp_path / "cast.py"
     path.write_text(CAST)
@@ -81,6 +82,7 @@ def test_second_process_does_not_compile(script: Path) -> None:
     assert run(script) == [8, 1, 0]
 
 
+@pytest.mark.slow
 def test_any_source_of_the_folder_makes_the_code_stale(script: Path) -> None:
     assert run(script) == [8, 0, 1]
     (script.parent / "other.py").write_text("WIDTH = 16\\n")
@@ -112,6 +114,7 @@ if __name__ == "__main__":
 """
 
 
+@pytest.mark.slow
 def test_an_edited_part_or_constant_of_another_file_is_compiled_anew(tmp_path: Path) -> None:
     parts, user = tmp_path / "parts.py", tmp_path / "user.py"
     user.write_text(USER)
@@ -123,6 +126,7 @@ def test_an_edited_part_or_constant_of_another_file_is_compiled_anew(tmp_path: P
         assert run(user, PYTHONDONTWRITEBYTECODE="1") == [expected, 1, 0]
 
 
+@pytest.mark.slow
 def test_a_part_has_no_machine_code_of_its_own(tmp_path: Path) -> None:
     (tmp_path / "parts.py").write_text(PARTS.format(offset=0, factor=1))
     (tmp_path / "user.py").write_text(USER)
@@ -134,6 +138,7 @@ def test_a_part_can_be_called_from_python_too() -> None:
     assert jit.compiled(borrowing=True)(_plus_one)(2.0) == 3.0
 
 
+@pytest.mark.slow
 def test_folders_that_cannot_be_written_cost_only_time(script: Path, tmp_path: Path) -> None:
     # A plain file where a folder should be stops even the superuser.
     shutil.rmtree(tmp_path / "__pycache__", ignore_errors=True)
@@ -151,6 +156,7 @@ def test_folders_that_cannot_be_written_cost_only_time(script: Path, tmp_path: P
         assert result[1] == 0
 
 
+@pytest.mark.slow
 def test_processes_that_start_together_all_get_the_result(script: Path) -> None:
     with ThreadPoolExecutor(4) as pool:
         results = list(pool.map(run, [script] * 4))
@@ -158,6 +164,7 @@ def test_processes_that_start_together_all_get_the_result(script: Path) -> None:
     assert sorted(results) == [[8, 0, 1], [8, 1, 0], [8, 1, 0], [8, 1, 0]]
 
 
+@pytest.mark.slow
 def test_a_folder_that_the_user_names_is_used(script: Path, tmp_path: Path) -> None:
     named = tmp_path / "machine code"
     assert run(script, NUMBA_CACHE_DIR=str(named)) == [8, 0, 1]
@@ -166,6 +173,7 @@ def test_a_folder_that_the_user_names_is_used(script: Path, tmp_path: Path) -> N
     assert run(script) == [8, 0, 1]
 
 
+@pytest.mark.slow
 def test_a_source_that_cannot_be_written_beside_uses_the_users_folder(
     script: Path, tmp_path: Path
 ) -> None:
@@ -202,6 +210,7 @@ def _dawdle():
 """
 
 
+@pytest.mark.slow
 def test_a_process_killed_while_it_compiles_holds_up_nobody(script: Path) -> None:
     source = KERNELS.format(constant=0).replace("    return", "    dawdle()\n    return", 1)
     script.write_text(HANG + source)

@@ -52,6 +52,7 @@ def test_exact_points_give_the_exact_matrix(seed: int) -> None:
     assert np.allclose(found.matrix, pose.matrix, atol=1e-5)
 
 
+@pytest.mark.slow
 def test_more_poses_give_a_better_matrix_and_outliers_are_left_out() -> None:
     errors = {}
     for poses in (6, 20):

@@ -65,6 +65,7 @@ BY_OVERLAP = ("roboflow-bytetrack", "roboflow-oc-sort")
 ONLINE = [n for n in TRACKERS.installed() if not is_offline(TRACKERS.resolve(n).factory)]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("tracker", ONLINE)
 def test_a_pedestrian_beside_a_car_keeps_its_own_track(tracker: str) -> None:
     told = followed(tracker, "consistent")

@@ -54,6 +54,7 @@ def film(scene=(), *, shuffled_by=None, count=6, **options) -> list[Frame]:
     return frames
 
 
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize(
     "item", [item for name in DETECTORS.installed() for item in contract_items(name)], ids=str
 )
@@ -77,6 +78,7 @@ def test_frame_and_stamp(detector):
     assert (found.frame, found.stamp_s) == ("ego", 1.0)
 
 
+@pytest.mark.sampled(4)
 def test_order_of_points_is_irrelevant(detector):
     first = [detector.detect(f) for f in film(SCENE[1:], noise_m=0.03)]
     assert len(first[-1]) > 0
@@ -241,6 +243,7 @@ films = pytest.mark.parametrize("speed_m_s", [0.0, 8.0], ids=["standing", "drivi
 many = settings(max_examples=20, phases=[Phase.explicit, Phase.generate])
 
 
+@pytest.mark.sampled(2)
 @films
 @pytest.mark.parametrize("name", DETECTORS.names())
 @many
@@ -252,6 +255,7 @@ def test_right_angles_and_whole_cells_move_the_boxes(name, speed_m_s, k, x, y):
     assert (off <= allowed(name, sampled=SAMPLED, slid=LATTICE)).all()
 
 
+@pytest.mark.sampled(2)
 @films
 @pytest.mark.parametrize("name", TURNING)
 @many

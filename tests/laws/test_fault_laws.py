@@ -131,6 +131,7 @@ MEASURES: Mapping[str, tuple[tuple[Callable[[Pairs], float], int], ...]] = {
 """What each fault does, and which way is worse."""
 
 
+@pytest.mark.sampled(1)
 @KINDS
 def test_each_severity_hurts_at_least_as_much_as_the_last(kind: str) -> None:
     conditions = ["clear", *(f"{kind}:{n}" for n in SEVERITIES)]
@@ -141,6 +142,7 @@ def test_each_severity_hurts_at_least_as_much_as_the_last(kind: str) -> None:
         assert harm[-1] > harm[0], measure.__name__
 
 
+@pytest.mark.slow
 @KINDS
 @pytest.mark.parametrize("severity", [1, 5])
 def test_truth_stays_what_it_was(kind: str, severity: int) -> None:

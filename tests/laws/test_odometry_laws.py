@@ -83,6 +83,7 @@ def promised(name):
     return items if name in READ_NO_SCANS | set(SLOW_M_S) else [*items, figure]
 
 
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize(
     "item", [item for name in ODOMETRIES.installed() for item in promised(name)], ids=str
 )
@@ -96,6 +97,7 @@ def test_the_contract_refuses_the_figure_of_what_reads_no_scan(name):
         contract_items(name)[-1].verify()
 
 
+@pytest.mark.sampled(3)
 def test_follows_a_drive(name, odometry):
     if name not in FOLLOW:
         pytest.skip("does not look at scans")
@@ -107,6 +109,7 @@ def test_follows_a_drive(name, odometry):
     assert turned < FOLLOW[name][1]
 
 
+@pytest.mark.sampled(4)
 def test_reset_forgets(name, odometry):
     _, inputs = driven(6)
     first = run(odometry, inputs)
@@ -115,6 +118,7 @@ def test_reset_forgets(name, odometry):
     check_same(name, run(odometry, inputs), first)
 
 
+@pytest.mark.sampled(4)
 def test_takes_the_mounting_of_the_imu(name, odometry):
     _, inputs = driven(8)
     turned = Pose.from_euler(0, 0, 0, yaw=1.0, pitch=0.2, roll=-2.0)
@@ -137,6 +141,7 @@ POOR = {
 }
 
 
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize("kind", POOR)
 def test_poor_scans_are_told_and_passed_over(name, odometry, kind):
     drive, inputs = drive_for(name, 14)
@@ -148,6 +153,7 @@ def test_poor_scans_are_told_and_passed_over(name, odometry, kind):
         assert offset(told[-1], drive.pose(inputs[-1][0].stamp_s))[0] < FOLLOW[name][0]
 
 
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize("kind", POOR)
 def test_a_poor_first_scan_is_survived(name, odometry, kind):
     _, inputs = drive_for(name, 8)
@@ -168,6 +174,7 @@ def test_points_that_are_no_numbers_are_passed_over(odometry):
     check_finite(run(odometry, spoilt))
 
 
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize("stamps", [(5, 5), (5, 3), (5, float("nan"))])
 def test_stamps_that_do_not_advance_are_told(name, odometry, stamps):
     drive, inputs = drive_for(name)
@@ -180,6 +187,7 @@ def test_stamps_that_do_not_advance_are_told(name, odometry, stamps):
         assert offset(told[-1], drive.pose(inputs[-1][0].stamp_s))[0] < FOLLOW[name][0]
 
 
+@pytest.mark.sampled(3)
 def test_a_dropped_second_is_told_and_made_up_for(name, odometry):
     drive, inputs = drive_for(name, 26)
     told = run(odometry, inputs[:6] + inputs[16:])
@@ -190,6 +198,7 @@ def test_a_dropped_second_is_told_and_made_up_for(name, odometry):
         assert offset(told[-1], drive.pose(inputs[-1][0].stamp_s))[0] < 0.3
 
 
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize("fault", ["gap", "nan", "backward"])
 def test_a_faulty_imu_leaves_poses_finite(name, odometry, fault):
     drive, inputs = drive_for(name, 14)
@@ -213,6 +222,7 @@ def broken(imu, fault):
     return spoilt
 
 
+@pytest.mark.sampled(3)
 def test_ten_times_the_noise_leaves_poses_finite(odometry):
     loud = Drive(noise_m=0.3)
     check_finite(run(odometry, [(loud.scan(k), loud.imu(k)) for k in range(8)]))

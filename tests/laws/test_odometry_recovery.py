@@ -143,6 +143,7 @@ QUICK = {"empty", "all dynamic", "loud", "same stamp"}
 KINDS = [k if k in QUICK else pytest.param(k, marks=pytest.mark.slow) for k in SPOILT]
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("kind", KINDS)
 def test_spoilt_scans_are_told_and_left_behind(name, kind):
     inputs, first = inputs_of(name), drive_of(name)[1]
@@ -159,6 +160,7 @@ def test_spoilt_scans_are_told_and_left_behind(name, kind):
     check_told_and_recovered(name, told, off)
 
 
+@pytest.mark.sampled(1)
 def test_a_lost_second_is_told_and_left_behind(name):
     inputs, first = inputs_of(name, SCANS + 10), drive_of(name)[1]
     told, off = follow(name, inputs[:first] + inputs[first + 10 :])

@@ -13,6 +13,7 @@ ITEMS = [
 ]
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("item", ITEMS, ids=str)
 def test_contract(item):
     item.verify()

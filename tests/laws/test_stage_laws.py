@@ -105,6 +105,7 @@ def test_any_two_stages_are_paired():
         assert {(p[a], p[b]) for p in PAIRS} == {(x, y) for x in kinds[a] for y in kinds[b]}
 
 
+@pytest.mark.sampled(4)
 @every_pair
 @several
 @given(seed=seeds)
@@ -116,6 +117,7 @@ def test_order_of_the_returns_changes_no_bit(stages, seed):
     assert detector.detect(mixed) == detector.detect(seen)
 
 
+@pytest.mark.sampled(4)
 @every_pair
 @several
 @given(seed=st.integers(0, 99), turn=quarter_turns, x=half_metres, y=half_metres)
@@ -127,6 +129,7 @@ def test_right_angles_and_whole_cells_move_the_boxes(stages, seed, turn, x, y):
     assert (apart(detector.detect(carried(seen, motion)), expected) <= EXACT).all()
 
 
+@pytest.mark.sampled(4)
 @every_pair
 @several
 @given(seed=st.integers(0, 99))
@@ -137,6 +140,7 @@ def test_left_and_right_are_alike(stages, seed):
     assert (difference <= MIRRORED.get(stages[2], EXACT)).all()
 
 
+@pytest.mark.sampled(4)
 @every_pair
 @several
 @given(
@@ -154,6 +158,7 @@ def test_any_rigid_motion_moves_the_boxes(stages, seed, turn, x, y):
     assert (difference <= allowed).all()
 
 
+@pytest.mark.sampled(4)
 @every_pair
 @several
 @given(turn=st.floats(-3.1, 3.1), seed=st.integers(0, 99))
@@ -194,6 +199,7 @@ def test_fewer_than_three_places_are_nobody(stages, count):
         proper(found)
 
 
+@pytest.mark.sampled(4)
 @every_pair
 @several
 @given(

@@ -54,6 +54,7 @@ def run(tracker, episode, pose=None):
     return [tracker.update(detections, pose) for detections in episode]
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("name", TRACKERS.installed())
 def test_contract(name):
     for item in contract_items(name):

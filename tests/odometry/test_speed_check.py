@@ -85,6 +85,7 @@ def levels(monkeypatch):
     return told
 
 
+@pytest.mark.slow
 def test_a_wrong_speed_with_too_small_a_covariance_causes_a_restart(monkeypatch, levels):
     """With a small error of the speed: gravity is not kept either."""
     odometry, drive = ODOMETRIES.make("lidar-inertial"), Drive()
@@ -118,6 +119,7 @@ def test_a_restart_keeps_gravity_or_only_the_gyro_bias(level):
     assert upright.rate_bias[0] == 0.01
 
 
+@pytest.mark.slow
 def test_a_speed_confirmed_by_fixtures_prevents_a_restart(monkeypatch):
     """Then only traffic does not agree; after some time without a measurement it is unclear."""
     odometry, drive = ODOMETRIES.make("lidar-inertial"), Drive()

@@ -104,6 +104,7 @@ def test_with_wheels_the_speed_is_known_from_the_first_scan_on():
     assert offset(told[-1], drive_.pose(inputs[-1][0].stamp_s))[0] < 0.1
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("spoilt", ["locked", "tenfold", "silent"])
 def test_bad_wheels_leave_finite_poses_and_pass(spoilt):
     drive_, inputs = driven(40)

@@ -86,6 +86,7 @@ def test_samples_on_the_way_to_a_posterior_do_not_run_away(seed):
     assert np.abs(errors(run, poses)[0, 2]) < np.radians(45.0)
 
 
+@pytest.mark.slow
 def test_who_knows_the_body_knows_which_corners_a_far_one_does_not_show():
     """Beyond 78 m the rounded corners of this car send too little back, its tail enough.
 

@@ -57,6 +57,7 @@ def test_few_samples_do_not_make_a_posterior_too_sure():
     assert np.isnan(replace(found, counts=0 * count).nees).all()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["straight", "straight-past", "curve", "following-10"])
 @pytest.mark.parametrize("body", ["sharp", "rounded"])
 def test_the_likelihood_is_the_one_that_made_the_scans(name, body):
@@ -134,6 +135,7 @@ def test_corners_that_are_not_known_raise_the_floor():
     assert np.mean(unknown.position_m**2) > 1.02 * np.mean(known.position_m**2)
 
 
+@pytest.mark.slow
 def test_posterior_is_calibrated():
     """The mean squared error in units of the covariance is the number of dimensions."""
     runs = [

@@ -42,6 +42,7 @@ def test_a_line_is_found_in_its_function_wherever_the_file_is(checkout: Path) ->
     assert located(checkout, OF_METHOD._replace(function="Pair.length")) is None
 
 
+@pytest.mark.slow
 def test_tests_decide_and_the_file_stays_as_it_was(checkout: Path) -> None:
     verdicts = [verdict(checkout, mutant) for mutant in (OF_FUNCTION, OF_METHOD)]
     assert verdicts == ["killed", "survived"]

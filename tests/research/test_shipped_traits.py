@@ -38,6 +38,7 @@ def shipped(name: str) -> str:
     return (FOLDER / name).read_text("utf-8")
 
 
+@pytest.mark.slow
 def test_the_command_writes_the_same_file_again(tmp_path):
     folder = write_kitti(tmp_path / "kitti")
     texts = []

@@ -104,6 +104,7 @@ def items_of(spec: str, kind: str, part: str) -> list[ContractItem]:
     return items
 
 
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize(("file", "kind", "name", "promise", "words"), BROKEN)
 def test_a_broken_promise_is_named(
     file: Path, kind: str, name: str, promise: str, words: str
@@ -114,6 +115,7 @@ def test_a_broken_promise_is_named(
     assert words in str(raised.value)
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize(
     ("file", "kind", "name"),
     [(file, kind, name) for file, kind, names in GOOD for name in names],
@@ -147,6 +149,7 @@ def test_a_report_has_an_item_for_every_promise() -> None:
     assert all(str(item) in str(done) for item in done.items)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("trust", [False, True], ids=["isolated", "trusted"])
 def test_it_runs_in_this_process_on_demand(trust: bool) -> None:
     done = check(f"{TRACKERS}:MutatesInput", kind="tracker", trust=trust)
@@ -154,6 +157,7 @@ def test_it_runs_in_this_process_on_demand(trust: bool) -> None:
     assert check(f"{TRACKERS}:Good", kind="tracker", trust=trust).ok
 
 
+@pytest.mark.slow
 def test_what_hangs_is_named_and_not_tried_again() -> None:
     done = check(f"{TRACKERS}:Hangs", kind="tracker", deadline_s=2.0)
     assert [item.good for item in done.items] == [True, True, True, False, True]
@@ -219,6 +223,7 @@ def test_a_wrong_argument_is_named_without_a_place_in_the_code() -> None:
     assert ".py:" not in done.broken[0].remark
 
 
+@pytest.mark.slow
 def test_the_command_fails_when_a_promise_is_broken() -> None:
     done = CliRunner().invoke(app, ["check", f"{TRACKERS}:WithoutReset", "--kind", "tracker"])
     assert done.exit_code == 1

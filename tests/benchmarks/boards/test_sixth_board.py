@@ -144,6 +144,7 @@ def test_the_printed_board_has_its_columns_breakdown_and_reasons(first) -> None:
     assert "expected an acceleration up to 8 m/s2, got 1000.0" in text
 
 
+@pytest.mark.slow
 def test_drivers_run_isolated_once_a_step_and_only_when_they_must(home: Path, first) -> None:
     entry = "--entry=drivers.py:Careful"
     noted = calls(home)
@@ -165,6 +166,7 @@ def test_drivers_run_isolated_once_a_step_and_only_when_they_must(home: Path, fi
     assert {after[key] - before[key] for key in after if key[1] == "least_gap"} == {0.0}
 
 
+@pytest.mark.slow
 def test_its_table_of_a_suite_is_checked_with_all_others(home: Path) -> None:
     wrong = SUITE.replace("step_s = 0.5", "step_s = -1\nstepp_s = 1\n[drivign]\n[tracking]\nego=''")
     (home / "wrong.toml").write_text(wrong)
@@ -178,6 +180,7 @@ def test_its_table_of_a_suite_is_checked_with_all_others(home: Path) -> None:
     assert "'nearest' is a tracker; the boards of this run are for a driver" in other.stderr
 
 
+@pytest.mark.slow
 def test_the_command_line_knows_the_board(home: Path) -> None:
     listed = does(home, "list", "boards").stdout
     assert "Ranks drivers by their least distance to the car ahead." in listed

@@ -164,6 +164,7 @@ def test_a_malformed_seqinfo_is_refused_in_one_line(tmp_path, text, said):
     assert "\n" not in str(caught.value)
 
 
+@pytest.mark.slow
 def test_frames_without_rows_are_one_record(tmp_path):
     path = write_sequence(tmp_path, (DET.replace("1,-1", "3,-1", 1),)) / "seqinfo.ini"
     path.write_text("[Sequence]\nseqLength=500000\n")

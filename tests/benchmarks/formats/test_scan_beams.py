@@ -61,6 +61,7 @@ def recorded(tmp_path_factory):
     return folder, RecordedImu(samples, folder, lidar_from_imu=imu_mounting(DRIVE)), steps
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize(
     "name", ["lidar-inertial", "voxel-map", "zhang2022-guarded", "loam", "lego-loam"]
 )

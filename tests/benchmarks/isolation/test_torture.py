@@ -93,6 +93,7 @@ def test_exceptions_whose_text_is_trouble() -> None:
     assert "ValueError" in str(failure(bad("RaisesAtLength"), Limits(memory_gb=2)))
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize(
     "name",
     ["HangsWhenMade", "HangsInReset", "HangsInUpdate", "Stops", "IgnoresSignals", "Drips"],
@@ -101,6 +102,7 @@ def test_hanging_has_an_end(name: str) -> None:
     assert "1.5 s" in str(failure(bad(name), SHORT))
 
 
+@pytest.mark.slow
 def test_later_calls_have_a_shorter_deadline() -> None:
     limits = Limits(first_call_s=60, call_s=2)
     with open_plugin(bad("HangsLater"), limits=limits) as plugin:

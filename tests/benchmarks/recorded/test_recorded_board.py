@@ -111,6 +111,7 @@ def test_nees_of_each_sequence_and_of_all_stands_beside_its_band(results):
     assert "### NEES (its 95 % band) by sequence" in (out / "leaderboard.md").read_text()
 
 
+@pytest.mark.slow
 def test_a_sequence_without_objects_is_seen_and_moves_no_mean(folder):
     board, entry, given = "kitti car", "nearest", {"boards": ["tracking"], "only": True}
     whole = leaderboard("quick", [entry], kitti=folder, **given)
@@ -147,6 +148,7 @@ def test_the_table_says_that_figures_are_online(results):
     assert "HOTA" in text
 
 
+@pytest.mark.slow
 def test_what_was_done_is_not_done_again(results):
     _, out, folder = results
     stages = []
@@ -178,6 +180,7 @@ def test_files_decide_the_key_and_their_place_does_not(folder, tmp_path):
     assert not all(same)
 
 
+@pytest.mark.slow
 def test_an_offline_tracker_is_called_so(folder, tmp_path):
     plugin = tmp_path / "late.py"
     plugin.write_text(
@@ -368,6 +371,7 @@ def test_ranks_are_compared_with_suites_that_were_run(results):
     assert f"{matches[0].rho:.2f}" in line
 
 
+@pytest.mark.slow
 def test_without_anything_to_compare_the_board_says_what_to_run(results, folder, tmp_path):
     (line,) = agreement_lines(results[0], "kitti car")
     assert "roadscope leaderboard tracking --suite tracking" in line
@@ -376,6 +380,7 @@ def test_without_anything_to_compare_the_board_says_what_to_run(results, folder,
     assert agreement_lines(two, "kitti car") == []
 
 
+@pytest.mark.slow
 def test_only_trackers_that_came_through_a_suite_are_compared(results):
     found, _, folder = results
     recorded = plan_of(kitti_suite(folder), TRACKERS, only=True)

@@ -9,9 +9,9 @@ from roadscope.benchmarks.boards.recorded import KITTI_BOARDS, MOT_BOARDS
 from roadscope.benchmarks.papers.reproduction import (
     FigureKey,
     ReproductionRow,
-    reproduction_tables,
     summarise,
 )
+from roadscope.benchmarks.papers.reproduction_tables import reproduction_tables
 from roadscope.benchmarks.report.tables import (
     board_table,
     comparison,

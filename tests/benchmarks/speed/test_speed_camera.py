@@ -3,6 +3,7 @@ import pytest
 from roadscope.benchmarks.speed.camera import measure_camera
 
 
+@pytest.mark.slow
 def test_rows_of_a_rig_and_their_ratios() -> None:
     rows = {row.name.removesuffix(", 640 x 480"): row for row in measure_camera("wide", 1)}
     assert all(row.value > 0 for row in rows.values())

@@ -15,6 +15,7 @@ from roadscope.benchmarks.speed.detectors import (
 from roadscope.detectors import DETECTORS
 
 
+@pytest.mark.slow
 def test_every_registered_detector_is_measured() -> None:
     rows = measure_detectors("lux", 1, scenes=SCENES[:1])
     expected = [f"detector {name}, lux" for name in DETECTORS.names()]
@@ -33,6 +34,7 @@ def test_specs_are_measured() -> None:
     assert 0 < median.value <= slowest.value
 
 
+@pytest.mark.slow
 def test_frames_before_the_lead_are_not_timed() -> None:
     frames = driven_frames("lux")
     assert len(frames) == FRAMES

@@ -22,6 +22,7 @@ def toy(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(camera.RECIPES, "trial", small)
 
 
+@pytest.mark.slow
 def test_a_run_writes_weights_that_detect_and_their_record(tmp_path: Path) -> None:
     stages: set[str] = set()
     done = train_camera(
@@ -42,6 +43,7 @@ def test_a_run_writes_weights_that_detect_and_their_record(tmp_path: Path) -> No
     CameraDetector(weights=str(done.weights)).detect(Frame(0.0, Mounting(), camera=image))
 
 
+@pytest.mark.slow
 def test_run_twice_nothing_is_done_twice(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     first = train_camera(tmp_path / "a", recipe="trial", work=tmp_path / "work")
     monkeypatch.setattr(pictures, "render", None)
@@ -50,6 +52,7 @@ def test_run_twice_nothing_is_done_twice(tmp_path: Path, monkeypatch: pytest.Mon
     assert again.weights.read_bytes() == first.weights.read_bytes()
 
 
+@pytest.mark.slow
 def test_pictures_cut_short_are_taken_again(tmp_path: Path) -> None:
     first = train_camera(tmp_path / "a", recipe="trial", work=tmp_path / "work")
     for ending in ("npy", "npz"):

@@ -34,6 +34,7 @@ class Killed(Exception):  # noqa: N818
     pass
 
 
+@pytest.mark.slow
 def test_killed_and_resumed_is_as_never_stopped(tmp_path: Path) -> None:
     pictures = [toy_pictures(0), toy_pictures(1)]
     whole = Trainer(RECIPE, "key", CPU)
@@ -62,6 +63,7 @@ def test_checkpoints_of_other_data_or_damaged_are_left_alone(tmp_path: Path) -> 
     assert not Trainer(RECIPE, "one", CPU).resume(tmp_path / "none.pt")
 
 
+@pytest.mark.slow
 def test_the_loss_falls_on_toy_pictures(tmp_path: Path) -> None:
     recipe = replace(RECIPE, steps=40, pixels=4 * 96 * 128)
     step_losses: list[float] = []

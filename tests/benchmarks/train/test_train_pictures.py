@@ -119,6 +119,7 @@ def test_what_is_held_out_is_scored_and_never_learned(name: str) -> None:
         split_episodes(replace(recipe, scenarios=("street", "unseen-street")))
 
 
+@pytest.mark.slow
 def test_a_view_is_rendered_with_its_light_and_faults() -> None:
     episode = PictureEpisode("two-way", 3, images=1, faults="night:4 + rain:2")
     dark = render(episode).pixels.mean()

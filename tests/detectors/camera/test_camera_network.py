@@ -1,4 +1,5 @@
 import numpy as np
+import pytest
 import torch
 
 from roadscope.detectors.camera.decode import decode
@@ -27,6 +28,7 @@ def test_it_is_small_and_keeps_its_shapes() -> None:
     assert bool((maps.distances > 0).all())
 
 
+@pytest.mark.slow
 def test_folded_it_says_the_same() -> None:
     network = used_network()
     pixels = torch.rand(1, 64, 96, 3) * 2 - 1
@@ -52,6 +54,7 @@ def test_bytes_are_laid_out_as_colours_are() -> None:
     np.testing.assert_array_equal(squared(image), made[0].permute(1, 2, 0).numpy())
 
 
+@pytest.mark.slow
 def test_answers_become_the_same_boxes_as_maps_do() -> None:
     network = used_network().folded()
     image = np.random.default_rng(1).integers(0, 256, (64, 96, 3), np.uint8)

@@ -70,6 +70,7 @@ def test_tensors_that_are_no_weights_are_refused(tmp_path: Path) -> None:
             load(path)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "change",
     [{"middles": None}, {"spreads": [1] * 8 + [-1]}, {"weights": [1, 2]}, {"middles": ["x"] * 9}],

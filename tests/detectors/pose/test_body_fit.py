@@ -73,6 +73,7 @@ def rows(scan, index):
     return replace(scan, **{name: getattr(scan, name)[index] for name in names})
 
 
+@pytest.mark.slow
 @settings(max_examples=5, deadline=None)
 @given(st.integers(0, 1000))
 def test_order_and_duplicates_change_nothing(seed):

@@ -160,6 +160,7 @@ def slow_misfit(model, state, rays, m, tolerance, slack_m):
     return min(off, key=abs)
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("tolerance", [ROUGHLY_DRAWN, EXACTLY_DRAWN], ids=["rough", "exact"])
 @pytest.mark.parametrize("model", [BRICK, saloon((4.7, 0.1), (1.8, 0.05))], ids=["brick", "car"])
 def test_rays_are_as_likely_as_an_obvious_way_says(model, tolerance):
@@ -171,6 +172,7 @@ def test_rays_are_as_likely_as_an_obvious_way_says(model, tolerance):
         np.testing.assert_allclose(np.log(found.likelihoods[k]), np.log(slow), atol=1e-3)
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("slack_m", [0.0, 0.08])
 @pytest.mark.parametrize("model", [BRICK, saloon((4.7, 0.1), (1.8, 0.05))], ids=["brick", "car"])
 def test_rays_misfit_by_as_much_as_an_obvious_way_says(model, slack_m):

@@ -40,6 +40,7 @@ def far_problem(seed, k):
     return BodyProblem(with_glass(model, scan.rays), model, free, EXACTLY_DRAWN), sweep.truth
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("seed", "k"), [(11005, 30), (11004, 31), (11006, 25), (5, 14)])
 def test_a_far_car_is_anywhere_between_two_rays(seed, k):
     """No return bounds it from aside: the end of the search says little of the posterior."""

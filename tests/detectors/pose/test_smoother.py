@@ -146,6 +146,7 @@ AT_THE_SEAM = [
 """x, y, yaw, speed in the middle frame."""
 
 
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize("frames", [1, 3, 7])
 @pytest.mark.parametrize("way", AT_THE_SEAM)
 def test_cars_that_the_sweep_begins_and_ends_on_are_found(way, frames):

@@ -47,6 +47,7 @@ def digest(observation: dict[str, np.ndarray]) -> str:
     return hashlib.sha256(b"".join(parts)).hexdigest()
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("name", CHECKED_IDS)
 def test_check_env_passes_without_warnings(name: str) -> None:
     brief = {"duration_s": 2.0} if name.partition("/")[2] in IN_TOWN else {}
@@ -56,12 +57,14 @@ def test_check_env_passes_without_warnings(name: str) -> None:
     env.close()
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("name", AGENT_IDS)
 def test_check_env_passes_for_recorded_scenarios(name: str) -> None:
     env = gym.make(name, rig="lux", **PLAYED)
     check_env(env.unwrapped, skip_render_check=True)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("settings", [{}, PLAYED])
 def test_check_env_passes_with_weather(settings: dict[str, Any]) -> None:
     env = gym.make("roadscope/Merge-v0", rig="vlp16", weather="fog-4", **settings)
@@ -73,6 +76,7 @@ def test_check_env_passes_with_weather(settings: dict[str, Any]) -> None:
     assert np.array_equal(fogged["ego"], seen["ego"])
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("name", FOREIGN)
 @pytest.mark.filterwarnings("ignore:.*is out of date:DeprecationWarning")
 @pytest.mark.filterwarnings("ignore:.*is different from the unwrapped version:UserWarning")
@@ -87,6 +91,7 @@ def every_id(request: pytest.FixtureRequest) -> str:
     return str(request.param)
 
 
+@pytest.mark.sampled(1)
 def test_specs_survive_json(every_id: str) -> None:
     spec = gym.make(every_id, rig="lux").spec
     assert spec is not None
@@ -106,6 +111,7 @@ def test_the_spec_of_a_wrapped_environment_remakes_the_wrapper() -> None:
     assert digest(env.reset(seed=2)[0]) == digest(again.reset(seed=2)[0])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("mode", "options"),
     [
@@ -136,6 +142,7 @@ def test_vectors_give_what_single_environments_give(mode: str, options: dict[str
     assert infos["truth"][0] == single_info["truth"]
 
 
+@pytest.mark.slow
 def test_same_seed_same_bytes_in_every_process() -> None:
     code = (
         "import sys, hashlib, gymnasium as gym\n"
@@ -210,6 +217,7 @@ def test_an_agents_episode_ends_at_its_limit() -> None:
     assert ends == [(False, False), (False, False), (False, True)]
 
 
+@pytest.mark.slow
 def test_a_crash_ends_an_agents_episode() -> None:
     env = gym.make("roadscope/HighwayDense-v0", rig="lux", records=False)
     env.reset(seed=1)
@@ -229,6 +237,7 @@ def test_actions_outside_the_space_are_refused(every_id: str) -> None:
         env.step(wrong)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("twin", [copy.deepcopy, lambda env: pickle.loads(pickle.dumps(env))])
 @pytest.mark.parametrize("settings", [{}, PLAYED])
 def test_copies_are_independent(twin: Any, settings: dict[str, Any]) -> None:
@@ -283,6 +292,7 @@ def test_pictures_come_as_a_list_and_closing_twice_is_fine(name: str) -> None:
     env.close()
 
 
+@pytest.mark.slow
 def test_videos_can_be_recorded(tmp_path: Path) -> None:
     pytest.importorskip("moviepy")
     env = gym.make("roadscope/Lu2018Occlusion-v0", render_mode="rgb_array", duration_s=0.4)

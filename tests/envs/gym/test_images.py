@@ -11,6 +11,7 @@ from roadscope.envs.sensors.sensing import Sensing
 from roadscope.envs.traffic.scenarios import record
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore:.*precision lowered:UserWarning")
 def test_an_environment_with_a_camera_keeps_gymnasiums_rules() -> None:
     env = gym.make("roadscope/TwoWay-v0", rig="wide")
@@ -37,6 +38,7 @@ def test_the_latest_image_is_observed_and_every_one_is_in_the_frames() -> None:
     assert all(truth.image_boxes is not None for truth in seen)
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore:.*precision lowered:UserWarning")
 @pytest.mark.parametrize("name", ["TwoWay-v0", "Street-v0"])
 def test_pixel_truth_belongs_to_the_observed_image(name: str) -> None:
@@ -59,6 +61,7 @@ def test_pixel_truth_belongs_to_the_observed_image(name: str) -> None:
     assert info["pixel_truth"].instances.max() >= 0
 
 
+@pytest.mark.slow
 def test_images_leave_scans_as_they_are_and_are_the_same_again() -> None:
     from dataclasses import replace
 
@@ -75,6 +78,7 @@ def test_images_leave_scans_as_they_are_and_are_the_same_again() -> None:
     assert [f for f, _ in pieces] == [f for f, _ in frames]
 
 
+@pytest.mark.slow
 def test_light_is_chosen_by_name() -> None:
     timeline = record("street", 2, 2.0)
     brightness = {}
@@ -97,6 +101,7 @@ def test_light_is_chosen_in_gymnasium_too(name: str) -> None:
     assert np.array_equal(shown["night"]["lidar_range"], shown[None]["lidar_range"])
 
 
+@pytest.mark.slow
 def test_live_frames_with_faults_equal_the_recorded_ones() -> None:
     faults = "rain:2 + glare:3 + dropped-scans:5 + blackout:5 + clock-offset:4 + extrinsic-error:3"
     env = gym.make("roadscope/TwoWay-v0", rig="wide", faults=faults, render_mode="rgb_array")

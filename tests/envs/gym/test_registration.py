@@ -47,6 +47,7 @@ def test_ids_are_known_whatever_is_imported_first(imports: str) -> None:
     assert run("-c", f"{imports}\n{COUNT}") == str(len(IDS))
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize(
     "code",
     [
@@ -82,6 +83,7 @@ def test_an_id_that_somebody_else_has_registered_is_left_alone() -> None:
     assert run("-c", code) == "mine:Env"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("started", ["module", "script"])
 def test_a_command_registers_before_a_plug_in_is_loaded(tmp_path: Path, started: str) -> None:
     (tmp_path / "tiny.py").write_text(
@@ -98,6 +100,7 @@ def test_a_command_registers_before_a_plug_in_is_loaded(tmp_path: Path, started:
     assert set((tmp_path / "tiny.log").read_text().split()) == {"True"}
 
 
+@pytest.mark.slow
 def test_the_ids_wait_for_a_command(tmp_path: Path) -> None:
     (tmp_path / "roadscope").write_text(
         "import sys\n"

@@ -81,6 +81,7 @@ def test_there_are_28_single_agent_ids() -> None:
     assert len(SINGLE_AGENT) == 28
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("name", SINGLE_AGENT)
 def test_traffic_is_the_same_to_the_bit_and_observations_fit(name: str) -> None:
     foreign = gym.make(name)
@@ -208,6 +209,7 @@ def test_a_slow_policy_gets_every_sweep_of_a_fast_lidar() -> None:
     assert stamps == [mount.stamp_s(index) for index in range(len(stamps))]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "weather"), [("highway-fast-v0", "clear"), ("intersection-v2", "fog-4")]
 )
@@ -229,6 +231,7 @@ def test_live_frames_equal_those_of_the_whole_recording(name: str, weather: str)
         assert truth == live_truth
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("sway", [None, BodySway()], ids=["level", "swaying"])
 def test_live_frames_with_inertial_sensors_equal_those_of_the_recording(sway) -> None:
     """Longer than the wrapper's history, in an environment whose motion jumps."""
@@ -271,6 +274,7 @@ def test_the_observation_is_the_latest_scan_in_fresh_arrays() -> None:
     assert (third["lidar_range"] >= 0).all()
 
 
+@pytest.mark.slow
 def test_same_seed_same_bytes_and_resets_without_seed_go_on_from_it() -> None:
     def run(env: SensorWrapper, seed: int) -> list[dict[str, np.ndarray]]:
         seen = [env.reset(seed=seed)[0], env.step(1)[0], env.reset()[0], env.step(1)[0]]

@@ -150,6 +150,7 @@ def assert_same(ours: Hits, theirs: Hits) -> None:
     assert np.array_equal(ours.outline_hits, theirs.outline_hits)
 
 
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize("seed", range(4))
 @pytest.mark.parametrize("tilt", [0.0, 0.05, 0.6])
 def test_random_scenes_as_brute_force(seed: int, tilt: float) -> None:

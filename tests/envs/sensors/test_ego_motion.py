@@ -77,6 +77,7 @@ FELT_M_S2, FELT_M_S3, FELT_RAD_S = 16.0, 100.0, 1.5
 """Bound for crashes and lane changes at 1.6 g; raw recorded states jump by 68 m/s^2."""
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("name", ["highway-v0", "roundabout-v1", "racetrack-v1", "merge-v0"])
 @pytest.mark.parametrize("seed", range(4))
 def test_raw_recordings_and_crashes_leave_no_spikes(name: str, seed: int) -> None:

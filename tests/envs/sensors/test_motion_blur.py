@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+import pytest
 
 from roadscope.envs.imaging.pinhole import Pinhole
 from roadscope.envs.sensors.camera import motion_during
@@ -36,6 +37,7 @@ def test_images_are_sharp_unless_the_camera_says_otherwise() -> None:
     assert change[80:].mean() > 5 * change[:40].mean()
 
 
+@pytest.mark.slow
 def test_longer_exposures_smear_more() -> None:
     still = image(carrier())
     changes = [

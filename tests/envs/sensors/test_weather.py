@@ -61,6 +61,7 @@ def test_clear_air_changes_no_byte(timeline: Timeline) -> None:
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["rain-5", "fog-3"])
 def test_weather_comes_from_the_seed_and_leaves_the_rest_alone(
     timeline: Timeline, name: str

@@ -52,6 +52,7 @@ def overlap_free_m(line, row):
     return gaps.min()
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("name", DRIVES)
 def test_no_two_bodies_touch(recorded, name):
     for seed in SEEDS:
@@ -88,6 +89,7 @@ def test_rear_axles_do_not_slip(recorded, name):
         assert np.abs(across[line.present[1:] & line.present[:-1]]).max() < 1e-3, seed
 
 
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize("name", DRIVES)
 def test_rear_axles_stay_on_their_lanes(recorded, name):
     from scipy.spatial import cKDTree

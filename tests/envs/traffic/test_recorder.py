@@ -55,6 +55,7 @@ def test_there_are_28_single_agent_ids():
     assert len(IDS) == 28
 
 
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize("name", IDS)
 @pytest.mark.filterwarnings("ignore:.*")
 def test_recording_changes_no_bit_of_the_traffic(name):

@@ -70,6 +70,7 @@ def test_the_named_scenarios_are_there():
         assert scenario.style in STYLES
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("seed", SEEDS)
 @pytest.mark.parametrize("name", FLOWING)
 def test_traffic_is_accepted(recorded, name, seed):
@@ -143,6 +144,7 @@ def digest(line):
     return hashlib.sha256(b"".join(array.tobytes() for array in arrays)).hexdigest()
 
 
+@pytest.mark.slow
 def test_the_same_seed_gives_the_same_bytes_in_another_process():
     names = ("motorway", "roundabout", "intersection", "lu2018-occlusion")
     script = (
@@ -185,6 +187,7 @@ def test_seeds_differ():
         assert digest(record(name, 0, 1.0)) != digest(record(name, 1, 1.0))
 
 
+@pytest.mark.slow
 def test_traffic_of_highway_env_does_not_reach_ours():
     """Building an intersection overwrites constants of highway-env's drivers."""
     from highway_env.vehicle.behavior import IDMVehicle

@@ -97,6 +97,7 @@ def test_the_ego_waits_while_others_cross_both_ways() -> None:
     assert (passed & (moved < -15.0)).sum() >= 2
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("name", ["empty-motorway", "empty-street"])
 @pytest.mark.parametrize("seed", [10_000, *range(10_001, 10_013, 2)])
 def test_nobody_else_is_on_an_empty_road(name, seed) -> None:

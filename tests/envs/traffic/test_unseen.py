@@ -17,6 +17,7 @@ MODELS = pytest.mark.parametrize(("category", "name", "size"), CASES)
 USUAL = {size for mix in MIXES.values() for _, _, sizes in mix for size in sizes}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("usual", ["motorway", "street"])
 def test_only_the_bodies_differ_from_the_usual_traffic(usual: str) -> None:
     known, unseen = record(usual, 2, 1.0), record(f"unseen-{usual}", 2, 1.0)

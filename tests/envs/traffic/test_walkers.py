@@ -63,6 +63,7 @@ def test_people_move_as_people_do(timeline: Timeline) -> None:
     assert 1.0 < heights.min() <= heights.max() < 2.1
 
 
+@pytest.mark.slow
 def test_people_cross_the_road() -> None:
     crossed = 0
     for seed in range(2):

@@ -109,6 +109,7 @@ def _nearest_in_any_style_m(pickled: bytes) -> float:
     return min(_nearest_edge_m(_standing(road, s, seed), road) for seed, s in enumerate(GROWN))
 
 
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize("style", GROWN)
 @pytest.mark.parametrize("road", [straight(), straight(3, width_m=3.5), crossing(), circle()])
 def test_nothing_stands_on_a_lane_of_simple_roads(road, style):
@@ -116,11 +117,13 @@ def test_nothing_stands_on_a_lane_of_simple_roads(road, style):
         assert _nearest_edge_m(_standing(road, style, seed), road) > 0.1
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("name", IDS)
 def test_nothing_stands_on_a_lane_of_highway_env(name):
     assert _nearest_in_any_style_m(pickle.dumps(_foreign(name))) > 0.1
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("name", SCENARIOS)
 def test_nothing_stands_on_a_lane_of_our_scenarios(name):
     assert _nearest_in_any_style_m(pickle.dumps(_own(name))) > 0.1
@@ -237,6 +240,7 @@ print(hashlib.sha256(b"".join(getattr(things, n).tobytes() for n in things.__slo
 """
 
 
+@pytest.mark.slow
 def test_another_process_with_another_hash_seed_grows_the_same_bytes(pytestconfig):
     digests = {
         subprocess.run(

@@ -30,6 +30,7 @@ def ring_roughness_slowly(points, ring, column, labels, window_m):
     return rough
 
 
+@pytest.mark.slow
 @given(st.integers(0, 1000), st.sampled_from([0.01, 0.3, 1.0]))
 def test_equals_eq_6_summed_slowly(seed, window_m):
     rng = np.random.default_rng(seed)

@@ -132,6 +132,7 @@ detectors = ["oracle"]
 """
 
 
+@pytest.mark.slow
 def test_a_missing_library_ends_no_run(tmp_path):
     """In all processes of a run, the plug-ins' own too."""
     distributions = sorted({TRACKERS.resolve(name).requirement.distribution for name in PEERS})
@@ -186,6 +187,7 @@ def test_settings_that_make_no_sense_are_refused(spec, message):
         TRACKERS.make(spec)
 
 
+@pytest.mark.slow
 def test_listing_loads_no_library():
     code = (
         "import sys; from roadscope.trackers import TRACKERS; TRACKERS.installed();"

@@ -48,6 +48,7 @@ def test_without_objects_there_is_none():
     assert all(np.isnan(score.value) and score.n == 0 for score in scores.values())
 
 
+@pytest.mark.slow
 def test_the_board_of_simulated_traffic_has_a_curve_whose_mean_is_its_figure():
     jobs = plan(load_suite("quick"), ["gnn", "nearest"], boards=["tracking"], only=True).jobs
     outcomes = {job.key: Outcome(scored(k, 2 + k % 4)) for k, job in enumerate(jobs)}

@@ -68,6 +68,7 @@ def adversarial(draw: st.DrawFn) -> TrackedSequence:
     return sequence(*frames)
 
 
+@pytest.mark.slow
 @given(adversarial(), st.sampled_from([0.05, 0.25, 0.5, 1.0]))
 @settings(max_examples=200)
 @example(sequence(([], [], []), ([], [], [])), 0.5)
