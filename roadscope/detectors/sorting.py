@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from roadscope.core.jit import compiled
+from roadscope.core.sorting import stable_order
 
 BUCKETS = 1 << 16
 """Counting sort is used up to this many distinct values, or eight a row, whichever is more."""
@@ -14,27 +15,31 @@ BINS = 2048
 """Of a median."""
 
 
-@compiled()
 def order_by(values: np.ndarray) -> np.ndarray:
     """Return the order, (N,) int64, that sorts (N,) integers and keeps equal ones in place."""
-    size = len(values)
-    if size == 0:
+    # One type and layout, so that one kernel serves all.
+    numbers = np.ascontiguousarray(values, np.int64)
+    if not len(numbers):
         return np.empty(0, np.int64)
-    low, high = np.int64(values.min()), np.int64(values.max())
-    # In floating point the difference cannot overflow.
-    if np.float64(high) - np.float64(low) >= max(BUCKETS, 8 * size):
-        return np.argsort(values, kind="mergesort")
-    span = high - low
+    low, high = int(numbers.min()), int(numbers.max())
+    if high - low >= max(BUCKETS, 8 * len(numbers)):
+        return np.argsort(numbers, kind="stable")
+    return _counted_order(numbers, low, high - low)
+
+
+@compiled()
+def _counted_order(values: np.ndarray, low: int, span: int) -> np.ndarray:
+    """Return the order that sorts whole numbers from `low` to `low + span`, by counting them."""
     place = np.zeros(span + 2, np.int64)
     for value in values:
-        place[np.int64(value) - low + 1] += 1
+        place[value - low + 1] += 1
     for bucket in range(span):
         place[bucket + 1] += place[bucket]
-    order = np.empty(size, np.int64)
-    for row in range(size):
-        value = np.int64(values[row]) - low
-        order[place[value]] = row
-        place[value] += 1
+    order = np.empty(len(values), np.int64)
+    for row in range(len(values)):
+        bucket = values[row] - low
+        order[place[bucket]] = row
+        place[bucket] += 1
     return order
 
 
@@ -54,9 +59,12 @@ def order_within(values: np.ndarray, starts: np.ndarray) -> np.ndarray:
         if rises:
             continue
         if falls:
-            order[first:end] = np.arange(end - 1, first - 1, -1)
+            for row in range(first, end):
+                order[row] = first + end - 1 - row
         elif end - first > FEW:
-            order[first:end] = first + np.argsort(values[first:end], kind="mergesort")
+            within = stable_order(values[first:end])
+            for row in range(first, end):
+                order[row] = first + within[row - first]
         else:
             for row in range(first + 1, end):
                 place = row

@@ -115,10 +115,10 @@ def _optimal_columns(
             continue
         own_rows = row_order[first_row[c] : first_row[c + 1]]
         own_columns = column_order[first_column[c] : first_column[c + 1]]
-        index[own_rows], index[n + own_columns] = (
-            np.arange(len(own_rows)),
-            np.arange(len(own_columns)),
-        )
+        for i in range(len(own_rows)):
+            index[own_rows[i]] = i
+        for j in range(len(own_columns)):
+            index[n + own_columns[j]] = j
         # `least_total` wants at least as many columns as rows.
         transposed = len(own_rows) > len(own_columns)
         if transposed:

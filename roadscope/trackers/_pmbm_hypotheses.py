@@ -12,6 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from roadscope.core.jit import compiled
+from roadscope.core.sorting import stable_order
 from roadscope.trackers._assignment import components, least_total, sorted_by
 
 
@@ -250,7 +251,7 @@ def _cheapest_sums(
     for a in range(len(costs)):
         for b in range(len(more_costs)):
             sums[a * len(more_costs) + b] = costs[a] + more_costs[b]
-    order = np.argsort(sums, kind="mergesort")[: limits.most]
+    order = stable_order(sums)[: limits.most]
     size = 0
     while size < len(order) and sums[order[size]] <= sums[order[0]] + limits.gap:
         size += 1

@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from roadscope.core.jit import compiled
+from roadscope.core.sorting import stable_order
 
 CORNER_POINTS = 2
 """Returns off the first face that make a second one."""
@@ -63,8 +64,8 @@ def by_range(points: np.ndarray, place: np.ndarray) -> np.ndarray:
     # Rounded to micrometres, so that a turned scene sorts alike.
     sides = np.rint(1e6 * (middle[0] * sights[:, 1] - middle[1] * sights[:, 0]))
     ranges = np.rint(1e6 * np.hypot(sights[:, 0], sights[:, 1]))
-    order = np.argsort(sides, kind="mergesort")
-    return np.asarray(points[order[np.argsort(ranges[order], kind="mergesort")]])
+    order = stable_order(sides)
+    return np.asarray(points[order[stable_order(ranges[order])]])
 
 
 @compiled()

@@ -13,6 +13,7 @@ from typing import Literal
 import numpy as np
 
 from roadscope.core.jit import compiled
+from roadscope.core.sorting import stable_order
 from roadscope.detectors.horizon import Horizon
 from roadscope.detectors.shape.cluster import Cluster
 from roadscope.detectors.shape.completion import bodies_in, completions
@@ -206,8 +207,8 @@ def hull_heading(points: np.ndarray) -> float:
 
     One side of that rectangle lies on a side of the convex hull (Freeman and Shapira 1975).
     """
-    order = np.argsort(points[:, 1], kind="mergesort")
-    order = order[np.argsort(points[order, 0], kind="mergesort")]
+    order = stable_order(points[:, 1])
+    order = order[stable_order(points[order, 0])]
     hull = _hull(points[order, :2])
     best, least = 0.0, np.inf
     for i in range(len(hull)):

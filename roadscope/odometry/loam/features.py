@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from roadscope.core.jit import compiled
+from roadscope.core.sorting import stable_order
 from roadscope.odometry.cloud_kernels import thinned
 
 # --------------------------------------------------------------------------------------------------
@@ -57,7 +58,7 @@ def ring_order(ring: np.ndarray, column: np.ndarray) -> np.ndarray:
         a, b = order[k - 1], order[k]
         if ring[a] == ring[b] and column[a] > column[b]:
             keys = ring.astype(np.int64) * (np.int64(column.max()) + 1) + column
-            return np.argsort(keys, kind="mergesort")
+            return stable_order(keys)
     return order
 
 
