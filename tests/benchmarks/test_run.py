@@ -128,6 +128,7 @@ def test_the_board_is_written_as_json(suite, tmp_path) -> None:
     assert board["manifest"]["libraries"]["highway-env"]
 
 
+@pytest.mark.slow
 def test_a_second_run_does_nothing_again(suite, tmp_path) -> None:
     log = tmp_path / "log"
     entry = f"{plugin('Logged')}?log={log}"
@@ -150,6 +151,7 @@ def test_a_second_run_does_nothing_again(suite, tmp_path) -> None:
     assert log.read_text().count("begun") == 2 * EPISODES
 
 
+@pytest.mark.slow
 def test_trackers_share_one_run_of_the_detector(suite, tmp_path) -> None:
     log = tmp_path / "log"
     detector = f"{plugin('Logged')}?log={log}"

@@ -45,6 +45,7 @@ def results(suite, out) -> Results:
     return leaderboard(suite, boards=["camera", "fusion"], out_dir=out)
 
 
+@pytest.mark.slow
 def test_every_registered_detector_and_fusion_has_a_place(results) -> None:
     ranked = {(s.board, s.entry): s.mark for s in results.standings}
     for name in CAMERA_DETECTORS.names():
@@ -56,6 +57,7 @@ def test_every_registered_detector_and_fusion_has_a_place(results) -> None:
     assert ranked["fusion", "LiDAR alone"] == ranked["fusion", "camera alone"] == "alone"
 
 
+@pytest.mark.slow
 def test_the_oracle_is_perfect_where_there_are_images(results) -> None:
     for metric, value in (("ap50", 1.0), ("false_alarms", 0.0), ("category_accuracy", 1.0)):
         rows = [r for r in results.breakdown("condition", "camera") if r.entry == "oracle"]
@@ -64,6 +66,7 @@ def test_the_oracle_is_perfect_where_there_are_images(results) -> None:
     assert results.row("camera", "network", "ap50").value < 1.0
 
 
+@pytest.mark.slow
 def test_parts_add_up_to_the_whole(results) -> None:
     for board, entry in (("camera", "noisy-camera"), ("fusion", "consistent")):
         for metric, by in (("detection_rate", "family"), ("detection_rate", "condition")):
@@ -76,6 +79,7 @@ def test_parts_add_up_to_the_whole(results) -> None:
             assert found == pytest.approx(whole.value * whole.samples)
 
 
+@pytest.mark.slow
 def test_false_alarms_stand_beside_every_rate_of_a_family(results) -> None:
     for board in ("camera", "fusion"):
         rows = results.breakdown("family", board)
@@ -88,6 +92,7 @@ def test_false_alarms_stand_beside_every_rate_of_a_family(results) -> None:
         assert "(" in str(next(iter(table.columns[1].cells)))
 
 
+@pytest.mark.slow
 def test_tables_fit_a_terminal(results) -> None:
     console = Console(width=80)
     for board in ("camera", "fusion"):
@@ -108,6 +113,7 @@ def test_a_strangers_fusion_costs_only_its_own_row(suite, out, capfd) -> None:
     assert "Warning" not in capfd.readouterr().err
 
 
+@pytest.mark.slow
 def test_a_second_run_does_nothing_again(suite, out, results) -> None:
     stages = []
     again = leaderboard(

@@ -79,6 +79,7 @@ def test_one_job_works_here_and_changes_nothing() -> None:
     assert signal.getsignal(signal.SIGINT) == before
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("die", [exit_here, kill_here])
 def test_a_deadly_item_costs_only_itself(tmp_path: Path, die: Callable[[], None]) -> None:
     log = tmp_path / "log"

@@ -15,6 +15,7 @@ OURS = {
     "fusions": f"fusions/{DIGEST}.cache",
     "tracks": f"tracks/{DIGEST}.cache",
     "answers": f"answers/{DIGEST}.cache",
+    "papers": f"papers/lu2018-{DIGEST}.cache",
     "sources": f"sources/{DIGEST}.json",
     "camera-training": f"camera-training/street-1-{DIGEST}.npy",
     "results": "results.sqlite",

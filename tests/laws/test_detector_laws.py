@@ -62,6 +62,7 @@ def test_contract(item):
     item.verify()
 
 
+@pytest.mark.sampled(3)
 def test_finds_one_vehicle_among_ground(detector):
     frames = film([SCENE[3]], noise_m=0.03)
     found = [detector.detect(f) for f in frames][-1]

@@ -170,6 +170,7 @@ def test_the_way_the_sensor_is_mounted_changes_nothing(stages, turn, seed):
     assert (difference <= DESCENDED.get(stages[2], ROUNDED)).all()
 
 
+@pytest.mark.sampled(3)
 def test_height_of_the_sensor_changes_no_box(stages):
     seen, detector = scene(stages, 0), make(stages)
     there = turned_sensor(seen, Pose.planar(0.0, 0.0, 0.0, 0.3))

@@ -182,6 +182,7 @@ def away(told, drive, scan):
     return np.abs(off[:2, 3]).max()
 
 
+@pytest.mark.slow
 def test_a_start_at_speed_does_not_make_everything_dynamic():
     """At 8 m/s all that stands has moved 0.8 m by the second scan."""
     drive, inputs = driven(6, columns=1800)

@@ -70,6 +70,7 @@ def test_the_likelihood_is_the_one_that_made_the_scans(name, body):
     assert -2.0 * sum(values) / sum(returns) == pytest.approx(1.0, abs=0.25)
 
 
+@pytest.mark.slow
 def test_other_poses_are_less_likely():
     run = sense_drive("curve", SEED, frames=1)
     best = log_likelihood(run, 0, (0.0, 0.0, 0.0))
@@ -125,6 +126,7 @@ def test_radii_are_spread_as_our_fit_supposes():
     assert (np.diff(unknown_corners().rows_of(np.linspace(-4, 4, 50)[:, None])) >= 0).all()
 
 
+@pytest.mark.slow
 def test_corners_that_are_not_known_raise_the_floor():
     run = sense_drive("curve", SEED, body="rounded", frames=12)
     known, unknown = (

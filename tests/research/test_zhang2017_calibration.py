@@ -150,6 +150,7 @@ def test_a_covariance_holds_all_that_is_possible(name, band, seed, frames):
     assert away @ np.linalg.solve(pose.covariance, away) < chdtri(3, 0.001)
 
 
+@pytest.mark.slow
 def test_every_distance_has_its_calibration(monkeypatch):
     known = "any corners"
     monkeypatch.setattr(zhang2017_calibration, "MODELS", {known: MODELS[known]})

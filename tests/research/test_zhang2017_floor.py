@@ -48,6 +48,7 @@ def a_single_floor(run, frames, *, draws, knowledge):
     return dict.fromkeys(frames, floor(run, draws=draws // 4, knowledge=knowledge))
 
 
+@pytest.mark.slow
 def test_ours_and_both_floors_are_in_every_table(measured):
     values, _ = measured
     expected = {MULTI, *OURS}
@@ -58,6 +59,7 @@ def test_ours_and_both_floors_are_in_every_table(measured):
         assert {method for experiment, method, _ in values if experiment == name} == expected
 
 
+@pytest.mark.slow
 def test_every_drive_and_window_has_its_consistency(measured):
     values, rows = measured
     for experiment in (NEES, EXACT_NEES):
@@ -70,6 +72,7 @@ def test_every_drive_and_window_has_its_consistency(measured):
         assert known == {(drive, window) for drive in DRIVES for window in WINDOWS}
 
 
+@pytest.mark.slow
 def test_every_drive_is_judged(measured):
     _, rows = measured
     asked = [row for row in rows if row.experiment == ASKED.format("rounded")]

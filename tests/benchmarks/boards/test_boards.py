@@ -41,6 +41,7 @@ def test_every_column_of_a_board_is_explained_or_plain(board: Board) -> None:
         assert column.decimals >= 0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", BOARDS)
 def test_jobs_are_every_entry_on_every_episode_and_marks_where_they_are_wanted(name) -> None:
     board, suite = BOARDS[name], load_suite(BOARDS[name].default_suite)

@@ -122,6 +122,7 @@ def first(home: Path) -> subprocess.CompletedProcess[str]:
     return ranks(home, *given, "--by", "scenario")
 
 
+@pytest.mark.slow
 def test_drivers_are_ranked_by_what_they_do_to_the_world(home: Path, first) -> None:
     assert first.returncode == 1, first.stderr
     figures = written(home)
@@ -133,6 +134,7 @@ def test_drivers_are_ranked_by_what_they_do_to_the_world(home: Path, first) -> N
     assert figures["drivers.py:Careful", "call_p50_ms"] >= 0
 
 
+@pytest.mark.slow
 def test_the_printed_board_has_its_columns_breakdown_and_reasons(first) -> None:
     text = first.stdout
     assert "Drivers follow a car that brakes." in text

@@ -51,6 +51,7 @@ def test_kinds_follow_the_sources(sensed):
         assert np.isin(kinds[sources <= -2], [2, 3]).all()
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("experiment", lu2018.EXPERIMENTS)
 def test_perfect_detections_show_the_events_of_the_script(experiment):
     """With boxes from truth the scripts' own frames come out: the measures are right."""

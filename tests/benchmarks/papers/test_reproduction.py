@@ -40,7 +40,8 @@ def log(tmp_path, monkeypatch):
     return path
 
 
-@pytest.mark.parametrize("jobs", [1, 2])
+@pytest.mark.slow
+@pytest.mark.parametrize("jobs", [1, pytest.param(2, marks=pytest.mark.slow)])
 def test_parts_of_all_seeds_are_measured_once_and_kept(log, jobs):
     done = []
     measured = measure_paper("toy_paper", 3, lambda *progress: done.append(progress), jobs=jobs)

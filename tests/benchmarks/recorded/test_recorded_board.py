@@ -68,6 +68,7 @@ def results(tmp_path_factory):
     return found, out, folder
 
 
+@pytest.mark.slow
 def test_each_class_that_is_labelled_has_a_board(results):
     found, out, _ = results
     assert found.boards() == ["kitti car", "kitti pedestrian"]
@@ -87,6 +88,7 @@ def test_each_class_that_is_labelled_has_a_board(results):
     assert "## kitti car" in (out / "leaderboard.md").read_text()
 
 
+@pytest.mark.slow
 def test_nees_of_each_sequence_and_of_all_stands_beside_its_band(results):
     found, out, _ = results
     board, entry = "kitti car", TRACKERS[0]
@@ -140,6 +142,7 @@ def test_a_sequence_without_objects_is_seen_and_moves_no_mean(folder):
     assert "false alarms" in note(board, "sequence")
 
 
+@pytest.mark.slow
 def test_the_table_says_that_figures_are_online(results):
     console = Console(width=160, record=True)
     console.print(board_table(results[0], "kitti car", 160))
@@ -343,6 +346,7 @@ def test_the_command_line_says_what_is_wrong(options, said, tmp_path, monkeypatc
     assert said in str(caught)
 
 
+@pytest.mark.slow
 def test_ranks_are_compared_with_suites_that_were_run(results):
     """Outcomes of simulated traffic as if a run had left them in the store."""
     found, _, folder = results

@@ -6,12 +6,6 @@ from rich.console import Console
 
 from roadscope.benchmarks.boards import BOARDS, Board, board_named
 from roadscope.benchmarks.boards.recorded import KITTI_BOARDS, MOT_BOARDS
-from roadscope.benchmarks.papers.reproduction import (
-    FigureKey,
-    ReproductionRow,
-    summarise,
-)
-from roadscope.benchmarks.papers.reproduction_tables import reproduction_tables
 from roadscope.benchmarks.report.tables import (
     board_table,
     comparison,
@@ -268,30 +262,3 @@ def test_names_and_reasons_of_strangers_cannot_steer_a_terminal(width) -> None:
     text = printed(table, *failure_lines(results, "tracking"), width=200)
     assert not [letter for letter in text if letter in "\x1b\x07\r\u202e"]
     assert len(failure_lines(results, "tracking")[0].splitlines()) == 1
-
-
-def rows() -> list[ReproductionRow]:
-    many = [
-        summarise(FigureKey("one", method, f"quantity {i}"), "m", [1.0, 2.0], 1.25 if i else None)
-        for method in ("papers + own", "papers + other")
-        for i in range(6)
-    ]
-    few = [
-        summarise(FigureKey("one", method, "clusters kept"), "1/scan", [1.0, 2.0])
-        for method in ("pag", "distance")
-    ]
-    return [*many, *few]
-
-
-def test_the_papers_method_in_full_and_the_others_side_by_side() -> None:
-    text = printed(*reproduction_tables(rows()))
-    assert "papers + own" in text
-    assert "papers + other" not in text
-    assert text.count("1.25") == 5
-    assert "pag" in text
-    assert "distance" in text
-    assert max(map(len, text.splitlines())) <= 80
-
-
-def test_everything_on_demand() -> None:
-    assert "papers + other" in printed(*reproduction_tables(rows(), everything=True))

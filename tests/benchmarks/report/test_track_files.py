@@ -53,6 +53,7 @@ def test_what_is_written_scores_as_the_board_says(folder, tmp_path):
         np.testing.assert_allclose(score.value, scores[metric].value, atol=1e-5, err_msg=metric)
 
 
+@pytest.mark.slow
 def test_a_run_and_its_track_files_call_a_tracker_once_a_sequence(folder, tmp_path, monkeypatch):
     monkeypatch.setenv("ROADSCOPE_CACHE", str(tmp_path / "cache"))
     plugin, log = tmp_path / "mine.py", tmp_path / "log"

@@ -89,6 +89,7 @@ def test_alone_and_nobody() -> None:
     assert (only.rank, only.rank_low, only.rank_high) == (1, 1, 1)
 
 
+@pytest.mark.slow
 def test_true_ranks_lie_within_their_intervals() -> None:
     """Entries 1 to 5 are truly apart by less than the noise: 95 % each, over 60 draws."""
     truth, inside, certain = np.array([0.0, -4.0, -8.0, -12.0, -60.0]), 0, 0

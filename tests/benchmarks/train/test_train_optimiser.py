@@ -16,6 +16,7 @@ def stepped(network: CentreNetwork, optimiser: Optimiser, seed: int) -> None:
     optimiser.step()
 
 
+@pytest.mark.slow
 def test_every_weight_is_moved_once() -> None:
     network = channels_last(CentreNetwork())
     before = {k: v.clone() for k, v in network.named_parameters()}

@@ -38,6 +38,7 @@ def eager(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("size", [(480, 640), (96, 128), (101, 77), (960, 1280), (33, 2000)])
 def test_images_of_any_size_give_boxes_inside(eager: Path, size: tuple[int, int]) -> None:
     found = CameraDetector(weights=str(eager)).detect(frame_of(noise(*size)))

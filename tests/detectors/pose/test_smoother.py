@@ -130,6 +130,7 @@ def test_refuses_windows_by_name(options, message, curve):
         Smoother(curve.spec, ford_fusion(), **options)
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("seed", [5, 9])
 def test_sharp_noise_turns_no_vehicle_across_its_way(seed):
     """Seen from behind with little noise, a scan alone fits best with the body across."""

@@ -229,6 +229,7 @@ def test_a_crash_ends_an_agents_episode() -> None:
     assert terminated or truncated
 
 
+@pytest.mark.sampled(1)
 def test_actions_outside_the_space_are_refused(every_id: str) -> None:
     env = gym.make(every_id, rig="lux", disable_env_checker=True)
     env.reset(seed=0)

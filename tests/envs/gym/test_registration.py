@@ -34,6 +34,7 @@ def run(*arguments: str, **variables: str) -> str:
 COUNT = "print(sum(name.startswith('roadscope/') for name in gymnasium.registry))"
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize(
     "imports",
     [

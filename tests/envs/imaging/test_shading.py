@@ -40,6 +40,7 @@ def shaded(scene: Scene, pose: Pose = AHEAD, light: Light = LEVEL, **air: float)
     return shade(view, bare(), light, **air).copy()
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("visibility_m", [50.0, 120.0, 500.0])
 def test_contrast_falls_by_koschmieders_law(visibility_m: float) -> None:
     extinction = 3.912 / visibility_m
@@ -69,6 +70,7 @@ def in_shadow(scene: Scene, place: np.ndarray, sun: np.ndarray) -> bool:
     return False
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("azimuth", [0.4, 2.0, -1.3])
 def test_shadows_fall_where_a_ray_to_the_sun_is_stopped(azimuth: float) -> None:
     boxes = [
@@ -104,6 +106,7 @@ def test_shadows_point_away_from_the_sun() -> None:
     assert right[67:73, 48:57].mean() < 0.7 * left[67:73, 48:57].mean()
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("kind", LIGHTS)
 @pytest.mark.parametrize("beta", [0.0, 0.05])
 def test_light_is_finite_in_random_scenes(kind: str, beta: float) -> None:

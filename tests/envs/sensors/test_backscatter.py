@@ -110,6 +110,7 @@ def test_surfaces_are_seen_as_far_as_the_law_says(weather: Weather, reflectivity
     assert not seen[ranges > 1.001 * reach].any()
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("weather", [rain(100.0), rain(400.0), fog(150.0), fog(100.0), fog(50.0)])
 def test_number_and_range_of_echoes_follow_the_integral(weather: Weather) -> None:
     ranges, rays = echo_ranges(weather, 4)

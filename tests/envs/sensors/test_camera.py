@@ -102,6 +102,7 @@ def test_corners_lose_the_light_that_the_spec_says() -> None:
     assert light[0, 160].mean() == pytest.approx(0.5 * (1 - 0.4 * 120**2 / 200**2), rel=0.02)
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("rain", [0.0, 25.0])
 def test_same_seed_same_bytes(rain: float) -> None:
     first = images(noise_seed=3, rain_mm_h=rain, extinction_per_m=0.01)

@@ -62,6 +62,7 @@ def test_no_two_bodies_touch(recorded, name):
         assert not line.crashed.any()
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("name", DRIVES)
 def test_motion_is_that_of_vehicles(recorded, name):
     for seed in SEEDS:

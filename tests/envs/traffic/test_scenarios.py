@@ -86,6 +86,7 @@ def test_traffic_is_accepted(recorded, name, seed):
     assert line.present[:, 0].all()
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("seed", SEEDS)
 @pytest.mark.parametrize("name", FLOWING)
 def test_motion_is_that_of_vehicles(recorded, name, seed):

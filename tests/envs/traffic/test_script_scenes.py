@@ -85,6 +85,7 @@ def longest_run(mask) -> int:
     return longest
 
 
+@pytest.mark.slow
 def test_the_ego_waits_while_others_cross_both_ways() -> None:
     line = record("waiting", 10_000, 8.0)
     assert line.speeds[:, 0].max() < 0.2

@@ -97,6 +97,7 @@ def test_target_1_is_hidden_from_62_to_74_and_only_then():
         assert run_of(frames, still) == (62, 74)
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("name", SCRIPTS)
 def test_rays_meet_the_targets_in_exactly_those_frames(name):
     script, mount = SCRIPTS[name], rig("lux").lidar

@@ -38,6 +38,7 @@ def apart(first: np.ndarray, second: np.ndarray) -> bool:
     return False
 
 
+@pytest.mark.slow
 def test_no_person_is_hit(timeline: Timeline) -> None:
     people = np.flatnonzero(np.isin(timeline.categories, PEOPLE))
     others = np.flatnonzero(~np.isin(timeline.categories, PEOPLE))
@@ -49,6 +50,7 @@ def test_no_person_is_hit(timeline: Timeline) -> None:
                     assert apart(corners(timeline, k, p), corners(timeline, k, o))
 
 
+@pytest.mark.slow
 def test_people_move_as_people_do(timeline: Timeline) -> None:
     on_foot = timeline.categories == Category.PEDESTRIAN
     riding = timeline.categories == Category.CYCLIST
