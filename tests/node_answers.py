@@ -1,19 +1,24 @@
 """What single entries answer on an episode, computed anew; the one place that names nodes."""
 
-from roadscope.benchmarks.eligibility import Eligibility
-from roadscope.benchmarks.episode import Episode
-from roadscope.benchmarks.loop import RunOptions
-from roadscope.benchmarks.nodes.detections import DetectionNode
-from roadscope.benchmarks.nodes.fusions import FusedDetectionNode, FusionNode
-from roadscope.benchmarks.nodes.images import ImageNode
-from roadscope.benchmarks.nodes.poses import PoseNode
-from roadscope.benchmarks.records import (
+from roadscope.benchmarks import (
+    Eligibility,
+    Episode,
     EpisodeDetections,
     EpisodeFusions,
     EpisodeImageDetections,
     EpisodePoses,
+    RunOptions,
+    detection_source,
+    image_source,
+    pose_source,
 )
-from roadscope.benchmarks.references import detection_source, image_source, pose_source
+from roadscope.benchmarks.nodes import (
+    DetectionNode,
+    FusedDetectionNode,
+    FusionNode,
+    ImageNode,
+    PoseNode,
+)
 
 
 def poses_of(spec: str, episode: Episode) -> EpisodePoses:

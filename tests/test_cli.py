@@ -13,7 +13,7 @@ import pytest
 from interrupts import heed_interrupts
 
 import roadscope
-from roadscope.benchmarks.tables import MEANINGS
+from roadscope.benchmarks import MEANINGS
 
 ROOT = Path(roadscope.__file__).parents[1]
 PLUGINS = Path(__file__).parent / "benchmarks" / "plugins.py"

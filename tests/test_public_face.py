@@ -172,3 +172,48 @@ def test_private_imports_are_noticed() -> None:
 
 if __name__ == "__main__":
     NAMES.write_text(recorded(), "utf-8")
+
+
+# What tests import, so that files of a folder can be merged or split without touching tests.
+
+PUBLIC_FILES = {"roadscope.metrics", "roadscope.formats", "roadscope.__main__"}
+NAMED_LIKE_THEIR_FILE = {
+    "roadscope.benchmarks": "compare drive doctor export_suite fingerprint manifest submit "
+    "target_views",
+    "roadscope.benchmarks.metrics": "average_precision",
+    "roadscope.benchmarks.metrics.tracking": "recovery state_errors",
+    "roadscope.benchmarks.papers": "reproduction_tables",
+    "roadscope.benchmarks.train": "losses",
+    "roadscope.detectors.camera": "decode",
+    "roadscope.envs.raycast": "cast",
+    "roadscope.envs.sensors": "rigs weather",
+    "roadscope.envs.traffic": "conversion",
+    "roadscope.envs.world": "ford_saloon",
+}
+"""Files whose functions have the name of a file, by folder: the folder cannot offer them."""
+INSIDE = {
+    "roadscope.detectors.camera.calibration", "roadscope.detectors.evidence",
+    "roadscope.detectors.ground.grid", "roadscope.detectors.moving.links",
+    "roadscope.detectors.scoring", "roadscope.benchmarks.papers.zhang2022",
+    "roadscope.benchmarks.speed.odometry", "roadscope.benchmarks.speed.trackers",
+    "roadscope.envs.traffic.walkers", "roadscope.odometry.inertial.speed_search",
+    "roadscope.odometry.loam.feature_match", "roadscope.trackers._motion",
+}  # fmt: skip
+"""Files from which tests take a name that two files of the folder have, or a kernel's own part."""
+
+
+def test_tests_import_folders_not_files() -> None:
+    excused = PUBLIC_FILES | INSIDE
+    excused |= {
+        f"{p}.{file}" for p, files in NAMED_LIKE_THEIR_FILE.items() for file in files.split()
+    }
+    imported = {
+        node.module
+        for path in Path(__file__).parent.rglob("*.py")
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+        if isinstance(node, ast.ImportFrom) and str(node.module).startswith("roadscope.")
+    }
+    files = {
+        str(m) for m in imported if (ROOT / str(m).replace(".", "/")).with_suffix(".py").exists()
+    }
+    assert files == excused

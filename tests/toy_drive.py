@@ -5,7 +5,7 @@ from functools import cache
 import numpy as np
 
 from roadscope.core import ImuSamples, LidarScan
-from roadscope.odometry.rigid import exp_se3
+from roadscope.odometry import exp_se3
 
 ELEVATIONS = np.deg2rad(np.arange(-15, 16, 2.0))
 COLUMNS, PERIOD_S, HEIGHT_M, RATE_HZ = 360, 0.1, 1.9, 400

@@ -4,11 +4,7 @@ from pathlib import Path
 
 import numpy as np
 
-from roadscope.benchmarks.formats.kitti_frames import (
-    box_corners,
-    clipped_image_boxes,
-    observation_angles,
-)
+from roadscope.benchmarks.formats import box_corners, clipped_image_boxes, observation_angles
 from roadscope.core import Category, Tracks
 from roadscope.formats import ImageSize
 

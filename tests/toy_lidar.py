@@ -52,6 +52,6 @@ def _hit(azimuth, box):
 
 def cloud(boxes, **options):
     """Return what detectors cluster: the same scan in the ego frame."""
-    from roadscope.detectors.cloud import Cloud
+    from roadscope.detectors import Cloud
 
     return Cloud.of(scan(boxes, **options), CALIBRATION.pose("lux"))

@@ -43,5 +43,43 @@ __all__ = [
     "score_mot_results",
 ]
 
+_PARTS = {
+    "cache": "FolderError cache_folder",
+    "cached_files": "cache_usage clear_cache size_text",
+    "calibrating": "PoseRow calibrate_rig enough save_rig_calibration",
+    "compare": "CompareError",
+    "drive": "imu_mounting moving_in",
+    "episode": "check_episode sensed sensing_of timeline_of timeline_path",
+    "export_suite": "ExportError plan_export read_manifest",
+    "fingerprint": "PACKAGE code_hash package_version plugin_hash sensing_hash timeline_hash",
+    "graph": "Job Node run_jobs",
+    "images": "image_rows image_rows_of_scans pictures projection_of",
+    "kinds": "DETECTOR Kind TRACKER entry_kind",
+    "listing": "KINDS names_of",
+    "loop": "CallInput RunOptions run_plugin",
+    "noisy": "CLUTTER_SIZE_M NOISES NoiseModel NoisyDetections",
+    "noisy_camera": "CAMERA_NOISES CameraNoise LIT NoisyCamera",
+    "noisy_odometry": "EgoNoise ODOMETRY_NOISES noisy_poses",
+    "odometry_runner": "RecordedImu folder_estimates",
+    "parked": "parked_among parked_centres parked_owners",
+    "records": "CallTimes EpisodeDetections EpisodeFusions EpisodeImageDetections EpisodePoses "
+    "EpisodeRecord",
+    "references": "LIDAR_ALONE check_ego check_pose_source detection_source image_source "
+    "is_noise made_from_truth pose_source",
+    "run": "RunError agreements plan",
+    "sensor_pairs": "SensorPair sense_pairs",
+    "single": "picture",
+    "sources": "package source_hash",
+    "store": "LOG_LENGTH Outcome Store StoreError StoredJob",
+    "submit": "SubmitError submit_kitti submit_mot",
+    "suite": "Positive SuiteError check_names",
+    "suite_files": "SPLITS SUITES parse_suite",
+    "tables": "MEANINGS name_table speed_table",
+    "target_views": "TargetPose TargetViews calibrate_from_corners held_out_error_px "
+    "random_poses target_prisms target_view true_corners",
+    "workers": "BackendError EXTRAS WorkerError WorkerSettings in_parallel open_workers",
+}
+"""What else the tests of this repository use, by the file that defines it. It is not public."""
+
 if not TYPE_CHECKING:
-    __getattr__, __dir__ = lazy_names(__name__, _PLACES)
+    __getattr__, __dir__ = lazy_names(__name__, _PLACES, _PARTS)

@@ -3,6 +3,7 @@
 It imports nothing else of roadscope.
 """
 
+from roadscope._lazy import lazy_names
 from roadscope.core.category import Category, Family
 from roadscope.core.checks import RecordError
 from roadscope.core.detections import Detections, ImageDetections
@@ -49,3 +50,20 @@ __all__ = [
     "WheelSamples",
     "wrap_angle",
 ]
+
+_PARTS = {
+    "answers": "AnswerError check_tracks",
+    "bounds": "Bounds",
+    "box_overlap": "box_overlaps box_overlaps_3d overlapping_pairs pair_overlaps",
+    "fused": "FusedDetections",
+    "loading": "load_class",
+    "names": "unknown",
+    "pixel_truth": "GROUND_CLASS SCENERY_CLASS SKY_CLASS",
+    "projection": "Projection",
+    "record": "same_value",
+    "spec": "ORACLE",
+    "wire": "WireError decode encode",
+}
+"""Names by the file that defines them, loaded when first used: the face of this folder."""
+
+__getattr__, __dir__ = lazy_names(__name__, parts=_PARTS)

@@ -109,5 +109,20 @@ __all__ = [
     "saloon",
 ]
 
+_PARTS = {
+    "cloud": "Cloud",
+    "drops": "DROPS_M without_faint",
+    "evidence": "COUNTS count_returns shares_of_rays sort_to_cells",
+    "horizon": "Horizon",
+    "long_range": "LongRangeDetector",
+    "long_range_body": "AnsweredScan HEADING_RAD KnownCourse course_of likely_pose",
+    "long_range_scores": "FEATURES features shipped_model unsteadiness",
+    "pipeline": "ClusterDetector exclusive_rows",
+    "scoring": "ScoreModel scores",
+    "sorting": "median_of order_by order_within starts_of",
+    "stages": "STAGES options_of",
+}
+"""What else the tests of this repository use, by the file that defines it. It is not public."""
+
 if not TYPE_CHECKING:
-    __getattr__, __dir__ = lazy_names(__name__, _PLACES)
+    __getattr__, __dir__ = lazy_names(__name__, _PLACES, _PARTS)

@@ -55,5 +55,25 @@ __all__ = [
     "nearest_images",
 ]
 
+_PARTS = {
+    "baselines": "UnionFusion",
+    "bundle": "State descend refine",
+    "calibration": "CalibrationError decompose distances_px read_calibration solve_linear "
+    "write_calibration",
+    "calibration_target": "BeamDirections ScannedTarget TriangularTarget corners_in_image "
+    "corners_in_scans edge_errors image_errors range_errors scanned_target "
+    "stacked_measurements",
+    "candidates": "depths_of places_at",
+    "evidence": "FullConflictError MOST UNDECIDED camera_masses combine combine_or_keep "
+    "conflict decide lidar_masses masses_of",
+    "icp_boxes": "IcpBoxFusion",
+    "li2021": "Li2021Fusion",
+    "overlap": "ious projected_boxes",
+    "pairing": "ALONE ClocksApartError LIMIT_S moved_projection",
+    "weighted_boxes": "WeightedBoxFusion",
+    "weights": "OddsModel SecondOrderModel second_order table",
+}
+"""What else the tests of this repository use, by the file that defines it. It is not public."""
+
 if not TYPE_CHECKING:
-    __getattr__, __dir__ = lazy_names(__name__, _PLACES)
+    __getattr__, __dir__ = lazy_names(__name__, _PLACES, _PARTS)

@@ -82,5 +82,22 @@ __all__ = [
     "thinned",
 ]
 
+_PARTS = {
+    "above_ground": "sensor_height",
+    "api": "update_with_wheels",
+    "clock": "Clock RESTART",
+    "cloud_kernels": "deskewed",
+    "dead_reckoning": "DeadReckoningOdometry",
+    "eigen_kernels": "eigen3",
+    "imu_buffer": "ImuBuffer NO_SAMPLES",
+    "lego_loam": "LegoLoamOdometry",
+    "lidar_inertial": "LidarInertialOdometry",
+    "rigid": "adjoint exp_se3 exp_so3 hat inverse log_se3 log_so3 orthonormal",
+    "scatter": "LARGEST_NOISE_M LEAST_TRIPLES excessive_noise range_noise_m",
+    "still": "StillOdometry",
+    "zhang": "LARGEST_DYNAMIC_SHARE ZhangOdometry",
+}
+"""What else the tests of this repository use, by the file that defines it. It is not public."""
+
 if not TYPE_CHECKING:
-    __getattr__, __dir__ = lazy_names(__name__, _PLACES)
+    __getattr__, __dir__ = lazy_names(__name__, _PLACES, _PARTS)

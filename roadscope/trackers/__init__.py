@@ -145,5 +145,27 @@ __all__ = [
     "suppressed",
 ]
 
+_PARTS = {
+    "_assignment": "AssignmentStage assign_in_stages components",
+    "_detection_model": "ClutterDensity DetectionModel Existence ScoreCalibration",
+    "_existence": "log_odds_of_both",
+    "_existence_targets": "BoxEstimates DetectedBoxes Measurements Neighbours corrected_boxes "
+    "corrected_states expected_velocities hidden_shares oriented_covariances predicted_states",
+    "_gating": "FAMILIES",
+    "_imm": "ImmFilter mixed",
+    "_jpda": "mixture_moments one_to_one_pairs",
+    "_jpda_marginals": "EXACT_LIMIT association_marginals loopy_marginals",
+    "_kalman": "corrected corrected_with_likelihood predicted",
+    "_mctrack": "birds_eye_pairs ego_view_pairs",
+    "_motion": "NewTracks planar",
+    "_nearest": "ConstantVelocityFilter FilterNoise process_noise",
+    "_oc_sort": "Observations unit_vectors",
+    "_offline": "OfflineRules TargetTrajectory TrackNoise smoothed_states trajectories",
+    "_pmbm_hypotheses": "Hypotheses HypothesisLimits PairCosts Sizes best_assignments "
+    "continue_all continue_hypotheses",
+    "_traits": "DECIDED EDGES FOLDER TraitsChoice detector_names",
+}
+"""What else the tests of this repository use, by the file that defines it. It is not public."""
+
 if not TYPE_CHECKING:
-    __getattr__, __dir__ = lazy_names(__name__, _PLACES)
+    __getattr__, __dir__ = lazy_names(__name__, _PLACES, _PARTS)

@@ -5,7 +5,7 @@ import time
 import numpy as np
 
 from roadscope import Detections, ImageDetections, OdometryEstimate, OdometryStatus, Pose
-from roadscope.fusion.baselines import UnionFusion
+from roadscope.fusion import UnionFusion
 
 
 class Steady:

@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from roadscope.benchmarks.metrics.score import Score
+from roadscope.benchmarks.metrics import Score
 
 
 def job(

@@ -12,14 +12,20 @@ from interrupts import heed_interrupts
 from typer.testing import CliRunner
 
 from roadscope.__main__ import app
-from roadscope.benchmarks import calibrating
+from roadscope.benchmarks import (
+    PoseRow,
+    TargetViews,
+    calibrate_rig,
+    calibrating,
+    enough,
+    projection_of,
+    random_poses,
+    save_rig_calibration,
+    true_corners,
+)
 from roadscope.benchmarks import target_views as views_module
-from roadscope.benchmarks.calibrating import PoseRow, calibrate_rig, enough, save_rig_calibration
-from roadscope.benchmarks.images import projection_of
-from roadscope.benchmarks.target_views import TargetViews, random_poses, true_corners
 from roadscope.envs.sensors.rigs import rig
-from roadscope.fusion.calibration import CalibrationError, read_calibration
-from roadscope.fusion.calibration_target import TriangularTarget
+from roadscope.fusion import CalibrationError, TriangularTarget, read_calibration
 
 
 def true_views(carrier, poses: int, noise_px: float, seed: int = 0) -> TargetViews:

@@ -6,9 +6,10 @@ import pytest
 from scipy.stats import beta, ttest_rel
 from simulated_runs import job, run, run_of, score
 
-from roadscope.benchmarks.compare import CompareError, compare
-from roadscope.benchmarks.metrics.score import Score
-from roadscope.benchmarks.results.statistics import paired_interval, pooled_interval
+from roadscope.benchmarks import CompareError
+from roadscope.benchmarks.compare import compare
+from roadscope.benchmarks.metrics import Score
+from roadscope.benchmarks.results import paired_interval, pooled_interval
 
 METRICS = 40
 

@@ -2,8 +2,8 @@ import numpy as np
 import pytest
 from toy_boxes import detections, truth
 
-from roadscope.benchmarks.eligibility import Eligibility
-from roadscope.benchmarks.nodes.detections import oracle_detections
+from roadscope.benchmarks import Eligibility
+from roadscope.benchmarks.nodes import oracle_detections
 from roadscope.core import Pose, RecordError
 
 

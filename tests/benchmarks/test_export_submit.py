@@ -7,28 +7,31 @@ import numpy as np
 import pytest
 from toy_kitti import write_kitti
 
-from roadscope.benchmarks.boards.detection import detection_parts, detection_scores
-from roadscope.benchmarks.cache import FolderError
-from roadscope.benchmarks.compare import compare
-from roadscope.benchmarks.episode import Episode, sensed
-from roadscope.benchmarks.export_suite import (
+from roadscope.benchmarks import (
+    Episode,
     ExportError,
-    export_suite,
+    FolderError,
+    RunOptions,
+    SubmitError,
+    detection_source,
+    folder_estimates,
+    parked_among,
+    parse_suite,
     plan_export,
     read_manifest,
+    sensed,
+    submit_kitti,
+    submit_mot,
 )
-from roadscope.benchmarks.formats.trajectories import trajectory_text
-from roadscope.benchmarks.loop import RunOptions
-from roadscope.benchmarks.metrics.odometry import score_odometry
+from roadscope.benchmarks.boards import detection_parts, detection_scores
+from roadscope.benchmarks.compare import compare
+from roadscope.benchmarks.export_suite import export_suite
+from roadscope.benchmarks.formats import trajectory_text
+from roadscope.benchmarks.metrics import Trajectories, score_odometry
 from roadscope.benchmarks.metrics.tracking import score_tracks
-from roadscope.benchmarks.metrics.trajectory_errors import Trajectories
-from roadscope.benchmarks.nodes.detections import DetectionNode
-from roadscope.benchmarks.odometry_runner import folder_estimates
-from roadscope.benchmarks.parked import parked_among
-from roadscope.benchmarks.references import detection_source
-from roadscope.benchmarks.results.job_scores import JobScores
-from roadscope.benchmarks.submit import SubmitError, submit, submit_kitti, submit_mot
-from roadscope.benchmarks.suite_files import parse_suite
+from roadscope.benchmarks.nodes import DetectionNode
+from roadscope.benchmarks.results import JobScores
+from roadscope.benchmarks.submit import submit
 from roadscope.core import Category, Detections, Tracks, wrap_angle
 from roadscope.envs.sensors.rigs import rig
 from roadscope.formats import (

@@ -10,16 +10,16 @@ from typing import Any
 import numpy as np
 import pytest
 
-from roadscope.benchmarks.fingerprint import (
+from roadscope.benchmarks import (
     PACKAGE,
     code_hash,
-    fingerprint,
+    package,
     package_version,
     plugin_hash,
     sensing_hash,
     timeline_hash,
 )
-from roadscope.benchmarks.sources import package
+from roadscope.benchmarks.fingerprint import fingerprint
 from roadscope.core import Registry, SpecError
 from roadscope.detectors import DETECTORS
 from roadscope.detectors.camera import CAMERA_DETECTORS

@@ -14,12 +14,9 @@ from typing import Any, BinaryIO
 import pytest
 
 from roadscope import Episode
-from roadscope.benchmarks.graph import Job, Node, run_jobs
+from roadscope.benchmarks import Job, Node, Outcome, RunOptions, WorkerSettings, run_jobs
 from roadscope.benchmarks.isolation import PluginError
-from roadscope.benchmarks.loop import RunOptions
-from roadscope.benchmarks.metrics.score import Score
-from roadscope.benchmarks.store import Outcome
-from roadscope.benchmarks.workers import WorkerSettings
+from roadscope.benchmarks.metrics import Score
 
 
 class Text(str):

@@ -5,11 +5,8 @@ from importlib.metadata import EntryPoint
 import pytest
 from rich.console import Console
 
-from roadscope.benchmarks.listing import KINDS, names_of
-from roadscope.benchmarks.recorded.mot import MOT
-from roadscope.benchmarks.recorded.suite import KITTI
-from roadscope.benchmarks.suite_files import SUITES
-from roadscope.benchmarks.tables import name_table
+from roadscope.benchmarks import KINDS, SUITES, name_table, names_of
+from roadscope.benchmarks.recorded import KITTI, MOT
 from roadscope.core import Registry, registry
 from roadscope.detectors import DETECTORS
 from roadscope.detectors.camera import CAMERA_DETECTORS

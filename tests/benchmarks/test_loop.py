@@ -5,15 +5,21 @@ import pytest
 from toy_boxes import detections
 
 from roadscope import DETECTORS, TRACKERS, Detections, Pose, Tracks
-from roadscope.benchmarks.boards.board import call_cost
-from roadscope.benchmarks.eligibility import Eligibility
-from roadscope.benchmarks.episode import Episode, sensed
+from roadscope.benchmarks import (
+    DETECTOR,
+    TRACKER,
+    CallInput,
+    Eligibility,
+    Episode,
+    RunOptions,
+    run_plugin,
+    sensed,
+)
+from roadscope.benchmarks.boards import call_cost
 from roadscope.benchmarks.isolation import PluginError
-from roadscope.benchmarks.kinds import DETECTOR, TRACKER
-from roadscope.benchmarks.loop import CallInput, RunOptions, run_plugin
-from roadscope.benchmarks.nodes.detections import DetectionNode
-from roadscope.core.answers import AnswerError, check_tracks
-from roadscope.detectors.long_range import LongRangeDetector
+from roadscope.benchmarks.nodes import DetectionNode
+from roadscope.core import AnswerError, check_tracks
+from roadscope.detectors import LongRangeDetector
 
 EPISODE = Episode("two-way", 7, "lux", 1.0)
 TICKS = 12

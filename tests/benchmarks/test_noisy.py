@@ -11,11 +11,18 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from roadscope.benchmarks.eligibility import Eligibility
-from roadscope.benchmarks.episode import Episode
-from roadscope.benchmarks.nodes.detections import oracle_detections
-from roadscope.benchmarks.noisy import CLUTTER_SIZE_M, NOISES, NoiseModel, NoisyDetections
-from roadscope.benchmarks.references import detection_source, is_noise, made_from_truth
+from roadscope.benchmarks import (
+    CLUTTER_SIZE_M,
+    NOISES,
+    Eligibility,
+    Episode,
+    NoiseModel,
+    NoisyDetections,
+    detection_source,
+    is_noise,
+    made_from_truth,
+)
+from roadscope.benchmarks.nodes import oracle_detections
 from roadscope.core import Category, Detections, Pose, SpecError, Truth, wrap_angle
 
 EPISODE = Episode("intersection", 10_000, "hdl32e")

@@ -1,11 +1,10 @@
 import numpy as np
 import pytest
 
-from roadscope.benchmarks.episode import Episode
-from roadscope.benchmarks.nodes.images import lit_share
-from roadscope.benchmarks.noisy_camera import CAMERA_NOISES, LIT, CameraNoise, NoisyCamera
+from roadscope.benchmarks import CAMERA_NOISES, LIT, CameraNoise, Episode, NoisyCamera
+from roadscope.benchmarks.nodes import lit_share
 from roadscope.core import Category, Pose, Truth
-from roadscope.envs.imaging.pinhole import Pinhole
+from roadscope.envs.imaging import Pinhole
 
 LONG, WIDE = Pinhole.centred(1280, 960, 1600.0), Pinhole.centred(640, 480, 420.0)
 

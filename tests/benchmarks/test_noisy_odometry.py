@@ -9,13 +9,17 @@ from hypothesis import strategies as st
 from node_answers import poses_of
 
 from roadscope import Episode, Pose, leaderboard, load_suite
-from roadscope.benchmarks.listing import names_of
-from roadscope.benchmarks.metrics.odometry import score_odometry
-from roadscope.benchmarks.metrics.trajectory_errors import Trajectories
-from roadscope.benchmarks.nodes.poses import PoseNode
-from roadscope.benchmarks.noisy_odometry import ODOMETRY_NOISES, EgoNoise, noisy_poses
-from roadscope.benchmarks.references import check_ego, check_pose_source
-from roadscope.benchmarks.run import plan
+from roadscope.benchmarks import (
+    ODOMETRY_NOISES,
+    EgoNoise,
+    check_ego,
+    check_pose_source,
+    names_of,
+    noisy_poses,
+    plan,
+)
+from roadscope.benchmarks.metrics import Trajectories, score_odometry
+from roadscope.benchmarks.nodes import PoseNode
 from roadscope.core import SpecError
 
 NONE = {"scale": 0.0, "turn_deg": 0.0, "shift_m": 0.0, "shake_deg": 0.0}

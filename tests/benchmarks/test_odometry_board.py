@@ -12,14 +12,18 @@ from typer.testing import CliRunner
 
 from roadscope import ODOMETRIES, Episode, Results, Spec, leaderboard, load_suite
 from roadscope.__main__ import app
-from roadscope.benchmarks.boards.board import episodes
-from roadscope.benchmarks.drive import drive, imu_mounting, moving_in
-from roadscope.benchmarks.episode import sensing_of, timeline_of
-from roadscope.benchmarks.report.breakdowns import breakdown_tables
-from roadscope.benchmarks.report.tables import board_table
-from roadscope.benchmarks.run import plan
-from roadscope.benchmarks.suite import SuiteError
-from roadscope.benchmarks.suite_files import parse_suite
+from roadscope.benchmarks import (
+    SuiteError,
+    imu_mounting,
+    moving_in,
+    parse_suite,
+    plan,
+    sensing_of,
+    timeline_of,
+)
+from roadscope.benchmarks.boards import episodes
+from roadscope.benchmarks.drive import drive
+from roadscope.benchmarks.report import board_table, breakdown_tables
 from roadscope.core import SpecError
 
 PLUGINS = Path(__file__).parent / "sensor_plugins.py"

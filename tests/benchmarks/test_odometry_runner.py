@@ -14,7 +14,7 @@ from toy_drive import Drive, driven
 from typer.testing import CliRunner
 
 from roadscope.__main__ import app
-from roadscope.benchmarks.formats.trajectories import trajectory_text
+from roadscope.benchmarks.formats import trajectory_text
 from roadscope.benchmarks.isolation import PluginError
 from roadscope.core import Pose
 from roadscope.formats import read_trajectory
@@ -46,7 +46,7 @@ def test_poses_are_written(folder, form):
 
 
 def test_after_an_interrupt_poses_are_kept(folder, monkeypatch):
-    from roadscope.odometry.still import StillOdometry
+    from roadscope.odometry import StillOdometry
 
     update = StillOdometry.update
 

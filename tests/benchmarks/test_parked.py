@@ -1,7 +1,6 @@
 import numpy as np
 
-from roadscope.benchmarks.episode import Episode, sensed
-from roadscope.benchmarks.parked import parked_centres, parked_owners
+from roadscope.benchmarks import Episode, parked_centres, parked_owners, sensed
 
 EPISODE = Episode("intersection", 20000, "hdl32e", 1.0)
 

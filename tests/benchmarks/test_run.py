@@ -10,12 +10,18 @@ import numpy as np
 import pytest
 
 from roadscope import Results, leaderboard
-from roadscope.benchmarks.cache import FolderError
-from roadscope.benchmarks.episode import Episode, sensed, timeline_path
-from roadscope.benchmarks.nodes.tracks import ego_motions
-from roadscope.benchmarks.run import RunError, plan
-from roadscope.benchmarks.suite import Suite, SuiteError
-from roadscope.benchmarks.suite_files import parse_suite
+from roadscope.benchmarks import (
+    Episode,
+    FolderError,
+    RunError,
+    Suite,
+    SuiteError,
+    parse_suite,
+    plan,
+    sensed,
+    timeline_path,
+)
+from roadscope.benchmarks.nodes import ego_motions
 from roadscope.core import SpecError
 
 PLUGINS = Path(__file__).parent / "plugins.py"

@@ -14,18 +14,13 @@ from typer.testing import CliRunner
 
 from roadscope import CAMERA_DETECTORS, FUSIONS, Projection, Results, leaderboard, load_suite
 from roadscope.__main__ import app
-from roadscope.benchmarks.boards.board import episodes
-from roadscope.benchmarks.nodes.images import ImageNode
-from roadscope.benchmarks.records import EpisodeImageDetections
-from roadscope.benchmarks.references import image_source
-from roadscope.benchmarks.report.breakdowns import breakdown_tables
-from roadscope.benchmarks.report.tables import board_table
-from roadscope.benchmarks.run import plan
-from roadscope.benchmarks.suite_files import SUITES, parse_suite
+from roadscope.benchmarks import SUITES, EpisodeImageDetections, image_source, parse_suite, plan
+from roadscope.benchmarks.boards import episodes
+from roadscope.benchmarks.nodes import ImageNode
+from roadscope.benchmarks.report import board_table, breakdown_tables
 from roadscope.core import SpecError
-from roadscope.detectors.camera.network import ARCHITECTURE
-from roadscope.detectors.camera.weight_file import SHIPPED
-from roadscope.fusion.calibration import CalibrationResult, write_calibration
+from roadscope.detectors.camera import ARCHITECTURE, SHIPPED
+from roadscope.fusion import CalibrationResult, write_calibration
 
 SENSORS = Path(__file__).parent / "sensor_plugins.py"
 

@@ -9,12 +9,16 @@ from node_answers import detections_of, fusions_of
 from toy_sensors import TINY
 
 from roadscope import Episode
-from roadscope.benchmarks.boards.board import episodes
-from roadscope.benchmarks.episode import sensing_of
-from roadscope.benchmarks.images import image_rows, image_rows_of_scans, pictures
-from roadscope.benchmarks.references import LIDAR_ALONE
-from roadscope.benchmarks.suite_files import parse_suite
-from roadscope.fusion.pairing import LIMIT_S
+from roadscope.benchmarks import (
+    LIDAR_ALONE,
+    image_rows,
+    image_rows_of_scans,
+    parse_suite,
+    pictures,
+    sensing_of,
+)
+from roadscope.benchmarks.boards import episodes
+from roadscope.fusion import LIMIT_S
 
 
 @pytest.fixture(scope="module")

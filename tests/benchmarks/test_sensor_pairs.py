@@ -1,8 +1,7 @@
 import numpy as np
 
-from roadscope.benchmarks.nodes.fusions import targets_of
-from roadscope.core import Category, Pose, Truth
-from roadscope.core.projection import Projection
+from roadscope.benchmarks.nodes import targets_of
+from roadscope.core import Category, Pose, Projection, Truth
 
 OPTICAL = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
 PROJECTION = Projection.of(

@@ -4,8 +4,8 @@ from pathlib import Path
 
 import pytest
 
-from roadscope.benchmarks.metrics.score import Score, ratio, rms
-from roadscope.benchmarks.store import LOG_LENGTH, Outcome, Store, StoredJob, StoreError
+from roadscope.benchmarks import LOG_LENGTH, Outcome, Store, StoredJob, StoreError
+from roadscope.benchmarks.metrics import Score, ratio, rms
 
 SCORES = {
     "rate": ratio(3, 4),

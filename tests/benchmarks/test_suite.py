@@ -4,16 +4,25 @@ from pathlib import Path
 import pytest
 
 from roadscope import Spec
-from roadscope.benchmarks.boards import boards_of
-from roadscope.benchmarks.boards.camera import CameraSettings
-from roadscope.benchmarks.boards.fusion import FusionSettings
-from roadscope.benchmarks.boards.odometry import OdometrySettings
-from roadscope.benchmarks.boards.tracking import TrackingSettings
-from roadscope.benchmarks.eligibility import Eligibility
-from roadscope.benchmarks.kinds import entry_kind
-from roadscope.benchmarks.run import plan
-from roadscope.benchmarks.suite import BoardSettings, SuiteError, check_names
-from roadscope.benchmarks.suite_files import SPLITS, SUITES, load_suite, parse_suite
+from roadscope.benchmarks import (
+    SPLITS,
+    SUITES,
+    BoardSettings,
+    Eligibility,
+    SuiteError,
+    check_names,
+    entry_kind,
+    load_suite,
+    parse_suite,
+    plan,
+)
+from roadscope.benchmarks.boards import (
+    CameraSettings,
+    FusionSettings,
+    OdometrySettings,
+    TrackingSettings,
+    boards_of,
+)
 from roadscope.core import SpecError
 
 PLUGINS = Path(__file__).parent / "plugins.py"

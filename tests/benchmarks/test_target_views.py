@@ -1,18 +1,18 @@
 import numpy as np
 import pytest
 
-from roadscope.benchmarks.images import projection_of
-from roadscope.benchmarks.target_views import (
+from roadscope.benchmarks import (
     TargetPose,
     calibrate_from_corners,
     held_out_error_px,
+    projection_of,
     target_prisms,
     target_view,
-    target_views,
     true_corners,
 )
+from roadscope.benchmarks.target_views import target_views
 from roadscope.envs.sensors.rigs import rig
-from roadscope.fusion.calibration_target import TriangularTarget
+from roadscope.fusion import TriangularTarget
 
 
 def test_the_target_is_a_triangle_of_thin_slices() -> None:

@@ -8,15 +8,19 @@ import numpy as np
 import pytest
 
 from roadscope import Episode, leaderboard, run_episode
-from roadscope.benchmarks.episode import check_episode, sensed, timeline_path
-from roadscope.benchmarks.listing import names_of
+from roadscope.benchmarks import (
+    SuiteError,
+    check_episode,
+    names_of,
+    parse_suite,
+    picture,
+    plan,
+    sensed,
+    timeline_path,
+)
 from roadscope.benchmarks.manifest import manifest
-from roadscope.benchmarks.run import plan
-from roadscope.benchmarks.single import picture
-from roadscope.benchmarks.suite import SuiteError
-from roadscope.benchmarks.suite_files import parse_suite
 from roadscope.core import WEATHER
-from roadscope.envs.sensors.weather import WEATHERS
+from roadscope.envs.sensors import WEATHERS
 
 TINY = """
 name = "tiny"

@@ -10,7 +10,7 @@ from pathlib import Path
 import psutil
 import pytest
 
-from roadscope.benchmarks.workers import (
+from roadscope.benchmarks import (
     BackendError,
     WorkerError,
     WorkerSettings,

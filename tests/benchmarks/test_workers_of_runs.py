@@ -5,9 +5,8 @@ from pathlib import Path
 import pytest
 
 import roadscope
-from roadscope.benchmarks.run import RunError
-from roadscope.benchmarks.workers import EXTRAS, BackendError
-from roadscope.core.loading import Requirement
+from roadscope.benchmarks import EXTRAS, BackendError, RunError
+from roadscope.core import Requirement
 
 DEADLY = """
 import os, signal

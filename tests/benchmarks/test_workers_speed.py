@@ -8,13 +8,8 @@ from collections.abc import Callable
 
 import pytest
 
-from roadscope.benchmarks.boards import BOARDS
-from roadscope.benchmarks.boards.tracking import track_node
-from roadscope.benchmarks.eligibility import Eligibility
-from roadscope.benchmarks.episode import Episode
-from roadscope.benchmarks.graph import Job
-from roadscope.benchmarks.loop import RunOptions
-from roadscope.benchmarks.workers import WorkerSettings, open_workers
+from roadscope.benchmarks import Eligibility, Episode, Job, RunOptions, WorkerSettings, open_workers
+from roadscope.benchmarks.boards import BOARDS, track_node
 from roadscope.trackers import TRACKERS
 
 ITEMS = 40

@@ -3,8 +3,7 @@ from pathlib import Path
 
 import pytest
 
-from roadscope.benchmarks.cache import cache_folder
-from roadscope.benchmarks.cached_files import cache_usage, clear_cache, size_text
+from roadscope.benchmarks import cache_folder, cache_usage, clear_cache, size_text
 
 DIGEST = "0123456789abcdef"
 OURS = {

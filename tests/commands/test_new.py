@@ -7,9 +7,7 @@ from pathlib import Path
 import pytest
 
 import roadscope
-from roadscope.benchmarks.cache import FolderError
-from roadscope.benchmarks.suite import check_names
-from roadscope.benchmarks.suite_files import load_suite
+from roadscope.benchmarks import FolderError, check_names, load_suite
 from roadscope.benchmarks.templates import TEMPLATES, template_text, write_template
 from roadscope.core import SpecError
 

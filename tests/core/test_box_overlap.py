@@ -6,12 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from shapely.geometry import Polygon
 
-from roadscope.core.box_overlap import (
-    box_overlaps,
-    box_overlaps_3d,
-    overlapping_pairs,
-    pair_overlaps,
-)
+from roadscope.core import box_overlaps, box_overlaps_3d, overlapping_pairs, pair_overlaps
 
 LENGTHS = st.floats(0.2, 20.0)
 BOXES = st.tuples(

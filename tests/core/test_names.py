@@ -1,4 +1,4 @@
-from roadscope.core.names import unknown
+from roadscope.core import unknown
 
 KNOWN = ("nearest", "gnn", "jpda")
 

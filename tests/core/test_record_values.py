@@ -7,8 +7,15 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from roadscope.core import Category, Detections, ImageDetections, Pose, RecordError, Tracks
-from roadscope.core.fused import FusedDetections
+from roadscope.core import (
+    Category,
+    Detections,
+    FusedDetections,
+    ImageDetections,
+    Pose,
+    RecordError,
+    Tracks,
+)
 
 
 def in_space(n: int = 2, **changes: object) -> Detections:

@@ -4,8 +4,7 @@ from pathlib import Path
 import pytest
 
 from roadscope import Spec
-from roadscope.benchmarks.fingerprint import plugin_hash
-from roadscope.benchmarks.sources import source_hash
+from roadscope.benchmarks import plugin_hash, source_hash
 from roadscope.core import NotInstalledError, Registry, Requirement, SpecError
 from roadscope.trackers import TRACKERS
 

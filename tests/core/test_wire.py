@@ -19,9 +19,11 @@ from roadscope.core import (
     RecordError,
     Tracks,
     Truth,
+    WireError,
+    decode,
+    encode,
+    same_value,
 )
-from roadscope.core.record import same_value
-from roadscope.core.wire import WireError, decode, encode
 from tests.core.wire_values import NAMES, make_value
 
 records = st.builds(

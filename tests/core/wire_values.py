@@ -9,17 +9,17 @@ from roadscope.core import (
     CameraImage,
     Detections,
     Frame,
+    FusedDetections,
     ImageDetections,
     ImuSamples,
     LidarScan,
     OdometryEstimate,
     OdometryStatus,
     Pose,
+    Projection,
     Tracks,
     WheelSamples,
 )
-from roadscope.core.fused import FusedDetections
-from roadscope.core.projection import Projection
 
 
 def _make_pose(rng, count):

@@ -4,7 +4,7 @@ from hypothesis import strategies as st
 from toy_lidar import CALIBRATION, FRONT_M, HEIGHT_M, scan
 
 from roadscope.core import LidarScan, Pose
-from roadscope.detectors.cloud import Cloud
+from roadscope.detectors import Cloud
 
 
 def test_points_come_in_the_ego_frame_in_firing_order():

@@ -5,9 +5,7 @@ import pytest
 from toy_lidar import CALIBRATION
 
 from roadscope.core import Frame, LidarScan
-from roadscope.detectors.drops import DROPS_M, without_faint
-from roadscope.detectors.long_range import LongRangeDetector
-from roadscope.detectors.pipeline import ClusterDetector
+from roadscope.detectors import DROPS_M, ClusterDetector, LongRangeDetector, without_faint
 
 
 def made(points, intensity, stamp_s=1.0):

@@ -5,9 +5,8 @@ from hypothesis import strategies as st
 from toy_lidar import cloud
 
 from roadscope.core import wrap_angle
-from roadscope.detectors.cloud import Cloud
+from roadscope.detectors import Cloud, Horizon
 from roadscope.detectors.ground import grid_above_ground
-from roadscope.detectors.horizon import Horizon
 
 VIEW = (np.radians(-55.0), np.radians(55.0))
 NEAR, FAR = (20, 0.5, 4.6, 1.85, 1.5, 0), (40, 0, 4.6, 1.85, 1.5, 0)

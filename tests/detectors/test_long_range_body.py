@@ -5,18 +5,9 @@ import pytest
 from toy_lidar import CALIBRATION, scan
 
 from roadscope.core import Pose
-from roadscope.detectors.long_range_body import (
-    HEADING_RAD,
-    AnsweredScan,
-    KnownCourse,
-    course_of,
-    likely_pose,
-)
-from roadscope.detectors.moving.lidar import lidar_of
-from roadscope.detectors.moving.links import Chain
-from roadscope.detectors.moving.view import View
-from roadscope.detectors.pose import BodyModel
-from roadscope.detectors.pose.body_rays import body_scan
+from roadscope.detectors import HEADING_RAD, AnsweredScan, KnownCourse, course_of, likely_pose
+from roadscope.detectors.moving import Chain, View, lidar_of
+from roadscope.detectors.pose import BodyModel, body_scan
 
 FIGURES = {"range_noise_m": 0.02, "range_max_m": 100.0, "detection_limit": 0.4}
 CAR = (4.6, 1.85, 1.5)

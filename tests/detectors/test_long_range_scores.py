@@ -4,10 +4,9 @@ import numpy as np
 import pytest
 
 from roadscope.core import Pose
-from roadscope.detectors.long_range_scores import FEATURES, features, shipped_model, unsteadiness
-from roadscope.detectors.moving.extraction import Candidate
-from roadscope.detectors.moving.links import Chain, Sighting
-from roadscope.detectors.pose.estimate import VehiclePose
+from roadscope.detectors import FEATURES, features, shipped_model, unsteadiness
+from roadscope.detectors.moving import Candidate, Chain, Sighting
+from roadscope.detectors.pose import VehiclePose
 
 
 def sighting(k, y=0.0):

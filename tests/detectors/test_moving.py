@@ -7,15 +7,17 @@ from hypothesis import strategies as st
 from toy_lidar import CALIBRATION, scan
 
 from roadscope.core import Frame, LidarScan, Pose
-from roadscope.detectors.moving import Memory, extract
-from roadscope.detectors.moving.extraction import linked, whole_body
-from roadscope.detectors.moving.lidar import lidar_of
-from roadscope.detectors.moving.view import (
+from roadscope.detectors.moving import (
     NOISE_USUAL_M,
+    Memory,
     View,
     deskewed,
+    extract,
+    lidar_of,
+    linked,
     range_noise_of,
     thinned,
+    whole_body,
 )
 
 STEP_S = 0.1

@@ -4,7 +4,7 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from roadscope.detectors.moving.box_search import (
+from roadscope.detectors.moving import (
     BIN_M,
     BINS,
     DEEP_BINS,

@@ -5,9 +5,16 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from roadscope.core import wrap_angle
-from roadscope.detectors.moving.box_search import boxes_in, evidence_grid, slide, suppress
-from roadscope.detectors.moving.extraction import RULE, sorted_by_body
-from roadscope.detectors.moving.view import imaged, tabulate
+from roadscope.detectors.moving import (
+    RULE,
+    boxes_in,
+    evidence_grid,
+    imaged,
+    slide,
+    sorted_by_body,
+    suppress,
+    tabulate,
+)
 
 SIDES, CELL_M, LIMIT, LEAST = RULE
 ORIGIN = np.array([1.0, 0.5])

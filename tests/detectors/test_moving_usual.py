@@ -7,16 +7,16 @@ import numpy as np
 import pytest
 
 from roadscope.core import Category, Pose
-from roadscope.detectors.moving.extraction import Candidate
-from roadscope.detectors.moving.links import (
+from roadscope.detectors.moving import (
     RIDER_M,
     TRIED,
-    TURNS,
     TWO_WHEELERS,
+    Candidate,
     Chain,
     Sighting,
     usual,
 )
+from roadscope.detectors.moving.links import TURNS
 
 
 def chain(length, width, height, count=3, seed=0):

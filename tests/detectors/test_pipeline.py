@@ -7,12 +7,10 @@ from hypothesis import strategies as st
 from toy_lidar import frame
 
 from roadscope.core import Calibration, Category, Frame, LidarScan, Pose
-from roadscope.detectors import DETECTORS
+from roadscope.detectors import DETECTORS, STAGES, ClusterDetector, exclusive_rows, options_of
 from roadscope.detectors.clustering import CLUSTERINGS
 from roadscope.detectors.ground import GROUNDS
-from roadscope.detectors.pipeline import ClusterDetector, exclusive_rows
 from roadscope.detectors.shape import SHAPES, Vehicle
-from roadscope.detectors.stages import STAGES, options_of
 
 CARS = [(25, 0, 4.6, 1.85, 1.5, 0), (35, 4, 4.6, 1.85, 1.5, 0), (22, -6, 4.6, 1.85, 1.5, 1.57)]
 

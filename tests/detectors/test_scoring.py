@@ -7,16 +7,17 @@ from hypothesis import strategies as st
 from toy_lidar import HEIGHT_M, cloud
 
 from roadscope.core import Category
-from roadscope.detectors.evidence import (
+from roadscope.detectors import (
     COUNTS,
-    FEATURES,
+    Horizon,
+    ScoreModel,
     count_returns,
-    features,
+    scores,
     shares_of_rays,
     sort_to_cells,
 )
-from roadscope.detectors.horizon import Horizon
-from roadscope.detectors.scoring import ScoreModel, scores, shipped_model
+from roadscope.detectors.evidence import FEATURES, features
+from roadscope.detectors.scoring import shipped_model
 from roadscope.detectors.shape import Vehicle
 
 CAR = (22.0, 0.0, 4.6, 1.85, 1.5, 0.0)

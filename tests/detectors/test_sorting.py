@@ -4,7 +4,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from roadscope.detectors.sorting import median_of, order_by, order_within, starts_of
+from roadscope.detectors import median_of, order_by, order_within, starts_of
 
 sizes = st.integers(0, 300)
 

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from roadscope.envs.traffic.road_map import RoadMap
-from roadscope.envs.traffic.timeline import Timeline
+from roadscope.envs.traffic import RoadMap, Timeline
 
 
 def straight(lanes: int = 2, length_m: float = 300.0, width_m: float = 4.0) -> RoadMap:

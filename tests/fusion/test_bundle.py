@@ -7,16 +7,21 @@ import pytest
 from scipy.optimize import least_squares
 
 from roadscope.core import Pose
-from roadscope.fusion.bundle import State, descend, refine
-from roadscope.fusion.calibration import CalibrationError, calibrate, decompose, distances_px
-from roadscope.fusion.calibration_target import (
+from roadscope.fusion import (
     BeamDirections,
+    CalibrationError,
     ScannedTarget,
+    State,
     TriangularTarget,
+    calibrate,
     corners_in_scans,
+    decompose,
+    descend,
+    distances_px,
     edge_errors,
     image_errors,
     range_errors,
+    refine,
     scanned_target,
     stacked_measurements,
 )

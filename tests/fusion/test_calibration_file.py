@@ -3,8 +3,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from roadscope.core.projection import Projection
-from roadscope.fusion.calibration import (
+from roadscope.core import Projection
+from roadscope.fusion import (
     CalibrationError,
     CalibrationResult,
     read_calibration,

@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from roadscope.fusion.calibration import CalibrationError
-from roadscope.fusion.calibration_target import TriangularTarget, corners_in_image, corners_in_scans
+from roadscope.fusion import CalibrationError, TriangularTarget, corners_in_image, corners_in_scans
 
 TARGET = TriangularTarget()
 

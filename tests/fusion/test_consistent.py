@@ -3,11 +3,8 @@
 import numpy as np
 import pytest
 
-from roadscope.core import Category, Detections, ImageDetections, Pose
-from roadscope.core.projection import Projection
-from roadscope.fusion import FUSIONS
-from roadscope.fusion.candidates import depths_of, places_at
-from roadscope.fusion.overlap import projected_boxes
+from roadscope.core import Category, Detections, ImageDetections, Pose, Projection
+from roadscope.fusion import FUSIONS, depths_of, places_at, projected_boxes
 
 OPTICAL = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
 LOOK = Projection.of(

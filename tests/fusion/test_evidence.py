@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from roadscope.fusion.evidence import (
+from roadscope.fusion import (
     UNDECIDED,
     FullConflictError,
     combine,

@@ -3,10 +3,16 @@
 import numpy as np
 import pytest
 
-from roadscope.core import Category, Detections, Family, ImageDetections, Pose, TrackState
-from roadscope.core.projection import Projection
-from roadscope.fusion import FUSIONS
-from roadscope.fusion.overlap import projected_boxes
+from roadscope.core import (
+    Category,
+    Detections,
+    Family,
+    ImageDetections,
+    Pose,
+    Projection,
+    TrackState,
+)
+from roadscope.fusion import FUSIONS, projected_boxes
 from roadscope.trackers import TRACKERS, is_offline
 
 OPTICAL = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])

@@ -5,12 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from roadscope.core import Category, Detections, ImageDetections, Pose, RecordError
-from roadscope.core.projection import Projection
-from roadscope.fusion import FUSIONS
-from roadscope.fusion.cluster_boxes import ClusterBoxes
-from roadscope.fusion.overlap import projected_boxes
-from roadscope.fusion.pairing import ClocksApartError
+from roadscope.core import Category, Detections, ImageDetections, Pose, Projection, RecordError
+from roadscope.fusion import FUSIONS, ClocksApartError, ClusterBoxes, projected_boxes
 
 OPTICAL = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
 LOOK = Projection.of(

@@ -3,11 +3,8 @@
 import numpy as np
 import pytest
 
-from roadscope.core import Category, Detections, ImageDetections, Pose, RecordError
-from roadscope.core.projection import Projection
-from roadscope.fusion.evidence import camera_masses, combine, lidar_masses
-from roadscope.fusion.li2021 import Li2021Fusion
-from roadscope.fusion.overlap import projected_boxes
+from roadscope.core import Category, Detections, ImageDetections, Pose, Projection, RecordError
+from roadscope.fusion import Li2021Fusion, camera_masses, combine, lidar_masses, projected_boxes
 
 OPTICAL = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
 LOOK = Projection.of(

@@ -5,13 +5,10 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from roadscope.benchmarks.episode import Episode
-from roadscope.benchmarks.sensor_pairs import SensorPair, sense_pairs
+from roadscope.benchmarks import Episode, SensorPair, sense_pairs
 from roadscope.core import Category, Detections, ImageDetections
 from roadscope.detectors.camera import CAMERA_DETECTORS
-from roadscope.fusion.cluster_boxes import ClusterBoxes
-from roadscope.fusion.evidence import MOST, camera_masses, lidar_masses, masses_of
-from roadscope.fusion.overlap import ious
+from roadscope.fusion import MOST, ClusterBoxes, camera_masses, ious, lidar_masses, masses_of
 
 SEEDS = range(10320, 10322)
 FEWEST = 60

@@ -1,9 +1,8 @@
 import numpy as np
 import pytest
 
-from roadscope.core import Pose, RecordError
-from roadscope.core.projection import Projection
-from roadscope.fusion.pairing import ALONE, ClocksApartError, moved_projection, nearest_images
+from roadscope.core import Pose, Projection, RecordError
+from roadscope.fusion import ALONE, ClocksApartError, moved_projection, nearest_images
 
 
 def test_each_scan_takes_the_image_nearest_in_time() -> None:

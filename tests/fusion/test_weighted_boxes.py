@@ -1,11 +1,8 @@
 import numpy as np
 import pytest
 
-from roadscope.core import Category, Detections, ImageDetections, Pose
-from roadscope.core.projection import Projection
-from roadscope.fusion.icp_boxes import IcpBoxFusion
-from roadscope.fusion.overlap import projected_boxes
-from roadscope.fusion.weighted_boxes import WeightedBoxFusion
+from roadscope.core import Category, Detections, ImageDetections, Pose, Projection
+from roadscope.fusion import IcpBoxFusion, WeightedBoxFusion, projected_boxes
 
 OPTICAL = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
 LOOK = Projection.of(

@@ -21,8 +21,7 @@ from law_scenes import film as drive
 from toy_lidar import CALIBRATION, frame, scan
 
 from roadscope.core import Detections, Frame, LidarScan, Pose, RecordError
-from roadscope.detectors import DETECTORS
-from roadscope.detectors.api import Detector
+from roadscope.detectors import DETECTORS, Detector
 from roadscope.testing import contract_items
 
 SCENE = [

@@ -11,22 +11,20 @@ import numpy as np
 import pytest
 
 from roadscope.core import Frame, Truth
-from roadscope.envs.imaging.ground import Ground
-from roadscope.envs.imaging.pinhole import Pinhole
-from roadscope.envs.sensors.faults import (
+from roadscope.envs.imaging import Ground, Pinhole
+from roadscope.envs.sensors import (
     FAULTS,
     SEVERITIES,
     Fault,
+    Rig,
+    Sensing,
     condition_name,
     faults_of,
     summary_of,
 )
-from roadscope.envs.sensors.rig import Rig
 from roadscope.envs.sensors.rigs import rig
-from roadscope.envs.sensors.sensing import Sensing
-from roadscope.envs.traffic.scenarios import record
-from roadscope.envs.traffic.timeline import Timeline
-from roadscope.envs.world.ground import surface_of
+from roadscope.envs.traffic import Timeline, record
+from roadscope.envs.world import surface_of
 
 SEED, END_S = 43, 0.43
 Pairs = tuple[tuple[Frame, Truth], ...]

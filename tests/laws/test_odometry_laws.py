@@ -8,8 +8,7 @@ import pytest
 from toy_drive import Drive, columns_for, driven, emptied, kept, offset
 
 from roadscope.core import ImuSamples, Pose
-from roadscope.odometry import ODOMETRIES
-from roadscope.odometry.imu_buffer import NO_SAMPLES
+from roadscope.odometry import NO_SAMPLES, ODOMETRIES
 from roadscope.testing import PromiseError, contract_items
 
 READ_NO_SCANS = {"still", "dead-reckoning"}

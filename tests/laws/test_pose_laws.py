@@ -9,12 +9,16 @@ from hypothesis import Phase, given, settings
 from hypothesis import strategies as st
 from law_scenes import take
 
-from roadscope.benchmarks.papers.zhang2017_methods import ford_fusion
-from roadscope.benchmarks.papers.zhang2017_scene import sense_drive
+from roadscope.benchmarks.papers import ford_fusion, sense_drive
 from roadscope.core import Pose, RecordError
-from roadscope.detectors.pose import axis_difference, fit_multi, fit_ransac, fit_single
-from roadscope.detectors.pose.body_fit import BodyFit
-from roadscope.detectors.pose.smoother import Smoother
+from roadscope.detectors.pose import (
+    BodyFit,
+    Smoother,
+    axis_difference,
+    fit_multi,
+    fit_ransac,
+    fit_single,
+)
 
 SIZE = {"length_m": 4.87, "width_m": 1.85}
 

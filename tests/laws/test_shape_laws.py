@@ -8,10 +8,8 @@ from law_scenes import DECIDED, LIMITED, MOUNT
 from toy_lidar import scan
 
 from roadscope.core import Pose
-from roadscope.detectors.cloud import Cloud
-from roadscope.detectors.horizon import Horizon
-from roadscope.detectors.shape import SHAPES
-from roadscope.detectors.shape.cluster import Cluster, clusters
+from roadscope.detectors import Cloud, Horizon
+from roadscope.detectors.shape import SHAPES, Cluster, clusters
 
 TURNED = {
     # Headings a quarter degree apart are tried; which ones does not turn with the scene.

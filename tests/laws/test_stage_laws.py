@@ -23,9 +23,9 @@ from law_scenes import (
 )
 
 from roadscope.core import Frame, Pose
+from roadscope.detectors import ClusterDetector
 from roadscope.detectors.clustering import CLUSTERINGS
 from roadscope.detectors.ground import GROUNDS
-from roadscope.detectors.pipeline import ClusterDetector
 from roadscope.detectors.shape import SHAPES
 
 PAIRS = [

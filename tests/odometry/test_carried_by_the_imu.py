@@ -5,7 +5,7 @@ import pytest
 from toy_drive import emptied, moment
 
 from roadscope.core import ImuSamples, LidarScan, Pose
-from roadscope.odometry.dead_reckoning import DeadReckoningOdometry
+from roadscope.odometry import DeadReckoningOdometry
 
 RATE_HZ, PERIOD_S, G = 400, 0.1, 9.81
 

@@ -2,7 +2,7 @@
 
 import pytest
 
-from roadscope.odometry.clock import RESTART, Clock
+from roadscope.odometry import RESTART, Clock
 
 
 def ticks(*stamps):

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from node_answers import poses_of
 
-from roadscope.benchmarks.episode import Episode
-from roadscope.benchmarks.metrics.trajectory_errors import drift
+from roadscope.benchmarks import Episode
+from roadscope.benchmarks.metrics import drift
 
 SEEDS = range(10_000, 10_003)
 

@@ -3,8 +3,8 @@
 import pytest
 from node_answers import poses_of
 
-from roadscope.benchmarks.episode import Episode
-from roadscope.benchmarks.metrics.trajectory_errors import drift
+from roadscope.benchmarks import Episode
+from roadscope.benchmarks.metrics import drift
 from roadscope.odometry import ODOMETRIES
 
 PEERS = ("kiss-icp", "small-gicp", "rko-lio")

@@ -5,11 +5,16 @@ import pytest
 from toy_drive import Drive
 
 from roadscope.odometry import ODOMETRIES
-from roadscope.odometry.inertial import speed_check
-from roadscope.odometry.inertial.filter import InertialNoise, started
-from roadscope.odometry.inertial.speed_search import Speed
-from roadscope.odometry.inertial.standstill import LEAST_M_S, IntegratedSpeed
-from roadscope.odometry.inertial.track import ImuInterval, InertialTrack
+from roadscope.odometry.inertial import (
+    LEAST_M_S,
+    ImuInterval,
+    InertialNoise,
+    InertialTrack,
+    IntegratedSpeed,
+    Speed,
+    speed_check,
+    started,
+)
 
 GRAVITY = np.array([0, 0, 9.81])
 NOISE = InertialNoise()

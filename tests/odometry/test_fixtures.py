@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from roadscope.benchmarks.formats.scan_folder import rings_and_columns
+from roadscope.benchmarks.formats import rings_and_columns
 from roadscope.core import LidarScan
-from roadscope.odometry.inertial.speed_search import (
+from roadscope.odometry.inertial import (
     BeamTable,
     Ends,
     count_separate,

@@ -8,10 +8,16 @@ from node_answers import poses_of
 from toy_drive import Drive, driven, kept, offset
 
 from roadscope.core import ImuSamples, Pose
-from roadscope.envs.sensors.imu_spec import IMUS
-from roadscope.odometry import ODOMETRIES
-from roadscope.odometry.imu_buffer import ImuBuffer
-from roadscope.odometry.inertial.filter import (
+from roadscope.envs.sensors import IMUS
+from roadscope.odometry import (
+    ODOMETRIES,
+    ImuBuffer,
+    LidarInertialOdometry,
+    exp_se3,
+    exp_so3,
+    log_so3,
+)
+from roadscope.odometry.inertial import (
     FORCE,
     GRAVITY,
     GYRO,
@@ -21,22 +27,21 @@ from roadscope.odometry.inertial.filter import (
     SPEED,
     TURN,
     WHEELS,
+    Ends,
     InertialNoise,
+    InertialTrack,
+    RestHistory,
     diffusion,
     integrated,
+    measured_rest,
     propagate,
+    speed_of,
     started,
     transition,
     update_linear,
     update_pose,
 )
-from roadscope.odometry.inertial.speed_search import Ends, speed_of
-from roadscope.odometry.inertial.standstill import RestHistory, measured_rest
-from roadscope.odometry.inertial.track import InertialTrack
-from roadscope.odometry.lidar_inertial import LidarInertialOdometry
-from roadscope.odometry.rigid import exp_se3, exp_so3, log_so3
-from roadscope.odometry.voxels.free_space import CERTAIN, FreeSpace
-from roadscope.odometry.voxels.sweep import ThinnedScan
+from roadscope.odometry.voxels import CERTAIN, FreeSpace, ThinnedScan
 
 NOISE = InertialNoise()
 
@@ -338,8 +343,8 @@ def test_sizes_are_positive():
 )
 def test_traffic_does_not_pull(scenario, least_m, t_rel):
     """On a validation seed; a map that takes the traffic for the world drifts by 100 %."""
-    from roadscope.benchmarks.episode import Episode
-    from roadscope.benchmarks.metrics.trajectory_errors import drift
+    from roadscope.benchmarks import Episode
+    from roadscope.benchmarks.metrics import drift
 
     found = poses_of("lidar-inertial", Episode(scenario, 10_000, "vlp16-imu"))
     assert found.trajectories.distances[-1] > least_m
@@ -350,8 +355,8 @@ def test_traffic_does_not_pull(scenario, least_m, t_rel):
 @pytest.mark.slow
 @pytest.mark.parametrize("scenario", ["standing-in-traffic", "standing-barriers"])
 def test_standing_is_standing(scenario):
-    from roadscope.benchmarks.episode import Episode
-    from roadscope.benchmarks.metrics.odometry import score_standing
+    from roadscope.benchmarks import Episode
+    from roadscope.benchmarks.metrics import score_standing
 
     found = poses_of("lidar-inertial", Episode(scenario, 10_000, "vlp16-imu"))
     assert score_standing(found.trajectories, found.stamps_s).false_motion.value < 0.05

@@ -3,10 +3,17 @@
 import numpy as np
 import pytest
 
-from roadscope.odometry.inertial.filter import InertialNoise, started
-from roadscope.odometry.inertial.standstill import DOUBT_M, NEAR_M, RestHistory
-from roadscope.odometry.inertial.track import ImuInterval, InertialTrack, matched_with_prediction
-from roadscope.odometry.voxels.surfaces import VoxelMap
+from roadscope.odometry.inertial import (
+    DOUBT_M,
+    NEAR_M,
+    ImuInterval,
+    InertialNoise,
+    InertialTrack,
+    RestHistory,
+    matched_with_prediction,
+    started,
+)
+from roadscope.odometry.voxels import VoxelMap
 
 GRAVITY = np.array([0, 0, 9.81])
 NOISE = InertialNoise()

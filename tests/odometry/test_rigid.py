@@ -4,16 +4,18 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from roadscope.odometry.cloud_kernels import deskewed, placed, thinned
-from roadscope.odometry.eigen_kernels import eigen3
-from roadscope.odometry.rigid import (
+from roadscope.odometry import (
     adjoint,
+    deskewed,
+    eigen3,
     exp_se3,
     exp_so3,
     inverse,
     log_se3,
     log_so3,
     orthonormal,
+    placed,
+    thinned,
 )
 
 

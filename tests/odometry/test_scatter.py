@@ -6,12 +6,7 @@ import numpy as np
 import pytest
 from toy_drive import Drive
 
-from roadscope.odometry.scatter import (
-    LARGEST_NOISE_M,
-    LEAST_TRIPLES,
-    excessive_noise,
-    range_noise_m,
-)
+from roadscope.odometry import LARGEST_NOISE_M, LEAST_TRIPLES, excessive_noise, range_noise_m
 
 
 def louder(scan, sigma_m):

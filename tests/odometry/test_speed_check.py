@@ -5,11 +5,18 @@ import pytest
 from toy_drive import Drive
 
 from roadscope.odometry import ODOMETRIES, lidar_inertial
-from roadscope.odometry.inertial import speed_check
-from roadscope.odometry.inertial.filter import InertialNoise, resume, started
-from roadscope.odometry.inertial.speed_check import BELIEVED_S, FAR_M_S, SpeedCheck
-from roadscope.odometry.inertial.speed_search import Speed
-from roadscope.odometry.inertial.track import SLOW_M_S, InertialTrack
+from roadscope.odometry.inertial import (
+    BELIEVED_S,
+    FAR_M_S,
+    SLOW_M_S,
+    InertialNoise,
+    InertialTrack,
+    Speed,
+    SpeedCheck,
+    resume,
+    speed_check,
+    started,
+)
 
 HELD_M_S = 11.0
 

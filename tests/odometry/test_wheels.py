@@ -5,14 +5,18 @@ import pytest
 from node_answers import poses_of
 from toy_drive import driven, emptied, offset
 
+from roadscope.benchmarks import Episode
 from roadscope.benchmarks.drive import drive
-from roadscope.benchmarks.episode import Episode
 from roadscope.core import WheelSamples
-from roadscope.odometry import ODOMETRIES
-from roadscope.odometry.api import Odometry, WheeledOdometry, update_with_wheels
-from roadscope.odometry.inertial.filter import SPEED, WHEELS, InertialNoise, started
-from roadscope.odometry.inertial.track import InertialTrack
-from roadscope.odometry.inertial.wheel_buffer import WheelBuffer
+from roadscope.odometry import ODOMETRIES, Odometry, WheeledOdometry, update_with_wheels
+from roadscope.odometry.inertial import (
+    SPEED,
+    WHEELS,
+    InertialNoise,
+    InertialTrack,
+    WheelBuffer,
+    started,
+)
 
 LEVEL = np.array([0, 0, 9.81])
 

@@ -6,18 +6,24 @@ from hypothesis import given
 from hypothesis import strategies as st
 from toy_drive import driven
 
-from roadscope.odometry.above_ground import sensor_height
-from roadscope.odometry.clusters.features import NO_PARTNER, REACH_M, ClusterMatch, match_clusters
-from roadscope.odometry.clusters.segments import Clustering, Segments, centres_of, segments_of
-from roadscope.odometry.loam.feature_match import FeatureMatch
-from roadscope.odometry.loam.progress import (
+from roadscope.odometry import LARGEST_DYNAMIC_SHARE, ZhangOdometry, exp_se3, sensor_height
+from roadscope.odometry.clusters import (
+    NO_PARTNER,
+    REACH_M,
+    Clustering,
+    ClusterMatch,
+    Segments,
+    centres_of,
+    match_clusters,
+    segments_of,
+)
+from roadscope.odometry.loam import (
+    FeatureMatch,
     ImuPrediction,
     deskewed_between,
     misfit_of,
     with_prediction,
 )
-from roadscope.odometry.rigid import exp_se3
-from roadscope.odometry.zhang import LARGEST_DYNAMIC_SHARE, ZhangOdometry
 
 AHEAD = exp_se3(np.array([1.0, 0, 0, 0, 0, 0]))
 

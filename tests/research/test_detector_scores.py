@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from research import detector_scores as scores
-from roadscope.benchmarks.episode import Episode
+from roadscope.benchmarks import Episode
+from roadscope.detectors import ScoreModel
 from roadscope.detectors.evidence import FEATURES
-from roadscope.detectors.scoring import ScoreModel
 
 TRUE = ScoreModel(
     0.3, {"range_m": ((0.0, 30.0, 60.0), (2.0, 0.0, -3.0)), "deep": ((0.0, 1.0), (1.0, -2.0))}

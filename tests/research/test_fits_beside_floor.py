@@ -6,10 +6,15 @@ import numpy as np
 import pytest
 
 from research.information_floor import Knowledge, floor
-from roadscope.benchmarks.papers.zhang2017_claims import POSE_UNKNOWNS, consistent
-from roadscope.benchmarks.papers.zhang2017_methods import METHODS, errors, estimate
-from roadscope.benchmarks.papers.zhang2017_scene import sense_drive
-from roadscope.detectors.pose.estimate import axis_difference
+from roadscope.benchmarks.papers import (
+    METHODS,
+    POSE_UNKNOWNS,
+    consistent,
+    errors,
+    estimate,
+    sense_drive,
+)
+from roadscope.detectors.pose import axis_difference
 
 FITS = {1: "ours, 1 frame", 3: "ours, 3 frames", 7: "ours, 7 frames"}
 DRIVES = ("straight", "straight-past", "curve", "following-30")

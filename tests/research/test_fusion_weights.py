@@ -3,7 +3,7 @@ import tomllib
 import numpy as np
 
 from research.fusion_weights import logistic_weights, multinomial_weights, source
-from roadscope.fusion.weights import OddsModel, SecondOrderModel, second_order, table
+from roadscope.fusion import OddsModel, SecondOrderModel, second_order, table
 
 
 def test_logistic_weights_are_found_again() -> None:

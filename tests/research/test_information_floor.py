@@ -22,13 +22,11 @@ from research.ray_likelihood import (
     rays_of,
     receiver_of,
 )
-from roadscope.benchmarks.papers.zhang2017_methods import ford_fusion
-from roadscope.benchmarks.papers.zhang2017_scene import sense_drive
-from roadscope.detectors.pose.body_model import RADIUS, VALUES, part_of
-from roadscope.envs.raycast.cast import Columns, cast
-from roadscope.envs.raycast.scene import Scene
-from roadscope.envs.world.ford_saloon import with_corners
-from roadscope.envs.world.prisms import Prisms
+from roadscope.benchmarks.papers import ford_fusion, sense_drive
+from roadscope.detectors.pose import RADIUS, VALUES, part_of
+from roadscope.envs.raycast import Columns, Scene
+from roadscope.envs.raycast.cast import cast
+from roadscope.envs.world import Prisms, with_corners
 
 SEED = 12345
 

@@ -4,9 +4,8 @@ import numpy as np
 import pytest
 
 from research import detector_scores as scores
-from roadscope.benchmarks.episode import Episode
-from roadscope.detectors.long_range_scores import FEATURES
-from roadscope.detectors.scoring import ScoreModel
+from roadscope.benchmarks import Episode
+from roadscope.detectors import FEATURES, ScoreModel
 
 
 def test_samples_of_an_episode_are_fitted_and_written():

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from research import detector_scores as scores
-from roadscope.benchmarks.episode import Episode
+from roadscope.benchmarks import Episode
 from roadscope.detectors import long_range_scores, scoring
 
 ALL = [

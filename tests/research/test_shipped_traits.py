@@ -9,8 +9,7 @@ import pytest
 from toy_kitti import write_kitti
 
 from research.tracker_traits import main as fit
-from roadscope.trackers import read_detector
-from roadscope.trackers._traits import FOLDER
+from roadscope.trackers import FOLDER, read_detector
 
 KITTI = "kitti-pointrcnn.toml"
 CONSISTENT = "fused?lidar=cluster-boxes&camera=network&fusion=consistent"

@@ -5,9 +5,8 @@ import pytest
 
 from research import speed_casting
 from research.speed_casting import agreement, beside_open3d, import_open3d
-from roadscope.benchmarks.speed.casting import TILTS
-from roadscope.benchmarks.speed.rows import SpeedRow
-from roadscope.envs.raycast.cast import NOTHING, Hits
+from roadscope.benchmarks.speed import TILTS, SpeedRow
+from roadscope.envs.raycast import NOTHING, Hits
 
 
 def test_without_open3d_a_row_says_so(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -7,7 +7,7 @@ import pytest
 
 from research import speed_metrics as metrics
 from research.speed_metrics import measure_metrics, simulated_sequence
-from roadscope.benchmarks.speed.rows import SpeedRow
+from roadscope.benchmarks.speed import SpeedRow
 from roadscope.metrics import amota
 
 SMALL = {"frames": 6, "objects": 4, "set_frames": 3}

@@ -8,8 +8,8 @@ import pytest
 
 from research import speed_peers
 from research.speed_peers import BESIDE, measure_dbscan, measure_trackers_of_others
-from roadscope.benchmarks.speed.rows import SpeedRow, SpeedStep
-from roadscope.benchmarks.speed.trackers import COUNTS, LEAD, own_trackers
+from roadscope.benchmarks.speed import COUNTS, SpeedRow, SpeedStep, own_trackers
+from roadscope.benchmarks.speed.trackers import LEAD
 from roadscope.trackers import TRACKERS
 
 

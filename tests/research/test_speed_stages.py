@@ -19,9 +19,9 @@ from research.speed_stages import (
     missed_goals,
     odometry_stages,
 )
+from roadscope.benchmarks import Episode
 from roadscope.benchmarks.drive import drive
-from roadscope.benchmarks.episode import Episode
-from roadscope.benchmarks.speed.rows import SpeedRow
+from roadscope.benchmarks.speed import SpeedRow
 from roadscope.detectors.clustering import CLUSTERINGS
 from roadscope.detectors.ground import GROUNDS
 from roadscope.detectors.shape import SHAPES

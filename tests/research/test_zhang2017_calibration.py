@@ -21,12 +21,10 @@ from research.zhang2017_calibration import (
     passing_car,
     squared_errors,
 )
-from roadscope.benchmarks.papers.zhang2017_methods import OURS, ford_fusion
-from roadscope.benchmarks.papers.zhang2017_tables import frames_name
+from roadscope.benchmarks.papers import OURS, ford_fusion, frames_name
 from roadscope.core import wrap_angle
-from roadscope.detectors.pose.body_fit import TURN_SD
-from roadscope.detectors.pose.estimate import axis_difference
-from roadscope.envs.world.ford_saloon import CORNER_RADII_M, with_corners
+from roadscope.detectors.pose import TURN_SD, axis_difference
+from roadscope.envs.world import CORNER_RADII_M, with_corners
 
 SEED, CARS = 4000, 40
 """Outside the seeds of the published figures."""

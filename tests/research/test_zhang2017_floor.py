@@ -18,10 +18,19 @@ from research.zhang2017_floor import (
     judged,
     measure,
 )
-from roadscope.benchmarks.papers.zhang2017_claims import DriveMethod
-from roadscope.benchmarks.papers.zhang2017_methods import HEADING, MULTI, OURS, POSITION
-from roadscope.benchmarks.papers.zhang2017_scene import FOLLOWED_M, sense_drive
-from roadscope.benchmarks.papers.zhang2017_tables import INSIDE, NEES, SIMULATED, frames_name
+from roadscope.benchmarks.papers import (
+    FOLLOWED_M,
+    HEADING,
+    INSIDE,
+    MULTI,
+    NEES,
+    OURS,
+    POSITION,
+    SIMULATED,
+    DriveMethod,
+    frames_name,
+    sense_drive,
+)
 
 SEED = 12345
 DRIVES = (*SIMULATED, *(f"following-{metres}" for metres in FOLLOWED_M))

@@ -27,13 +27,13 @@ import psutil
 import roadscope.core
 from roadscope.core import (
     Detections,
+    FusedDetections,
     ImageDetections,
     OdometryEstimate,
     Pose,
     Tracks,
+    encode,
 )
-from roadscope.core.fused import FusedDetections
-from roadscope.core.wire import encode
 
 SOCKET = 3
 """The file number of the connection to the run."""

@@ -4,7 +4,7 @@ from collections.abc import Callable
 
 import pytest
 
-from roadscope.benchmarks.store import StoreError
+from roadscope.benchmarks import StoreError
 from tests.torture.boards import Run, Workshop
 
 Made = Callable[..., Workshop]

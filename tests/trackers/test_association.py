@@ -11,19 +11,20 @@ from scipy.stats import chi2
 from slow_kalman import mahalanobis_squared
 from tracked_scenes import both, boxes
 
-from roadscope.core import Category
-from roadscope.core.box_overlap import box_overlaps_3d
+from roadscope.core import Category, box_overlaps_3d
 from roadscope.trackers import (
+    AssignmentStage,
     assign_greedily,
+    assign_in_stages,
     assign_in_turn,
     assign_optimally,
     associate_nearest,
     chi_square_gate,
+    components,
     pairs_by_distance,
     pairs_by_likelihood,
     suppressed,
 )
-from roadscope.trackers._assignment import AssignmentStage, assign_in_stages, components
 
 seeds = st.integers(0, 2**32 - 1)
 sides = st.tuples(st.integers(0, 7), st.integers(0, 7))

@@ -7,22 +7,23 @@ from tracked_scenes import T as DT
 from tracked_scenes import boxes, identities, make, run
 
 from roadscope.core import Category, Pose, TrackState
-from roadscope.trackers import Gaussians, read_detector
-from roadscope.trackers._existence import log_odds_of_both
-from roadscope.trackers._existence_targets import (
+from roadscope.trackers import (
+    FAMILIES,
+    FOLDER,
     BoxEstimates,
     DetectedBoxes,
+    Gaussians,
     Measurements,
     Neighbours,
     corrected_boxes,
     corrected_states,
     expected_velocities,
     hidden_shares,
+    log_odds_of_both,
     oriented_covariances,
     predicted_states,
+    read_detector,
 )
-from roadscope.trackers._gating import FAMILIES
-from roadscope.trackers._traits import FOLDER
 
 UNKNOWN = read_detector("unknown").traits
 CAR = FAMILIES[Category.CAR]

@@ -9,9 +9,17 @@ from hypothesis import strategies as st
 from scipy.stats import multivariate_normal
 
 from roadscope.core import Pose
-from roadscope.trackers import ConstantAcceleration, ConstantVelocity, CoordinatedTurn, Gaussians
-from roadscope.trackers._kalman import corrected, corrected_with_likelihood, predicted
-from roadscope.trackers._motion import NewTracks, planar
+from roadscope.trackers import (
+    ConstantAcceleration,
+    ConstantVelocity,
+    CoordinatedTurn,
+    Gaussians,
+    NewTracks,
+    corrected,
+    corrected_with_likelihood,
+    planar,
+    predicted,
+)
 from roadscope.trackers._motion import predicted as moved_on
 
 seeds = st.integers(0, 2**32 - 1)

@@ -9,9 +9,10 @@ from roadscope.trackers import (
     ConstantVelocity,
     CoordinatedTurn,
     Gaussians,
+    ImmFilter,
     PositionFilter,
+    mixed,
 )
-from roadscope.trackers._imm import ImmFilter, mixed
 
 WALKS = (0.1, 2.0, 8.0)
 

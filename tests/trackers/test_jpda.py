@@ -7,20 +7,21 @@ from hypothesis.extra.numpy import arrays
 from tracked_scenes import boxes, make
 
 from roadscope.core import Detections, Pose, TrackState
-from roadscope.trackers import Gaussians, PositionFilter, TrackerTick
-from roadscope.trackers._detection_model import (
+from roadscope.trackers import (
+    EXACT_LIMIT,
+    FOLDER,
     ClutterDensity,
     DetectionModel,
     Existence,
+    Gaussians,
+    PositionFilter,
     ScoreCalibration,
-)
-from roadscope.trackers._jpda import mixture_moments, one_to_one_pairs
-from roadscope.trackers._jpda_marginals import (
-    EXACT_LIMIT,
+    TrackerTick,
     association_marginals,
     loopy_marginals,
+    mixture_moments,
+    one_to_one_pairs,
 )
-from roadscope.trackers._traits import FOLDER
 
 BOTH = pytest.mark.parametrize("kind", ["jpda", "pmbm"])
 

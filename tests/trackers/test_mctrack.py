@@ -4,7 +4,7 @@ from shapely import MultiPoint, Polygon, affinity, box
 from tracked_scenes import boxes, identities, make, run
 
 from roadscope.core import Pose
-from roadscope.trackers._mctrack import birds_eye_pairs, ego_view_pairs
+from roadscope.trackers import birds_eye_pairs, ego_view_pairs
 
 
 def cars(seed, n=6, spread=8.0):

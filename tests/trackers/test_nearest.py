@@ -3,7 +3,7 @@ import pytest
 from tracked_scenes import make
 
 from roadscope.core import Detections, Pose, TrackState
-from roadscope.trackers._nearest import ConstantVelocityFilter, FilterNoise, process_noise
+from roadscope.trackers import ConstantVelocityFilter, FilterNoise, process_noise
 
 T = 0.08
 

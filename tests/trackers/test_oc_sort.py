@@ -4,8 +4,7 @@ from dense_costs import candidates
 from tracked_scenes import T, boxes, identities, make, run
 
 from roadscope.core import Detections, TrackState
-from roadscope.trackers import PositionFilter
-from roadscope.trackers._oc_sort import Observations, unit_vectors
+from roadscope.trackers import Observations, PositionFilter, unit_vectors
 
 
 def braking(k):

@@ -6,11 +6,12 @@ from tracked_scenes import T as DT
 from tracked_scenes import boxes, identities, make
 
 from roadscope.core import Category, Detections, Pose, Tracks, TrackState
-from roadscope.trackers import offline_tracks, read_detector
-from roadscope.trackers._offline import (
+from roadscope.trackers import (
     OfflineRules,
     TargetTrajectory,
     TrackNoise,
+    offline_tracks,
+    read_detector,
     smoothed_states,
     trajectories,
 )

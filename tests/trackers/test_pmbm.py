@@ -10,11 +10,12 @@ from scipy.linalg import expm
 from tracked_scenes import T as DT
 from tracked_scenes import boxes, make
 
-from roadscope.trackers import ConstantVelocity, PositionFilter
-from roadscope.trackers._pmbm_hypotheses import (
+from roadscope.trackers import (
+    ConstantVelocity,
     Hypotheses,
     HypothesisLimits,
     PairCosts,
+    PositionFilter,
     Sizes,
     best_assignments,
     continue_all,

@@ -5,14 +5,7 @@ from hypothesis import strategies as st
 from tracked_scenes import make
 
 from roadscope.core import Category
-from roadscope.trackers import read_detector
-from roadscope.trackers._traits import (
-    DECIDED,
-    EDGES,
-    FOLDER,
-    TraitsChoice,
-    detector_names,
-)
+from roadscope.trackers import DECIDED, EDGES, FOLDER, TraitsChoice, detector_names, read_detector
 
 UNKNOWN = read_detector("unknown").traits
 KITTI = read_detector("kitti-pointrcnn")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
+from roadscope._lazy import lazy_names
 from roadscope.benchmarks.boards.board import Board
 from roadscope.benchmarks.boards.camera import CameraBoard
 from roadscope.benchmarks.boards.detection import DetectionBoard
@@ -64,3 +65,16 @@ def chosen_boards(suite: Suite, names: Sequence[str] | None) -> list[Board]:
         ranked = " and ".join(dict.fromkeys(f"{board.kind.name}s" for board in possible))
         raise SpecError(f"suite {suite.title} has recorded detections: it is for {ranked} only")
     return [board for board in possible if board.kind in kinds]
+
+
+_PARTS = {
+    "board": "Breakdown CONDITIONS Column JobOptions Scores call_cost episodes time_columns",
+    "camera": "CameraSettings",
+    "detection": "detection_parts detection_scores",
+    "fusion": "FusionSettings",
+    "odometry": "OdometrySettings",
+    "tracking": "OFFLINE TrackingSettings track_node with_each_ego",
+}
+"""Names by the file that defines them, loaded when first used: the face of this folder."""
+
+__getattr__, __dir__ = lazy_names(__name__, parts=_PARTS)

@@ -1,1 +1,18 @@
 """Readers and writers of files; `roadscope.formats` offers them to users."""
+
+from roadscope._lazy import lazy_names
+
+_PARTS = {
+    "kitti_frames": "CAMERA_FROM_EGO EGO_FROM_CAMERA NOT_COUNTED bottoms_from_centres "
+    "box_corners centres_from_bottoms clipped_image_boxes detections_from_rows image_boxes "
+    "observation_angles rotations_from_yaws yaws_from_rotations",
+    "kitti_labels": "CLASS_IDS DETECTED_TYPES DETECTION_COLUMNS LABEL_COLUMNS TYPE_NAMES",
+    "motchallenge": "CLASS_COLUMNS COLUMNS WORLD_COLUMNS",
+    "samples": "find_imu find_wheels parse_mounting rising_rows",
+    "scan_folder": "MAX_BEAM_HEIGHT_RAD rings_and_columns",
+    "tracking_rows": "logistic",
+    "trajectories": "trajectory_text",
+}
+"""Names by the file that defines them, loaded when first used: the face of this folder."""
+
+__getattr__, __dir__ = lazy_names(__name__, parts=_PARTS)

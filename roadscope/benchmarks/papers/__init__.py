@@ -7,6 +7,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from roadscope._lazy import lazy_names
 from roadscope.core import SpecError
 from roadscope.core.names import unknown
 
@@ -60,3 +61,27 @@ def note_of(paper: str, experiment: str) -> str | None:
     from roadscope.benchmarks.papers.reproduction import paper_of
 
     return paper_of(module_of(paper)).note_of(experiment)
+
+
+_PARTS = {
+    "lu2018_measures": "NO_TRACK TargetHistories track_targets",
+    "lu2018_scene": "KINDS sense_experiment",
+    "reproduction": "FAILS FigureKey HOLDS Limits OPEN POINTS ReproductionRow Verdict "
+    "YES_OR_NO by_figure differences judge judge_share measure_paper reproduce_module "
+    "summarise write_reproduction",
+    "reproduction_tables": "MOST_COLUMNS verdict_table",
+    "zhang2017_claims": "DriveMethod POSE_UNKNOWNS consistent nees_band our_claims "
+    "paper_claims time_claims",
+    "zhang2017_methods": "FROM_PARTS HEADING LATERAL LONGITUDINAL METHODS MULTI NO_ANSWER "
+    "ON_EVERY_DRIVE OURS POSITION RANSAC READINGS SINGLE TURNED errors estimate ford_fusion "
+    "medians_and_shares nees rmse",
+    "zhang2017_scene": "DRIVES FOLLOWED_M RobotLidar drive_of sense_drive sense_sweeps",
+    "zhang2017_tables": "INSIDE NEES PAPER PAPER_TIMES_MS SIMULATED frames_name",
+    "zhang2022": "AFTER BEFORE CLAIMED END EXPERIMENTS LEGO_LOAM LONG_ROUTE OTHER_FIGURES "
+    "OTHER_READINGS OdometryRun PRECISION READING_EXPERIMENTS RECALL REMOVAL RemovalVariant "
+    "SCAN_TO_SCAN TIME_MS WITH_MAP paper_figure removal",
+    "zhang2022_scene": "LOOP MiddleLine REMOVAL_CASES STRAIGHT STRAIGHT_M building sense_corridor",
+}
+"""Names by the file that defines them, loaded when first used: the face of this folder."""
+
+__getattr__, __dir__ = lazy_names(__name__, parts=_PARTS)

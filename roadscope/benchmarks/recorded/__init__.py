@@ -1,1 +1,15 @@
 """Recorded data in place of simulated traffic: suites, episodes, rules and scores."""
+
+from roadscope._lazy import lazy_names
+
+_PARTS = {
+    "combined": "COMBINED alpha_parts combined_band combined_hota combined_mota nees_band",
+    "mot": "ImagePlane MOT mot_suite",
+    "recording": "recordings_of",
+    "rules": "SIMILARITIES apply_kitti_rules apply_mot_rules",
+    "scores": "kitti_scores sequence_scores",
+    "suite": "KITTI kitti_suite",
+}
+"""Names by the file that defines them, loaded when first used: the face of this folder."""
+
+__getattr__, __dir__ = lazy_names(__name__, parts=_PARTS)

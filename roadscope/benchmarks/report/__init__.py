@@ -1,1 +1,15 @@
 """Shows results as tables, files and pictures."""
+
+from roadscope._lazy import lazy_names
+
+_PARTS = {
+    "board_files": "check_targets earlier_boards label_of",
+    "breakdowns": "breakdown_tables note",
+    "curves": "PANELS draw_curves has_curves",
+    "export": "latex_text save_all to_csv to_latex to_markdown",
+    "tables": "agreement_lines board_table comparison explanation failure_lines footnote",
+    "track_files": "folder_names save_tracks",
+}
+"""Names by the file that defines them, loaded when first used: the face of this folder."""
+
+__getattr__, __dir__ = lazy_names(__name__, parts=_PARTS)

@@ -1,1 +1,17 @@
 """How long the parts of the package take on this machine."""
+
+from roadscope._lazy import lazy_names
+
+_PARTS = {
+    "camera": "measure_camera",
+    "casting": "TILTS casting_steps parked_scene sensor_poses",
+    "detectors": "FRAMES LEAD SCENES detector_steps driven_frames measure_detectors timed_frames",
+    "measure": "PARTS measure_speed run_steps write_speed",
+    "odometry": "RIG measure_odometries own_odometries timed_scans",
+    "rows": "SpeedRow SpeedStep",
+    "trackers": "COUNTS CROWD detected_crowd detected_traffic measure_trackers own_trackers "
+    "timed_updates",
+}
+"""Names by the file that defines them, loaded when first used: the face of this folder."""
+
+__getattr__, __dir__ = lazy_names(__name__, parts=_PARTS)

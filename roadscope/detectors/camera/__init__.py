@@ -1,5 +1,6 @@
 """Detectors of road users in images, by name."""
 
+from roadscope._lazy import lazy_names
 from roadscope.core import Registry
 from roadscope.detectors.api import Detector
 
@@ -17,3 +18,14 @@ CAMERA_DETECTORS: Registry[Detector] = Registry(
 )
 
 __all__ = ["CAMERA_DETECTORS"]
+
+_PARTS = {
+    "calibration": "TERM_COUNT",
+    "decode": "AGREEING_IOU Answers Peaks SAME_IOU TRAITS UNIT_PX VOTING_IOU averaged distinct",
+    "detector": "BlankImageWarning CameraDetector squared",
+    "network": "ARCHITECTURE CentreNetwork Maps channels_last finer squares",
+    "weight_file": "BoxCalibration SHIPPED WeightsError load save",
+}
+"""Names by the file that defines them, loaded when first used: the face of this folder."""
+
+__getattr__, __dir__ = lazy_names(__name__, parts=_PARTS)

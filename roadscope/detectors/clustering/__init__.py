@@ -4,6 +4,7 @@ from collections.abc import Callable, Mapping
 
 import numpy as np
 
+from roadscope._lazy import lazy_names
 from roadscope.detectors.cloud import Cloud
 from roadscope.detectors.clustering.breakpoint import cluster_breakpoint
 from roadscope.detectors.clustering.density import (
@@ -53,3 +54,12 @@ __all__ = [
     "density_labels",
     "single_linkage",
 ]
+
+_PARTS = {
+    "breakpoint": "INCIDENCE_RAD MAX_STEPS reach",
+    "pag": "density_threshold label_cells pag_labels",
+    "range_angle": "SPACINGS TURN_ERROR quick_azimuth spacing",
+}
+"""Names by the file that defines them, loaded when first used: the face of this folder."""
+
+__getattr__, __dir__ = lazy_names(__name__, parts=_PARTS)

@@ -1,5 +1,6 @@
 """Vehicle pose from a few returns: on plain arrays, and on whole scans with all their rays."""
 
+from roadscope._lazy import lazy_names
 from roadscope.detectors.pose.body_fit import BodyFit
 from roadscope.detectors.pose.body_model import BodyModel, BodySection, saloon
 from roadscope.detectors.pose.estimate import VehiclePose, axis_difference
@@ -19,3 +20,17 @@ __all__ = [
     "fit_single",
     "saloon",
 ]
+
+_PARTS = {
+    "body_fit": "TURN_SD likely_answers with_glass",
+    "body_likelihood": "EXACTLY_DRAWN ROUGHLY_DRAWN ray_fits",
+    "body_model": "GLASS MOTION RADIUS VALUES fill_outlines new_outlines part_of",
+    "body_rays": "BodyRays EMPTY HIT PASSED body_scan",
+    "body_search": "BodyProblem split_rays",
+    "estimate": "pointing_away positive settled_origin settled_points",
+    "filter_kernels": "peak",
+    "ransac_kernels": "with_corner",
+}
+"""Names by the file that defines them, loaded when first used: the face of this folder."""
+
+__getattr__, __dir__ = lazy_names(__name__, parts=_PARTS)

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Mapping
 
+from roadscope._lazy import lazy_names
 from roadscope.detectors.horizon import Horizon
 from roadscope.detectors.shape.body import vehicles_by_body
 from roadscope.detectors.shape.cluster import Cluster, clusters
@@ -22,3 +23,14 @@ SHAPES: Mapping[str, Callable[..., list[Vehicle]]] = {
 """Name -> a `Shape`; keyword arguments beyond the two are its options."""
 
 __all__ = ["SHAPES", "Cluster", "Segment", "Shape", "Vehicle", "clusters", "fit_iepf"]
+
+_PARTS = {
+    "bodies": "BODIES body_table",
+    "cluster": "DEPTH_M contours",
+    "completion": "cut",
+    "l_shape": "AREA CLOSENESS VARIANCE hull_heading line_heading searched_heading",
+    "recognition": "FACES GAP_M HALF_FACE_M JOIN_M face_ends recognise split_ends",
+}
+"""Names by the file that defines them, loaded when first used: the face of this folder."""
+
+__getattr__, __dir__ = lazy_names(__name__, parts=_PARTS)

@@ -1,1 +1,12 @@
 """The ray caster: exact hits of rays on the world."""
+
+from roadscope._lazy import lazy_names
+
+_PARTS = {
+    "cast": "Columns GROUND Hits NOTHING",
+    "scene": "Scene",
+    "shapes": "CACHED_SHAPES clear_shapes shapes_of",
+}
+"""Names by the file that defines them, loaded when first used: the face of this folder."""
+
+__getattr__, __dir__ = lazy_names(__name__, parts=_PARTS)

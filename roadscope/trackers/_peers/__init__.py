@@ -1,1 +1,10 @@
 """Trackers of other libraries as trackers of ours: `pip install roadscope[peers]`."""
+
+from roadscope._lazy import lazy_names
+
+_PARTS = {
+    "roboflow": "upright_boxes",
+}
+"""Names by the file that defines them, loaded when first used: the face of this folder."""
+
+__getattr__, __dir__ = lazy_names(__name__, parts=_PARTS)

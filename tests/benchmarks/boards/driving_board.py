@@ -12,7 +12,21 @@ from typing import Any
 
 import numpy as np
 
-from roadscope.benchmarks.boards.board import (
+from roadscope.benchmarks import (
+    BoardSettings,
+    CallInput,
+    CallTimes,
+    Episode,
+    EpisodeRecord,
+    Job,
+    Kind,
+    Node,
+    Positive,
+    RunOptions,
+    Suite,
+    run_plugin,
+)
+from roadscope.benchmarks.boards import (
     CONDITIONS,
     Board,
     Breakdown,
@@ -23,15 +37,8 @@ from roadscope.benchmarks.boards.board import (
     episodes,
     time_columns,
 )
-from roadscope.benchmarks.episode import Episode
-from roadscope.benchmarks.graph import Job, Node
-from roadscope.benchmarks.kinds import Kind
-from roadscope.benchmarks.loop import CallInput, RunOptions, run_plugin
-from roadscope.benchmarks.metrics.score import Score
-from roadscope.benchmarks.records import CallTimes, EpisodeRecord
-from roadscope.benchmarks.suite import BoardSettings, Positive, Suite
-from roadscope.core import Registry, Spec
-from roadscope.core.answers import AnswerError
+from roadscope.benchmarks.metrics import Score
+from roadscope.core import AnswerError, Registry, Spec
 
 MOST_M_S2 = 8.0
 """No car brakes harder on a dry road. Chosen by hand."""

@@ -3,10 +3,19 @@
 import pytest
 
 from roadscope import load_suite
-from roadscope.benchmarks.boards import BOARDS, Board, board_named, boards_of, chosen_boards
-from roadscope.benchmarks.boards.board import JobOptions, call_cost, episodes
-from roadscope.benchmarks.boards.recorded import KITTI_BOARDS, MOT_BOARDS
-from roadscope.benchmarks.records import CallTimes
+from roadscope.benchmarks import CallTimes
+from roadscope.benchmarks.boards import (
+    BOARDS,
+    KITTI_BOARDS,
+    MOT_BOARDS,
+    Board,
+    JobOptions,
+    board_named,
+    boards_of,
+    call_cost,
+    chosen_boards,
+    episodes,
+)
 from roadscope.core import Spec, SpecError
 
 EVERY = (*BOARDS.values(), *KITTI_BOARDS, *MOT_BOARDS)

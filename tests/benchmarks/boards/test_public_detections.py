@@ -7,18 +7,18 @@ import pytest
 from rich.console import Console
 
 from roadscope import load_suite
-from roadscope.benchmarks.graph import Job, run_jobs
-from roadscope.benchmarks.metrics.score import Score
-from roadscope.benchmarks.report.breakdowns import breakdown_tables
-from roadscope.benchmarks.report.export import to_markdown
-from roadscope.benchmarks.report.tables import board_table, explanation, failure_lines
+from roadscope.benchmarks import Job, Outcome, Suite, SuiteError, parse_suite, plan, run_jobs
+from roadscope.benchmarks.metrics import Score
+from roadscope.benchmarks.report import (
+    board_table,
+    breakdown_tables,
+    explanation,
+    failure_lines,
+    to_markdown,
+)
 from roadscope.benchmarks.results import Results, gather
-from roadscope.benchmarks.run import plan
-from roadscope.benchmarks.store import Outcome
-from roadscope.benchmarks.suite import Suite, SuiteError
-from roadscope.benchmarks.suite_files import parse_suite
-from roadscope.core.spec import ORACLE
-from roadscope.envs.traffic.scenarios import SCENARIOS
+from roadscope.core import ORACLE
+from roadscope.envs.traffic import SCENARIOS
 
 TINY = """
 name = "tiny"

@@ -5,7 +5,7 @@ from itertools import combinations
 import numpy as np
 import pytest
 
-from roadscope.benchmarks.formats.samples import find_imu, parse_mounting, rising_rows
+from roadscope.benchmarks.formats import find_imu, parse_mounting, rising_rows
 from roadscope.formats import FormatError, read_imu
 
 ROWS = np.column_stack([10 + 0.0025 * np.arange(5), np.tile([0.1, 0.2, 0.3, 1, 2, 9.8], (5, 1))])

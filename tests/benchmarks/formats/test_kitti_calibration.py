@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from toy_kitti import EGO_SPEED_M_S, FRAMES, write_kitti
 
-from roadscope.benchmarks.formats.kitti_frames import CAMERA_FROM_EGO, EGO_FROM_CAMERA
+from roadscope.benchmarks.formats import CAMERA_FROM_EGO, EGO_FROM_CAMERA
 from roadscope.core import Pose
 from roadscope.formats import (
     FormatError,

@@ -4,7 +4,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from toy_kitti import IMAGE_SIZE, P2, tracks_at, write_kitti
 
-from roadscope.benchmarks.formats.kitti_frames import detections_from_rows
+from roadscope.benchmarks.formats import detections_from_rows
 from roadscope.core import Category, Pose, Tracks, wrap_angle
 from roadscope.formats import (
     KittiType,

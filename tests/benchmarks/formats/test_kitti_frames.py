@@ -3,7 +3,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from roadscope.benchmarks.formats.kitti_frames import (
+from roadscope.benchmarks.formats import (
     CAMERA_FROM_EGO,
     bottoms_from_centres,
     box_corners,

@@ -3,10 +3,9 @@
 import numpy as np
 import pytest
 
-from roadscope.benchmarks.drive import drive, imu_mounting
-from roadscope.benchmarks.episode import Episode
-from roadscope.benchmarks.formats.scan_folder import MAX_BEAM_HEIGHT_RAD, rings_and_columns
-from roadscope.benchmarks.odometry_runner import RecordedImu, folder_estimates
+from roadscope.benchmarks import Episode, RecordedImu, folder_estimates, imu_mounting
+from roadscope.benchmarks.drive import drive
+from roadscope.benchmarks.formats import MAX_BEAM_HEIGHT_RAD, rings_and_columns
 from roadscope.core import ImuSamples
 from roadscope.formats import ScanFolder
 from roadscope.odometry import ODOMETRIES

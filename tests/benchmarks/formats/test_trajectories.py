@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from roadscope.benchmarks.formats.trajectories import trajectory_text
+from roadscope.benchmarks.formats import trajectory_text
 from roadscope.core import Pose
 from roadscope.formats import FormatError, read_trajectory
-from roadscope.odometry.rigid import exp_se3
+from roadscope.odometry import exp_se3
 
 
 @pytest.fixture

@@ -2,7 +2,7 @@
 
 import pytest
 
-from roadscope.benchmarks.formats.samples import find_wheels
+from roadscope.benchmarks.formats import find_wheels
 from roadscope.formats import FormatError, read_wheels
 
 

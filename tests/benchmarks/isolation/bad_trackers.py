@@ -12,8 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-from roadscope.core import Detections, Tracks
-from roadscope.core.wire import encode
+from roadscope.core import Detections, Tracks, encode
 
 
 class Good:

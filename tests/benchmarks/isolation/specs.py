@@ -7,8 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from roadscope.core import Detections
-from roadscope.core.loading import load_class
+from roadscope.core import Detections, load_class
 
 BAD = Path(__file__).with_name("bad_trackers.py")
 

@@ -4,16 +4,16 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from sklearn.metrics import average_precision_score
 
-from roadscope.benchmarks.metrics.average_precision import (
+from roadscope.benchmarks.metrics import (
     FALSE_ALARM,
     IGNORED,
-    average_precision,
+    Pairing,
     match_greedily,
     overlap_precision,
     precision_by_group,
     rank_by_distance,
 )
-from roadscope.benchmarks.metrics.matching import Pairing
+from roadscope.benchmarks.metrics.average_precision import average_precision
 
 
 def pairing(distances, eligible=None) -> Pairing:

@@ -6,12 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from toy_boxes import detections, truth
 
-from roadscope.benchmarks.metrics.detection import (
-    axis_error_deg,
-    box_errors,
-    box_overlaps_from_above,
-)
-from roadscope.benchmarks.metrics.matching import Match
+from roadscope.benchmarks.metrics import Match, axis_error_deg, box_errors, box_overlaps_from_above
 
 NONE = np.empty(0, np.int64)
 

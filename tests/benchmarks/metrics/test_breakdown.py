@@ -4,9 +4,14 @@ import numpy as np
 import pytest
 from toy_boxes import detections, truth
 
-from roadscope.benchmarks.eligibility import Eligibility
-from roadscope.benchmarks.metrics.breakdown import BANDS, part_name, split_name
-from roadscope.benchmarks.metrics.detection import score_detections, score_detections_by_band
+from roadscope.benchmarks import Eligibility
+from roadscope.benchmarks.metrics import (
+    BANDS,
+    part_name,
+    score_detections,
+    score_detections_by_band,
+    split_name,
+)
 from roadscope.core import Pose
 
 RULE = Eligibility(range_m=(0.0, 80.0), min_returns=5)

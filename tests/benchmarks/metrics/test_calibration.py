@@ -3,12 +3,7 @@ import math
 import numpy as np
 import pytest
 
-from roadscope.benchmarks.metrics.calibration import (
-    calibration_error,
-    excess,
-    pooled_calibration,
-    score_bins,
-)
+from roadscope.benchmarks.metrics import calibration_error, excess, pooled_calibration, score_bins
 
 
 def test_bins_take_in_both_ends() -> None:

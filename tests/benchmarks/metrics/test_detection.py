@@ -6,8 +6,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from toy_boxes import detections, truth
 
-from roadscope.benchmarks.eligibility import Eligibility
-from roadscope.benchmarks.metrics.detection import score_detections
+from roadscope.benchmarks import Eligibility
+from roadscope.benchmarks.metrics import score_detections
 
 RULE = Eligibility(range_m=(0.0, 60.0), min_returns=10)
 

@@ -1,15 +1,15 @@
 import numpy as np
 import pytest
 
-from roadscope.benchmarks.metrics.average_precision import FALSE_ALARM, IGNORED
-from roadscope.benchmarks.metrics.fusion import (
+from roadscope.benchmarks.metrics import (
+    FALSE_ALARM,
+    IGNORED,
     FusionTargets,
     fusion_rates,
     match_targets,
     threshold_at,
 )
-from roadscope.core import Category
-from roadscope.core.fused import FusedDetections
+from roadscope.core import Category, FusedDetections
 
 CAR, PERSON = 0, 2
 

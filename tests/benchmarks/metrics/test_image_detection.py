@@ -3,8 +3,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from roadscope.benchmarks.metrics.image_detection import score_images
-from roadscope.benchmarks.metrics.image_labels import PARKED, Labels, ParkedBoxes, labels_of
+from roadscope.benchmarks.metrics import PARKED, Labels, ParkedBoxes, labels_of, score_images
 from roadscope.core import ImageDetections, Pose, Truth
 
 CAR, CYCLIST, PERSON = 0, 5, 6

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from roadscope.benchmarks.metrics.image_detection import LabelledImage, image_precision
+from roadscope.benchmarks.metrics import LabelledImage, image_precision
 
 LARGE = 32.0**2
 

@@ -5,7 +5,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from roadscope.benchmarks.metrics.matching import Pairing, assign, centre_distances, match
+from roadscope.benchmarks.metrics import Pairing, assign, centre_distances, match
 
 matrices = hnp.arrays(
     np.float64, hnp.array_shapes(min_dims=2, max_dims=2, max_side=4), elements=st.floats(0, 5)

@@ -9,20 +9,23 @@ import pytest
 from toy_boxes import detections, truth
 
 from roadscope import TRACKERS, Episode, Pose, Spec, Tracks
-from roadscope.benchmarks.boards import BOARDS
-from roadscope.benchmarks.boards.board import JobOptions
-from roadscope.benchmarks.boards.tracking import track_node, with_each_ego
-from roadscope.benchmarks.eligibility import Eligibility
-from roadscope.benchmarks.episode import sensed
-from roadscope.benchmarks.graph import Job, run_jobs
+from roadscope.benchmarks import (
+    CallTimes,
+    Eligibility,
+    EpisodeDetections,
+    EpisodePoses,
+    Job,
+    RunOptions,
+    SuiteError,
+    load_suite,
+    parse_suite,
+    pose_source,
+    run_jobs,
+    sensed,
+)
+from roadscope.benchmarks.boards import BOARDS, JobOptions, track_node, with_each_ego
 from roadscope.benchmarks.isolation import PluginError
-from roadscope.benchmarks.loop import RunOptions
-from roadscope.benchmarks.nodes.poses import PoseNode, start_from_ego
-from roadscope.benchmarks.nodes.tracks import track
-from roadscope.benchmarks.records import CallTimes, EpisodeDetections, EpisodePoses
-from roadscope.benchmarks.references import pose_source
-from roadscope.benchmarks.suite import SuiteError
-from roadscope.benchmarks.suite_files import load_suite, parse_suite
+from roadscope.benchmarks.nodes import PoseNode, start_from_ego, track
 from roadscope.core import SpecError
 
 NAMES = ("gnn", "ab3dmot", "existence", "imm")

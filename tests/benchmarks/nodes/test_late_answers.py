@@ -7,13 +7,9 @@ import numpy as np
 import pytest
 
 from roadscope import DETECTORS, TRACKERS, Episode
-from roadscope.benchmarks.eligibility import Eligibility
-from roadscope.benchmarks.episode import sensed
+from roadscope.benchmarks import Eligibility, EpisodeDetections, RunOptions, sensed
 from roadscope.benchmarks.isolation import PluginError
-from roadscope.benchmarks.loop import RunOptions
-from roadscope.benchmarks.nodes.detections import DetectionNode
-from roadscope.benchmarks.nodes.tracks import track
-from roadscope.benchmarks.records import EpisodeDetections
+from roadscope.benchmarks.nodes import DetectionNode, track
 from roadscope.core import Truth
 
 PLUGINS = Path(__file__).with_name("late_detectors.py")

@@ -7,9 +7,9 @@ import pytest
 from toy_boxes import detections, truth
 
 from roadscope import TRACKERS
+from roadscope.benchmarks import EpisodeDetections
 from roadscope.benchmarks.isolation import PluginError
-from roadscope.benchmarks.nodes.tracks import is_offline, scores_tentative_tracks, track
-from roadscope.benchmarks.records import EpisodeDetections
+from roadscope.benchmarks.nodes import is_offline, scores_tentative_tracks, track
 
 PLUGINS = Path(__file__).with_name("offline_trackers.py")
 

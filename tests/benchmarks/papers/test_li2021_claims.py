@@ -7,8 +7,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from roadscope.benchmarks.papers import li2021
-from roadscope.benchmarks.papers.reproduction import FigureKey
+from roadscope.benchmarks.papers import FigureKey, li2021
 
 SEEDS = range(10300, 10306)
 CHANCE = 2.57

@@ -1,14 +1,11 @@
 import numpy as np
 import pytest
 
-from roadscope.benchmarks.metrics.fusion import FusionTargets, fusion_rates, match_targets
-from roadscope.benchmarks.papers import li2021
-from roadscope.benchmarks.papers.reproduction import FigureKey, by_figure
-from roadscope.benchmarks.papers.reproduction_tables import MOST_COLUMNS
-from roadscope.benchmarks.sensor_pairs import SensorPair
-from roadscope.core import Calibration, Detections, Frame, ImageDetections, Pose, Truth
-from roadscope.core.projection import Projection
-from roadscope.fusion.overlap import projected_boxes
+from roadscope.benchmarks import SensorPair
+from roadscope.benchmarks.metrics import FusionTargets, fusion_rates, match_targets
+from roadscope.benchmarks.papers import MOST_COLUMNS, FigureKey, by_figure, li2021
+from roadscope.core import Calibration, Detections, Frame, ImageDetections, Pose, Projection, Truth
+from roadscope.fusion import projected_boxes
 
 OPTICAL = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
 PROJECTION = Projection.of(

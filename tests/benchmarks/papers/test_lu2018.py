@@ -5,13 +5,19 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from roadscope.benchmarks.papers import lu2018, lu2018_scene
+from roadscope.benchmarks.papers import (
+    KINDS,
+    NO_TRACK,
+    TargetHistories,
+    by_figure,
+    lu2018,
+    lu2018_scene,
+    sense_experiment,
+    track_targets,
+)
 from roadscope.benchmarks.papers import lu2018_measures as measures
-from roadscope.benchmarks.papers.lu2018_measures import NO_TRACK, TargetHistories, track_targets
-from roadscope.benchmarks.papers.lu2018_scene import KINDS, sense_experiment
-from roadscope.benchmarks.papers.reproduction import by_figure
 from roadscope.core import Detections
-from roadscope.envs.traffic.lu2018 import SCRIPTS, Event, Script
+from roadscope.envs.traffic import SCRIPTS, Event, Script
 
 SEED = 12345
 """Outside the seeds of the published figures."""

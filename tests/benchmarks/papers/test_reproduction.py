@@ -6,7 +6,7 @@ import pytest
 import toy_paper
 from rich.console import Console
 
-from roadscope.benchmarks.papers.reproduction import (
+from roadscope.benchmarks.papers import (
     FAILS,
     HOLDS,
     OPEN,
@@ -22,9 +22,10 @@ from roadscope.benchmarks.papers.reproduction import (
     measure_paper,
     reproduce_module,
     summarise,
+    verdict_table,
     write_reproduction,
 )
-from roadscope.benchmarks.papers.reproduction_tables import reproduction_tables, verdict_table
+from roadscope.benchmarks.papers.reproduction_tables import reproduction_tables
 
 KEY = FigureKey("one", "pag", "error")
 

@@ -5,17 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from roadscope.benchmarks.papers import zhang2017
-from roadscope.benchmarks.papers import zhang2017_claims as claims
-from roadscope.benchmarks.papers import zhang2017_tables as tables
-from roadscope.benchmarks.papers.reproduction import by_figure
-from roadscope.benchmarks.papers.zhang2017_claims import (
-    nees_band,
-    our_claims,
-    paper_claims,
-    time_claims,
-)
-from roadscope.benchmarks.papers.zhang2017_methods import (
+from roadscope.benchmarks.papers import (
+    FOLLOWED_M,
     FROM_PARTS,
     HEADING,
     LATERAL,
@@ -25,20 +16,30 @@ from roadscope.benchmarks.papers.zhang2017_methods import (
     NO_ANSWER,
     ON_EVERY_DRIVE,
     OURS,
+    PAPER,
+    PAPER_TIMES_MS,
     POSITION,
     RANSAC,
     READINGS,
+    SIMULATED,
     SINGLE,
     TURNED,
+    by_figure,
     errors,
     estimate,
     medians_and_shares,
     nees,
+    nees_band,
+    our_claims,
+    paper_claims,
     rmse,
+    sense_drive,
+    time_claims,
+    zhang2017,
 )
-from roadscope.benchmarks.papers.zhang2017_scene import FOLLOWED_M, sense_drive
-from roadscope.benchmarks.papers.zhang2017_tables import PAPER, PAPER_TIMES_MS, SIMULATED
-from roadscope.detectors.pose.estimate import VehiclePose
+from roadscope.benchmarks.papers import zhang2017_claims as claims
+from roadscope.benchmarks.papers import zhang2017_tables as tables
+from roadscope.detectors.pose import VehiclePose
 
 SEED = 12345
 """Outside the seeds of the published figures."""

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from roadscope.benchmarks.papers.zhang2017_scene import DRIVES, drive_of, sense_drive
+from roadscope.benchmarks.papers import DRIVES, drive_of, sense_drive
 
 SEED = 12345
 """Outside the seeds of the published figures."""

@@ -3,40 +3,41 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from roadscope.benchmarks.papers import zhang2022
-from roadscope.benchmarks.papers.reproduction import FAILS, HOLDS, OPEN, FigureKey
-from roadscope.benchmarks.papers.zhang2022 import (
+from roadscope.benchmarks.papers import (
     AFTER,
     BEFORE,
     CLAIMED,
     END,
     EXPERIMENTS,
+    FAILS,
+    HOLDS,
     LEGO_LOAM,
     LONG_ROUTE,
+    LOOP,
+    OPEN,
     OTHER_FIGURES,
     OTHER_READINGS,
     PRECISION,
     READING_EXPERIMENTS,
-    READINGS,
     RECALL,
     REMOVAL,
-    SCAN_TO_SCAN,
-    TIME_MS,
-    WITH_MAP,
-    OdometryRun,
-    RemovalVariant,
-    paper_figure,
-    removal,
-)
-from roadscope.benchmarks.papers.zhang2022_scene import (
-    LOOP,
     REMOVAL_CASES,
+    SCAN_TO_SCAN,
     STRAIGHT,
     STRAIGHT_M,
+    TIME_MS,
+    WITH_MAP,
+    FigureKey,
     MiddleLine,
+    OdometryRun,
+    RemovalVariant,
     building,
+    paper_figure,
+    removal,
     sense_corridor,
+    zhang2022,
 )
+from roadscope.benchmarks.papers.zhang2022 import READINGS
 
 
 def by_quantity(figures):

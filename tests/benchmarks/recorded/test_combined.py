@@ -4,18 +4,18 @@ import numpy as np
 import pytest
 
 from research.speed_metrics import as_trackeval
-from roadscope.benchmarks.metrics.breakdown import part_name
-from roadscope.benchmarks.metrics.tracking.scores import ALPHA_BANDS, BY_ALPHA
-from roadscope.benchmarks.recorded.combined import (
+from roadscope.benchmarks.metrics import part_name
+from roadscope.benchmarks.metrics.tracking import ALPHA_BANDS, BY_ALPHA
+from roadscope.benchmarks.recorded import (
     COMBINED,
     alpha_parts,
     combined_band,
     combined_hota,
     combined_mota,
     nees_band,
+    sequence_scores,
 )
-from roadscope.benchmarks.recorded.scores import sequence_scores
-from roadscope.benchmarks.results.statistics import pooled_interval
+from roadscope.benchmarks.results import pooled_interval
 from roadscope.metrics import TrackedSequence, clear, hota
 
 

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from research.tracker_traits import main as fit
-from roadscope.benchmarks.formats.kitti_labels import DETECTED_TYPES
-from roadscope.benchmarks.recorded.rules import apply_kitti_rules
+from roadscope.benchmarks.formats import DETECTED_TYPES
+from roadscope.benchmarks.recorded import apply_kitti_rules
 from roadscope.core import Category
 from roadscope.formats import KittiFolder, KittiSequence, read_kitti_sequence
 from roadscope.metrics import TrackedSequence, hota

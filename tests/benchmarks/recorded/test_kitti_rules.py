@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from toy_kitti import write_kitti
 
-from roadscope.benchmarks.recorded.rules import SIMILARITIES, apply_kitti_rules
+from roadscope.benchmarks.recorded import SIMILARITIES, apply_kitti_rules
 from roadscope.core import Category, TrackState
 from roadscope.formats import (
     KittiFolder,

@@ -11,10 +11,8 @@ from typer.testing import CliRunner
 
 from roadscope import Category, ImageDetections, Tracks, leaderboard
 from roadscope.__main__ import app
-from roadscope.benchmarks import score_mot_results
-from roadscope.benchmarks.recorded.mot import ImagePlane, mot_suite
-from roadscope.benchmarks.recorded.recording import recordings_of
-from roadscope.benchmarks.run import plan
+from roadscope.benchmarks import plan, score_mot_results
+from roadscope.benchmarks.recorded import ImagePlane, mot_suite, recordings_of
 from roadscope.formats import FormatError, read_mot
 
 TRACKERS = ["nearest", "gnn", "existence"]

@@ -13,21 +13,19 @@ from typer.testing import CliRunner
 from roadscope import TRACKERS as REGISTRY
 from roadscope import Spec, leaderboard, load_suite
 from roadscope.__main__ import app
-from roadscope.benchmarks.boards import board_named
-from roadscope.benchmarks.boards.board import JobOptions
-from roadscope.benchmarks.boards.tracking import OFFLINE
-from roadscope.benchmarks.graph import run_jobs
-from roadscope.benchmarks.loop import RunOptions
-from roadscope.benchmarks.metrics.score import Score
-from roadscope.benchmarks.recorded.recording import recordings_of
-from roadscope.benchmarks.recorded.suite import kitti_suite
-from roadscope.benchmarks.report.breakdowns import breakdown_tables, note
-from roadscope.benchmarks.report.tables import agreement_lines, board_table, explanation
-from roadscope.benchmarks.results import gather
-from roadscope.benchmarks.results.agreement import spearman
-from roadscope.benchmarks.run import agreements, plan
-from roadscope.benchmarks.speed.trackers import own_trackers
-from roadscope.benchmarks.store import Outcome
+from roadscope.benchmarks import Outcome, RunOptions, agreements, plan, run_jobs
+from roadscope.benchmarks.boards import OFFLINE, JobOptions, board_named
+from roadscope.benchmarks.metrics import Score
+from roadscope.benchmarks.recorded import kitti_suite, recordings_of
+from roadscope.benchmarks.report import (
+    agreement_lines,
+    board_table,
+    breakdown_tables,
+    explanation,
+    note,
+)
+from roadscope.benchmarks.results import gather, spearman
+from roadscope.benchmarks.speed import own_trackers
 from roadscope.core import SpecError
 from roadscope.formats import FormatError, read_kitti_sequence
 from roadscope.trackers import NearestTracker

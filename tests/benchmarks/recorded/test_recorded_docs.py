@@ -7,16 +7,16 @@ from pathlib import Path
 
 import pytest
 
-from roadscope.benchmarks.formats.kitti_labels import (
+from roadscope.benchmarks.formats import (
+    CLASS_COLUMNS,
     CLASS_IDS,
+    COLUMNS,
     DETECTION_COLUMNS,
     LABEL_COLUMNS,
     TYPE_NAMES,
+    WORLD_COLUMNS,
 )
-from roadscope.benchmarks.formats.motchallenge import CLASS_COLUMNS, COLUMNS, WORLD_COLUMNS
-from roadscope.benchmarks.recorded.mot import mot_suite
-from roadscope.benchmarks.recorded.recording import recordings_of
-from roadscope.benchmarks.recorded.suite import kitti_suite
+from roadscope.benchmarks.recorded import kitti_suite, mot_suite, recordings_of
 from roadscope.commands import leaderboard
 from roadscope.formats import read_kitti_sequence
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from toy_kitti import write_kitti
 
-from roadscope.benchmarks.recorded.scores import kitti_scores
+from roadscope.benchmarks.recorded import kitti_scores
 from roadscope.core import Tracks, TrackState
 from roadscope.formats import read_kitti_sequence
 

@@ -9,8 +9,7 @@ import pytest
 from toy_kitti import write_kitti
 
 from roadscope.benchmarks import score_kitti_results, score_mot_results
-from roadscope.benchmarks.recorded import result_files
-from roadscope.benchmarks.recorded.rules import apply_mot_rules
+from roadscope.benchmarks.recorded import apply_mot_rules, result_files
 from roadscope.core import Category
 from roadscope.formats import FormatError, read_mot
 

@@ -4,18 +4,16 @@ from dataclasses import replace
 import pytest
 from rich.console import Console
 
-from roadscope.benchmarks.boards import BOARDS, Board, board_named
-from roadscope.benchmarks.boards.recorded import KITTI_BOARDS, MOT_BOARDS
-from roadscope.benchmarks.report.tables import (
+from roadscope.benchmarks import load_suite
+from roadscope.benchmarks.boards import BOARDS, KITTI_BOARDS, MOT_BOARDS, Board, board_named
+from roadscope.benchmarks.report import (
     board_table,
     comparison,
     explanation,
     failure_lines,
     footnote,
 )
-from roadscope.benchmarks.results import Results, Row, Standing
-from roadscope.benchmarks.results.results import Failure
-from roadscope.benchmarks.suite_files import load_suite
+from roadscope.benchmarks.results import Failure, Results, Row, Standing
 
 EVERY_BOARD = [board.name for board in (*BOARDS.values(), *KITTI_BOARDS, *MOT_BOARDS)]
 WIDTHS = (40, 80, 200)

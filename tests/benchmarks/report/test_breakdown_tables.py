@@ -3,12 +3,12 @@ import io
 import pytest
 from rich.console import Console
 
+from roadscope.benchmarks import load_suite
 from roadscope.benchmarks.boards import board_named
-from roadscope.benchmarks.metrics.breakdown import BANDS
-from roadscope.benchmarks.report.breakdowns import breakdown_tables, note
+from roadscope.benchmarks.metrics import BANDS
+from roadscope.benchmarks.report import breakdown_tables, note
 from roadscope.benchmarks.results import Results, Row, Standing
-from roadscope.benchmarks.suite_files import load_suite
-from roadscope.envs.traffic.scenarios import SCENARIOS
+from roadscope.envs.traffic import SCENARIOS
 
 WIDTHS = (40, 80, 200)
 PLACES = (

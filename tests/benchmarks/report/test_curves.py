@@ -3,9 +3,8 @@ from dataclasses import replace
 
 import pytest
 
-from roadscope.benchmarks.metrics.odometry import MARKS_M
-from roadscope.benchmarks.report.curves import PANELS, draw_curves, has_curves
-from roadscope.benchmarks.report.export import save_all
+from roadscope.benchmarks.metrics import MARKS_M
+from roadscope.benchmarks.report import PANELS, draw_curves, has_curves, save_all
 from roadscope.benchmarks.results import Results, Row, Standing
 
 ENTRIES = [f"odometry-{k}" for k in range(12)]

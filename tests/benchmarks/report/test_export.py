@@ -6,11 +6,18 @@ from dataclasses import replace
 
 import pytest
 
-from roadscope.benchmarks.cache import FolderError
-from roadscope.benchmarks.report.board_files import check_targets, earlier_boards, label_of
-from roadscope.benchmarks.report.export import latex_text, save_all, to_csv, to_latex, to_markdown
-from roadscope.benchmarks.results import Results, Row, Standing
-from roadscope.benchmarks.results.results import Failure
+from roadscope.benchmarks import FolderError
+from roadscope.benchmarks.report import (
+    check_targets,
+    earlier_boards,
+    label_of,
+    latex_text,
+    save_all,
+    to_csv,
+    to_latex,
+    to_markdown,
+)
+from roadscope.benchmarks.results import Failure, Results, Row, Standing
 
 ROWS = (
     Row("detection", "mine|yours", "f1", 0.5, 0.4, 0.6, 9, "1", "higher"),

@@ -7,13 +7,9 @@ from typer.testing import CliRunner
 
 from roadscope import leaderboard
 from roadscope.__main__ import app
-from roadscope.benchmarks.cache import FolderError
-from roadscope.benchmarks.loop import RunOptions
-from roadscope.benchmarks.recorded.rules import apply_kitti_rules
-from roadscope.benchmarks.recorded.scores import sequence_scores
-from roadscope.benchmarks.recorded.suite import kitti_suite
-from roadscope.benchmarks.report.track_files import folder_names, save_tracks
-from roadscope.benchmarks.run import plan
+from roadscope.benchmarks import FolderError, RunOptions, plan
+from roadscope.benchmarks.recorded import apply_kitti_rules, kitti_suite, sequence_scores
+from roadscope.benchmarks.report import folder_names, save_tracks
 from roadscope.formats import KittiType, read_kitti_labels, read_kitti_sequence, read_mot
 
 

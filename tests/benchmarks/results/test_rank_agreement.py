@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.stats import spearmanr
 
-from roadscope.benchmarks.results.agreement import BoardAgreement, spearman
+from roadscope.benchmarks.results import BoardAgreement, spearman
 
 VALUES = st.lists(st.integers(-5, 5), min_size=3, max_size=12)
 

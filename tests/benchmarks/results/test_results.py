@@ -6,10 +6,14 @@ from dataclasses import replace
 import pytest
 
 from roadscope.benchmarks.boards import BOARDS
-from roadscope.benchmarks.metrics.score import ratio
-from roadscope.benchmarks.results import Results
-from roadscope.benchmarks.results.job_scores import JobScores
-from roadscope.benchmarks.results.results import BreakdownError, check_breakdown, results_of
+from roadscope.benchmarks.metrics import ratio
+from roadscope.benchmarks.results import (
+    BreakdownError,
+    JobScores,
+    Results,
+    check_breakdown,
+    results_of,
+)
 
 
 def job(entry: str, seed: int, *, reason: str | None = None, mark: str | None = None) -> JobScores:

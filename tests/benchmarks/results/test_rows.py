@@ -2,11 +2,16 @@ import numpy as np
 import pytest
 
 from roadscope.benchmarks.boards import board_named
-from roadscope.benchmarks.metrics.breakdown import BANDS, EXCESS, part_name
-from roadscope.benchmarks.metrics.calibration import calibration_error, excess
-from roadscope.benchmarks.metrics.score import Score, ratio
-from roadscope.benchmarks.results.job_scores import JobScores
-from roadscope.benchmarks.results.rows import EntryResult, part_rows, whole_rows
+from roadscope.benchmarks.metrics import (
+    BANDS,
+    EXCESS,
+    Score,
+    calibration_error,
+    excess,
+    part_name,
+    ratio,
+)
+from roadscope.benchmarks.results import EntryResult, JobScores, part_rows, whole_rows
 
 
 def job(seed: int, scores, *, scenario="motorway", board="detection", **fields) -> JobScores:

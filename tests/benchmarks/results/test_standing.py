@@ -4,10 +4,8 @@ import numpy as np
 import pytest
 
 from roadscope.benchmarks.boards import board_named
-from roadscope.benchmarks.metrics.score import ratio
-from roadscope.benchmarks.results.job_scores import JobScores
-from roadscope.benchmarks.results.rows import EntryResult
-from roadscope.benchmarks.results.standing import standings
+from roadscope.benchmarks.metrics import ratio
+from roadscope.benchmarks.results import EntryResult, JobScores, standings
 
 SEEDS = 12
 HARDNESS = np.random.default_rng(0).uniform(0.2, 0.9, SEEDS)

@@ -1,13 +1,8 @@
 import numpy as np
 import pytest
 
-from roadscope.benchmarks.metrics.score import mean, ratio, rms
-from roadscope.benchmarks.results.statistics import (
-    mean_interval,
-    merged,
-    paired_interval,
-    pooled_interval,
-)
+from roadscope.benchmarks.metrics import mean, ratio, rms
+from roadscope.benchmarks.results import mean_interval, merged, paired_interval, pooled_interval
 
 
 def coverage(draw, true_mean, *, trials=400, strata=None) -> float:

@@ -6,11 +6,17 @@ from pathlib import Path
 import pytest
 from rich.console import Console
 
-from roadscope.benchmarks.speed import measure
-from roadscope.benchmarks.speed.casting import casting_steps
-from roadscope.benchmarks.speed.measure import PARTS, measure_speed, run_steps, write_speed
-from roadscope.benchmarks.speed.rows import SpeedRow, SpeedStep
-from roadscope.benchmarks.tables import speed_table
+from roadscope.benchmarks import speed_table
+from roadscope.benchmarks.speed import (
+    PARTS,
+    SpeedRow,
+    SpeedStep,
+    casting_steps,
+    measure,
+    measure_speed,
+    run_steps,
+    write_speed,
+)
 
 ROWS = [SpeedRow("cast", 2.5, "Mray/s"), SpeedRow("tracker absent", None, "not installed")]
 

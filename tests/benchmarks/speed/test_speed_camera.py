@@ -1,6 +1,6 @@
 import pytest
 
-from roadscope.benchmarks.speed.camera import measure_camera
+from roadscope.benchmarks.speed import measure_camera
 
 
 @pytest.mark.slow

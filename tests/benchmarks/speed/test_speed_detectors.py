@@ -2,12 +2,12 @@ from __future__ import annotations
 
 import pytest
 
-from roadscope.benchmarks.speed import detectors
-from roadscope.benchmarks.speed.detectors import (
+from roadscope.benchmarks.speed import (
     FRAMES,
     LEAD,
     SCENES,
     detector_steps,
+    detectors,
     driven_frames,
     measure_detectors,
     timed_frames,

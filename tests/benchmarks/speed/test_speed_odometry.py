@@ -3,18 +3,18 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from roadscope.benchmarks import Episode
 from roadscope.benchmarks.drive import drive
-from roadscope.benchmarks.episode import Episode
-from roadscope.benchmarks.speed import odometry
-from roadscope.benchmarks.speed.odometry import (
-    LEAD,
+from roadscope.benchmarks.speed import (
     RIG,
     measure_odometries,
+    odometry,
     own_odometries,
     timed_scans,
 )
+from roadscope.benchmarks.speed.odometry import LEAD
 from roadscope.core import OdometryEstimate
-from roadscope.odometry.still import StillOdometry
+from roadscope.odometry import StillOdometry
 
 
 @pytest.fixture(autouse=True)

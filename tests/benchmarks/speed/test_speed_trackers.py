@@ -2,17 +2,16 @@ from __future__ import annotations
 
 import pytest
 
-from roadscope.benchmarks.speed import trackers
-from roadscope.benchmarks.speed.trackers import (
+from roadscope.benchmarks.speed import (
     CROWD,
-    FRAMES,
-    LEAD,
     detected_crowd,
     detected_traffic,
     measure_trackers,
     own_trackers,
     timed_updates,
+    trackers,
 )
+from roadscope.benchmarks.speed.trackers import FRAMES, LEAD
 from roadscope.core import Detections, Tracks
 from roadscope.trackers import TRACKERS
 from roadscope.trackers import _jpda as jpda

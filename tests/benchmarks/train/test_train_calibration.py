@@ -1,9 +1,8 @@
 import numpy as np
 from toy_pictures import toy_pictures
 
-from roadscope.benchmarks.train.calibration import PRIOR, fitted_calibration, logistic
-from roadscope.benchmarks.train.pictures import PixelSize
-from roadscope.detectors.camera.decode import TRAITS, Peaks
+from roadscope.benchmarks.train import PRIOR, PixelSize, fitted_calibration, logistic
+from roadscope.detectors.camera import TRAITS, Peaks
 
 
 def test_a_known_curve_is_found_again() -> None:

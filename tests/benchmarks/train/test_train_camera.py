@@ -6,12 +6,10 @@ import numpy as np
 import pytest
 from toy_pictures import toy_pictures
 
-from roadscope.benchmarks.train import camera, crops, pictures
-from roadscope.benchmarks.train.camera import train_camera
-from roadscope.benchmarks.train.recipe import RECIPES
+from roadscope.benchmarks.train import RECIPES, camera, crops, pictures, train_camera
 from roadscope.core import Calibration as Mounting
 from roadscope.core import CameraImage, Frame
-from roadscope.detectors.camera.detector import CameraDetector
+from roadscope.detectors.camera import CameraDetector
 
 
 @pytest.fixture(autouse=True)

@@ -1,8 +1,9 @@
 import numpy as np
 from toy_pictures import toy_pictures
 
-from roadscope.benchmarks.metrics.image_labels import Labels
-from roadscope.benchmarks.train.crops import (
+from roadscope.benchmarks.metrics import Labels
+from roadscope.benchmarks.train import (
+    PixelSize,
     Window,
     cut_out,
     draw_window,
@@ -10,7 +11,6 @@ from roadscope.benchmarks.train.crops import (
     relight,
     relit,
 )
-from roadscope.benchmarks.train.pictures import PixelSize
 
 CROP = PixelSize(256, 320)
 

@@ -5,11 +5,16 @@ import pytest
 import torch
 from toy_pictures import toy_pictures
 
-from roadscope.benchmarks.train import crops, training
-from roadscope.benchmarks.train.crops import ShuffledPictures, batch
-from roadscope.benchmarks.train.pictures import PixelSize
-from roadscope.benchmarks.train.recipe import Recipe
-from roadscope.benchmarks.train.training import Trainer, train
+from roadscope.benchmarks.train import (
+    PixelSize,
+    Recipe,
+    ShuffledPictures,
+    Trainer,
+    batch,
+    crops,
+    train,
+    training,
+)
 
 RECIPE = Recipe(steps=6, pixels=2 * 96 * 128, learning_rate=2e-3)
 CPU = torch.device("cpu")

@@ -1,17 +1,17 @@
 import numpy as np
 import torch
 
-from roadscope.benchmarks.train.losses import (
+from roadscope.benchmarks.train import (
     CropObjects,
+    PixelSize,
     TargetMaps,
     box_loss,
     boxes_of,
     heat_loss,
-    losses,
     targets_of,
 )
-from roadscope.benchmarks.train.pictures import PixelSize
-from roadscope.detectors.camera.network import Maps
+from roadscope.benchmarks.train.losses import losses
+from roadscope.detectors.camera import Maps
 
 
 def toy_targets() -> TargetMaps:

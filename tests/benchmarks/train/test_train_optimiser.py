@@ -2,9 +2,8 @@ import numpy as np
 import pytest
 import torch
 
-from roadscope.benchmarks.train.recipe import Recipe
-from roadscope.benchmarks.train.training import Optimiser
-from roadscope.detectors.camera.network import CentreNetwork, channels_last
+from roadscope.benchmarks.train import Optimiser, Recipe
+from roadscope.detectors.camera import CentreNetwork, channels_last
 
 RECIPE = Recipe(steps=5, kernel_rate=0.01, learning_rate=1e-3, weight_decay=0.0)
 

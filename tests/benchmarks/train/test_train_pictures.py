@@ -4,15 +4,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from roadscope.benchmarks.metrics.image_labels import PARKED
-from roadscope.benchmarks.train import pictures
-from roadscope.benchmarks.train.pictures import (
-    PictureEpisode,
-    read_pictures,
-    render,
-    store_pictures,
-)
-from roadscope.benchmarks.train.recipe import (
+from roadscope.benchmarks.metrics import PARKED
+from roadscope.benchmarks.train import (
     CALIBRATION_SEEDS,
     FAULTS,
     GREATEST_SEVERITY,
@@ -21,13 +14,18 @@ from roadscope.benchmarks.train.recipe import (
     RECIPES,
     TEST_SEEDS,
     TRAIN_SEEDS,
+    PictureEpisode,
     Recipe,
     draw_episodes,
     held_out_episodes,
+    pictures,
+    read_pictures,
+    render,
     split_episodes,
+    store_pictures,
 )
 from roadscope.core import RecordError
-from roadscope.envs.sensors.faults import faults_of
+from roadscope.envs.sensors import faults_of
 from roadscope.envs.sensors.weather import weather
 
 

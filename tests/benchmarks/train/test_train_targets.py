@@ -1,7 +1,6 @@
 import numpy as np
 
-from roadscope.benchmarks.train.losses import CropObjects, targets_of
-from roadscope.benchmarks.train.pictures import PixelSize
+from roadscope.benchmarks.train import CropObjects, PixelSize, targets_of
 
 CROP = PixelSize(96, 128)
 

@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from roadscope.benchmarks.metrics.image_labels import Labels
-from roadscope.benchmarks.train.pictures import Pictures, PixelSize
+from roadscope.benchmarks.metrics import Labels
+from roadscope.benchmarks.train import Pictures, PixelSize
 
 SIZE = PixelSize(480, 640)
 

@@ -9,11 +9,15 @@ import pytest
 import torch
 
 from roadscope.core import Calibration, CameraImage, Frame, RecordError
-from roadscope.detectors.camera import CAMERA_DETECTORS
-from roadscope.detectors.camera.detector import BlankImageWarning, CameraDetector
-from roadscope.detectors.camera.network import CentreNetwork
-from roadscope.detectors.camera.weight_file import BoxCalibration as Worth
-from roadscope.detectors.camera.weight_file import WeightsError, save
+from roadscope.detectors.camera import (
+    CAMERA_DETECTORS,
+    BlankImageWarning,
+    CameraDetector,
+    CentreNetwork,
+    WeightsError,
+    save,
+)
+from roadscope.detectors.camera import BoxCalibration as Worth
 
 
 def frame_of(pixels: np.ndarray | None, stamp_s: float = 0.5) -> Frame:

@@ -2,9 +2,8 @@ import numpy as np
 import pytest
 import torch
 
+from roadscope.detectors.camera import CentreNetwork, finer, squared, squares
 from roadscope.detectors.camera.decode import decode
-from roadscope.detectors.camera.detector import squared
-from roadscope.detectors.camera.network import CentreNetwork, finer, squares
 
 
 def used_network(seed: int = 0) -> CentreNetwork:

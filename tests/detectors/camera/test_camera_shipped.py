@@ -5,13 +5,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from roadscope.benchmarks.train.camera import evaluate
-from roadscope.benchmarks.train.pictures import read_pictures, store_pictures
-from roadscope.benchmarks.train.recipe import RECIPES, held_out_episodes
+from roadscope.benchmarks.train import (
+    RECIPES,
+    evaluate,
+    held_out_episodes,
+    read_pictures,
+    store_pictures,
+)
 from roadscope.core import Calibration, CameraImage, Frame
-from roadscope.detectors.camera import CAMERA_DETECTORS
-from roadscope.detectors.camera.network import ARCHITECTURE
-from roadscope.detectors.camera.weight_file import SHIPPED, load
+from roadscope.detectors.camera import ARCHITECTURE, CAMERA_DETECTORS, SHIPPED, load
 
 
 def test_shipped_weights_are_small_and_their_record_is_of_them() -> None:

@@ -3,8 +3,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from roadscope.benchmarks.metrics.matching import image_overlaps
-from roadscope.detectors.camera.decode import SAME_IOU, distinct
+from roadscope.benchmarks.metrics import image_overlaps
+from roadscope.detectors.camera import SAME_IOU, distinct
 
 
 def test_of_two_boxes_in_one_place_the_better_stays() -> None:

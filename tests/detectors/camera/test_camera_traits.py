@@ -2,16 +2,17 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from roadscope.benchmarks.metrics.matching import image_overlaps
-from roadscope.detectors.camera.calibration import TERM_COUNT, BoxCalibration
-from roadscope.detectors.camera.decode import (
+from roadscope.benchmarks.metrics import image_overlaps
+from roadscope.detectors.camera import (
     AGREEING_IOU,
+    TERM_COUNT,
     TRAITS,
     VOTING_IOU,
     Answers,
     averaged,
     distinct,
 )
+from roadscope.detectors.camera.calibration import BoxCalibration
 
 
 def slowly(

@@ -6,9 +6,15 @@ import pytest
 import torch
 from safetensors.torch import save_file
 
-from roadscope.detectors.camera.calibration import TERM_COUNT, BoxCalibration
-from roadscope.detectors.camera.network import ARCHITECTURE, CentreNetwork
-from roadscope.detectors.camera.weight_file import WeightsError, load, save
+from roadscope.detectors.camera import (
+    ARCHITECTURE,
+    TERM_COUNT,
+    CentreNetwork,
+    WeightsError,
+    load,
+    save,
+)
+from roadscope.detectors.camera.calibration import BoxCalibration
 
 
 def about(**changes: object) -> dict[str, str]:

@@ -7,13 +7,8 @@ from hypothesis import strategies as st
 from toy_lidar import cloud
 
 from roadscope.core import wrap_angle
-from roadscope.detectors.cloud import Cloud
-from roadscope.detectors.clustering.breakpoint import (
-    INCIDENCE_RAD,
-    MAX_STEPS,
-    cluster_breakpoint,
-    reach,
-)
+from roadscope.detectors import Cloud
+from roadscope.detectors.clustering import INCIDENCE_RAD, MAX_STEPS, cluster_breakpoint, reach
 
 
 def linked_one_by_one(found, noise_m):

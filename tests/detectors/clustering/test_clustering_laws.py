@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from toy_lidar import CALIBRATION, scan
 
 from roadscope.core import LidarScan, Pose
-from roadscope.detectors.cloud import Cloud
+from roadscope.detectors import Cloud
 from roadscope.detectors.clustering import CLUSTERINGS
 
 POSE = CALIBRATION.pose("lux")

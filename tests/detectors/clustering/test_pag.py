@@ -7,8 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from roadscope.detectors.clustering import OUTLIER
-from roadscope.detectors.clustering.pag import density_threshold, label_cells, pag_labels
+from roadscope.detectors.clustering import OUTLIER, density_threshold, label_cells, pag_labels
 
 
 def threshold_by_eq_2(largest: int, total: int, grid_num: int) -> float:

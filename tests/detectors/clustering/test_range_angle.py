@@ -5,8 +5,8 @@ from hypothesis import strategies as st
 from toy_lidar import cloud
 
 from roadscope.core import wrap_angle
-from roadscope.detectors.cloud import Cloud
-from roadscope.detectors.clustering.range_angle import (
+from roadscope.detectors import Cloud
+from roadscope.detectors.clustering import (
     SPACINGS,
     TURN_ERROR,
     cluster_range_angle,

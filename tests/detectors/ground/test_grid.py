@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from toy_lidar import cloud
 
-from roadscope.detectors.cloud import Cloud
+from roadscope.detectors import Cloud
 from roadscope.detectors.ground import grid_above_ground, keep_all
 from roadscope.detectors.ground.grid import _cell_spans
 

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from toy_lidar import CALIBRATION, scan
 
 from roadscope.core import LidarScan
-from roadscope.detectors.cloud import Cloud
+from roadscope.detectors import Cloud
 from roadscope.detectors.ground import GROUNDS
 
 POSE = CALIBRATION.pose("lux")

@@ -4,7 +4,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from toy_lidar import cloud
 
-from roadscope.detectors.cloud import Cloud
+from roadscope.detectors import Cloud
 from roadscope.detectors.ground import PolarRule, polar_above_ground
 
 RULE = PolarRule()

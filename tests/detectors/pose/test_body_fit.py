@@ -6,13 +6,20 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from roadscope.core import LidarScan, Pose, RecordError, wrap_angle
-from roadscope.detectors.pose.body_fit import BodyFit, with_glass
-from roadscope.detectors.pose.body_model import GLASS, VALUES, BodyModel, BodySection, saloon
-from roadscope.detectors.pose.body_rays import HIT, body_scan
-from roadscope.envs.raycast.scene import Scene
-from roadscope.envs.sensors.lidar import sweep
-from roadscope.envs.sensors.lidar_spec import SPECS
-from roadscope.envs.world.prisms import Prisms, rectangle
+from roadscope.detectors.pose import (
+    GLASS,
+    HIT,
+    VALUES,
+    BodyFit,
+    BodyModel,
+    BodySection,
+    body_scan,
+    saloon,
+    with_glass,
+)
+from roadscope.envs.raycast import Scene
+from roadscope.envs.sensors import SPECS, sweep
+from roadscope.envs.world import Prisms, rectangle
 
 SPEC = SPECS["hdl32e"]
 LENGTH_M, WIDTH_M, HEIGHT_M = 4.6, 1.8, 1.0

@@ -6,19 +6,20 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 
-from roadscope.detectors.pose.body_likelihood import (
+from roadscope.detectors.pose import (
+    EMPTY,
     EXACTLY_DRAWN,
+    HIT,
+    PASSED,
     ROUGHLY_DRAWN,
-    ray_fits,
-)
-from roadscope.detectors.pose.body_model import (
     VALUES,
     BodyModel,
+    BodyRays,
     fill_outlines,
     new_outlines,
+    ray_fits,
     saloon,
 )
-from roadscope.detectors.pose.body_rays import EMPTY, HIT, PASSED, BodyRays
 
 BRICK = BodyModel((4.0, 0.0), (2.0, 0.0), (0.0, 0.0))
 """From 0.15 to 1.5 m above the road."""

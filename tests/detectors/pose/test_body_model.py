@@ -3,13 +3,7 @@
 import numpy as np
 import pytest
 
-from roadscope.detectors.pose.body_model import (
-    VALUES,
-    BodyModel,
-    fill_outlines,
-    new_outlines,
-    saloon,
-)
+from roadscope.detectors.pose import VALUES, BodyModel, fill_outlines, new_outlines, saloon
 
 STATES = np.random.default_rng(0).standard_normal((64, VALUES))
 

@@ -3,12 +3,15 @@
 import numpy as np
 import pytest
 
-from roadscope.benchmarks.papers.zhang2017_methods import ford_fusion
-from roadscope.benchmarks.papers.zhang2017_scene import sense_drive
-from roadscope.detectors.pose.body_fit import likely_answers, with_glass
-from roadscope.detectors.pose.body_likelihood import EXACTLY_DRAWN
-from roadscope.detectors.pose.body_rays import body_scan
-from roadscope.detectors.pose.body_search import BodyProblem, split_rays
+from roadscope.benchmarks.papers import ford_fusion, sense_drive
+from roadscope.detectors.pose import (
+    EXACTLY_DRAWN,
+    BodyProblem,
+    body_scan,
+    likely_answers,
+    split_rays,
+    with_glass,
+)
 
 WIDE_SD = np.array([0.05, 0.3, 0.06, 1.5])
 """Of the many samples: x, y (metres), yaw (radians) and the unknown of the radius."""

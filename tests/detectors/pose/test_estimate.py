@@ -1,8 +1,15 @@
 import numpy as np
 import pytest
 
-from roadscope.detectors.pose import VehiclePose, axis_difference, fit_multi, fit_single
-from roadscope.detectors.pose.estimate import positive, settled_origin, settled_points
+from roadscope.detectors.pose import (
+    VehiclePose,
+    axis_difference,
+    fit_multi,
+    fit_single,
+    positive,
+    settled_origin,
+    settled_points,
+)
 
 
 def test_corners_stand_round_the_centre():

@@ -4,9 +4,7 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from scipy.special import erf
 
-from roadscope.detectors.pose import axis_difference
-from roadscope.detectors.pose.filter_kernels import peak
-from roadscope.detectors.pose.matched_filter import fit_single
+from roadscope.detectors.pose import axis_difference, fit_single, peak
 
 SIZE = {"length_m": 4.87, "width_m": 1.85}
 ORIGIN = np.zeros(2)

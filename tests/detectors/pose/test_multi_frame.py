@@ -3,8 +3,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from roadscope.detectors.pose import axis_difference
-from roadscope.detectors.pose.matched_filter import fit_multi, fit_single
+from roadscope.detectors.pose import axis_difference, fit_multi, fit_single
 
 SIZE = {"length_m": 4.87, "width_m": 1.85}
 STAMPS = np.array([0.0, 0.1, 0.2])

@@ -3,9 +3,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from roadscope.detectors.pose import axis_difference
-from roadscope.detectors.pose.ransac import fit_ransac
-from roadscope.detectors.pose.ransac_kernels import with_corner
+from roadscope.detectors.pose import axis_difference, fit_ransac, with_corner
 
 SIZE = {"length_m": 4.87, "width_m": 1.85}
 ORIGIN = np.zeros(2)

@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from roadscope.detectors.pose.estimate import pointing_away
-from roadscope.detectors.pose.ransac import fit_ransac
+from roadscope.detectors.pose import fit_ransac, pointing_away
 
 CORNER_POINTS = 2
 LENGTH_M, WIDTH_M = 4.5, 1.8

@@ -11,11 +11,8 @@ from research.zhang2017_calibration import (
     fitted_pose,
     lidar,
 )
-from roadscope.benchmarks.papers.zhang2017_methods import ford_fusion
-from roadscope.benchmarks.papers.zhang2017_scene import RobotLidar, sense_drive, sense_sweeps
-from roadscope.detectors.pose.body_model import MOTION, VALUES
-from roadscope.detectors.pose.estimate import axis_difference
-from roadscope.detectors.pose.smoother import Smoother
+from roadscope.benchmarks.papers import RobotLidar, ford_fusion, sense_drive, sense_sweeps
+from roadscope.detectors.pose import MOTION, VALUES, Smoother, axis_difference
 
 
 def follow(run, model=None, **options):

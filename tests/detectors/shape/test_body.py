@@ -4,10 +4,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from roadscope.core import Category
-from roadscope.detectors.horizon import Horizon
-from roadscope.detectors.shape import SHAPES, Cluster
-from roadscope.detectors.shape.body import vehicles_by_body
-from roadscope.detectors.shape.l_shape import vehicles_by_l_shape
+from roadscope.detectors import Horizon
+from roadscope.detectors.shape import SHAPES, Cluster, vehicles_by_body, vehicles_by_l_shape
 
 FREE = Horizon(np.empty(0), np.empty(0), np.radians(0.17), None, np.zeros(2))
 HEIGHTS = (0.4, 0.7, 1.0, 1.2, 1.4)

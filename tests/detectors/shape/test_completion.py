@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from roadscope.core import Category
-from roadscope.detectors.horizon import Horizon
+from roadscope.detectors import Horizon
 from roadscope.detectors.shape import SHAPES, Cluster
 
 FITS = ["l-shape", "rectangle"]

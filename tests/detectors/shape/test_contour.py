@@ -3,8 +3,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from roadscope.core import wrap_angle
-from roadscope.detectors.cloud import Cloud
-from roadscope.detectors.shape.cluster import DEPTH_M, clusters, contours
+from roadscope.detectors import Cloud
+from roadscope.detectors.shape import DEPTH_M, clusters, contours
 
 
 def make(points, column):

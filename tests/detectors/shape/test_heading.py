@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from roadscope.detectors.shape.l_shape import (
+from roadscope.detectors.shape import (
     AREA,
     CLOSENESS,
     VARIANCE,

@@ -4,10 +4,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from roadscope.core import Category
-from roadscope.detectors.horizon import Horizon
-from roadscope.detectors.pipeline import ClusterDetector
-from roadscope.detectors.shape import SHAPES, Cluster
-from roadscope.detectors.shape.matched import vehicles_by_matched_filter
+from roadscope.detectors import ClusterDetector, Horizon
+from roadscope.detectors.shape import SHAPES, Cluster, vehicles_by_matched_filter
 
 FREE = Horizon(np.empty(0), np.empty(0), np.radians(0.17), None, np.zeros(2))
 

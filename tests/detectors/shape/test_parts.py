@@ -6,9 +6,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from toy_lidar import cloud
 
-from roadscope.detectors.horizon import Horizon
-from roadscope.detectors.shape import SHAPES, clusters
-from roadscope.detectors.shape.completion import cut
+from roadscope.detectors import Horizon
+from roadscope.detectors.shape import SHAPES, clusters, cut
 
 PAIR = [(16, 1.6, 4.6, 1.85, 1.5, 0), (32, -1.2, 4.6, 1.85, 1.5, 0)]
 

@@ -5,8 +5,8 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from roadscope.core import Category
-from roadscope.detectors.horizon import Horizon
-from roadscope.detectors.shape.recognition import (
+from roadscope.detectors import Horizon
+from roadscope.detectors.shape import (
     FACES,
     GAP_M,
     HALF_FACE_M,

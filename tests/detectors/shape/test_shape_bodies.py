@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from roadscope.core import Category
-from roadscope.detectors.shape.bodies import BODIES, body_table
+from roadscope.detectors.shape import BODIES, body_table
 
 
 def test_shares_are_a_distribution():

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from roadscope.envs.gym.canvas import Canvas, polygon_depth, text_px
+from roadscope.envs.gym import Canvas, polygon_depth, text_px
 
 WHITE = (255, 255, 255)
 

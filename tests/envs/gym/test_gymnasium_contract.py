@@ -15,12 +15,10 @@ from gymnasium.utils.env_checker import check_env
 from gymnasium.utils.env_checker import data_equivalence as equivalent
 
 import roadscope  # noqa: F401  (registers ours)
-from roadscope.envs.gym.highway import TASKS, ScenarioEnv
-from roadscope.envs.gym.registration import IDS, env_ids
-from roadscope.envs.gym.sensor_wrapper import SensorWrapper
+from roadscope.envs.gym import IDS, TASKS, ScenarioEnv, SensorWrapper, env_ids
+from roadscope.envs.sensors import sense
 from roadscope.envs.sensors.rigs import rig as find_rig
-from roadscope.envs.sensors.sensing import sense
-from roadscope.envs.traffic.scenarios import record
+from roadscope.envs.traffic import record
 
 AGENT_IDS = [
     pytest.param(f"roadscope/{name}", marks=pytest.mark.slow if "Highway" in name else ())

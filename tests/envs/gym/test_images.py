@@ -6,9 +6,9 @@ import pytest
 from gymnasium.utils.env_checker import check_env
 
 import roadscope  # noqa: F401
+from roadscope.envs.sensors import Sensing
 from roadscope.envs.sensors.rigs import rig
-from roadscope.envs.sensors.sensing import Sensing
-from roadscope.envs.traffic.scenarios import record
+from roadscope.envs.traffic import record
 
 
 @pytest.mark.slow

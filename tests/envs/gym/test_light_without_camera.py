@@ -3,8 +3,8 @@ import pytest
 
 import roadscope  # noqa: F401
 from roadscope.core import RecordError
-from roadscope.envs.gym.sensor_wrapper import SensorWrapper
-from roadscope.envs.imaging.light import Light
+from roadscope.envs.gym import SensorWrapper
+from roadscope.envs.imaging import Light
 
 
 @pytest.mark.parametrize("light", ["night", "dusk", Light()])

@@ -14,7 +14,7 @@ from roadscope.core import (
     TrackState,
     Truth,
 )
-from roadscope.envs.gym.render import (
+from roadscope.envs.gym import (
     ASPHALT,
     DETECTION,
     EGO,
@@ -25,7 +25,7 @@ from roadscope.envs.gym.render import (
     birds_eye,
     box_corners,
 )
-from roadscope.envs.world.roadside import Scenery
+from roadscope.envs.world import Scenery
 from tests.envs.worlds import platoon
 
 SIZE, SCALE = 400, 0.2

@@ -2,10 +2,10 @@ import numpy as np
 import pytest
 
 from roadscope.core import Pose, Tracks, TrackState
-from roadscope.envs.gym.canvas import Canvas
-from roadscope.envs.gym.render import (
+from roadscope.envs.gym import (
     LABEL,
     BirdsEyeView,
+    Canvas,
     LabelPlacer,
     draw_legend,
     track_colour,

@@ -12,18 +12,10 @@ from highway_env.vehicle.behavior import IDMVehicle
 
 import roadscope  # noqa: F401  (registers ours)
 from roadscope.core import WEATHER, Pose, RecordError
-from roadscope.envs.gym.sensor_wrapper import SensorWrapper
-from roadscope.envs.sensors.ego_motion import BodySway
-from roadscope.envs.sensors.imu_spec import IMUS
-from roadscope.envs.sensors.rig import ImuMount
+from roadscope.envs.gym import SensorWrapper
+from roadscope.envs.sensors import IMUS, BodySway, DeadReckoning, ImuMount, Sensing
 from roadscope.envs.sensors.rigs import rig as find_rig
-from roadscope.envs.sensors.sensing import Sensing
-from roadscope.envs.sensors.wheels import DeadReckoning
-from roadscope.envs.traffic.conversion import (
-    DRIVER_CONSTANTS,
-    ForeignEnvError,
-    restore_driver_constants,
-)
+from roadscope.envs.traffic import DRIVER_CONSTANTS, ForeignEnvError, restore_driver_constants
 
 # highway-env keeps old versions of its ids for comparison; Gymnasium says so at every make.
 pytestmark = pytest.mark.filterwarnings("ignore:.*is out of date:DeprecationWarning")

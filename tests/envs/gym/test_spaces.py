@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from roadscope.core import Category, LidarScan, Pose
-from roadscope.envs.gym.spaces import (
+from roadscope.envs.gym import (
     EGO_BOUNDS,
     LaneLocator,
     ego_state,
@@ -11,8 +11,7 @@ from roadscope.envs.gym.spaces import (
     range_image,
 )
 from roadscope.envs.sensors.rigs import rig
-from roadscope.envs.traffic.road_map import RoadMap
-from roadscope.envs.traffic.timeline import Timeline
+from roadscope.envs.traffic import RoadMap, Timeline
 
 EAST = np.array([[0.0, 0.0], [10.0, 0.0], [20.0, 0.0]])
 WIDTHS = np.full(3, 4.0)

@@ -2,11 +2,10 @@ import numpy as np
 import pytest
 
 from roadscope.core import Pose
-from roadscope.envs.imaging.pinhole import Pinhole, mounted
-from roadscope.envs.imaging.raster import FACES, rasterise, solids_of
-from roadscope.envs.raycast.cast import GROUND, NOTHING, Columns, cast
-from roadscope.envs.raycast.scene import Scene
-from roadscope.envs.world.prisms import Prisms
+from roadscope.envs.imaging import FACES, Pinhole, mounted, rasterise, solids_of
+from roadscope.envs.raycast import GROUND, NOTHING, Columns, Scene
+from roadscope.envs.raycast.cast import cast
+from roadscope.envs.world import Prisms
 from tests.envs.raycast.test_cast import random_scene
 
 PINHOLE = Pinhole(160, 90, (110.0, 120.0), (77.5, 48.0))

@@ -4,17 +4,22 @@ import numpy as np
 import pytest
 
 from roadscope.core import Category, Pose
-from roadscope.envs.imaging.ground import Ground
-from roadscope.envs.imaging.light import LIGHTS, Light, light_named
-from roadscope.envs.imaging.lighting import cast_shadows
-from roadscope.envs.imaging.pinhole import Pinhole, mounted
-from roadscope.envs.imaging.raster import lens_of, rasterise, solids_of
-from roadscope.envs.imaging.shading import CameraView, shade
-from roadscope.envs.raycast.scene import Scene
-from roadscope.envs.world import materials
-from roadscope.envs.world.bodies import body_prisms
-from roadscope.envs.world.ground import Surface, surface_of
-from roadscope.envs.world.prisms import Prisms
+from roadscope.envs.imaging import (
+    LIGHTS,
+    CameraView,
+    Ground,
+    Light,
+    Pinhole,
+    cast_shadows,
+    lens_of,
+    light_named,
+    mounted,
+    rasterise,
+    shade,
+    solids_of,
+)
+from roadscope.envs.raycast import Scene
+from roadscope.envs.world import Prisms, Surface, body_prisms, materials, surface_of
 from tests.envs.worlds import straight
 
 PINHOLE = Pinhole.centred(160, 120, 120.0)

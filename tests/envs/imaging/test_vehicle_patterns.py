@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from roadscope.core import Category
-from roadscope.envs.imaging.vehicle_patterns import axles, bodywork, glass
+from roadscope.envs.imaging import axles, bodywork, glass
 
 PAINT = (0.1, 0.2, 0.6)
 LENGTH, WIDTH, HEIGHT = 4.6, 1.85, 1.5

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from roadscope.core import GROUND, Pose
-from roadscope.envs.raycast.cast import NOTHING, Columns, Hits, cast
-from roadscope.envs.raycast.scene import Scene
-from roadscope.envs.world.prisms import Prisms
+from roadscope.envs.raycast import NOTHING, Columns, Hits, Scene
+from roadscope.envs.raycast.cast import cast
+from roadscope.envs.world import Prisms
 
 MAX_RANGE_M = 90.0
 

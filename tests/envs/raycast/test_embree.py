@@ -8,11 +8,10 @@ import numpy as np
 import pytest
 
 from research.speed_casting import import_open3d, ray_table, triangulate
-from roadscope.benchmarks.speed.casting import parked_scene, sensor_poses
-from roadscope.envs.raycast.cast import NOTHING, Hits, cast
-from roadscope.envs.raycast.scene import Scene
-from roadscope.envs.sensors.lidar import lidar_columns
-from roadscope.envs.sensors.lidar_spec import SPECS
+from roadscope.benchmarks.speed import parked_scene, sensor_poses
+from roadscope.envs.raycast import NOTHING, Hits, Scene
+from roadscope.envs.raycast.cast import cast
+from roadscope.envs.sensors import SPECS, lidar_columns
 
 TILTS = [(0.0, 0.0), (0.035, 0.0175), (-0.3, 0.2)]
 EDGE_CASES = 2e-4

@@ -2,12 +2,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from roadscope.benchmarks.speed.casting import parked_scene, sensor_poses
+from roadscope.benchmarks.speed import parked_scene, sensor_poses
+from roadscope.envs.raycast import CACHED_SHAPES, Scene, clear_shapes, shapes_of
 from roadscope.envs.raycast.cast import cast
-from roadscope.envs.raycast.scene import Scene
-from roadscope.envs.raycast.shapes import CACHED_SHAPES, clear_shapes, shapes_of
-from roadscope.envs.sensors.lidar import lidar_columns
-from roadscope.envs.sensors.lidar_spec import SPECS
+from roadscope.envs.sensors import SPECS, lidar_columns
 
 SPEC = SPECS["vlp16"]
 

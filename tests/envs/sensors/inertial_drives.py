@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 
 from roadscope.core import ImuSamples, Pose
-from roadscope.envs.sensors.imu_spec import STANDARD_GRAVITY_M_S2
-from roadscope.envs.traffic.timeline import Timeline
+from roadscope.envs.sensors import STANDARD_GRAVITY_M_S2
+from roadscope.envs.traffic import Timeline
 from tests.envs.worlds import platoon
 
 STEP_S = 0.05

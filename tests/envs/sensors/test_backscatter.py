@@ -10,19 +10,24 @@ from scipy.special import lambertw
 from scipy.stats import kstest
 
 from roadscope.core import WEATHER, LidarScan, Pose
-from roadscope.envs.raycast.scene import Scene
-from roadscope.envs.sensors.lidar import (
+from roadscope.envs.raycast import Scene
+from roadscope.envs.sensors import (
     APERTURE_M,
+    CLEAR,
     DIVERGENCE_RAD,
+    SPECS,
+    WEATHERS,
+    LidarSpec,
     SweepTruth,
+    Weather,
     echo_rate,
     echoes,
+    fog,
     overlap,
+    rain,
     sweep,
 )
-from roadscope.envs.sensors.lidar_spec import SPECS, LidarSpec
-from roadscope.envs.sensors.weather import CLEAR, WEATHERS, Weather, fog, rain
-from roadscope.envs.world.prisms import Prisms
+from roadscope.envs.world import Prisms
 
 SKY = np.radians(np.linspace(1.0, 30.0, 32))
 WALL = np.array([[0.0, -1], [1, -1], [1, 1], [0, 1]])

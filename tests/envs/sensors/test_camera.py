@@ -4,17 +4,19 @@ import numpy as np
 import pytest
 
 from roadscope.core import Pose
-from roadscope.envs.imaging.ground import Ground
-from roadscope.envs.imaging.light import Light, light_named
-from roadscope.envs.imaging.pinhole import Pinhole, mounted
-from roadscope.envs.imaging.raster import rasterise, solids_of
-from roadscope.envs.raycast.cast import Columns, cast
-from roadscope.envs.raycast.scene import Scene
-from roadscope.envs.sensors.camera import expose, image_truth
-from roadscope.envs.sensors.camera_spec import CameraSpec
-from roadscope.envs.sensors.exposure import CameraMotion, exposed
-from roadscope.envs.world.ground import surface_of
-from roadscope.envs.world.prisms import Prisms
+from roadscope.envs.imaging import (
+    Ground,
+    Light,
+    Pinhole,
+    light_named,
+    mounted,
+    rasterise,
+    solids_of,
+)
+from roadscope.envs.raycast import Columns, Scene
+from roadscope.envs.raycast.cast import cast
+from roadscope.envs.sensors import CameraMotion, CameraSpec, expose, exposed, image_truth
+from roadscope.envs.world import Prisms, surface_of
 from tests.envs.raycast.test_cast import random_scene
 from tests.envs.worlds import straight
 

@@ -5,11 +5,9 @@ import numpy as np
 import pytest
 
 from roadscope.core import Pose, RecordError
-from roadscope.envs.sensors.rigs import rig, scaled_noise
-from roadscope.envs.sensors.sensing import sense
-from roadscope.envs.sensors.wheels import DeadReckoning
-from roadscope.envs.traffic.scenarios import record
-from roadscope.envs.traffic.timeline import Timeline
+from roadscope.envs.sensors import DeadReckoning, scaled_noise, sense
+from roadscope.envs.sensors.rigs import rig
+from roadscope.envs.traffic import Timeline, record
 
 STEP = Pose.planar(2.5, 0.1, 0.05)
 

@@ -5,17 +5,15 @@ from typing import Any
 import numpy as np
 import pytest
 
-from roadscope.envs.sensors.ego_motion import (
+from roadscope.envs.sensors import (
     RAW_S,
+    STANDARD_GRAVITY_M_S2,
     STATES_AHEAD,
     BodySway,
     EgoMotion,
     settled_s,
 )
-from roadscope.envs.sensors.imu_spec import STANDARD_GRAVITY_M_S2
-from roadscope.envs.traffic.recorder import TrafficRecorder
-from roadscope.envs.traffic.scenarios import record
-from roadscope.envs.traffic.timeline import Timeline
+from roadscope.envs.traffic import Timeline, TrafficRecorder, record
 from tests.envs.sensors.inertial_drives import STEP_S, at_rest, steady, stop_and_go
 from tests.envs.sensors.test_sensing import shortened
 

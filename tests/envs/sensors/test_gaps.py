@@ -5,7 +5,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from roadscope.envs.sensors.disturbance import Gaps
+from roadscope.envs.sensors import Gaps
 
 SHARES, LENGTHS = (0.02, 0.05, 0.1, 0.2, 0.4), (2, 5, 10, 20, 40)
 

@@ -8,15 +8,24 @@ from gymnasium.utils.env_checker import check_env
 
 import roadscope  # noqa: F401  (registers its ids)
 from roadscope.core import GROUND, ImuSamples, Pose, RecordError
-from roadscope.envs.sensors.ego_motion import BodySway, EgoMotion
-from roadscope.envs.sensors.imu import PAGE, ImuNoise, measure, samples_of
-from roadscope.envs.sensors.imu_spec import IMUS, STANDARD_GRAVITY_M_S2
-from roadscope.envs.sensors.rig import ImuMount, Rig
-from roadscope.envs.sensors.rigs import rig, scaled_noise
-from roadscope.envs.sensors.sensing import Sensing, sense
-from roadscope.envs.sensors.wheels import WheelSpec
-from roadscope.envs.traffic.scenarios import record
-from roadscope.envs.traffic.timeline import Timeline
+from roadscope.envs.sensors import (
+    IMUS,
+    PAGE,
+    STANDARD_GRAVITY_M_S2,
+    BodySway,
+    EgoMotion,
+    ImuMount,
+    ImuNoise,
+    Rig,
+    Sensing,
+    WheelSpec,
+    measure,
+    samples_of,
+    scaled_noise,
+    sense,
+)
+from roadscope.envs.sensors.rigs import rig
+from roadscope.envs.traffic import Timeline, record
 from tests.envs.sensors.inertial_drives import at_rest, integrated, stop_and_go
 from tests.envs.sensors.test_sensing import shortened
 

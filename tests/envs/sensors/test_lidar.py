@@ -6,10 +6,9 @@ import numpy as np
 import pytest
 
 from roadscope.core import GROUND, LidarScan, Pose, RecordError
-from roadscope.envs.raycast.scene import Scene
-from roadscope.envs.sensors.lidar import SweepTruth, lidar_columns, sweep
-from roadscope.envs.sensors.lidar_spec import SPECS, LidarSpec
-from roadscope.envs.world.prisms import Prisms
+from roadscope.envs.raycast import Scene
+from roadscope.envs.sensors import SPECS, LidarSpec, SweepTruth, lidar_columns, sweep
+from roadscope.envs.world import Prisms
 
 WALL = np.array([[0.0, -30], [1, -30], [1, 30], [0, 30]])
 

@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from roadscope.envs.sensors.lidar_spec import SPECS
+from roadscope.envs.sensors import SPECS
 
 ROUND_US = {"vlp16": 55.296, "hdl32e": 46.08}
 

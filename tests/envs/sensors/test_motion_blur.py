@@ -7,11 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from roadscope.envs.imaging.pinhole import Pinhole
-from roadscope.envs.sensors.camera import motion_during
-from roadscope.envs.sensors.rig import Rig
+from roadscope.envs.imaging import Pinhole
+from roadscope.envs.sensors import Rig, Sensing, motion_during
 from roadscope.envs.sensors.rigs import rig
-from roadscope.envs.sensors.sensing import Sensing
 from tests.envs.worlds import platoon
 
 

@@ -5,13 +5,19 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from roadscope.core import GROUND, SKY, Category, RecordError
-from roadscope.core.pixel_truth import GROUND_CLASS, SCENERY_CLASS, SKY_CLASS
-from roadscope.core.projection import Projection
+from roadscope.core import (
+    GROUND,
+    GROUND_CLASS,
+    SCENERY_CLASS,
+    SKY,
+    SKY_CLASS,
+    Category,
+    Projection,
+    RecordError,
+)
+from roadscope.envs.sensors import Sensing
 from roadscope.envs.sensors.rigs import rig
-from roadscope.envs.sensors.sensing import Sensing
-from roadscope.envs.traffic.scenarios import record
-from roadscope.envs.traffic.timeline import Timeline
+from roadscope.envs.traffic import Timeline, record
 
 SEED, AT_S = 7, 1.5
 

@@ -4,9 +4,8 @@ import numpy as np
 import pytest
 
 from roadscope.core import RecordError
-from roadscope.envs.sensors.camera_spec import CAMERAS
-from roadscope.envs.sensors.lidar_spec import SPECS
-from roadscope.envs.sensors.rigs import RIGS, load_rig, rig, scaled_noise
+from roadscope.envs.sensors import CAMERAS, RIGS, SPECS, load_rig, scaled_noise
+from roadscope.envs.sensors.rigs import rig
 
 CAMERA = 'lidar = "lux"\n[camera]\nsensor = "wide"\n'
 

@@ -4,10 +4,9 @@ import numpy as np
 import pytest
 
 from roadscope.core import GROUND, Pose
-from roadscope.envs.sensors.rigs import rig, scaled_noise
-from roadscope.envs.sensors.sensing import Sensing, sense
-from roadscope.envs.traffic.scenarios import record
-from roadscope.envs.traffic.timeline import Timeline
+from roadscope.envs.sensors import Sensing, scaled_noise, sense
+from roadscope.envs.sensors.rigs import rig
+from roadscope.envs.traffic import Timeline, record
 
 
 @pytest.fixture(scope="module")

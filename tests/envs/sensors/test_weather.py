@@ -2,12 +2,11 @@ import numpy as np
 import pytest
 
 from roadscope.core import WEATHER, LidarScan, RecordError
+from roadscope.envs.sensors import CLEAR, WEATHERS, Sensing, Weather, fog, rain, sense
 from roadscope.envs.sensors.rigs import rig
-from roadscope.envs.sensors.sensing import Sensing, sense
-from roadscope.envs.sensors.weather import CLEAR, WEATHERS, Weather, fog, rain, weather
-from roadscope.envs.traffic.scenarios import record
-from roadscope.envs.traffic.timeline import Timeline
-from roadscope.envs.world.roadside import kinds_of
+from roadscope.envs.sensors.weather import weather
+from roadscope.envs.traffic import Timeline, record
+from roadscope.envs.world import kinds_of
 
 
 @pytest.fixture(scope="module")

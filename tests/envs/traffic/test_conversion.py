@@ -3,8 +3,8 @@ import pytest
 from highway_env.road.lane import CircularLane, SineLane, StraightLane
 from highway_env.road.road import RoadNetwork
 
-from roadscope.envs.traffic.conversion import LANE_STEP_M, road_map, to_world
-from roadscope.envs.traffic.lanes import coordinates, greatest_curvature
+from roadscope.envs.traffic import LANE_STEP_M, coordinates, greatest_curvature, to_world
+from roadscope.envs.traffic.conversion import road_map
 
 LANES = [
     StraightLane([3.0, 1.0], [50.0, -20.0], width=3.5),

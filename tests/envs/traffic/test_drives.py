@@ -5,11 +5,17 @@ from functools import cache
 import numpy as np
 import pytest
 
-from roadscope.core import Category
-from roadscope.core.bounds import Bounds
-from roadscope.envs.traffic.course import SHARPEST_M, Bend, Course, winding
-from roadscope.envs.traffic.scenarios import SCENARIOS, accept, record
-from roadscope.envs.traffic.scripts import convoy_pull_away
+from roadscope.core import Bounds, Category
+from roadscope.envs.traffic import (
+    SCENARIOS,
+    SHARPEST_M,
+    Bend,
+    Course,
+    accept,
+    convoy_pull_away,
+    record,
+    winding,
+)
 
 SEEDS = range(20)
 MOVING_M = {
@@ -210,8 +216,8 @@ def test_parallels_of_a_course_keep_distance_and_direction():
 @pytest.mark.parametrize("name", ["tunnel", "barriers"])
 def test_a_road_between_walls_is_walled(name):
     """From the ego's roof, walls to both sides over its whole way; in a tunnel a ceiling."""
+    from roadscope.envs.sensors import sense
     from roadscope.envs.sensors.rigs import rig
-    from roadscope.envs.sensors.sensing import sense
 
     for frame, truth in sense(record(name, 3, 1.0), rig("vlp16"), 3):
         points = frame.lidar.points[truth.sources <= -2]

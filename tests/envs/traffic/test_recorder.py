@@ -7,12 +7,13 @@ import numpy as np
 import pytest
 
 from roadscope.core import Category
-from roadscope.envs.traffic.conversion import ForeignEnvError, restore_driver_constants
-from roadscope.envs.traffic.recorder import (
+from roadscope.envs.traffic import (
+    ForeignEnvError,
     RecordedRegulatedRoad,
     RecordedRoad,
     TrafficRecorder,
     rear_axles,
+    restore_driver_constants,
 )
 
 FAMILIES = (

@@ -2,8 +2,8 @@ import gymnasium as gym
 import pytest
 
 import roadscope  # noqa: F401
-from roadscope.envs.gym.registration import IDS
-from roadscope.envs.traffic.scenarios import SCENARIOS, ScenarioError, find, scenario_of_environment
+from roadscope.envs.gym import IDS
+from roadscope.envs.traffic import SCENARIOS, ScenarioError, find, scenario_of_environment
 
 
 @pytest.mark.parametrize("name", IDS)

@@ -10,9 +10,8 @@ import numpy as np
 import pytest
 
 from roadscope.core import Category
-from roadscope.envs.traffic import scenarios
-from roadscope.envs.traffic.scenarios import SCENARIOS, ScenarioError, accept, find, record
-from roadscope.envs.world.roadside import STYLES
+from roadscope.envs.traffic import SCENARIOS, ScenarioError, accept, find, record, scenarios
+from roadscope.envs.world import STYLES
 
 # Vehicles of unseen shapes drive as those do that they stand in for: `test_unseen.py`.
 FLOWING = [n for n, scenario in SCENARIOS.items() if not (scenario.scripted or scenario.unseen)]

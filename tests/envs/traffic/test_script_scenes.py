@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
+from roadscope.envs.sensors import sense
 from roadscope.envs.sensors.rigs import rig
-from roadscope.envs.sensors.sensing import sense
-from roadscope.envs.traffic.scenarios import accept, record
+from roadscope.envs.traffic import accept, record
 
 SEEDS = range(60)
 SCENES = ("cut-ins", "long-occlusion")

@@ -5,11 +5,19 @@ from dataclasses import astuple, replace
 import numpy as np
 import pytest
 
+from roadscope.envs.sensors import sense
 from roadscope.envs.sensors.rigs import rig
-from roadscope.envs.sensors.sensing import sense
-from roadscope.envs.traffic.lu2018 import FRAME_S, LEFT_EDGE, SCRIPTS, SENSOR_AHEAD_M, play_script
-from roadscope.envs.traffic.scenarios import SCENARIOS, record
-from roadscope.envs.traffic.script import Change, ScriptedMotion
+from roadscope.envs.traffic import (
+    FRAME_S,
+    LEFT_EDGE,
+    SCENARIOS,
+    SCRIPTS,
+    SENSOR_AHEAD_M,
+    Change,
+    ScriptedMotion,
+    play_script,
+    record,
+)
 
 SEEDS = range(30)
 

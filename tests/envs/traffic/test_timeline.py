@@ -7,9 +7,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from roadscope.core import RecordError
-from roadscope.envs.traffic.road_map import RoadMap
-from roadscope.envs.traffic.script import Change, ScriptedMotion
-from roadscope.envs.traffic.timeline import Timeline
+from roadscope.envs.traffic import Change, RoadMap, ScriptedMotion, Timeline
 
 ROAD = RoadMap.from_lanes([(np.array([[0.0, 0.0], [10.0, 0.0]]), np.array([4.0, 4.0]))])
 

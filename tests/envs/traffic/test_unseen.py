@@ -8,9 +8,8 @@ import numpy as np
 import pytest
 
 from roadscope.core import Category
-from roadscope.envs.traffic.mix import MIXES, UNSEEN
-from roadscope.envs.traffic.scenarios import record
-from roadscope.envs.world.bodies import BY_SIZE, body_prisms
+from roadscope.envs.traffic import MIXES, UNSEEN, record
+from roadscope.envs.world import BY_SIZE, body_prisms
 
 CASES = [(c, n, s) for c, models in UNSEEN.items() for n, s in models.items()]
 MODELS = pytest.mark.parametrize(("category", "name", "size"), CASES)

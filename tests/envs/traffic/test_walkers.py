@@ -2,10 +2,8 @@ import numpy as np
 import pytest
 
 from roadscope.core import Category
-from roadscope.envs.traffic.driving import clamp
-from roadscope.envs.traffic.scenarios import record
-from roadscope.envs.traffic.timeline import Timeline
-from roadscope.envs.traffic.walkers import _interpolate, rounded_path
+from roadscope.envs.traffic import Timeline, clamp, record, rounded_path
+from roadscope.envs.traffic.walkers import _interpolate
 
 PEOPLE = (Category.PEDESTRIAN, Category.CYCLIST)
 

@@ -2,8 +2,7 @@ import numpy as np
 import pytest
 
 from roadscope.core import Category
-from roadscope.envs.world.bodies import body_prisms
-from roadscope.envs.world.prisms import Prisms
+from roadscope.envs.world import Prisms, body_prisms
 
 SIZES = {
     Category.CAR: [(3.6, 1.6, 1.5), (4.87, 1.85, 1.48), (5.2, 2.0, 1.8)],

@@ -1,14 +1,15 @@
 import numpy as np
 import pytest
 
-from roadscope.envs.traffic.road_map import RoadMap
-from roadscope.envs.world.borders import (
+from roadscope.envs.traffic import RoadMap
+from roadscope.envs.world import (
     LaneDistances,
     border_sites,
     distances_to,
+    rectangle,
+    rounded,
     without_duplicates,
 )
-from roadscope.envs.world.prisms import rectangle, rounded
 from tests.envs.worlds import circle, crossing, straight
 
 

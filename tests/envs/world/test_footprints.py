@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from roadscope.envs.world.prisms import ellipse, padded, placed, rectangle, rounded
+from roadscope.envs.world import ellipse, padded, placed, rectangle, rounded
 
 
 def _area(outline: np.ndarray) -> float:

@@ -3,8 +3,9 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
+from roadscope.envs.world import CORNER_RADII_M, SLABS
 from roadscope.envs.world import ford_saloon as ford
-from roadscope.envs.world.ford_saloon import CORNER_RADII_M, SLABS, ford_saloon
+from roadscope.envs.world.ford_saloon import ford_saloon
 
 
 @pytest.fixture(params=CORNER_RADII_M)

@@ -1,6 +1,6 @@
 import numpy as np
 
-from roadscope.envs.world.ground import surface_of
+from roadscope.envs.world import surface_of
 from tests.envs.worlds import circle, crossing, straight
 
 

@@ -1,7 +1,6 @@
 import numpy as np
 
-from roadscope.envs.world.roadside import OBSTACLE_KIND, kinds_of
-from roadscope.envs.world.world import obstacle_prisms
+from roadscope.envs.world import OBSTACLE_KIND, kinds_of, obstacle_prisms
 
 
 def test_an_obstacle_is_a_box_where_it_stands():

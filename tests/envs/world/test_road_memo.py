@@ -1,7 +1,7 @@
 import numpy as np
 
-from roadscope.envs.traffic.road_map import RoadMap
-from roadscope.envs.world.road_memo import CACHED_ROADS, cached_per_road
+from roadscope.envs.traffic import RoadMap
+from roadscope.envs.world import CACHED_ROADS, cached_per_road
 from tests.envs.worlds import straight
 
 

@@ -12,11 +12,9 @@ import pytest
 from scipy.spatial import cKDTree
 
 from roadscope.core import RecordError
+from roadscope.envs.traffic import SCENARIOS, RoadMap
 from roadscope.envs.traffic.conversion import road_map
-from roadscope.envs.traffic.road_map import RoadMap
-from roadscope.envs.traffic.scenarios import SCENARIOS
-from roadscope.envs.world.prisms import Prisms
-from roadscope.envs.world.roadside import KINDS, OVERHEAD, STYLES, Scenery, grow, kinds_of
+from roadscope.envs.world import KINDS, OVERHEAD, STYLES, Prisms, Scenery, grow, kinds_of
 from tests.envs.worlds import circle, crossing, straight
 
 IDS = sorted(

@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 from roadscope.core import Category, RecordError
-from roadscope.envs.world.bodies import body_prisms
-from roadscope.envs.world.world import World, actor_bodies, build_world
+from roadscope.envs.world import World, actor_bodies, body_prisms, build_world
 from tests.envs.worlds import platoon
 
 

@@ -4,10 +4,9 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from roadscope.detectors.clustering.range_angle import quick_azimuth
-from roadscope.odometry.clusters.features import match_clusters
-from roadscope.odometry.clusters.segments import Segments, centres_of, parts
-from roadscope.odometry.rigid import exp_se3, inverse
+from roadscope.detectors.clustering import quick_azimuth
+from roadscope.odometry import exp_se3, inverse
+from roadscope.odometry.clusters import Segments, centres_of, match_clusters, parts
 
 
 def segments(points, labels):

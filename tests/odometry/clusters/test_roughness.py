@@ -3,8 +3,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from roadscope.odometry.clusters.features import LEAST, MOST, NOISE_M, limit_of, ring_roughness
-from roadscope.odometry.loam.features import sweep_of
+from roadscope.odometry.clusters import LEAST, MOST, NOISE_M, limit_of, ring_roughness
+from roadscope.odometry.loam import sweep_of
 
 
 def ring_roughness_slowly(points, ring, column, labels, window_m):

@@ -8,8 +8,10 @@ import toy_drive
 from scipy.optimize import least_squares
 from toy_drive import Drive, offset
 
-from roadscope.odometry.lego.loop_closing import (
+from roadscope.odometry import LegoLoamOdometry, exp_se3, inverse, log_se3
+from roadscope.odometry.lego import (
     DRIVEN_M,
+    Keyframe,
     Link,
     LoopClosing,
     between,
@@ -20,9 +22,6 @@ from roadscope.odometry.lego.loop_closing import (
     overlap,
     relocalised,
 )
-from roadscope.odometry.lego.point_map import Keyframe
-from roadscope.odometry.lego_loam import LegoLoamOdometry
-from roadscope.odometry.rigid import exp_se3, inverse, log_se3
 
 RADIUS_M, STEPS = 20.0, 40
 

@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from roadscope.odometry.lego.mapping import LegoMapping
-from roadscope.odometry.loam.features import Features
+from roadscope.odometry.lego import LegoMapping
+from roadscope.odometry.loam import Features
 
 
 def corner(place):

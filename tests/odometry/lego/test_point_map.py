@@ -5,8 +5,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from roadscope.odometry.lego.point_map import CUBE_M, NEAREST, PointMap, nearest_points
-from roadscope.odometry.rigid import exp_se3
+from roadscope.odometry import exp_se3
+from roadscope.odometry.lego import CUBE_M, NEAREST, PointMap, nearest_points
 
 HERE = np.eye(4)
 

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from toy_drive import Drive, kept
 
-from roadscope.odometry.lego.segments import (
+from roadscope.odometry.lego import (
     GROUND,
     LEVEL,
     NONE,

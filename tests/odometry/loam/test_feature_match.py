@@ -5,22 +5,21 @@ import pytest
 from scipy.optimize import least_squares
 from toy_drive import Drive, kept
 
-from roadscope.odometry.cloud_kernels import deskewed
-from roadscope.odometry.loam.feature_match import (
+from roadscope.odometry import deskewed, exp_se3, log_se3
+from roadscope.odometry.loam import (
     DEVIATION,
     NOISE_M,
     TUKEY,
     Pairs,
-    _weights,
     distances,
+    extract,
     joined,
     match_features,
     moved,
     normal_equations,
     settle,
 )
-from roadscope.odometry.loam.features import extract
-from roadscope.odometry.rigid import exp_se3, log_se3
+from roadscope.odometry.loam.feature_match import _weights
 
 
 def features(drive, k, rows=slice(None)):

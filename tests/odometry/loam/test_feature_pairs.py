@@ -5,16 +5,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from roadscope.odometry.loam.feature_match import (
-    NONE,
-    RINGS_AWAY,
-    SLIM,
-    lines_of,
-    nearest,
-    planes_of,
-    ring_table,
-)
-from roadscope.odometry.rigid import exp_se3
+from roadscope.odometry import exp_se3
+from roadscope.odometry.loam import NONE, RINGS_AWAY, SLIM, lines_of, nearest, planes_of, ring_table
 
 NOWHERE = np.eye(4)
 

@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from toy_drive import Drive
 
-from roadscope.odometry.loam.features import (
+from roadscope.odometry.loam import (
     ADJACENT,
     GRAZING,
     JUMP,

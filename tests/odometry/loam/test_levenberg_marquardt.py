@@ -6,8 +6,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import least_squares
 
-from roadscope.odometry.loam.feature_match import Pairs, descend, distances, moved, normal_equations
-from roadscope.odometry.rigid import exp_se3, exp_so3, log_se3
+from roadscope.odometry import exp_se3, exp_so3, log_se3
+from roadscope.odometry.loam import Pairs, descend, distances, moved, normal_equations
 
 ALL = np.ones(6, bool)
 

@@ -3,9 +3,8 @@
 import numpy as np
 import pytest
 
-from roadscope.odometry.loam.feature_match import FeatureMatch
-from roadscope.odometry.loam.progress import PATIENCE, SURE, ImuPrediction, Progress
-from roadscope.odometry.rigid import exp_se3
+from roadscope.odometry import exp_se3
+from roadscope.odometry.loam import PATIENCE, SURE, FeatureMatch, ImuPrediction, Progress
 
 PERIOD_S, WAY_M = 0.1, 0.8
 

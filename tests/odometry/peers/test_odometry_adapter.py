@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 from toy_drive import driven, emptied, kept
 
-from roadscope.odometry.peers.adapter import LOST, OdometryAdapter
-from roadscope.odometry.peers.interface import Placed
+from roadscope.odometry.peers import LOST, OdometryAdapter, Placed
 
 DRIVE, INPUTS = driven(12)
 

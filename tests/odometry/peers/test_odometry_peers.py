@@ -9,11 +9,9 @@ import numpy as np
 import pytest
 from toy_drive import Drive, offset
 
-from roadscope.benchmarks.fingerprint import plugin_hash
-from roadscope.core import Pose
-from roadscope.core.loading import NotInstalledError, Requirement
-from roadscope.odometry import ODOMETRIES
-from roadscope.odometry.rigid import hat
+from roadscope.benchmarks import plugin_hash
+from roadscope.core import NotInstalledError, Pose, Requirement
+from roadscope.odometry import ODOMETRIES, hat
 
 PEERS = [name for name in ODOMETRIES if ODOMETRIES.resolve(name).requirement is not None]
 AT_SPEED = {"small-gicp-scan": 0.25, "small-gicp": 0.1, "genz-icp": 0.1}

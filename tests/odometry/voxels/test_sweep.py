@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from toy_drive import Drive, kept
 
-from roadscope.odometry.voxels.sweep import ENOUGH, ThinnedScan
+from roadscope.odometry.voxels import ENOUGH, ThinnedScan
 
 
 @pytest.fixture(scope="module")

@@ -3,18 +3,20 @@
 import numpy as np
 import pytest
 
-from roadscope.odometry.rigid import exp_se3, log_se3
-from roadscope.odometry.voxels.matching import (
+from roadscope.odometry import exp_se3, log_se3
+from roadscope.odometry.voxels import (
+    FLOOR_M,
     GRAZING,
+    MOST,
     TILT,
     TRACED_RAD,
     PosePrior,
+    VoxelMap,
     contradicts,
     match,
     normal_equations,
     surface_at,
 )
-from roadscope.odometry.voxels.surfaces import FLOOR_M, MOST, VoxelMap
 
 NOTHING_HELD, UP = np.zeros((6, 6)), np.array([0.0, 0.0, 1.0])
 

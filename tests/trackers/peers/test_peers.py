@@ -13,8 +13,8 @@ from tracked_scenes import both, boxes, identities, run
 
 import roadscope
 from roadscope import TRACKERS, Category, Pose, TrackState
-from roadscope.benchmarks.fingerprint import plugin_hash
-from roadscope.core.loading import NotInstalledError, Requirement
+from roadscope.benchmarks import plugin_hash
+from roadscope.core import NotInstalledError, Requirement
 
 PEERS = [name for name in TRACKERS if TRACKERS.resolve(name).requirement is not None]
 CONFIRMED = TrackState.CONFIRMED
@@ -198,7 +198,7 @@ def test_listing_loads_no_library():
 
 
 def test_boxes_along_the_axes_hold_the_turned_ones():
-    from roadscope.trackers._peers.roboflow import upright_boxes
+    from roadscope.trackers._peers import upright_boxes
 
     found = detections([[1.0, 2.0]] * 3, yaws=[0.0, np.pi / 2, np.pi / 4], sizes=(4.0, 2.0, 1.5))
     half = 3 / np.sqrt(2)

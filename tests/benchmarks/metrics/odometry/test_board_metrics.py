@@ -5,19 +5,19 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from roadscope.benchmarks.metrics.breakdown import part_name
-from roadscope.benchmarks.metrics.odometry import (
+from roadscope.benchmarks.metrics import (
     AT_REST_M_S,
     DISTANCE,
     LEAST_REST_S,
     MARKS_M,
+    Trajectories,
     by_distance,
+    part_name,
     rests,
     score_moving,
     score_standing,
 )
-from roadscope.benchmarks.metrics.trajectory_errors import Trajectories
-from roadscope.odometry.rigid import exp_se3
+from roadscope.odometry import exp_se3
 
 PERIOD_S = 0.1
 

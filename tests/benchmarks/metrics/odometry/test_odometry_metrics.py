@@ -12,16 +12,16 @@ import pytest
 from scipy.optimize import minimize_scalar
 from scipy.spatial.transform import Rotation
 
-from roadscope.benchmarks.metrics.odometry import score_odometry
-from roadscope.benchmarks.metrics.trajectory_errors import (
+from roadscope.benchmarks.metrics import (
     KITTI_M,
     Trajectories,
     absolute_errors,
     drift,
     relative_errors,
+    score_odometry,
 )
 from roadscope.core import RecordError
-from roadscope.odometry.rigid import exp_se3
+from roadscope.odometry import exp_se3
 
 ALIGNMENTS = ("none", "origin", "yaw", "se3")
 

@@ -7,25 +7,23 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from roadscope.benchmarks.metrics.breakdown import part_name
-from roadscope.benchmarks.metrics.odometry import (
+from roadscope.benchmarks.metrics import (
     AT_REST_M_S,
     DISTANCE,
     LEAST_REST_S,
     MARKS_M,
+    Trajectories,
+    absolute_errors,
     by_distance,
+    drift,
+    part_name,
+    relative_errors,
     rests,
     score_odometry,
     score_standing,
-)
-from roadscope.benchmarks.metrics.trajectory_errors import (
-    Trajectories,
-    absolute_errors,
-    drift,
-    relative_errors,
     truth_from_estimate,
 )
-from roadscope.odometry.rigid import exp_se3
+from roadscope.odometry import exp_se3
 
 seeds = st.integers(0, 9999)
 

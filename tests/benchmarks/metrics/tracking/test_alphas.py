@@ -5,14 +5,17 @@ import pytest
 from toy_boxes import tracks, truth
 
 from roadscope import load_suite
-from roadscope.benchmarks.eligibility import Eligibility
-from roadscope.benchmarks.metrics.breakdown import part_name
-from roadscope.benchmarks.metrics.tracking import score_alphas, score_tracks
-from roadscope.benchmarks.metrics.tracking.scores import ALPHA_BANDS, BY_ALPHA, CURVES
-from roadscope.benchmarks.report.breakdowns import breakdown_tables
+from roadscope.benchmarks import Eligibility, Outcome, plan
+from roadscope.benchmarks.metrics import part_name
+from roadscope.benchmarks.metrics.tracking import (
+    ALPHA_BANDS,
+    BY_ALPHA,
+    CURVES,
+    score_alphas,
+    score_tracks,
+)
+from roadscope.benchmarks.report import breakdown_tables
 from roadscope.benchmarks.results import gather
-from roadscope.benchmarks.run import plan
-from roadscope.benchmarks.store import Outcome
 
 RULE = Eligibility(range_m=(0.0, 60.0), min_returns=10)
 NAMES = ("hota", *CURVES)

@@ -7,7 +7,7 @@ import pytest
 from test_track_matching import without
 from toy_sequences import sequence, wandering
 
-from roadscope.benchmarks.metrics.tracking.amota import RECALLS, least_scores
+from roadscope.benchmarks.metrics.tracking import RECALLS, least_scores
 from roadscope.metrics import TrackedSequence, amota, clear
 
 

@@ -7,7 +7,7 @@ import pytest
 from scipy.optimize import linear_sum_assignment
 from toy_sequences import sequence, wandering
 
-from roadscope.benchmarks.metrics.tracking.amota import NUSCENES_RECALLS
+from roadscope.benchmarks.metrics.tracking import NUSCENES_RECALLS
 from roadscope.metrics import TrackedSequence, amota_nuscenes
 
 GATE_M = 2.0

@@ -13,7 +13,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from toy_sequences import sequence, wandering
 
-from roadscope.benchmarks.metrics.matching import centre_distances
+from roadscope.benchmarks.metrics import centre_distances
 from roadscope.metrics import TrackedSequence, gospa, ospa
 
 START = datetime(2026, 1, 1)

@@ -7,8 +7,8 @@ from hypothesis import strategies as st
 from shapely.geometry import box
 from toy_boxes import tracks, truth
 
-from roadscope.benchmarks.metrics.matching import image_overlaps
-from roadscope.benchmarks.metrics.tracking.sequence import SIMILARITIES, similarity_by_distance
+from roadscope.benchmarks.metrics import image_overlaps
+from roadscope.benchmarks.metrics.tracking import SIMILARITIES, similarity_by_distance
 from roadscope.metrics import clear, hota, tracked_sequence
 
 EDGE = st.floats(0, 100)

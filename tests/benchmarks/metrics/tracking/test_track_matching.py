@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 from toy_sequences import sequence, wandering
 
-from roadscope.benchmarks.metrics.tracking.clear import count_matches
-from roadscope.benchmarks.metrics.tracking.matching import match_tracks
+from roadscope.benchmarks.metrics.tracking import count_matches, match_tracks
 from roadscope.metrics import TrackedSequence, clear
 
 

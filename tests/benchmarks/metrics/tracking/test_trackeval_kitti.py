@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 from test_trackeval_parity import check
 
-from roadscope.benchmarks.metrics.matching import centre_distances, image_overlaps
-from roadscope.benchmarks.metrics.tracking.sequence import SIMILARITIES
+from roadscope.benchmarks.metrics import centre_distances, image_overlaps
+from roadscope.benchmarks.metrics.tracking import SIMILARITIES
 from roadscope.core import Detections, Tracks, TrackState
 from roadscope.formats import KittiFolder, KittiSequence, read_kitti_sequence
 from roadscope.metrics import TrackedSequence, clear, tracked_sequence

@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from toy_boxes import tracks, truth
 
-from roadscope.benchmarks.eligibility import Eligibility
+from roadscope.benchmarks import Eligibility
 from roadscope.benchmarks.metrics.tracking import score_tracks
 
 RULE = Eligibility(range_m=(0.0, 60.0), min_returns=10)
