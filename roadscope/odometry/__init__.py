@@ -21,7 +21,8 @@ ODOMETRIES: Registry[Odometry] = Registry(
         "scan-to-scan": "roadscope.odometry.voxel_map:VoxelMapOdometry?memory=scan",
         "voxel-map": "roadscope.odometry.voxel_map:VoxelMapOdometry",
         "zhang2022": "roadscope.odometry.zhang:ZhangOdometry",
-        "zhang2022-guarded": "roadscope.odometry.zhang:ZhangOdometry?guarded=true&dimensions=2",
+        "zhang2022-guarded": "roadscope.odometry.zhang:ZhangOdometry?guarded=true&dimensions=2"
+        "&sampled=0.01",
         "zhang2022-map": "roadscope.odometry.zhang:ZhangOdometry?map_every=5",
         "zhang2022-loop": "roadscope.odometry.zhang:ZhangOdometry?map_every=5&loop=true",
         "loam": "roadscope.odometry.zhang:ZhangOdometry?windows=False&drop_dynamic=False"

@@ -66,12 +66,12 @@ class ZhangOdometry:
     still_m, still_m_s, view, sampled: a cluster is dynamic if its centre moved farther than the
         first, plus the second times the time between the scans, plus the third times the ego
         motion, and farther than the fourth times its range: beams diverge, so that a far object has
-        other returns in every scan. The paper states no threshold. view: None: 0, or 1 where only
+        other returns in every scan. The paper states no threshold. A centre rises or falls by half
+        the gap between two beams as soon as one of them misses the object: for a VLP-16 that is
+        1.7 % of the range, hence 0.02. view: None: 0, or 1 where only
         links are bounded: the visible part of a whole wall moves with the sensor; then slower
         objects are not dynamic.
-    dimensions: in which a centre's motion is measured: 3 as in eq. 4, or 2, seen from above: the
-        height of a centre changes by half the gap between two beams as soon as one of them misses
-        the object.
+    dimensions: in which a centre's motion is measured: 3 as in eq. 4, or 2, seen from above.
     guarded: whether the prediction is doubted if it makes more than a third of all returns
         dynamic; then all features are matched, of any cluster. So is the first motion, before
         which the speed is unknown. Neither is in the paper.
@@ -94,7 +94,7 @@ class ZhangOdometry:
         still_m: float = 0.05,
         still_m_s: float = 0.5,
         view: float | None = None,
-        sampled: float = 0.01,
+        sampled: float = 0.02,
         dimensions: int = 3,
         guarded: bool = False,
         roughness: Reading = "ring",

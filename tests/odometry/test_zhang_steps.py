@@ -176,7 +176,7 @@ def test_settings_that_make_no_sense_are_refused(settings, said):
 def under_way():
     """An odometry after six scans of a drive at 8 m/s, the drive, and all its inputs."""
     drive, inputs = driven(10, columns=1800)
-    odometry = ZhangOdometry(guarded=True, dimensions=2)
+    odometry = ZhangOdometry(guarded=True, dimensions=2, sampled=0.01)
     for each in inputs[:6]:
         odometry.update(*each)
     return odometry, drive, inputs
@@ -192,7 +192,7 @@ def away(told, drive, scan):
 def test_a_start_at_speed_does_not_make_everything_dynamic():
     """At 8 m/s all that stands has moved 0.8 m by the second scan."""
     drive, inputs = driven(6, columns=1800)
-    odometry = ZhangOdometry(guarded=True, dimensions=2)
+    odometry = ZhangOdometry(guarded=True, dimensions=2, sampled=0.01)
     told = [odometry.update(*each) for each in inputs]
     assert max(away(t, drive, s) for t, (s, _) in zip(told, inputs, strict=True)) < 0.1
 

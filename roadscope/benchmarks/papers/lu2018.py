@@ -266,7 +266,7 @@ def verdicts(measured: Measured) -> list[Verdict]:
             key = FigureKey(experiment, method, quantity)
             if quantity.startswith("RMS"):
                 target = quantity.removeprefix("RMS of estimate minus measurement, ")
-                claim = f"{target}: estimates {printed} m from the measurements"
+                claim = f"{target}: RMS at most {printed} m"
                 limits = Limits(high=printed)
             elif quantity.endswith("in frame"):
                 limits = Limits(printed - FRAME_TOLERANCE, printed + FRAME_TOLERANCE)

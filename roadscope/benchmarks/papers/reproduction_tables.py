@@ -106,7 +106,9 @@ def _table_of_methods(
     for quantity, unit in zip(quantities, units, strict=True):
         heading = quantity if shared_unit else _with_unit(quantity, unit)
         heading = heading if len(heading) <= width else heading.replace(" ", "\n", 1)
-        table.add_column(heading, justify="right", min_width=min(9, width), max_width=width)
+        table.add_column(
+            heading, justify="right", min_width=min(9, width), max_width=width, overflow="fold"
+        )
     for method in methods:
         line = [cells[method, quantity] for quantity in quantities]
         table.add_row(Text(method, "bold"), *(_rounded(row, row.ours) for row in line))
@@ -132,7 +134,7 @@ def _figure(row: ReproductionRow, value: float | None) -> str:
 
 
 def _interval(low: float | None, high: float | None) -> str:
-    return "" if low is None else f"[{_number(low)}, {_number(high)}]"
+    return "" if low is None else f"[{low:.3g}, {high:.3g}]"
 
 
 def _interval_of(row: ReproductionRow, width: int) -> str:

@@ -188,7 +188,7 @@ def note_of(experiment: str) -> str | None:
         return (
             "The search angle of 5 deg bounds clusters, as the walls in the paper's figures "
             "suggest; one can also read that it bounds steps from return to return alone. A "
-            "cluster is dynamic whose centre moved by more than 0.05 m + 0.5 m/s + 1 % of its "
+            "cluster is dynamic whose centre moved by more than 0.05 m + 0.5 m/s + 2 % of its "
             "range (+ the robot's own motion where the angle bounds links): the paper prints no "
             "threshold. Its numbers of points are of one pair of scans. The true speed is given "
             "at the earlier scan, as an odometry would know it from its steps; 'speed unknown' "
@@ -232,7 +232,7 @@ REMOVAL_VARIANTS = {
     "zhang2022, 1 s apart": RemovalVariant(SCANS_APART, {}),
     "zhang2022, 0.1 s apart": RemovalVariant(1, {}),
     "speed unknown, 1 s": RemovalVariant(SCANS_APART, {}, knows_speed=False),
-    "displaced in x and y, 1 s": RemovalVariant(SCANS_APART, {"dimensions": 2}),
+    "displaced in x and y, 1 s": RemovalVariant(SCANS_APART, {"dimensions": 2, "sampled": 0.01}),
     "epsilon as printed, 1 s": RemovalVariant(SCANS_APART, {"spacings": 0.0}),
     "angle bounds links, 1 s": RemovalVariant(SCANS_APART, _BOUNDED_LINKS),
     "angle bounds links, 0.1 s": RemovalVariant(1, _BOUNDED_LINKS),
