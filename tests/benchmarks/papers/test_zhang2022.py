@@ -127,11 +127,7 @@ def test_no_wall_is_dropped_whole_where_the_angle_bounds_clusters():
     experiment = REMOVAL_CASES["1, still, one walker"]
     seen_from_above = {"dimensions": 2, "sampled": 0.01}
     bounded, linked = (
-        removal(
-            experiment,
-            10000,
-            RemovalVariant(10, {"windows": windows, "dimensions": 2, "sampled": 0.01}),
-        )
+        removal(experiment, 10000, RemovalVariant(10, {"windows": windows, **seen_from_above}))
         for windows in (True, False)
     )
     assert bounded[BEFORE] - bounded[AFTER] < 0.5 * (linked[BEFORE] - linked[AFTER])
