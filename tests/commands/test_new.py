@@ -28,7 +28,7 @@ def roadscope_does(*arguments: object, cwd: Path) -> subprocess.CompletedProcess
     )
 
 
-@pytest.mark.sampled(1)
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", PLUGINS)
 def test_the_printed_steps_check_the_template(kind: str, tmp_path: Path) -> None:
     written = roadscope_does("new", kind, cwd=tmp_path)

@@ -147,6 +147,7 @@ def test_output_may_be_closed() -> None:
     assert isinstance(answer, Tracks)
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("name", ["Hogs", "HogsInChild"])
 def test_memory_is_limited(name: str) -> None:
     error = failure(bad(name))
@@ -154,6 +155,7 @@ def test_memory_is_limited(name: str) -> None:
     assert "0.5 GB" in str(error)
 
 
+@pytest.mark.slow
 def test_answers_are_limited() -> None:
     assert "64 MB" in str(failure(bad("AnswersTooMuch"), Limits(memory_gb=4)))
     assert "64 MB" in str(failure(bad("ForgesLength")))

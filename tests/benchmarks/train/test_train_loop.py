@@ -57,6 +57,7 @@ def test_killed_and_resumed_is_as_never_stopped(tmp_path: Path) -> None:
     assert same(whole, again)
 
 
+@pytest.mark.slow
 def test_checkpoints_of_other_data_or_damaged_are_left_alone(tmp_path: Path) -> None:
     path = tmp_path / "c.pt"
     first = Trainer(RECIPE, "one", CPU)

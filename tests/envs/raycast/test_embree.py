@@ -40,6 +40,7 @@ def compare(hits: Hits, ranges: np.ndarray, owners: np.ndarray) -> None:
     assert (apart > 0.01).sum() + (hits.owners != owners).sum() <= EDGE_CASES * owners.size
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("tilt", TILTS)
 def test_as_embree_through_trimesh(scene: Scene, tilt: tuple[float, float]) -> None:
     trimesh = pytest.importorskip("trimesh")

@@ -86,6 +86,7 @@ def test_motion_is_that_of_vehicles(recorded, name):
         assert np.abs(np.diff(pull, axis=0) * always).max() / 0.04 < 5.0, seed
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("name", DRIVES)
 def test_rear_axles_do_not_slip(recorded, name):
     for seed in SEEDS:
@@ -169,7 +170,7 @@ def test_stop_and_go_stops_and_goes(recorded):
         assert speeds.max() > 5.0, seed
 
 
-@pytest.mark.parametrize(
+@pytest.mark.slow
     "seed", [0, *(pytest.param(seed, marks=pytest.mark.slow) for seed in range(1, 20))]
 )
 def test_the_loop_comes_back_to_where_it_began(recorded, seed):

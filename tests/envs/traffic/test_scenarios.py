@@ -100,6 +100,7 @@ def test_motion_is_that_of_vehicles(recorded, name, seed):
     assert braking.max() < 3.0
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("name", FLOWING)
 def test_rear_axles_do_not_slip(recorded, name):
     """Positions must be the integral of speed along yaw, or interpolation invents motion."""
