@@ -3,7 +3,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
-from sklearn.cluster import DBSCAN
 from toy_lidar import cloud
 
 from roadscope.detectors.clustering import OUTLIER, cluster_dbscan, density_labels
@@ -13,6 +12,8 @@ def by_scikit_learn(points, radius, min_points):
     """Search by tree: scikit-learn's brute force rounds distances to points at the radius."""
     if not len(points):
         return np.empty(0, int)
+    from sklearn.cluster import DBSCAN
+
     return DBSCAN(eps=radius, min_samples=min_points, algorithm="kd_tree").fit_predict(points)
 
 
