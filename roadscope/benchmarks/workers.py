@@ -42,6 +42,8 @@ EXTRAS = {
 """Distributions that backends need and roadscope does not install."""
 MOST_SHARED_DEATHS = 2
 """An item whose workers died this often is computed while nothing else runs; chosen by hand."""
+HAND_ON_S = 5.0
+"""Longest time in which a library hands an item on to a worker; chosen by hand, it takes 1 ms."""
 _PLACE_OF_ADDRESS = re.compile(r"(?:(?:ray|tcp|tls)://)?(?P<host>[^:/]+):(?P<port>\d+)")
 CONNECT_S = 30.0
 """Seconds that a cluster may take to answer; chosen by hand."""
@@ -294,12 +296,25 @@ class _LokyPool:
         return int(isinstance(error, BrokenProcessPool))
 
     def close(self, *, kill: bool) -> None:
+        if kill:
+            self._let_items_arrive()
         executors = [*self._idle, *self._busy.values()]
         # At once: a worker with all modules loaded takes a while to end.
         with ThreadPoolExecutor(max(len(executors), 1)) as threads:
             for executor in executors:
                 threads.submit(executor.shutdown, wait=True, kill_workers=kill)
         self._idle, self._busy = [], {}
+
+    def _let_items_arrive(self) -> None:
+        """Wait until loky has handed on what was just sent.
+
+        Its thread fails (1.5: `KeyError`) if it is told to end while an item is on its way.
+        """
+        until_s = time.monotonic() + HAND_ON_S
+        while time.monotonic() < until_s:
+            if all(future.running() or future.done() for future in self._busy):
+                return
+            time.sleep(0.002)
 
     def _collect(self) -> None:
         """Take back the executors whose item is done; end those whose worker died."""
