@@ -308,7 +308,7 @@ class _LokyPool:
     def _let_items_arrive(self) -> None:
         """Wait until loky has handed on what was just sent.
 
-        Its thread fails (1.5: `KeyError`) if it is told to end while an item is on its way.
+        Its thread fails with a KeyError (joblib 1.6) if it has to end while an item is on its way.
         """
         until_s = time.monotonic() + HAND_ON_S
         while time.monotonic() < until_s:
