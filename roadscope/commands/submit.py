@@ -103,17 +103,10 @@ def submit(
         raise typer.Exit(1)
 
 
-FIRST = {
-    "detection": ("f1", "detection_rate", "precision", "ap", "position_rmse_m"),
-    "tracking": ("hota", "mota", "idf1", "id_switches", "recall", "precision", "position_rmse_m"),
-    "odometry": ("t_rel", "r_rel", "end", "false_motion"),
-}
-"""Metrics that are shown first; of recorded data those of tracking."""
-
-
 def _show(submission: Submission, every: bool) -> None:
     from rich.text import Text
 
+    from roadscope.benchmarks.boards import board_named
     from roadscope.benchmarks.metrics.breakdown import split_name
     from roadscope.benchmarks.results.statistics import merged
     from roadscope.benchmarks.tables import score_table
@@ -128,7 +121,7 @@ def _show(submission: Submission, every: bool) -> None:
             continue
         names = [metric for metric in sound[0] if not split_name(metric)[1]]
         if not every:
-            first = FIRST.get(board, FIRST["tracking"])
+            first = (column.metric for column in board_named(board).columns)
             names = [metric for metric in first if metric in names] or names
         screen.print(score_table({n: merged([s[n] for s in sound]) for n in names}))
 

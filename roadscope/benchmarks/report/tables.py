@@ -13,6 +13,7 @@ from rich.text import Text
 
 from roadscope.benchmarks.boards import Board, board_named
 from roadscope.benchmarks.boards.board import Column
+from roadscope.benchmarks.boards.recorded import KITTI_BOARDS
 from roadscope.benchmarks.boards.tracking import OFFLINE
 from roadscope.benchmarks.results import Results, Row, Standing
 from roadscope.benchmarks.results.agreement import LEAST
@@ -169,7 +170,7 @@ def agreement_lines(results: Results, name: str) -> list[str]:
         if a.board == name
     ]
     ranked = [s for s in results.standings if s.board == name and s.rank is not None]
-    comparable = name.startswith("kitti") and len(ranked) >= LEAST
+    comparable = board_named(name) in KITTI_BOARDS and len(ranked) >= LEAST
     return lines or [NO_COMPARISON] * comparable
 
 
