@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -74,7 +75,8 @@ def _show(paper: str, result: Reproduction, *, everything: bool) -> None:
         verdict_table,
     )
 
-    headline(f"{paper}: verdicts")
+    counts = Counter(each.verdict for each in result.verdicts)
+    headline(f"{paper}: {', '.join(f'{n} {verdict}' for verdict, n in sorted(counts.items()))}")
     show("")
     show(verdict_table(result.verdicts))
     console().print(VERDICT_NOTE, style="dim")

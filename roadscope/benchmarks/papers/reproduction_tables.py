@@ -29,19 +29,18 @@ VERDICT_NOTE = (
 
 
 def verdict_table(verdicts: Sequence[Verdict]) -> Table:
-    """Return the claims of a paper with the figures that judge them."""
+    """Return the claims of a paper, each with what judges it: method, figure and interval."""
     table = plain_table()
-    table.add_column("claim of the paper", ratio=1)
-    table.add_column("of", max_width=15, style="dim")
-    table.add_column("ours", justify="right", no_wrap=True)
-    table.add_column("95 %", justify="right", no_wrap=True, style="dim")
-    table.add_column("verdict", style="bold", no_wrap=True)
-    for each in verdicts:
-        interval = ""
-        if each.low is not None and each.high is not None:
-            interval = f"{each.low:.3g} to {each.high:.3g}"
-        ours = "-" if each.value is None else f"{each.value:.3g} {each.unit}"
-        table.add_row(each.claim, each.method, ours, interval, each.verdict)
+    table.add_column("claim of the paper, and of what", ratio=1)
+    table.add_column("ours [95 %]", justify="right", no_wrap=True)
+    table.add_column("verdict", no_wrap=True)
+    for claim in dict.fromkeys(each.claim for each in verdicts):
+        table.add_row(claim)
+        for each in verdicts:
+            if each.claim == claim:
+                ours = "-" if each.value is None else f"{each.value:.3g} {each.unit}"
+                text = f"{ours} {_interval(each.low, each.high)}".rstrip()
+                table.add_row(f"  {each.method}", text, Text(each.verdict, "bold"), style="dim")
     return table
 
 
