@@ -66,7 +66,7 @@ def note_of(paper: str, experiment: str) -> str | None:
 _PARTS = {
     "lu2018_measures": "NO_TRACK TargetHistories track_targets",
     "lu2018_scene": "KINDS sense_experiment",
-    "reproduction": "FAILS FigureKey HOLDS Limits OPEN POINTS ReproductionRow Verdict "
+    "reproduction": "FAILS FigureKey HOLDS ClaimRange OPEN POINTS ReproductionRow Verdict "
     "YES_OR_NO by_figure differences judge judge_share measure_paper reproduce_module "
     "summarise write_reproduction",
     "reproduction_tables": "MOST_COLUMNS verdict_table",

@@ -40,9 +40,9 @@ from roadscope.benchmarks.papers.reproduction import (
     MORE_THAN_NONE,
     POINTS,
     YES_OR_NO,
+    ClaimRange,
     FigureKey,
     Figures,
-    Limits,
     Measured,
     Paper,
     ReproductionRow,
@@ -490,7 +490,7 @@ def _verdicts_with(camera: str, measured: Measured) -> list[Verdict]:
         unhidden = FigureKey(by_hidden, "li2021", next(iter(HIDDEN_BANDS)))
         for claim, key in (("", own), (" if not hidden", unhidden)):
             text = f"{family}: {printed} % found{claim}"
-            judged.append(judge(text, method, "%", measured[key], Limits(low=printed)))
+            judged.append(judge(text, method, "%", measured[key], ClaimRange(low=printed)))
         for rival, name in RIVALS.items():
             gains = differences(measured, own, own._replace(method=rival))
             text = f"{family}: more found than by {name}"
@@ -504,7 +504,7 @@ def _verdicts_with(camera: str, measured: Measured) -> list[Verdict]:
         (MORE_ONE, CAMERA_FAILS, "the camera fails: no fewer found than by the LiDAR"),
     ):
         key = FigureKey(with_camera(experiment, camera), "li2021", condition)
-        limits = MORE_THAN_NONE if experiment == MORE_BOTH else Limits(low=0.0)
+        limits = MORE_THAN_NONE if experiment == MORE_BOTH else ClaimRange(low=0.0)
         judged.append(judge(text, method, POINTS, measured[key], limits))
     return judged
 

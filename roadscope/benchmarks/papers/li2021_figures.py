@@ -46,7 +46,7 @@ class ImageKeeper:
         return self._detector.detect(frame)
 
 
-class Scene(NamedTuple):
+class DrawnScene(NamedTuple):
     """The pixels of the image with the most targets, and what each method detects, by name."""
 
     pixels: np.ndarray
@@ -54,14 +54,16 @@ class Scene(NamedTuple):
 
 
 @cache
-def _scene(scenario: str) -> Scene:
+def _scene(scenario: str) -> DrawnScene:
     keeper = ImageKeeper()
     episode = Episode(scenario, FIRST_SEED, RIG, DURATION_S)
     pairs = sense_pairs(episode, every=EVERY, detector=keeper)
     k = max(range(len(pairs)), key=lambda k: int(pairs[k].targets.eligible.sum()))
     image = keeper.frames[k].camera
     assert image is not None
-    return Scene(image.pixels, {name: _detected(name, pairs[k]) for name in (LIDAR, CAMERA, FUSED)})
+    return DrawnScene(
+        image.pixels, {name: _detected(name, pairs[k]) for name in (LIDAR, CAMERA, FUSED)}
+    )
 
 
 def _detected(method: str, pair: SensorPair) -> FusedDetections:
@@ -71,7 +73,7 @@ def _detected(method: str, pair: SensorPair) -> FusedDetections:
     return fused[0]
 
 
-def _draw_scene(axes: Axes, scene: Scene, method: str | None) -> None:
+def _draw_scene(axes: Axes, scene: DrawnScene, method: str | None) -> None:
     """Draw an image with the boxes of a method; None: as it is."""
     from matplotlib.patches import Rectangle
 

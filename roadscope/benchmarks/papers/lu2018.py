@@ -17,9 +17,9 @@ from roadscope.benchmarks.papers import lu2018_measures as measures
 from roadscope.benchmarks.papers.lu2018_measures import NO_TRACK, TargetHistories, track_targets
 from roadscope.benchmarks.papers.lu2018_scene import SensedExperiment, sense_experiment
 from roadscope.benchmarks.papers.reproduction import (
+    ClaimRange,
     FigureKey,
     Figures,
-    Limits,
     Measured,
     Paper,
     ReproductionRow,
@@ -267,9 +267,9 @@ def verdicts(measured: Measured) -> list[Verdict]:
             if quantity.startswith("RMS"):
                 target = quantity.removeprefix("RMS of estimate minus measurement, ")
                 claim = f"{target}: RMS at most {printed} m"
-                limits = Limits(high=printed)
+                limits = ClaimRange(high=printed)
             elif quantity.endswith("in frame"):
-                limits = Limits(printed - FRAME_TOLERANCE, printed + FRAME_TOLERANCE)
+                limits = ClaimRange(printed - FRAME_TOLERANCE, printed + FRAME_TOLERANCE)
                 claim = f"{quantity} {printed:.0f} ± 1"
             else:
                 continue

@@ -138,24 +138,26 @@ HOLDS, FAILS, OPEN = "holds", "does not hold", "open"
 """Verdicts. Open: the 95 % interval does not decide."""
 
 
-class Limits(NamedTuple):
+class ClaimRange(NamedTuple):
     """A claim holds if its quantity is from `low` to `high`."""
 
     low: float = -np.inf
     high: float = np.inf
 
 
-MORE_THAN_HALF = Limits(low=0.5)
+MORE_THAN_HALF = ClaimRange(low=0.5)
 """A claim about events holds if it holds in more than half of all seeds."""
 
 
-MORE_THAN_NONE = Limits(low=np.nextafter(0.0, 1.0))
+MORE_THAN_NONE = ClaimRange(low=np.nextafter(0.0, 1.0))
 """Of a difference: the first is greater."""
-LESS_THAN_NONE = Limits(high=-np.nextafter(0.0, 1.0))
+LESS_THAN_NONE = ClaimRange(high=-np.nextafter(0.0, 1.0))
 """Of a difference: the first is less."""
 
 
-def judge(claim: str, method: str, unit: str, values: Sequence[float], limits: Limits) -> Verdict:
+def judge(
+    claim: str, method: str, unit: str, values: Sequence[float], within: ClaimRange
+) -> Verdict:
     """Judge a claim by one value a seed; seeds without a value (NaN) are left out.
 
     It holds if the 95 % interval of the mean lies within the limits, and does not hold if it lies
@@ -166,9 +168,9 @@ def judge(claim: str, method: str, unit: str, values: Sequence[float], limits: L
         return Verdict(claim, method, unit, OPEN, None, None, None, 0)
     low, high = (row.ours, row.ours) if row.low is None or row.high is None else (row.low, row.high)
     verdict = OPEN
-    if limits.low <= low and high <= limits.high:
+    if within.low <= low and high <= within.high:
         verdict = HOLDS
-    elif high < limits.low or low > limits.high:
+    elif high < within.low or low > within.high:
         verdict = FAILS
     return Verdict(claim, method, unit, verdict, row.ours, row.low, row.high, row.n)
 

@@ -14,8 +14,8 @@ import numpy as np
 
 from roadscope.benchmarks.papers.reproduction import (
     YES_OR_NO,
+    ClaimRange,
     FigureKey,
-    Limits,
     Measured,
     ReproductionRow,
     Verdict,
@@ -81,7 +81,7 @@ BEATEN, FALLING, CONSISTENT = "beats paper", "more is better", "NEES"
 OF_EACH_DRIVE = (BEATEN, FALLING, CONSISTENT)
 """What is asked of ours on each drive."""
 LIMITS_MS = {SINGLE: 5.0, MULTI: 15.0, **dict.fromkeys(OURS, 40.0)}
-"""Limits of the mean processor time of a frame. 40 ms is a third of what the paper's own multi
+"""ClaimRange of the mean processor time of a frame. 40 ms is a third of what the paper's own multi
 frame takes; those of the paper's methods are twice what was measured."""
 NONE_TURNED = "{}: none turned by 90 deg"
 CONFIDENCE = 0.95
@@ -136,11 +136,11 @@ def verdicts(measured: Measured, bodies: Sequence[str]) -> list[Verdict]:
                 unit = RMSE_UNITS[column]
                 key = FigureKey(RMSE.format(drive, bodies[0], number), method, column)
                 claim = f"{drive}: {column} within {limit} {unit}"
-                judged.append(judge(claim, method, unit, measured[key], Limits(high=limit)))
+                judged.append(judge(claim, method, unit, measured[key], ClaimRange(high=limit)))
     for method, times_ms in PAPER_TIMES_MS.items():
         claim = f"a frame in {times_ms[MEAN]} ms"
         key = FigureKey(TIMES, method, MEAN)
-        judged.append(judge(claim, method, "ms", measured[key], Limits(high=times_ms[MEAN])))
+        judged.append(judge(claim, method, "ms", measured[key], ClaimRange(high=times_ms[MEAN])))
     return judged
 
 

@@ -25,9 +25,9 @@ from roadscope.benchmarks.papers.reproduction import (
     LESS_THAN_NONE,
     METRES_MORE,
     MILLISECONDS_MORE,
+    ClaimRange,
     FigureKey,
     Figures,
-    Limits,
     Measured,
     Paper,
     ReproductionRow,
@@ -458,11 +458,11 @@ def verdicts(measured: Measured) -> list[Verdict]:
     for case in REMOVAL_CASES:
         key = FigureKey(REMOVAL.format(case), "zhang2022, 1 s apart", PRECISION)
         claim = f"case {case}: what is removed is dynamic (more than half of it)"
-        judged.append(judge(claim, SCAN_TO_SCAN, "%", measured[key], Limits(low=50.0)))
+        judged.append(judge(claim, SCAN_TO_SCAN, "%", measured[key], ClaimRange(low=50.0)))
         printed = PAPER[key._replace(quantity=TIME_MS)]
         claim = f"case {case}: removal within {printed} ms"
         times_ms = measured[key._replace(quantity=TIME_MS)]
-        judged.append(judge(claim, SCAN_TO_SCAN, "ms", times_ms, Limits(high=printed)))
+        judged.append(judge(claim, SCAN_TO_SCAN, "ms", times_ms, ClaimRange(high=printed)))
     for (experiment, quantity), method in product(CLAIMED, (SCAN_TO_SCAN, WITH_MAP)):
         own = FigureKey(experiment, method, quantity)
         unit = MILLISECONDS_MORE if quantity == TIME_MS else METRES_MORE

@@ -12,8 +12,8 @@ from roadscope.benchmarks.papers import (
     OPEN,
     POINTS,
     YES_OR_NO,
+    ClaimRange,
     FigureKey,
-    Limits,
     ReproductionRow,
     Verdict,
     differences,
@@ -108,7 +108,7 @@ def test_interval_is_students_and_within_what_can_be():
     ],
 )
 def test_a_claim_is_judged_by_the_interval_of_its_figure(values, verdict):
-    assert judge("small", "ours", "m", values, Limits(high=1.0)).verdict == verdict
+    assert judge("small", "ours", "m", values, ClaimRange(high=1.0)).verdict == verdict
 
 
 def test_a_share_of_seeds_has_wilsons_interval():

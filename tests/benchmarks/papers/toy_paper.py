@@ -25,7 +25,7 @@ REPRODUCTION = r.Paper(
     hidden=frozenset({"raw"}),
     rows=lambda measured: [r.summarise(key, "m", values) for key, values in measured.items()],
     verdicts=lambda measured: [
-        r.judge("errors are small", "ours", "m", measured[KEY], r.Limits(high=1.5))
+        r.judge("errors are small", "ours", "m", measured[KEY], r.ClaimRange(high=1.5))
     ],
     note_of=lambda experiment: None,
 )
