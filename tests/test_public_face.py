@@ -194,12 +194,16 @@ NAMED_LIKE_THEIR_FILE = {
 INSIDE = {
     "roadscope.detectors.camera.calibration", "roadscope.detectors.evidence",
     "roadscope.detectors.ground.grid", "roadscope.detectors.moving.links",
-    "roadscope.detectors.scoring", "roadscope.benchmarks.papers.zhang2022",
+    "roadscope.detectors.scoring", "roadscope.benchmarks.boards.board",
+    "roadscope.benchmarks.papers.zhang2022",
     "roadscope.benchmarks.speed.odometry", "roadscope.benchmarks.speed.trackers",
     "roadscope.envs.traffic.walkers", "roadscope.odometry.inertial.speed_search",
     "roadscope.odometry.loam.feature_match", "roadscope.trackers._motion",
 }  # fmt: skip
-"""Files from which tests take a name that two files of the folder have, or a kernel's own part."""
+"""Files from which tests take a name that two files of the folder have, or a kernel's own part.
+
+Also the file of boards from which a board imports: the tests' sixth board is loaded by its folder.
+"""
 
 
 def test_tests_import_folders_not_files() -> None:
