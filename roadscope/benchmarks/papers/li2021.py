@@ -280,7 +280,8 @@ def rows(measured: Measured) -> list[ReproductionRow]:
     of_seeds = []
     for key, values in measured.items():
         if key.method == TARGETS:
-            total, n = float(np.nansum(values)), int(np.isfinite(values).sum())
+            n = int(np.isfinite(values).sum())
+            total = float(np.nansum(values)) if n else None
             of_seeds.append(ReproductionRow(*key, unit_of(key), None, total, None, None, n))
         else:
             of_seeds.append(summarise(key, unit_of(key), values, paper_figure(key)))

@@ -116,6 +116,8 @@ def test_one_seed_gives_every_figure_of_the_paper() -> None:
     rows = li2021.rows(by_figure([figures]))
     targets = [row for row in rows if row.method == li2021.TARGETS and row.ours]
     assert {row.experiment for row in targets} >= {"clear", "fog", "clear, camera imitated"}
+    assert li2021.DISTANCE not in {row.quantity for row in targets}
+    assert not any(row.ours == 0 and row.n == 0 for row in rows)
     calibrated = [row for row in rows if row.experiment == li2021.CALIBRATION]
     assert all(row.ours > 0 for row in calibrated)
     assert len(calibrated) == 12
