@@ -259,11 +259,15 @@ class KeptFigures:
 
 def measure_part(part: PartOfSeed) -> Figures:
     """Return the figures of a part with a seed, those that an earlier run kept if there are any."""
-    paper = part.module.rpartition(".")[2]
-    code = fingerprint([package_hash(), library_versions(), part])
-    path = cache_dir() / "papers" / f"{paper}-{code}.cache"
+    path = kept_path(part.module.rpartition(".")[2], part)
     measure = paper_of(part.module).parts[part.part]
     return read_or_make(path, KeptFigures.load, lambda: KeptFigures(measure(part.seed))).figures
+
+
+def kept_path(paper: str, *what: object) -> Path:
+    """Return where something that today's code measured for a paper is kept."""
+    code = fingerprint([package_hash(), library_versions(), *what])
+    return cache_dir() / "papers" / f"{paper}-{code}.cache"
 
 
 def paper_of(module: str) -> Paper:

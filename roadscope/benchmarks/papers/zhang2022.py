@@ -15,10 +15,11 @@ from functools import partial
 from itertools import product
 from time import process_time
 from types import MappingProxyType
-from typing import Any, NamedTuple
+from typing import Any, BinaryIO, NamedTuple
 
 import numpy as np
 
+from roadscope.benchmarks.cache import read_or_make
 from roadscope.benchmarks.drive import drive, imu_mounting
 from roadscope.benchmarks.episode import Episode
 from roadscope.benchmarks.papers.reproduction import (
@@ -34,6 +35,7 @@ from roadscope.benchmarks.papers.reproduction import (
     Verdict,
     differences,
     judge,
+    kept_path,
     summarise,
 )
 from roadscope.benchmarks.papers.zhang2022_scene import (
@@ -322,17 +324,26 @@ class OdometryRun(NamedTuple):
         """(T,) distance of each position from the truth."""
         return np.asarray(np.linalg.norm(self.estimated_m - self.true_m, axis=1))
 
+    def save(self, file: BinaryIO) -> None:
+        """Write it as NumPy's archive."""
+        np.savez(file, **self._asdict())
+
+    @classmethod
+    def load(cls, file: BinaryIO) -> OdometryRun:
+        """Read what `save` wrote."""
+        with np.load(file, allow_pickle=False) as arrays:
+            return cls(**arrays)
+
 
 def methods_of(experiment: str) -> tuple[str, ...]:
     """Return the methods that run in an experiment."""
     return METHODS if experiment in READING_EXPERIMENTS else (*METHODS, *LOOP_CLOSING)
 
 
-def measure_in_corridor(experiment: str, seed: int) -> Figures:
-    """Return the figures of all methods in an experiment."""
+def measure_localisation(experiment: str, specs: Sequence[str], seed: int) -> Figures:
+    """Return the figures of methods in an experiment."""
     figures: Figures = {}
-    sweeps = sense_corridor(EXPERIMENTS[experiment], seed)
-    for spec, run in run_odometries(sweeps, methods_of(experiment)).items():
+    for spec, run in kept_runs(experiment, specs, seed).items():
         figures |= printed_figures(experiment, spec, run)
         figures |= other_figures(experiment, spec, run)
     return figures
@@ -342,7 +353,7 @@ def measure_readings(experiment: str, seed: int) -> Figures:
     """Return the figures of the chain before a map with other readings of the paper."""
     figures: Figures = {}
     names = {WITH_MAP: "as taken", **OTHER_READINGS}
-    for spec, run in run_odometries(sense_corridor(EXPERIMENTS[experiment], seed), names).items():
+    for spec, run in kept_runs(experiment, tuple(names), seed).items():
         figures |= printed_figures(experiment, names[spec], run, READINGS)
     return figures
 
@@ -359,15 +370,26 @@ def measure_with_noise(experiment: str, name: str, seed: int) -> Figures:
     return figures
 
 
-def measure_long_route(specs: Sequence[str], seed: int) -> Figures:
-    """Return the figures of methods on the long route."""
-    figures: Figures = {}
+def kept_runs(experiment: str, specs: Sequence[str], seed: int) -> dict[str, OdometryRun]:
+    """Return the runs of odometries over an experiment, by spec; they are kept for the figures."""
+    paths = {spec: kept_path("zhang2022-run", experiment, spec, seed) for spec in specs}
+    missing = [spec for spec, path in paths.items() if not path.exists()]
+    made = _runs(experiment, missing, seed) if missing else {}
+
+    def make(spec: str) -> OdometryRun:
+        return made[spec] if spec in made else _runs(experiment, [spec], seed)[spec]
+
+    return {
+        spec: read_or_make(path, OdometryRun.load, partial(make, spec))
+        for spec, path in paths.items()
+    }
+
+
+def _runs(experiment: str, specs: Sequence[str], seed: int) -> dict[str, OdometryRun]:
+    if experiment in EXPERIMENTS:
+        return run_odometries(sense_corridor(EXPERIMENTS[experiment], seed), specs)
     episode = Episode(ROUTE_SCENARIO, seed, ROUTE_RIG, ROUTE_DURATION_S)
-    runs = run_odometries(sense_route(episode), specs, imu_mounting(episode))
-    for spec, run in runs.items():
-        figures |= printed_figures(LONG_ROUTE, spec, run)
-        figures |= other_figures(LONG_ROUTE, spec, run)
-    return figures
+    return run_odometries(sense_route(episode), specs, imu_mounting(episode))
 
 
 def sense_route(episode: Episode) -> Iterator[OdometrySweep]:
@@ -475,8 +497,8 @@ def verdicts(measured: Measured) -> list[Verdict]:
 OWN = tuple(spec for spec in methods_of(LONG_ROUTE) if spec.startswith("zhang2022"))
 RIVALS = tuple(spec for spec in methods_of(LONG_ROUTE) if spec not in OWN)
 ROUTES = {
-    f"{LONG_ROUTE}, the paper's": partial(measure_long_route, OWN),
-    f"{LONG_ROUTE}, others": partial(measure_long_route, RIVALS),
+    f"{LONG_ROUTE}, the paper's": partial(measure_localisation, LONG_ROUTE, OWN),
+    f"{LONG_ROUTE}, others": partial(measure_localisation, LONG_ROUTE, RIVALS),
 }
 """Two parts, for two processes: sensing is the same for all methods of a part."""
 NOISY = {
@@ -487,7 +509,7 @@ REPRODUCTION = Paper(
     parts={
         "removal": measure_removal,
         **ROUTES,
-        **{name: partial(measure_in_corridor, name) for name in EXPERIMENTS},
+        **{name: partial(measure_localisation, name, methods_of(name)) for name in EXPERIMENTS},
         **{f"{name}, readings": partial(measure_readings, name) for name in READING_EXPERIMENTS},
         **NOISY,
     },

@@ -7,8 +7,6 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from roadscope.benchmarks.drive import imu_mounting
-from roadscope.benchmarks.episode import Episode
 from roadscope.benchmarks.papers.drawing import (
     COLOURS,
     FAINT,
@@ -19,17 +17,13 @@ from roadscope.benchmarks.papers.drawing import (
 )
 from roadscope.benchmarks.papers.reproduction import FIRST_SEED
 from roadscope.benchmarks.papers.zhang2022 import (
-    EXPERIMENTS,
     LEGO_LOAM,
-    ROUTE_DURATION_S,
-    ROUTE_RIG,
-    ROUTE_SCENARIO,
+    LONG_ROUTE,
     SCAN_TO_SCAN,
     WITH_MAP,
     OdometryRun,
+    kept_runs,
     predicted_motion,
-    run_odometries,
-    sense_route,
 )
 from roadscope.benchmarks.papers.zhang2022_scene import REMOVAL_CASES, SCANS_APART, sense_corridor
 from roadscope.core import LidarScan
@@ -65,12 +59,8 @@ def _case(name: str) -> RemovedCase:
     return RemovedCase(now.scan, removed, now.moving)
 
 
-@cache
 def _runs(experiment: str) -> dict[str, OdometryRun]:
-    if experiment in EXPERIMENTS:
-        return run_odometries(sense_corridor(EXPERIMENTS[experiment], FIRST_SEED), SHOWN)
-    episode = Episode(ROUTE_SCENARIO, FIRST_SEED, ROUTE_RIG, ROUTE_DURATION_S)
-    return run_odometries(sense_route(episode), SHOWN, imu_mounting(episode))
+    return kept_runs(experiment, tuple(SHOWN), FIRST_SEED)
 
 
 def clusters_from_above(figure: Figure) -> None:
@@ -160,6 +150,6 @@ FIGURES = {
     "figure-08": standing_positions,
     "figure-09": partial(path_and_errors, "straight"),
     "figure-10": partial(path_and_errors, "loop"),
-    "figure-11": partial(path_and_errors, "long route"),
+    "figure-11": partial(path_and_errors, LONG_ROUTE),
 }
 """By the paper's number."""

@@ -44,8 +44,10 @@ def ring_table(points: np.ndarray, rings: np.ndarray, labels: np.ndarray) -> Rin
     starts = np.concatenate([[0], np.cumsum(np.bincount(rings, minlength=count))])
     elevations = np.arctan2(points[:, 2], np.hypot(points[:, 0], points[:, 1]))
     lows, highs = np.full(count, np.inf), np.full(count, -np.inf)
-    np.minimum.at(lows, rings[order], elevations)
-    np.maximum.at(highs, rings[order], elevations)
+    used = np.flatnonzero(np.diff(starts))
+    if len(used):
+        lows[used] = np.minimum.reduceat(elevations, starts[used])
+        highs[used] = np.maximum.reduceat(elevations, starts[used])
     return RingTable(points, azimuths, labels[order], starts, lows, highs)
 
 

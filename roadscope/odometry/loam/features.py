@@ -381,10 +381,8 @@ def _smoothest(
     rows: np.ndarray, starts: np.ndarray, rough: np.ndarray, smooth: np.ndarray, most: int
 ) -> np.ndarray:
     """Return the smoothest rows of each group, at most that many, among smooth ones."""
-    group = np.repeat(np.arange(len(starts) - 1), np.diff(starts))
-    rows, group = rows[smooth[rows]], group[smooth[rows]]
-    order = np.lexsort((rough[rows], group))
-    rows, group = rows[order], group[order]
-    rank = np.arange(len(rows)) - np.searchsorted(group, group)
-    smoothest: np.ndarray = rows[rank < most]
-    return smoothest
+    chosen = [np.empty(0, np.int64)]
+    for group in np.split(rows, starts[1:-1]):
+        group = group[smooth[group]]
+        chosen.append(group[np.argsort(rough[group], kind="stable")[:most]])
+    return np.concatenate(chosen)
