@@ -12,20 +12,24 @@ import numpy as np
 from roadscope.core import Category, Detections, Frame
 from roadscope.detectors.drops import check_faint, without_faint
 from roadscope.detectors.long_range_body import AnsweredScan, body_poses
-from roadscope.detectors.long_range_pairs import pair_poses
 from roadscope.detectors.long_range_scores import FEATURES, features, shipped_model
 from roadscope.detectors.moving import Memory, extract
 from roadscope.detectors.moving.lidar import lidar_of
-from roadscope.detectors.moving.links import Chain, Links, Size, usual
+from roadscope.detectors.moving.links import BodySize, Chain, Links, usual
 from roadscope.detectors.moving.view import inverse_of
 from roadscope.detectors.pose.estimate import VehiclePose
-from roadscope.detectors.pose.matched_filter import fit_single
+from roadscope.detectors.pose.matched_filter import fit_multi, fit_single
 from roadscope.detectors.pose.ransac import fit_ransac
 from roadscope.detectors.shape.bodies import Body
 
 FITS = ("single", "multi", "ransac", "body")
 MOST_POINTS = 150
 """Returns that a fit is given: more, on a near vehicle, tell it nothing new."""
+FRAMES = 3
+"""Sightings that `multi` fits together, as the paper does."""
+BIN_M, STEP_DEG = 0.04, 2.0
+"""Of `multi`: bins as wide as the filter's edges, and a parabola finds the angle between two steps.
+Those of the paper, half as wide, are no more accurate and take twice as long."""
 
 
 class LongRangeDetector:
@@ -145,7 +149,10 @@ def _moving_vehicles(
     for (chain, at), pose, (body, size) in zip(moving, poses, usuals, strict=True):
         sighting = chain.sightings[at]
         values = features(chain, sighting, rings[sighting.candidate.rows], pose)
-        vehicles.append(_in_ego(pose, (body.category, size[2]), values, ego_from_drive))
+        height, category = size.height, body.category
+        centre, yaw = _in_ego(pose, height, ego_from_drive)
+        dimensions = (pose.length, pose.width, height)
+        vehicles.append(MovingVehicle(centre, yaw, dimensions, category, values))
     return vehicles
 
 
@@ -153,11 +160,9 @@ def _poses(
     moving: Sequence[tuple[Chain, int]],
     answered: AnsweredScan,
     fit: str,
-    usuals: Sequence[tuple[Body, Size]],
+    usuals: Sequence[tuple[Body, BodySize]],
 ) -> list[VehiclePose]:
     """Return a pose of each chain at one of its sightings, the drive's frame."""
-    if fit == "multi":
-        return pair_poses(moving, [size[:2] for _, size in usuals], MOST_POINTS)
     if fit == "body":
         fitted = body_poses(moving, answered, [body for body, _ in usuals])
     else:
@@ -169,32 +174,43 @@ def _poses(
 
 
 def _in_ego(
-    pose: VehiclePose,
-    kind: tuple[Category, float],
-    values: np.ndarray,
-    ego_from_drive: list[list[float]],
-) -> MovingVehicle:
-    """Bring a pose of the drive's frame into the ego frame; ego_from_drive: (4, 4)."""
+    pose: VehiclePose, height: float, ego_from_drive: list[list[float]]
+) -> tuple[tuple[float, float, float], float]:
+    """Return centre, metres, and yaw, rad, in the ego frame of a pose of the drive's frame.
+
+    height: of the vehicle, metres. ego_from_drive: (4, 4).
+    """
     (a, b, _, ahead), (c, d, _, left), *_ = ego_from_drive
-    category, height_m = kind
     x, y = pose.x * a + pose.y * b + ahead, pose.x * c + pose.y * d + left
-    return MovingVehicle(
-        (x, y, height_m / 2),
-        pose.yaw + math.atan2(c, a),
-        (pose.length, pose.width, height_m),
-        category,
-        values,
-    )
+    return (x, y, height / 2), pose.yaw + math.atan2(c, a)
 
 
-def _posed(chain: Chain, at: int, fit: str, size: tuple[float, float, float]) -> VehiclePose:
-    length_m, width_m, _ = size
+def _posed(chain: Chain, at: int, fit: str, size: BodySize) -> VehiclePose:
+    """Return the pose of a chain at one of its sightings by the fit with this name."""
+    if fit == "multi":
+        return _posed_by_window(chain, at, size)
     sighting = chain.sightings[at]
     points, origin = sighting.at_stamp(chain.velocity, most=MOST_POINTS), sighting.origin
     if fit == "ransac":
         rng = np.random.default_rng(0)
-        return fit_ransac(points, origin, rng, length_m=length_m, width_m=width_m)
-    return fit_single(points, origin, length_m=length_m, width_m=width_m)
+        return fit_ransac(points, origin, rng, length_m=size.length, width_m=size.width)
+    return fit_single(points, origin, length_m=size.length, width_m=size.width)
+
+
+def _posed_by_window(chain: Chain, at: int, size: BodySize) -> VehiclePose:
+    """Return the pose at a sighting by `fit_multi`, with the sightings around it."""
+    first = max(0, min(at - 1, len(chain.sightings) - FRAMES))
+    window = chain.sightings[first : first + FRAMES]
+    return fit_multi(
+        [sighting.at_stamp(chain.velocity, most=MOST_POINTS) for sighting in window],
+        [sighting.origin for sighting in window],
+        [sighting.stamp_s for sighting in window],
+        length_m=size.length,
+        width_m=size.width,
+        at=at - first,
+        bin_m=BIN_M,
+        step_deg=STEP_DEG,
+    )
 
 
 def detections(vehicles: Sequence[MovingVehicle], scores: np.ndarray, stamp_s: float) -> Detections:

@@ -125,7 +125,7 @@ def _check(points: np.ndarray, pixels: np.ndarray) -> None:
         raise CalibrationError(f"expected at least {LEAST_POINTS} points, got {len(points)}")
     extents = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
     if extents[2] < FLAT * extents[0]:
-        raise CalibrationError("all points lie in one plane; move the board between poses")
+        raise CalibrationError("all points lie in one plane; move the target between poses")
 
 
 def _agreeing(
@@ -153,43 +153,48 @@ def _refined(
     matrix: np.ndarray,
     points: np.ndarray,
     pixels: np.ndarray,
-    known: np.ndarray | None,
+    intrinsics: np.ndarray | None,
 ) -> np.ndarray:
-    """Refine all numbers, or the mounting pose alone where the intrinsics are known."""
+    """Return a (3, 4) matrix refined with a robust loss.
+
+    intrinsics: (3, 3) where they are known: then only the mounting pose is refined.
+    """
     from scipy.optimize import least_squares
     from scipy.spatial.transform import Rotation
 
     try:
-        found, ego_from_camera = decompose(matrix)
+        linear_intrinsics, ego_from_camera = decompose(matrix)
     except CalibrationError:
         return matrix
-    intrinsics = found if known is None else np.asarray(known, np.float64)
+    first = linear_intrinsics if intrinsics is None else np.asarray(intrinsics, np.float64)
     camera_from_ego = ego_from_camera.inverse()
 
-    def built(numbers: np.ndarray) -> np.ndarray:
+    def matrix_of(numbers: np.ndarray) -> np.ndarray:
         fx, fy, cx, cy = numbers[:4]
         turn = Rotation.from_rotvec(numbers[4:7]).as_matrix()
         inner = np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1]])
-        joined: np.ndarray = inner @ np.column_stack([turn, numbers[7:10]])
-        return joined
+        product: np.ndarray = inner @ np.column_stack([turn, numbers[7:10]])
+        return product
 
-    def apart(numbers: np.ndarray) -> np.ndarray:
-        projected = points @ built(numbers)[:, :3].T + built(numbers)[:, 3]
+    def residuals(numbers: np.ndarray) -> np.ndarray:
+        projected = points @ matrix_of(numbers)[:, :3].T + matrix_of(numbers)[:, 3]
         depth = np.maximum(projected[:, 2:], 1e-3)
         return np.asarray((projected[:, :2] / depth - pixels).ravel())
 
     start = np.concatenate(
         [
-            [intrinsics[0, 0], intrinsics[1, 1], intrinsics[0, 2], intrinsics[1, 2]],
+            [first[0, 0], first[1, 1], first[0, 2], first[1, 2]],
             Rotation.from_matrix(camera_from_ego.rotation).as_rotvec(),
             camera_from_ego.translation,
         ]
     )
     scale = np.concatenate([np.full(4, 1000.0), np.ones(6)])
-    if known is None:
-        return built(least_squares(apart, start, loss="soft_l1", x_scale=scale).x)
-    pose = least_squares(lambda six: apart(np.append(start[:4], six)), start[4:], loss="soft_l1")
-    return built(np.append(start[:4], pose.x))
+    if intrinsics is None:
+        return matrix_of(least_squares(residuals, start, loss="soft_l1", x_scale=scale).x)
+    pose = least_squares(
+        lambda six: residuals(np.append(start[:4], six)), start[4:], loss="soft_l1"
+    )
+    return matrix_of(np.append(start[:4], pose.x))
 
 
 def _normalised(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -6,6 +6,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from statistics import median
+from typing import NamedTuple
 
 import numpy as np
 
@@ -208,11 +209,16 @@ RIDER_M = 1.3
 TURNS = np.radians(np.arange(-24.0, 25.0, 4.0))
 """By which a body may be turned from the direction in which it goes."""
 
-Size = tuple[float, float, float]
-"""Length, width and height in metres."""
+
+class BodySize(NamedTuple):
+    """Length, width and height, metres."""
+
+    length: float
+    width: float
+    height: float
 
 
-def usual(chains: Sequence[Chain]) -> list[tuple[Body, Size]]:
+def usual(chains: Sequence[Chain]) -> list[tuple[Body, BodySize]]:
     """Return for each chain the first usual body that is as large as its returns, and its size.
 
     Two-wheelers come first, and only for what is as high as a rider: as narrow a part of a car is
@@ -230,7 +236,8 @@ def usual(chains: Sequence[Chain]) -> list[tuple[Body, Size]]:
         fits[: len(TWO_WHEELERS)] &= top > RIDER_M
         # The last one is taken for whatever is larger.
         body = TRIED[int(fits.argmax()) if fits.any() else -1]
-        bodies.append((body, (max(body.length[0], long), body.width[0], body.height[0])))
+        size = BodySize(max(body.length[0], long), body.width[0], body.height[0])
+        bodies.append((body, size))
     return bodies
 
 

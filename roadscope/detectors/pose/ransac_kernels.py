@@ -91,7 +91,7 @@ def best_line(
     held = np.empty(len(points), np.bool_)
     for i in range(len(points)):
         held[i] = abs(points[i, 1] * best[0] - points[i, 0] * best[1] - best[2]) <= inlier_m
-    return _direction(_scatter(points[held])), held
+    return _direction(*_scatter(points[held])), held
 
 
 @compiled(borrowing=True)
@@ -139,7 +139,7 @@ def with_corner(
     xx, xy, yy = _scatter(first)
     # Turned by a quarter, the second face lies along the first.
     uu, uv, vv = _scatter(points[second])
-    turned = _direction((xx + vv, xy - uv, yy + uu))
+    turned = _direction(xx + vv, xy - uv, yy + uu)
     if turned[0] * axis[0] + turned[1] * axis[1] < 0.0:
         turned = -turned
     return turned, float(np.median(_along(points[second], mean, turned))), second
@@ -172,9 +172,8 @@ def _scatter(points: np.ndarray) -> tuple[float, float, float]:
 
 
 @compiled()
-def _direction(scatter: tuple[float, float, float]) -> np.ndarray:
+def _direction(xx: float, xy: float, yy: float) -> np.ndarray:
     """Return the unit vector of the greatest spread, that of y where none is."""
-    xx, xy, yy = scatter
     if xy == 0.0 and xx == yy:
         return np.array([0.0, 1.0])
     angle = 0.5 * math.atan2(2.0 * xy, xx - yy)
