@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 
@@ -45,8 +46,8 @@ class Eligibility(Record):
 
     def _in_scope(self, truth: Truth) -> np.ndarray:
         """Return (M,) bool, which objects are of the families and in the range band."""
-        wanted = np.array([c.value for c in Category if c.family.value in self.families])
-        chosen: np.ndarray = self.within(truth.centres, truth) & np.isin(truth.categories, wanted)
+        wanted = _of_families(tuple(self.families))[truth.categories]
+        chosen: np.ndarray = self.within(truth.centres, truth) & wanted
         return chosen
 
     def within(self, centres: np.ndarray, truth: Truth) -> np.ndarray:
@@ -84,3 +85,9 @@ class Eligibility(Record):
     ) -> list[Pairing]:
         """Return `pairing` of every frame of an episode."""
         return [self.pairing(b, t, parked) for b, t in zip(boxes, truths, strict=True)]
+
+
+@cache
+def _of_families(families: tuple[str, ...]) -> np.ndarray:
+    """Return (C,) bool, which categories are of these families."""
+    return np.array([category.family.value in families for category in Category])

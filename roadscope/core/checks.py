@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, NoReturn
 
 import numpy as np
 from numpy.typing import DTypeLike
@@ -78,6 +78,8 @@ def _label(record: object, name: str) -> str:
 
 def _convert(record: object, name: str, value: Any, dtype: DTypeLike) -> np.ndarray:
     wanted = np.dtype(dtype)
+    if type(value) is np.ndarray and value.dtype == wanted and value.flags.c_contiguous:
+        return value
     try:
         array = np.asarray(value)
         _check_exact(array, wanted)
@@ -109,19 +111,20 @@ def _check_exact(array: np.ndarray, wanted: np.dtype[Any]) -> None:
 def _check_shape(
     record: object, name: str, array: np.ndarray, shape: Shape, lengths: dict[str, tuple[int, str]]
 ) -> None:
-    text = "(" + ", ".join(map(str, shape)) + ("," if len(shape) == 1 else "") + ")"
     if array.ndim != len(shape):
-        raise RecordError(f"{_label(record, name)}: expected shape {text}, got {array.shape}")
+        _refuse_shape(record, name, array, shape)
     for length, wanted in zip(array.shape, shape, strict=True):
         if isinstance(wanted, int):
             if length != wanted:
-                raise RecordError(
-                    f"{_label(record, name)}: expected shape {text}, got {array.shape}"
-                )
+                _refuse_shape(record, name, array, shape)
             continue
         earlier, source = lengths.setdefault(wanted, (length, name))
         if length != earlier:
-            raise RecordError(
-                f"{_label(record, name)}: expected shape {text} with {wanted} = {earlier} "
-                f"as in {source}, got {array.shape}"
-            )
+            _refuse_shape(record, name, array, shape, f" with {wanted} = {earlier} as in {source}")
+
+
+def _refuse_shape(
+    record: object, name: str, array: np.ndarray, shape: Shape, where: str = ""
+) -> NoReturn:
+    text = "(" + ", ".join(map(str, shape)) + ("," if len(shape) == 1 else "") + ")"
+    raise RecordError(f"{_label(record, name)}: expected shape {text}{where}, got {array.shape}")

@@ -88,7 +88,7 @@ def match(pairing: Pairing, gate_m: float) -> Match:
     """Match with eligible objects first, then match the other detections with ineligible ones."""
     eligible = np.flatnonzero(pairing.eligible)
     detected, column = assign(pairing.distances[:, eligible], gate_m)
-    unmatched = np.setdiff1d(np.arange(len(pairing.distances)), detected)
+    unmatched = other_rows(len(pairing.distances), detected)
     ineligible = np.flatnonzero(~pairing.eligible)
     row, _ = assign(pairing.distances[np.ix_(unmatched, ineligible)], gate_m)
     ignored = ~pairing.counted[unmatched]
@@ -97,9 +97,16 @@ def match(pairing: Pairing, gate_m: float) -> Match:
         detected=detected,
         truth=eligible[column],
         false_alarms=unmatched[~ignored],
-        misses=np.setdiff1d(eligible, eligible[column]),
+        misses=eligible[other_rows(len(eligible), column)],
         ignored=unmatched[ignored],
     )
+
+
+def other_rows(count: int, rows: np.ndarray) -> np.ndarray:
+    """Return the numbers from 0 to `count` - 1 that are not among rows."""
+    other = np.ones(count, bool)
+    other[rows] = False
+    return np.flatnonzero(other)
 
 
 def match_all(pairings: Sequence[Pairing], gate_m: float) -> list[Match]:

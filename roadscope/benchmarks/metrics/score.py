@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import asdict, dataclass, fields
+from dataclasses import dataclass, fields
 from typing import Any, ClassVar, Literal
 
 Better = Literal["higher", "lower"]
@@ -33,8 +33,8 @@ class Score:
 
     def to_json(self) -> dict[str, Any]:
         """Return a dictionary that JSON can hold: nan and infinity become None."""
-        named = asdict(self)
-        return {k: None if _unbounded(v) else v for k, v in named.items()}
+        named = ((name, getattr(self, name)) for name in self.__slots__)
+        return {k: None if _unbounded(v) else v for k, v in named}
 
     @staticmethod
     def from_json(named: dict[str, Any]) -> Score:

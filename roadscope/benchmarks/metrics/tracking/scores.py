@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from roadscope.benchmarks.metrics.breakdown import part_name
-from roadscope.benchmarks.metrics.matching import Pairing, match
+from roadscope.benchmarks.metrics.matching import Pairing, match, other_rows
 from roadscope.benchmarks.metrics.score import Score, ScoreFamily, mean, ratio, rms
 from roadscope.benchmarks.metrics.tracking.amota import amota, amota_nuscenes
 from roadscope.benchmarks.metrics.tracking.clear import count_matches
@@ -151,7 +151,7 @@ def counted_rows(pairings: Sequence[Pairing], gate_m: float = GATE_M) -> list[Fr
     """
     return [
         FrameRows(
-            tracks=np.setdiff1d(np.arange(len(p.distances)), match(p, gate_m).ignored),
+            tracks=other_rows(len(p.distances), match(p, gate_m).ignored),
             objects=np.flatnonzero(p.eligible),
         )
         for p in pairings
