@@ -128,11 +128,11 @@ def pictures(episode: Episode, rows: tuple[int, ...], *, pixels: bool = True) ->
     pinhole = camera_of(rig_of(episode.rig)).spec.pinhole
     size_bytes = len(rows) * pinhole.width * pinhole.height * 3 if pixels else 0
     key = fingerprint(episode.spec()), rows, pixels
-    for picture in _last_images.get(key, size_bytes, partial(_taken, episode, rows, pixels)):
+    for picture in _last_images.get(key, size_bytes, partial(_pictures, episode, rows, pixels)):
         yield replace(picture, frame=deepcopy(picture.frame))
 
 
-def _taken(episode: Episode, rows: tuple[int, ...], pixels: bool) -> Iterator[Picture]:
+def _pictures(episode: Episode, rows: tuple[int, ...], pixels: bool) -> Iterator[Picture]:
     timeline = timeline_of(episode)
     sensing = sensing_of(episode) if pixels else sensing_without_pixels(episode)
     projection, world = projection_of(sensing.rig), world_of(timeline, episode.seed)

@@ -72,14 +72,14 @@ class NoiseModel:
             raise ValueError(f"{name} must be {wanted}, got {value!r}")
 
     @property
-    def stays(self) -> float:
+    def miss_after_miss(self) -> float:
         """Probability that a miss is followed by a miss."""
         return self.miss if self.miss_run is None else 1 - 1 / self.miss_run
 
     @property
-    def begins(self) -> float:
+    def miss_after_hit(self) -> float:
         """Probability that a detection is followed by a miss; makes `miss` the share of misses."""
-        return (1 - self.stays) * self.miss / (1 - self.miss)
+        return (1 - self.miss_after_miss) * self.miss / (1 - self.miss)
 
 
 NOISES: Registry[NoiseModel] = Registry(
@@ -131,7 +131,13 @@ class NoisyDetections:
         model, missed = self._model, []
         for identity, draw in zip(truth.ids.tolist(), self._misses.random(len(truth)), strict=True):
             before = self._missed.get(identity)
-            chance = model.miss if before is None else model.stays if before else model.begins
+            chance = (
+                model.miss
+                if before is None
+                else model.miss_after_miss
+                if before
+                else model.miss_after_hit
+            )
             self._missed[identity] = bool(draw < chance)
             missed.append(self._missed[identity])
         return np.array(missed, np.bool_)

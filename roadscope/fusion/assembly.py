@@ -57,15 +57,18 @@ class Views:
 
 
 def _check_size(camera: ImageDetections, projection: Projection) -> None:
-    """Refuse boxes of an image of another size; who does not tell it is known by its boxes."""
+    """Refuse boxes of an image of another size.
+
+    Where detections do not have the size, boxes that lie outside show it.
+    """
     size = np.array([projection.width, projection.height])
-    told = f"fusion: the calibration is of images of {projection.width} x {projection.height}, "
+    expected = f"fusion: the calibration is of images of {projection.width} x {projection.height}, "
     if camera.size_px is not None and camera.size_px != tuple(size):
-        raise RecordError(f"{told}but this one has {camera.size_px[0]} x {camera.size_px[1]}")
+        raise RecordError(f"{expected}but this one has {camera.size_px[0]} x {camera.size_px[1]}")
     outside = ((camera.boxes[:, :2] > size) | (camera.boxes[:, 2:] < 0)).any(axis=1)
     if outside.any():
         first = camera.boxes[outside][0].round(1).tolist()
-        raise RecordError(f"{told}but a box is at {first} (left top right bottom)")
+        raise RecordError(f"{expected}but a box is at {first} (left top right bottom)")
 
 
 def assemble(

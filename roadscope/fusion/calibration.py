@@ -109,9 +109,9 @@ def distances_px(matrix: np.ndarray, points: np.ndarray, pixels: np.ndarray) -> 
     """(N,) distances in the image; infinite for points behind the camera."""
     projected = points @ matrix[:, :3].T + matrix[:, 3]
     depth = projected[:, 2]
-    seen = depth > 1e-6
-    apart = projected[:, :2] / np.where(seen, depth, 1.0)[:, None] - pixels
-    return np.where(seen, np.hypot(apart[:, 0], apart[:, 1]), np.inf)
+    in_front = depth > 1e-6
+    errors = projected[:, :2] / np.where(in_front, depth, 1.0)[:, None] - pixels
+    return np.where(in_front, np.hypot(errors[:, 0], errors[:, 1]), np.inf)
 
 
 def _check(points: np.ndarray, pixels: np.ndarray) -> None:

@@ -26,13 +26,13 @@ def matched(views: Views, least_iou: float) -> tuple[np.ndarray, np.ndarray]:
     overlaps[~views.in_image] = 0.0
     good = overlaps >= least_iou
     rows, columns = linear_sum_assignment(np.where(good, -overlaps - 1.0, 0.0))
-    kept = good[rows, columns]
-    return rows[kept], columns[kept]
+    accepted = good[rows, columns]
+    return rows[accepted], columns[accepted]
 
 
-def leftovers(count: int, taken: np.ndarray) -> np.ndarray:
-    """Rows below count that are not taken."""
-    return np.setdiff1d(np.arange(count), taken)
+def leftovers(count: int, paired: np.ndarray) -> np.ndarray:
+    """Return the rows from 0 to `count` - 1 that are not among the paired ones."""
+    return np.setdiff1d(np.arange(count), paired)
 
 
 # --------------------------------------------------------------------------------------------------
@@ -148,8 +148,8 @@ class Agreement:
 
         gain = np.minimum(self.cost - GATE, 0.0)
         rows, columns = linear_sum_assignment(gain)
-        kept = self.cost[rows, columns] < GATE
-        return rows[kept], columns[kept]
+        accepted = self.cost[rows, columns] < GATE
+        return rows[accepted], columns[accepted]
 
 
 # --------------------------------------------------------------------------------------------------
@@ -286,6 +286,6 @@ def lenders(views: Views, agreement: Agreement) -> tuple[np.ndarray, np.ndarray]
     middles = (boxes[:, 0] + boxes[:, 2]) / 2
     left, right = views.lidar_boxes[:, None, 0], views.lidar_boxes[:, None, 2]
     covers = (left <= middles) & (middles <= right) & views.in_image[:, None]
-    apart = np.where(covers, agreement.depth, np.inf)
-    best = apart.argmin(axis=0)
-    return apart[best, np.arange(len(boxes))] < LEND_DEPTH, best
+    differences = np.where(covers, agreement.depth, np.inf)
+    best = differences.argmin(axis=0)
+    return differences[best, np.arange(len(boxes))] < LEND_DEPTH, best

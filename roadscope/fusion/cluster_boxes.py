@@ -60,8 +60,8 @@ class ClusterBoxes:
         mount = frame.calibration.pose(frame.lidar.sensor).translation[:2]
         chances = lidar_model().probabilities(features(shapes, mount))
         scores = 1.0 - chances[:, 3]
-        kept = scores >= self.min_score
-        shapes, chances, scores = shapes[kept], chances[kept], scores[kept]
+        probable = scores >= self.min_score
+        shapes, chances, scores = shapes[probable], chances[probable], scores[probable]
         categories = LENDS[chances[:, :3].argmax(axis=1)]
         centres, sizes, yaws = completed(
             shapes[:, :3], shapes[:, 3:6], shapes[:, 6], mount, categories
@@ -77,14 +77,14 @@ class ClusterBoxes:
         cloud = Cloud.of(scan, frame.calibration.pose(scan.sensor))
         cloud = cloud.select(grid_above_ground(cloud))
         labels = cluster_dbscan(cloud, eps_m=self.eps_m, min_points=self.min_points)
-        found, rows = [], []
+        shapes, rows = [], []
         for members in _groups(labels):
             shape = enclosing(cloud.points[members])
             if shape[3] <= LONGEST_M:
-                found.append(shape)
+                shapes.append(shape)
                 rows.append(members)
-        kept = [cloud.points[members] for members in rows]
-        return np.array(found).reshape(-1, 8), kept
+        points = [cloud.points[members] for members in rows]
+        return np.array(shapes).reshape(-1, 8), points
 
 
 def enclosing(points: np.ndarray) -> np.ndarray:

@@ -34,13 +34,13 @@ def masses_of(detections: Detections | ImageDetections, split: Confusion) -> np.
     split: of what is called one family (row), the share that is each (column).
     """
     if detections.masses is not None:
-        return _own(detections.masses)
+        return _checked_columns(detections.masses)
     belief = MOST * detections.scores[:, None]
     shares = np.asarray(split)[families_of(detections.categories)]
     return np.concatenate([belief * shares, 1 - belief], axis=1)
 
 
-def _own(masses: np.ndarray) -> np.ndarray:
+def _checked_columns(masses: np.ndarray) -> np.ndarray:
     """Return a detector's masses; refuse those on another frame of discernment."""
     if masses.shape[1] != len(FAMILIES) + 1:
         raise RecordError(
@@ -58,7 +58,7 @@ def lidar_masses(lidar: Detections) -> np.ndarray:
 def camera_masses(camera: ImageDetections) -> np.ndarray:
     """Return (N, 4) masses of camera detections, after how reliable their scores are by size."""
     if camera.masses is not None:
-        return _own(camera.masses)
+        return _checked_columns(camera.masses)
     reliable = 1 / (1 + np.exp(-odds_model("camera_masses").odds(camera_features(camera))))
     belief = MOST * reliable[:, None]
     shares = confusion("camera")[families_of(camera.categories)]
@@ -142,15 +142,15 @@ def decide(masses: np.ndarray, least: float = DECIDED) -> np.ndarray:
 
 def check_masses(masses: np.ndarray) -> np.ndarray:
     """Return masses as floats; refuse negative ones and rows that do not sum to 1."""
-    given = np.asarray(masses, np.float64)
-    if given.ndim < 1 or given.shape[-1] < 2:
-        raise ValueError(f"masses: expected a class and ignorance at least, got {given.shape}")
-    if not (given >= 0).all():
-        raise ValueError(f"masses: expected values from 0 up, got {given.min()}")
-    wrong = np.abs(given.sum(axis=-1) - 1) > 1e-6
+    checked = np.asarray(masses, np.float64)
+    if checked.ndim < 1 or checked.shape[-1] < 2:
+        raise ValueError(f"masses: expected a class and ignorance at least, got {checked.shape}")
+    if not (checked >= 0).all():
+        raise ValueError(f"masses: expected values from 0 up, got {checked.min()}")
+    wrong = np.abs(checked.sum(axis=-1) - 1) > 1e-6
     if wrong.any():
-        raise ValueError(f"masses: expected rows that sum to 1, got {given[wrong][0].tolist()}")
-    return given
+        raise ValueError(f"masses: expected rows that sum to 1, got {checked[wrong][0].tolist()}")
+    return checked
 
 
 def _of_one_frame(first: np.ndarray, second: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

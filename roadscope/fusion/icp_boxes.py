@@ -44,16 +44,16 @@ class IcpBoxFusion(ImageFirstFusion):
         reach = self.gate * np.maximum(boxes[:, 2] - boxes[:, 0], 2.0)
         shift = np.zeros(2)
         for _ in range(self.turns):
-            nearest, apart = _nearest(theirs + shift, ours)
-            close = apart < 2 * reach
+            nearest, distances = _nearest(theirs + shift, ours)
+            close = distances < 2 * reach
             if not close.any():
                 break
             step = (ours[nearest] - theirs - shift)[close].mean(axis=0)
             shift = shift + step
             if np.abs(step).max() < 0.1:
                 break
-        nearest, apart = _nearest(theirs + shift, ours)
-        columns = np.flatnonzero(apart < reach)
+        nearest, distances = _nearest(theirs + shift, ours)
+        columns = np.flatnonzero(distances < reach)
         return self._joined(views, rows[nearest[columns]], columns)
 
 
@@ -63,6 +63,6 @@ def _centres(boxes: np.ndarray) -> np.ndarray:
 
 
 def _nearest(points: np.ndarray, others: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    apart = np.linalg.norm(points[:, None] - others[None], axis=-1)
-    rows = apart.argmin(axis=1)
-    return rows, apart[np.arange(len(points)), rows]
+    distances = np.linalg.norm(points[:, None] - others[None], axis=-1)
+    rows = distances.argmin(axis=1)
+    return rows, distances[np.arange(len(points)), rows]

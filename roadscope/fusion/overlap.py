@@ -44,8 +44,8 @@ def projected_boxes(lidar: Detections, projection: Projection) -> tuple[np.ndarr
     high = np.where(inside, pixels, -np.inf).max(axis=1, initial=-np.inf)
     size = np.array([projection.width, projection.height], np.float64)
     low, high = np.clip(low, 0.0, size), np.clip(high, 0.0, size)
-    seen = (high > low).all(axis=1)
-    return np.where(seen[:, None], np.concatenate([low, high], axis=1), 0.0), seen
+    in_image = (high > low).all(axis=1)
+    return np.where(in_image[:, None], np.concatenate([low, high], axis=1), 0.0), in_image
 
 
 def _at_near_plane(starts: np.ndarray, ends: np.ndarray, projection: Projection) -> np.ndarray:

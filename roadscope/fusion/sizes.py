@@ -37,8 +37,8 @@ def completed(
     wanted = USUAL_M[categories]
     turned = (categories < Category.CYCLIST) & (sizes[:, 0] < 1.3 * wanted[:, 1])
     yaws = np.where(turned, yaws + np.pi / 2, yaws)
-    seen = np.where(turned[:, None], sizes[:, [1, 0, 2]], sizes)
-    grown = np.maximum(seen, wanted)
+    measured = np.where(turned[:, None], sizes[:, [1, 0, 2]], sizes)
+    grown = np.maximum(measured, wanted)
     axes = np.stack([np.cos(yaws), np.sin(yaws)], axis=-1)
     left = np.stack([-axes[:, 1], axes[:, 0]], axis=-1)
     away = centres[:, :2] - origin
@@ -47,7 +47,7 @@ def completed(
     for axis, column in ((axes, 0), (left, 1)):
         along = (axis * away).sum(axis=1)
         # A face at right angles to the sight hides what is behind it; beside it, both ends show.
-        shift += axis * (np.clip(2 * along, -1, 1) * (grown - seen)[:, column] / 2)[:, None]
-    heights = np.where(categories == Category.CAR, np.maximum(seen[:, 2], 1.4), grown[:, 2])
+        shift += axis * (np.clip(2 * along, -1, 1) * (grown - measured)[:, column] / 2)[:, None]
+    heights = np.where(categories == Category.CAR, np.maximum(measured[:, 2], 1.4), grown[:, 2])
     placed = np.column_stack([centres[:, :2] + shift, heights / 2])
     return placed, np.column_stack([grown[:, :2], heights]), (yaws + np.pi) % (2 * np.pi) - np.pi

@@ -36,12 +36,12 @@ class WeightedBoxFusion:
         """Join both sensors' targets."""
         views = Views.of(lidar, camera, projection)
         models = 2 - (lidar is None) - (camera is None)
-        seen = np.flatnonzero(views.in_image)
-        unseen = np.flatnonzero(~views.in_image)
-        sources = np.concatenate([np.zeros(len(seen), int), np.ones(len(views.camera), int)])
-        rows = np.concatenate([seen, np.arange(len(views.camera))])
-        boxes = np.concatenate([views.lidar_boxes[seen], views.camera.boxes])
-        scores = np.concatenate([views.lidar.scores[seen], views.camera.scores])
+        inside = np.flatnonzero(views.in_image)
+        outside = np.flatnonzero(~views.in_image)
+        sources = np.concatenate([np.zeros(len(inside), int), np.ones(len(views.camera), int)])
+        rows = np.concatenate([inside, np.arange(len(views.camera))])
+        boxes = np.concatenate([views.lidar_boxes[inside], views.camera.boxes])
+        scores = np.concatenate([views.lidar.scores[inside], views.camera.scores])
         groups = _grouped(boxes, scores, self.least_iou)
         best = np.full((2, len(groups)), -1)
         mean, confidence = np.empty((len(groups), 4)), np.empty(len(groups))
@@ -56,10 +56,10 @@ class WeightedBoxFusion:
         masses = _masses(views, best)
         fused = assemble(
             views,
-            np.concatenate([best[0], unseen]),
-            np.concatenate([best[1], np.full(len(unseen), -1)]),
-            np.concatenate([masses, lidar_masses(views.lidar)[unseen]]),
-            np.concatenate([confidence, views.lidar.scores[unseen] / models]),
+            np.concatenate([best[0], outside]),
+            np.concatenate([best[1], np.full(len(outside), -1)]),
+            np.concatenate([masses, lidar_masses(views.lidar)[outside]]),
+            np.concatenate([confidence, views.lidar.scores[outside] / models]),
         )
         places = fused.image_boxes.copy()
         places[: len(groups)] = mean

@@ -59,7 +59,7 @@ class DeadReckoningOdometry:
         covered = self._imu.covers(start_s, stamp_s)
         if covered:
             samples = self._imu.within(start_s, stamp_s)
-            if not (self._at_rest and self._rest(*samples)):
+            if not (self._at_rest and self._still_at_rest(*samples)):
                 self._integrate(*samples)
         else:
             self._position = self._position + self._velocity * tick.elapsed_s
@@ -71,7 +71,7 @@ class DeadReckoningOdometry:
         )
         return tick.reason if covered else NO_SAMPLES
 
-    def _rest(self, lengths: np.ndarray, rates: np.ndarray, forces: np.ndarray) -> bool:
+    def _still_at_rest(self, lengths: np.ndarray, rates: np.ndarray, forces: np.ndarray) -> bool:
         """Add an interval of constant samples to the means; False from the first motion on."""
         elapsed_s = float(lengths.sum())
         mean = lengths @ np.hstack([rates, forces]) / elapsed_s

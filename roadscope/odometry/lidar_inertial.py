@@ -168,7 +168,7 @@ class LidarInertialOdometry:
         if wheel_speed is None and speed.ahead_m_s < self._integrated_speed.least_m_s:
             speed = replace(speed, ahead_m_s=self._integrated_speed.gained_m_s, by_fixtures=False)
         self._track = self._start.track(speed, self._imu, self._lever, self._new_track)
-        self._speed_known = speed.known or sweep.close
+        self._speed_known = speed.reliable or sweep.close
         return "" if self._speed_known else SPEED_UNKNOWN
 
     def _new_track(self, state: InertialState) -> InertialTrack:
@@ -295,8 +295,8 @@ class LidarInertialOdometry:
 
 def _reason_to_reject(scan_match: ScanMatch) -> str:
     """Return why a match is rejected; empty if it is accepted."""
-    if scan_match.held < LEAST_POINTS:
-        return f"{scan_match.held} points on surfaces that are known"
+    if scan_match.matched_points < LEAST_POINTS:
+        return f"{scan_match.matched_points} points on surfaces that are known"
     if scan_match.agreement < LEAST_AGREEMENT:
         return f"{scan_match.agreement:.0%} of the points agree"
     return ""
@@ -313,7 +313,7 @@ def _reason_of_missing_information(track: InertialTrack, scan_match: ScanMatch) 
     ahead = track.state.pose[:3, 0]
     information = float(ahead @ scan_match.information[:3, :3] @ ahead)
     if (
-        information >= SUFFICIENT_INFORMATION * scan_match.held
+        information >= SUFFICIENT_INFORMATION * scan_match.matched_points
         or scan_match.agreement >= SUFFICIENT_AGREEMENT
     ):
         return ""

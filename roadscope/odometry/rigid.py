@@ -57,14 +57,14 @@ def exp_se3(twist: np.ndarray) -> np.ndarray:
     """Return the (4, 4) motion at a constant (6,) twist over one unit of time."""
     matrix = np.eye(4)
     matrix[:3, :3] = exp_so3(twist[3:])
-    matrix[:3, 3] = _left(twist[3:]) @ twist[:3]
+    matrix[:3, 3] = _left_jacobian(twist[3:]) @ twist[:3]
     return matrix
 
 
 def log_se3(matrix: np.ndarray) -> np.ndarray:
     """Return the (6,) twist that makes a (4, 4) motion in one unit of time."""
     turn = log_so3(matrix[:3, :3])
-    return np.concatenate([np.linalg.solve(_left(turn), matrix[:3, 3]), turn])
+    return np.concatenate([np.linalg.solve(_left_jacobian(turn), matrix[:3, 3]), turn])
 
 
 def inverse(matrix: np.ndarray) -> np.ndarray:
@@ -93,7 +93,7 @@ def adjoint(matrix: np.ndarray) -> np.ndarray:
     return whole
 
 
-def _left(turn: np.ndarray) -> np.ndarray:
+def _left_jacobian(turn: np.ndarray) -> np.ndarray:
     """Return the left Jacobian of SO(3), (3, 3)."""
     angle = math.sqrt(float(turn @ turn))
     across = hat(turn)

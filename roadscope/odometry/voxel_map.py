@@ -224,8 +224,8 @@ def _around(twist: np.ndarray, tick: ScanTick) -> list[np.ndarray]:
 
 def _reason_to_reject(scan_match: ScanMatch, uncertain: np.ndarray) -> str:
     """Return why a match is rejected; empty if it is accepted."""
-    if scan_match.held < LEAST_POINTS:
-        return f"{scan_match.held} points on surfaces that are known"
+    if scan_match.matched_points < LEAST_POINTS:
+        return f"{scan_match.matched_points} points on surfaces that are known"
     if scan_match.agreement < LEAST_AGREEMENT:
         return f"{scan_match.agreement:.0%} of the points agree"
     weakest_m = float(np.sqrt(np.linalg.eigvalsh(uncertain[:3, :3])[-1]))

@@ -104,9 +104,9 @@ class ExistenceTracker:
             rows, self._detected(targets.select(rows), measured.select(columns), dt)
         )
         targets = self._missed(targets, eye)
-        stays = self._stays(targets)
-        self._reappearances.count(before, targets, ~stays)
-        targets = targets if stays.all() else targets.select(stays)
+        survive = self._survive(targets)
+        self._reappearances.count(before, targets, ~survive)
+        targets = targets if survive.all() else targets.select(survive)
         new = measured.select(unassigned(len(measured), columns))
         neighbours = Neighbours.of(targets, eye, tick.ego_velocity)
         self._targets = targets.joined(self._started(new, neighbours))
@@ -153,7 +153,7 @@ class ExistenceTracker:
         existence[rows] = _limited(log_odds_of_both(targets.assured[rows], back))
         return replace(targets, existence=existence)
 
-    def _stays(self, targets: BernoulliTargets) -> np.ndarray:
+    def _survive(self, targets: BernoulliTargets) -> np.ndarray:
         """Return (N,) bool, not those missed for too long, nor the missed ones of little odds."""
         few = targets.votes.sum(axis=1) < FEW
         weak = (targets.misses > 0) & few & (targets.assured < GIVEN_UP)

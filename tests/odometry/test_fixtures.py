@@ -115,7 +115,7 @@ def test_posts_lower_than_lorries_determine_the_speed(speed_m_s):
     seen = street(speed_m_s, ROAD)
     assert not any(each.tall.any() for each in seen)
     found = standing_speed_of(seen, 0.0)
-    assert found.known
+    assert found.reliable
     assert found.ahead_m_s == pytest.approx(speed_m_s, abs=0.1)
     assert found.spread_m_s < 0.2
 
@@ -148,8 +148,8 @@ def test_the_fine_speed_is_the_least_squares_solution_of_all_pairs():
 def test_people_are_not_fixtures():
     seen = street(9.0, [(x, y, 1.8) for x, y, _ in ROAD], walking_m_s=7.0)
     assert not any(each.slim.any() for each in seen)
-    assert not standing_speed_of(seen, 0.0).known
-    assert not speed_of(seen, 0.0).known
+    assert not standing_speed_of(seen, 0.0).reliable
+    assert not speed_of(seen, 0.0).reliable
 
 
 def test_an_object_as_wide_as_a_cab_is_not_a_fixture():
@@ -158,7 +158,7 @@ def test_an_object_as_wide_as_a_cab_is_not_a_fixture():
 
 def test_a_few_slim_objects_decide_nothing():
     """Beside the sensor a part of a lorry may look like a slim object."""
-    assert not standing_speed_of(street(9.0, ROAD[:2]), 0.0).known
+    assert not standing_speed_of(street(9.0, ROAD[:2]), 0.0).reliable
 
 
 def test_slim_objects_are_counted_once():

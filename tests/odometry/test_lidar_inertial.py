@@ -167,8 +167,8 @@ def test_the_speed_of_a_start_is_found(speed_m_s, rate_rad_s):
     drive = Drive(speed_m_s, rate_rad_s)
     scans = [drive.scan(k) for k in range(6)]
     found = speed_of([Ends.of(each) for each in scans], rate_rad_s)
-    assert found.known
-    assert not speed_of([Ends.of(low(each)) for each in scans], rate_rad_s).known
+    assert found.reliable
+    assert not speed_of([Ends.of(low(each)) for each in scans], rate_rad_s).reliable
     assert found.ahead_m_s == pytest.approx(speed_m_s, abs=0.4)
 
 
@@ -257,8 +257,8 @@ def test_dynamic_returns_are_neither_matched_nor_mapped(drop_dynamic):
     points = track.points_at_stamp(sweep)
     none = np.zeros(len(points), bool)
     track.add_to_map(sweep, points, none)
-    assert track.matched(sweep, points, none).held > 200
-    assert (track.matched(sweep, points, ~none).held == 0) == drop_dynamic
+    assert track.matched(sweep, points, none).matched_points > 200
+    assert (track.matched(sweep, points, ~none).matched_points == 0) == drop_dynamic
     before = track.map.voxels.counts.sum()
     track.add_to_map(sweep, points, ~none)
     assert (track.map.voxels.counts.sum() == before) == drop_dynamic
@@ -296,11 +296,11 @@ def test_a_sensor_that_was_just_faster_is_not_at_rest():
         odometry.update(drive.scan(k), drive.imu(k))
     assert not odometry._rest.is_empty
     odometry._rest, odometry._fast_s = RestHistory(NOISE), drive.scan(13).stamp_s
-    held = []
+    at_rest = []
     for k in range(14, 26):
         odometry.update(drive.scan(k), drive.imu(k))
-        held.append(not odometry._rest.is_empty)
-    assert held == [False] * 9 + [True] * 3
+        at_rest.append(not odometry._rest.is_empty)
+    assert at_rest == [False] * 9 + [True] * 3
 
 
 def test_units_are_known_by_name():

@@ -93,7 +93,7 @@ SIMULATED_RUNS, FOLLOWING_RUNS, HIGH_RUNS, NOISY_RUNS = "simulated", "following"
 def measure_simulated(body: str, seed: int) -> Figures:
     """Return the figures of all methods on the simulated drives of one body."""
     warm_up()
-    return _kept(
+    return _figures_of(
         SIMULATED_RUNS,
         (run_methods(sense_drive(drive, seed, body=body), tuple(METHODS)) for drive in SIMULATED),
     )
@@ -106,21 +106,21 @@ def measure_following(body: str, seed: int) -> Figures:
         sense_drive(following(metres), seed, body=body, frames=FOLLOWED_FRAMES)
         for metres in FOLLOWED_M
     )
-    return _kept(FOLLOWING_RUNS, (run_methods(run, ON_EVERY_DRIVE) for run in runs))
+    return _figures_of(FOLLOWING_RUNS, (run_methods(run, ON_EVERY_DRIVE) for run in runs))
 
 
 def measure_with_noise(factor: float, seed: int) -> Figures:
     """Return the figures with other noise: no result may depend on a quiet sensor."""
     warm_up()
     runs = (sense_drive(drive, seed, noise=factor) for drive in VARIED_DRIVES)
-    return _kept(f"{NOISY_RUNS} {factor}", (run_methods(run, ON_EVERY_DRIVE) for run in runs))
+    return _figures_of(f"{NOISY_RUNS} {factor}", (run_methods(run, ON_EVERY_DRIVE) for run in runs))
 
 
 def measure_from_roof(seed: int) -> Figures:
     """Return the figures from the roof of a car: the paper does not say where its sensor is."""
     warm_up()
     runs = (sense_drive(drive, seed, sensor_height_m=HIGH_M) for drive in VARIED_DRIVES)
-    return _kept(HIGH_RUNS, (run_methods(run, ON_EVERY_DRIVE) for run in runs))
+    return _figures_of(HIGH_RUNS, (run_methods(run, ON_EVERY_DRIVE) for run in runs))
 
 
 def of_seed(figures: Figures) -> Figures:
@@ -147,7 +147,7 @@ def of_seed(figures: Figures) -> Figures:
     )
 
 
-def _kept(kind: str, runs: Iterable[DriveFigures]) -> Figures:
+def _figures_of(kind: str, runs: Iterable[DriveFigures]) -> Figures:
     """Return the figures of drives under names from which `_runs` reads them."""
     figures: Figures = {}
     for run in runs:

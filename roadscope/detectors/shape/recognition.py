@@ -279,7 +279,7 @@ def _vehicle(chain: list[Segment], horizon: Horizon) -> Vehicle | None:
     along = _length_axis(main, points, bool(ends))
     axes = (along, _left_of(along))
     sides = [SideExtent.of(points, axis, ends, horizon.origin) for axis in axes]
-    length, width = (side.seen for side in sides)
+    length, width = (side.visible_m for side in sides)
     least = HALF_FACE_M if ends else SEEN_MIN_M
     if max(length, width) < least or length > LENGTH_MAX_M or width > WIDTH_MAX_M:
         return None
@@ -329,8 +329,8 @@ class SideExtent:
         return SideExtent(low, high, float(origin @ axis), is_open)
 
     @property
-    def seen(self) -> float:
-        """Metres."""
+    def visible_m(self) -> float:
+        """Length of the side that has returns, metres."""
         return self.high - self.low
 
     def centre(self, extent: float, *, whole: bool) -> float:

@@ -208,7 +208,7 @@ def convoy_pull_away(_name: str, seed: int, duration_s: float | None = None) -> 
     reach = Reach(CONVOY_BEHIND_M, front_m)
     ego = Actor(_pulling_away(rng, PullAway(start_s, speed, peak_m_s2), 0.0, times[-1]), EGO)
     actors = [ego, *lanes[ego_lane].around(rng, ego, reach)]
-    for lane in _others(lanes, ego_lane):
+    for lane in _other_lanes(lanes, ego_lane):
         later, faster = float(rng.uniform(-0.5, 0.5)), float(rng.uniform(0.95, 1.05))
         start = PullAway(start_s + later, speed * faster, peak_m_s2)
         beside = _pulling_away(rng, start, float(rng.uniform(-9.0, 1.0)), times[-1])
@@ -246,7 +246,7 @@ def platoon(_name: str, seed: int, duration_s: float | None = None) -> Timeline:
     interval_s = Bounds(-2.0, float(times[-1]))
     ego = Actor(ScriptedMotion(0.0, 0.0, speed).with_varying_speed(rng, interval_s, 1.0), EGO)
     others = lanes[ego_lane].around(rng, ego, PLATOON_REACH_M)
-    for lane in _others(lanes, ego_lane):
+    for lane in _other_lanes(lanes, ego_lane):
         beside = ScriptedMotion(
             float(rng.uniform(-12.0, 4.0)), 0.0, speed, ego.motion.speed_changes
         )
@@ -391,7 +391,7 @@ def _standing(
     )
     reach = Reach(float(rng.uniform(0.0, QUEUE_M)), float(rng.uniform(0.0, QUEUE_M)))
     actors = [ego, *queue.around(rng, ego, reach)]
-    for lane in _others(carriageways.lanes, carriageways.ego_lane):
+    for lane in _other_lanes(carriageways.lanes, carriageways.ego_lane):
         speed = max(fastest * float(rng.uniform(0.75, 1.0)), speeds.low)
         actors += carriageways.stream(
             rng, lane, lane_speed=speed, ego_speed=0.0, until_s=float(times[-1])
@@ -415,7 +415,7 @@ def stop_and_go(_name: str, seed: int, duration_s: float | None = None) -> Timel
     )
     ego = Actor(_waves(rng, 0.0, float(times[-1])), EGO)
     actors = [ego, *carriageways.lanes[ego_lane].around(rng, ego, JAM_REACH_M)]
-    for lane in _others(carriageways.lanes, ego_lane):
+    for lane in _other_lanes(carriageways.lanes, ego_lane):
         beside = _waves(rng, float(rng.uniform(-8.0, 8.0)), float(times[-1]))
         actors += lane.filled(rng, beside, JAM_REACH_M)
     radius_m = float(rng.uniform(500.0, 900.0))
@@ -479,7 +479,7 @@ def _alone(seed: int, speeds: Bounds, style: str, duration_s: float | None) -> T
     return carriageways.road(course, style).timeline([Actor(motion, EGO)], times)
 
 
-def _others(lanes: tuple[Lane, ...], ego_lane: int) -> tuple[Lane, ...]:
+def _other_lanes(lanes: tuple[Lane, ...], ego_lane: int) -> tuple[Lane, ...]:
     """Return all lanes but the ego's."""
     return lanes[:ego_lane] + lanes[ego_lane + 1 :]
 

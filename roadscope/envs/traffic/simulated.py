@@ -396,7 +396,7 @@ def town_crossing(rng: np.random.Generator) -> Stage:
         for along_m in rng.uniform(edge_m - 50.0, edge_m, 3):
             kerb.walk(rng, float(along_m), ends=Bounds(5.0, kerb.length_m - 2.0))
         kerb.cross(rng, edge_m, coming_m=float(rng.uniform(1.0, 14.0)))
-        kerb.ride(rng, float(rng.uniform(edge_m - 60.0, edge_m - 25.0)), end_m=edge_m)
+        kerb.add_cyclist(rng, float(rng.uniform(edge_m - 60.0, edge_m - 25.0)), end_m=edge_m)
     return Stage(road, ego, warm_up_s=2.0, rules=(inflow, rule, People(STEP_S)))
 
 
@@ -420,7 +420,7 @@ def _populate(kerb: Kerb, rng: np.random.Generator) -> None:
     for crossing_m in rng.uniform(60.0, kerb.length_m - 60.0, 5):
         kerb.cross(rng, float(crossing_m), coming_m=float(rng.uniform(1.0, 12.0)))
     for start_m in rng.uniform(20.0, kerb.length_m - 120.0, 3):
-        kerb.ride(rng, float(start_m), end_m=kerb.length_m - 5.0)
+        kerb.add_cyclist(rng, float(start_m), end_m=kerb.length_m - 5.0)
 
 
 # Racetrack ----------------------------------------------------------------------------------------

@@ -304,7 +304,7 @@ class Kerb:
                 patience_s=patience,
             )
 
-    def ride(self, rng: np.random.Generator, at_m: float, *, end_m: float) -> None:
+    def add_cyclist(self, rng: np.random.Generator, at_m: float, *, end_m: float) -> None:
         """Add a cyclist who rides with the traffic at the edge of the lane."""
         stops = np.linspace(at_m, end_m, 20)
         points = np.array([self._beside(s, -EDGE_M) for s in stops])

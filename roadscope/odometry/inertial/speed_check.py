@@ -53,7 +53,7 @@ class SpeedCheck:
         measured = standing_speed_of(self._ends, rate_rad_s)
         estimated_m_s = float(np.mean(self._speeds))
         self._ends, self._speeds = [], []
-        if not measured.known or measured.ahead_m_s < least_m_s:
+        if not measured.reliable or measured.ahead_m_s < least_m_s:
             return None
         off_m_s = measured.ahead_m_s - estimated_m_s
         if not self._believed(off_m_s, scan.stamp_s, hidden_acceleration_m_s2):

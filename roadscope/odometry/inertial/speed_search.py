@@ -432,7 +432,7 @@ class Speed:
         return self.clarity >= self.CLEAR
 
     @property
-    def known(self) -> bool:
+    def reliable(self) -> bool:
         """Whether it is reliable: objects as low as vehicles may all belong to traffic."""
         return self.clear and self.by_fixtures and self.spread_m_s <= VAGUEST_M_S
 
@@ -447,7 +447,7 @@ def speed_of(scans: list[Ends], rate_rad_s: float) -> Speed:
         return _by_fixtures(scans, rate_rad_s, fixed)
     if _slim_objects(scans) >= FEW_SLIM:
         guess = _by_fixtures(scans, rate_rad_s, [each.slim for each in scans])
-        if guess.known:
+        if guess.reliable:
             return replace(guess, by_fixtures=False)
     return _JoinedEnds.at(scans, rate_rad_s, [each.upright for each in scans]).roughly()
 

@@ -43,42 +43,42 @@ class InertialStart:
 
     def __init__(self, noise: InertialNoise, *, anew: bool = False) -> None:
         self.noise = noise
-        self._taken: list[tuple[ThinnedScan, ImuInterval, Ends]] = []
+        self._sweeps: list[tuple[ThinnedScan, ImuInterval, Ends]] = []
         self._rate, self._best = np.zeros(3), Speed(0.0, 0.0)
         self._anew, self._quiet = anew, False
 
     def __len__(self) -> int:
-        return len(self._taken)
+        return len(self._sweeps)
 
     def add(self, sweep: ThinnedScan, interval: ImuInterval, samples: ImuBuffer) -> None:
         """Add a scan."""
-        self._taken.append((sweep, interval, Ends.of(sweep.scan)))
-        first_s, last_s = self._taken[0][0].scan.stamp_s, sweep.scan.stamp_s
+        self._sweeps.append((sweep, interval, Ends.of(sweep.scan)))
+        first_s, last_s = self._sweeps[0][0].scan.stamp_s, sweep.scan.stamp_s
         rate = samples.mean_rate(first_s, last_s) if last_s > first_s else None
         self._rate = np.zeros(3) if rate is None else rate
         self._quiet = measured_rest(samples, last_s, self.noise, last_s - first_s) is not None
 
     @property
-    def held(self) -> bool:
+    def at_rest(self) -> bool:
         """Whether the sensor is at rest since the first scan."""
         return self._quiet and not self._anew and not self._best.by_fixtures
 
     def speed(self) -> Speed | None:
         """Return the speed ahead once it is clear or there are enough scans, else None."""
-        if len(self._taken) < 2:
+        if len(self._sweeps) < 2:
             return None
-        self._best = speed_of([ends for *_, ends in self._taken], float(self._rate[2]))
+        self._best = speed_of([ends for *_, ends in self._sweeps], float(self._rate[2]))
         if self._quiet and not self._anew:
             self._best = _at_rest_unless_fixtures(self._best)
-        if len(self._taken) < (FEWEST if self._best.clear else MOST):
+        if len(self._sweeps) < (FEWEST if self._best.clear else MOST):
             return None
         return self._best
 
     def guess(self) -> np.ndarray:
         """Return the best (4, 4) pose of the last scan in the frame of the first."""
-        if not self._taken:
+        if not self._sweeps:
             return np.eye(4)
-        elapsed_s = self._taken[-1][0].scan.stamp_s - self._taken[0][0].scan.stamp_s
+        elapsed_s = self._sweeps[-1][0].scan.stamp_s - self._sweeps[0][0].scan.stamp_s
         # A displacement within one cell is not significant.
         ahead_m = self._best.ahead_m_s * elapsed_s
         ahead_m = ahead_m if abs(ahead_m) > CELL_M / 2 else 0.0
@@ -92,18 +92,18 @@ class InertialStart:
         made: Callable[[InertialState], InertialTrack],
     ) -> InertialTrack:
         """Return a track from the first scan through all others."""
-        stamp_s = self._taken[0][0].scan.stamp_s
+        stamp_s = self._sweeps[0][0].scan.stamp_s
         force = np.array([0.0, 0.0, GRAVITY_M_S2])
         if samples.covers(stamp_s, stamp_s + FORCE_S):
             lengths, _, forces = samples.within(stamp_s, stamp_s + FORCE_S)
             force = lengths @ forces / lengths.sum()
         ahead_m_s = max(DEVIATIONS_M_S.ahead, speed.spread_m_s)
-        held = self.held and not speed.ahead_m_s
-        deviations = REST_DEVIATIONS_M_S if held else DEVIATIONS_M_S._replace(ahead=ahead_m_s)
+        at_rest = self.at_rest and not speed.ahead_m_s
+        deviations = REST_DEVIATIONS_M_S if at_rest else DEVIATIONS_M_S._replace(ahead=ahead_m_s)
         state = started(force, np.array([speed.ahead_m_s, 0.0, 0.0]), deviations, self.noise)
         state.pose[:3, 3] = lever
         track = made(state)
-        for i, (sweep, interval, _) in enumerate(self._taken):
+        for i, (sweep, interval, _) in enumerate(self._sweeps):
             track.predict(interval, still=i == 0)
             points = track.points_at_stamp(sweep)
             moving = track.moving(points, sweep.scan.stamp_s)

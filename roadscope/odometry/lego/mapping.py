@@ -29,8 +29,8 @@ def match_two_steps(now: Features, before: Features, start: np.ndarray) -> Featu
     second = match_features(now, before, first.before_from_now, planes=False, free=ALONG)
     level, along = np.diag(np.array(LEVEL, float)), np.diag(np.array(ALONG, float))
     information = level @ first.information @ level + along @ second.information @ along
-    held = min(first.held, second.held)
-    return FeatureMatch(second.before_from_now, information, second.residual_m, held)
+    pair_count = min(first.pair_count, second.pair_count)
+    return FeatureMatch(second.before_from_now, information, second.residual_m, pair_count)
 
 
 # --------------------------------------------------------------------------------------------------

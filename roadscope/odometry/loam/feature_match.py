@@ -416,13 +416,13 @@ class FeatureMatch:
 
     before_from_now: (4, 4). information: (6, 6), of a shift, metres, and a turn about the
         sensor, radians, along the axes of the frame before; by the scatter of the features.
-    residual_m: weighted root mean square distance; nan without pairs. held: pairs that count.
+    residual_m: weighted root mean square distance; nan without pairs. pair_count: pairs that count.
     """
 
     before_from_now: np.ndarray
     information: np.ndarray
     residual_m: float
-    held: int
+    pair_count: int
 
 
 def match_features(

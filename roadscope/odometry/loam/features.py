@@ -94,7 +94,7 @@ def unreliable(sweep: RingOrderedScan, neighbours: int) -> np.ndarray:
             along_before = False
             continue
         rn, rm = _norm(points[n]), _norm(points[m])
-        along = abs(rn - rm) > GRAZING * _apart(points[n], points[m])
+        along = abs(rn - rm) > GRAZING * _distance(points[n], points[m])
         bad[n] |= along and along_before
         along_before = along
         if column[m] - column[n] > ADJACENT or abs(rn - rm) <= JUMP * min(rn, rm):
@@ -114,7 +114,7 @@ def _norm(point: np.ndarray) -> float:
 
 
 @compiled()
-def _apart(a: np.ndarray, b: np.ndarray) -> float:
+def _distance(a: np.ndarray, b: np.ndarray) -> float:
     x, y, z = np.float64(a[0]) - b[0], np.float64(a[1]) - b[1], np.float64(a[2]) - b[2]
     return math.sqrt(x * x + y * y + z * z)
 
@@ -216,7 +216,7 @@ def _block(sweep: RingOrderedScan, usable: np.ndarray, top: int, neighbours: int
             if not 0 <= k < len(order):
                 break
             n, m = order[k - side], order[k]
-            if ring[n] != ring[m] or _apart(points[n], points[m]) > SAME_M:
+            if ring[n] != ring[m] or _distance(points[n], points[m]) > SAME_M:
                 break
             usable[m] = False
 

@@ -292,8 +292,8 @@ def with_prediction(predicted: np.ndarray, feature_match: FeatureMatch) -> np.nd
 
 def misfit_of(feature_match: FeatureMatch) -> str:
     """Return why a motion is rejected; empty if it is accepted."""
-    if feature_match.held < LEAST_PAIRS:
-        return f"{feature_match.held} features that match"
+    if feature_match.pair_count < LEAST_PAIRS:
+        return f"{feature_match.pair_count} features that match"
     weakest_m = float(np.sqrt(np.linalg.eigvalsh(covariance_of(feature_match)[:2, :2])[-1]))
     if weakest_m > WEAKEST_M:
         return f"features leave {weakest_m:.2g} m open in one direction"

@@ -66,7 +66,7 @@ def normal_equations(
         axes = voxels.axes[slot]
         _offsets(voxels, slot, x, y, z, off)
         squared, traced = 0.0, _traced(matrix, q)
-        for k in range(voxels.held[slot]):
+        for k in range(voxels.fixed_axes[slot]):
             variance = _variance(voxels.spreads[slot], voxels.counts[slot], off, k, floor_m)
             weight[k] = 1.0 / (variance + traced * _rise(axes[k], matrix) ** 2)
             squared += weight[k] * off[k] * off[k]
@@ -74,9 +74,9 @@ def normal_equations(
         sums[0] += 1.0
         sums[1] += share
         sums[2] += share * squared
-        if voxels.held[slot] == 1:
+        if voxels.fixed_axes[slot] == 1:
             share *= _beam_weight(axes[0], matrix, q)
-        for k in range(voxels.held[slot]):
+        for k in range(voxels.fixed_axes[slot]):
             _row(axes[k], matrix, q, j)
             _accumulate(H, b, j, share * weight[k], off[k])
     for r in range(6):
@@ -130,7 +130,7 @@ def surface_at(voxels: Voxels, x: float, y: float, z: float) -> Index:
         if key < 0:
             return -1
         slot = slot_of(voxels.keys, key)
-        if voxels.keys[slot] == EMPTY or voxels.held[slot] == 0:
+        if voxels.keys[slot] == EMPTY or voxels.fixed_axes[slot] == 0:
             continue
         if _passes(voxels, slot, x, y, z):
             return slot
@@ -152,7 +152,7 @@ def _offsets(voxels: Voxels, slot: Index, x: float, y: float, z: float, off: np.
 def _passes(voxels: Voxels, slot: Index, x: float, y: float, z: float) -> bool:
     """Return whether a place lies on the surface of a voxel."""
     means, squared = voxels.means[slot], 0.0
-    for k in range(voxels.held[slot]):
+    for k in range(voxels.fixed_axes[slot]):
         axis = voxels.axes[slot, k]
         off = axis[0] * (x - means[0]) + axis[1] * (y - means[1]) + axis[2] * (z - means[2])
         squared += off * off / (voxels.spreads[slot, k] + ROUGH_M * ROUGH_M)
@@ -213,7 +213,7 @@ def contradicts(voxels: Voxels, points: np.ndarray) -> np.ndarray:
             continue
         _offsets(voxels, slot, x, y, z, off)
         squared = 0.0
-        for k in range(voxels.held[slot]):
+        for k in range(voxels.fixed_axes[slot]):
             spread = _variance(voxels.spreads[slot], voxels.counts[slot], off, k, FLOOR_M)
             squared += off[k] ** 2 / (spread + ROUGH_M * ROUGH_M)
         marks[n] = squared > FAR * FAR
@@ -249,20 +249,20 @@ class ScanMatch:
 
     map_from_sensor: (4, 4). information: (6, 6), of a shift, metres, and a turn about the sensor,
         radians, along the map's axes; from the scan alone.
-    points: number of points. held: number of points with a surface. fits: sum of their weights,
-        at most `held`.
+    points: number of points. matched_points: number of points with a surface.
+    fits: sum of their weights, at most `matched_points`.
     """
 
     map_from_sensor: np.ndarray
     information: np.ndarray
     points: int
-    held: int
+    matched_points: int
     fits: float
 
     @property
     def agreement(self) -> float:
         """Share of points on a surface that agree with it."""
-        return self.fits / max(self.held, 1)
+        return self.fits / max(self.matched_points, 1)
 
 
 def match(

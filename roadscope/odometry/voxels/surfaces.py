@@ -49,7 +49,7 @@ class Voxels(NamedTuple):
     keys: (M,) int64. counts: (M,) points. sums: (M, 3), squares: (M, 6), of the points less the
         voxel's centre. fitted: (M,) count when its surface was last fitted.
     means: (M, 3) metres. axes: (M, 3, 3) unit vectors as rows. spreads: (M, 3) m^2, variances of
-        the points along them, ascending. held: (M,) how many of the axes hold other points in
+        the points along them, ascending. fixed_axes: (M,) how many of the axes hold other points in
         place: 0, 1 for a surface, 2 for an edge.
     used: (1,) slots taken.
     """
@@ -62,7 +62,7 @@ class Voxels(NamedTuple):
     means: np.ndarray
     axes: np.ndarray
     spreads: np.ndarray
-    held: np.ndarray
+    fixed_axes: np.ndarray
     used: np.ndarray
 
 
@@ -166,7 +166,7 @@ def _fit(
     thin = THIN_M * THIN_M
     edge = values[1] < thin and abs(vectors[2, 2]) > UPRIGHT and values[2] > wide
     surface = values[0] < thin and (values[1] > wide or edge)
-    voxels.held[slot] = 2 if edge else 1 if surface else 0
+    voxels.fixed_axes[slot] = 2 if edge else 1 if surface else 0
     for i in range(3):
         voxels.means[slot, i] = sums[i] / n + _centre(key, i)
         voxels.spreads[slot, i] = max(values[i], 0.0)
@@ -191,7 +191,7 @@ def copy_near(old: Voxels, new: Voxels, centre: np.ndarray, reach_m: float) -> N
         new.counts[to], new.fitted[to] = old.counts[slot], old.fitted[slot]
         new.sums[to], new.squares[to] = old.sums[slot], old.squares[slot]
         new.means[to], new.axes[to] = old.means[slot], old.axes[slot]
-        new.spreads[to], new.held[to] = old.spreads[slot], old.held[slot]
+        new.spreads[to], new.fixed_axes[to] = old.spreads[slot], old.fixed_axes[slot]
 
 
 # --------------------------------------------------------------------------------------------------

@@ -44,7 +44,7 @@ def test_finds_the_motion_between_two_scans(speed_m_s, yaw_rate_rad_s):
     away_m, turned = off(found, drive)
     assert away_m < 0.1
     assert turned < 0.003
-    assert found.held > 100
+    assert found.pair_count > 100
     assert found.residual_m < 0.1
     assert np.linalg.eigvalsh(found.information)[0] > 0
 
@@ -91,7 +91,7 @@ def test_nothing_to_match_is_no_motion(rows):
     for now, before in ((poor, whole), (whole, poor), (poor, poor)):
         found = match_features(now, before, start)
         assert found.before_from_now == pytest.approx(start)
-        assert found.held == 0
+        assert found.pair_count == 0
         assert np.isnan(found.residual_m)
         assert not found.information.any()
 
@@ -100,15 +100,15 @@ def test_labels_keep_features_apart():
     drive = Drive()
     now, before = features(drive, 1), features(drive, 0)
     swapped = exp_se3(np.zeros(6))
-    assert match_features(now, before, swapped).held > 100
+    assert match_features(now, before, swapped).pair_count > 100
     other = type(before)(
         **{
             name: getattr(before, name) + 5 if name.endswith("labels") else getattr(before, name)
             for name in before.__dataclass_fields__
         }
     )
-    assert match_features(now, other, swapped).held == 0
-    assert match_features(now, other, swapped, same_label=False).held > 100
+    assert match_features(now, other, swapped).pair_count == 0
+    assert match_features(now, other, swapped, same_label=False).pair_count > 100
 
 
 def planes_at(rng, truth, count, wrong):
@@ -127,7 +127,7 @@ def test_wrong_pairs_have_no_weight():
     pairs = planes_at(np.random.default_rng(0), truth, 200, 60)
     found = settle([lambda pose: pairs], np.eye(4))
     assert np.abs(log_se3(np.linalg.inv(truth) @ found.before_from_now)).max() < 5e-3
-    assert found.held <= 145
+    assert found.pair_count <= 145
 
 
 def test_the_motion_equals_that_of_a_slow_reweighting():
@@ -162,7 +162,7 @@ def test_information_comes_from_the_pairs_with_weight():
     assert found.information == pytest.approx(H)
     assert found.residual_m == pytest.approx(np.sqrt(cost / weights.sum()))
     assert weights.max() <= 1 / NOISE_M**2
-    assert found.held == (weights > 0).sum() < 140
+    assert found.pair_count == (weights > 0).sum() < 140
 
 
 def test_each_kind_is_weighted_by_its_own_scatter():

@@ -53,7 +53,7 @@ def test_a_scan_is_matched_with_the_map(rng, known):
     found = match(known.voxels, points, PosePrior(np.eye(4), NOTHING_HELD))
     assert np.abs(log_se3(np.linalg.inv(truth) @ found.map_from_sensor)).max() < 3e-3
     assert found.agreement > 0.7
-    assert 1000 < found.held <= found.points == 2000
+    assert 1000 < found.matched_points <= found.points == 2000
 
 
 def held_slowly(voxels, slot, off, height_m):
@@ -63,7 +63,7 @@ def held_slowly(voxels, slot, off, height_m):
     because the height at which a beam hit the object is unknown.
     """
     firm, spreads = np.zeros(3), voxels.spreads[slot]
-    for k in range(voxels.held[slot]):
+    for k in range(voxels.fixed_axes[slot]):
         lever = 1 + (off[k + 1 :] ** 2 / (spreads[k + 1 :] + FLOOR_M**2)).sum()
         variance = spreads[k] * (1 + lever / (voxels.counts[slot] - 3)) + FLOOR_M**2
         firm[k] = 1 / (variance + height_m[k] ** 2)
@@ -91,7 +91,7 @@ def test_equations_equal_those_of_the_slow_twin(rng, known):
         shrunk = along**3 / (along**2 + TILT**2) @ pose[:3, :3].T
         rows = np.hstack([shrunk, np.cross(arm, voxels.axes[slot])])
         into = voxels.axes[slot, 0] @ arm / np.linalg.norm(arm)
-        rises = voxels.held[slot] == 1 and rising
+        rises = voxels.fixed_axes[slot] == 1 and rising
         weights = share * firm * (into**2 / (into**2 + GRAZING**2) if rises else 1.0)
         slow_H += rows.T @ (weights[:, None] * rows)
         slow_b += rows.T @ (weights * off)
@@ -107,9 +107,9 @@ def test_one_beams_trace_on_a_road_is_no_surface(rng):
     trace = np.column_stack([9 * np.cos(angle), 9 * np.sin(angle), np.full(4000, -1.9)])
     found.add(trace + 0.02 * rng.standard_normal(trace.shape), np.zeros(3))
     # Where the ring bends enough within a voxel, its plane is the road's: that holds no way along.
-    upright = np.abs(found.voxels.axes[:, 0, 2])[found.voxels.held > 0]
+    upright = np.abs(found.voxels.axes[:, 0, 2])[found.voxels.fixed_axes > 0]
     assert (upright > 0.9).all()
-    assert (found.voxels.held < 2).all()
+    assert (found.voxels.fixed_axes < 2).all()
 
 
 def test_one_beams_trace_over_a_crown_has_little_information_about_height(rng):
