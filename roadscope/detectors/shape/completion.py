@@ -1,4 +1,4 @@
-"""The whole of a body from a rectangle's heading and the faces turned to the sensor."""
+"""The whole body, from a rectangle's heading and the faces that are turned to the sensor."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from roadscope.detectors.shape.recognition import Vehicle
 
 MIN_POINTS = 3
 LEAST_M = 0.25
-"""Least diagonal of a cluster: a thin post is nobody."""
+"""Least diagonal of a cluster: a thin post is no road user."""
 FIT_MIN = -18.0
 """Least log likelihood of the best kind of body; far below that of any road user in our scans."""
 JUMP_M = 0.6
@@ -34,13 +34,14 @@ CUTS = 3
 """How often a cluster is cut in two and its parts again."""
 
 Fit = Callable[[Cluster, Horizon], Vehicle | None]
-"""Returns the road user that a cluster shows if it shows one."""
+"""Returns the road user that fits a cluster, None if none does."""
 
 
 def bodies_in(cluster: Cluster, horizon: Horizon, fit: Fit, *, cuts: int = CUTS) -> list[Vehicle]:
-    """Return the one road user that a cluster shows, or those that its parts show.
+    """Return the road user that fits a cluster, or those that fit its parts.
 
-    It is cut where it shows nobody, or somebody whose faces its outline does not follow.
+    The cluster is cut where no road user fits, or where the outline does not follow the faces of
+    the one that fits best.
     """
     vehicle = fit(cluster, horizon) if is_body_sized(cluster) else None
     if vehicle is not None and vehicle.residual_m <= RAGGED_M:
@@ -84,11 +85,11 @@ def _azimuths(points: np.ndarray, origin: np.ndarray, middle: float) -> np.ndarr
 
 
 # --------------------------------------------------------------------------------------------------
-# The whole of a body of which a rectangle's heading and the faces turned to the sensor are known.
+# The whole body, from a rectangle's heading and the faces that are turned to the sensor.
 
 
 class ShownCluster(NamedTuple):
-    """What a cluster shows, and what is hidden about it.
+    """A cluster, and at which ends the body behind it may be hidden.
 
     outline: (M, 2) metres. points: (N, 3) metres. ring: (N,) int64. origin: (2,) metres, the
     sensor. hidden_right, hidden_left: whether a body may go on unseen beyond the right and the
@@ -108,7 +109,7 @@ _table = cache(body_table)
 
 
 def completions(cluster: Cluster, yaws: Sequence[float], horizon: Horizon) -> list[Vehicle | None]:
-    """Return the road user that shows a cluster for each heading, None where it is too large.
+    """Return for each heading the road user that fits a cluster, None where it is too large.
 
     yaws: radians, along either side of the rectangle.
     """
@@ -116,7 +117,7 @@ def completions(cluster: Cluster, yaws: Sequence[float], horizon: Horizon) -> li
 
 
 def shown_by(cluster: Cluster, horizon: Horizon) -> ShownCluster:
-    """Return what a cluster shows, and what is hidden about it."""
+    """Return a cluster with the ends at which the body behind it may be hidden."""
     return ShownCluster(
         cluster.outline,
         cluster.points,
@@ -128,7 +129,7 @@ def shown_by(cluster: Cluster, horizon: Horizon) -> ShownCluster:
 
 
 def completed(shown: ShownCluster, yaws: Sequence[float]) -> list[Vehicle | None]:
-    """Return the road user that completes what is shown for each heading, as `completions`."""
+    """Return the same as `completions` for a cluster whose hidden ends are known."""
     rows = whole_bodies(shown, np.array(yaws), _table())
     return [_vehicle(row, len(shown.outline)) for row in rows.tolist()]
 
@@ -143,7 +144,7 @@ def _vehicle(row: list[float], points: int) -> Vehicle | None:
 
 
 # --------------------------------------------------------------------------------------------------
-# Kernels: the likeliest body of which the visible sides are those of a cluster.
+# Kernels: the likeliest body whose visible sides are those of a cluster.
 
 FACE_M = 0.4
 """How deep a face is taken to be: range noise, and corners of 0.35 m."""
@@ -182,11 +183,11 @@ class BodySide(NamedTuple):
 
 @compiled()
 def whole_bodies(shown: ShownCluster, yaws: np.ndarray, bodies: BodyTable) -> np.ndarray:
-    """Return (Y, 9) what completes a cluster for each of (Y,) headings, radians.
+    """Return (Y, 9), the body that fits a cluster with each of (Y,) headings, radians.
 
-    Row of the body, negative where it is too large for any; x and y of its centre; length, width,
-    height; yaw in [-pi/2, pi/2]; root mean square distance of the outline from the faces; log
-    likelihood.
+    Columns: row of the body in the table, negative where the cluster is too large for any; x and y
+    of its centre; length, width, height; yaw in [-pi/2, pi/2]; root mean square distance of the
+    outline from the faces; log likelihood.
     """
     out = np.zeros((len(yaws), 9))
     top, gap = _top_and_gap(shown.points, shown.ring)
