@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from roadscope.core import Category, Detections
+from roadscope.core import Category, Detections, construct
 from roadscope.trackers import TRACKERS
 
 T = 0.1
@@ -29,7 +29,7 @@ def both(one, other):
 
 def make(name, **settings):
     """Return a tracker by name."""
-    return TRACKERS.resolve(name).factory(**settings)
+    return construct(TRACKERS.resolve(name).factory, settings)
 
 
 def run(tracker, episode, poses=None):

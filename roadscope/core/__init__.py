@@ -56,6 +56,7 @@ _PARTS = {
     "bounds": "Bounds",
     "box_overlap": "box_overlaps box_overlaps_3d overlapping_pairs pair_overlaps",
     "fused": "FusedDetections",
+    "constructing": "construct",
     "loading": "load_class",
     "names": "unknown",
     "pixel_truth": "GROUND_CLASS SCENERY_CLASS SKY_CLASS",

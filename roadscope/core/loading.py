@@ -7,24 +7,16 @@ import importlib.util
 import inspect
 import sys
 import traceback
-from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from hashlib import sha256
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
-from types import NoneType
-from typing import Any, get_args
+from typing import Any
 
 from roadscope.core.text import error_text
 
 LOADERS = (__file__, importlib.__file__)
 """Files whose lines are left out when an error in a plug-in's module is located."""
-LITERAL_KINDS: Mapping[Any, str] = {
-    bool: "True or False",
-    int: "a whole number",
-    float: "a number",
-}
-"""Types of arguments that are checked, in words."""
 
 
 class SpecError(ValueError):
@@ -116,46 +108,6 @@ def file_of(place: str) -> Path | None:
     return None
 
 
-def parameters_of(kind: type[Any]) -> dict[str, str]:
-    """Return the names of a constructor's parameters with their defaults as text.
-
-    A parameter without a default has an empty text. The result is empty for a class whose
-    parameters cannot be inspected.
-    """
-    try:
-        parameters = inspect.signature(kind).parameters.values()
-    except (TypeError, ValueError):
-        return {}
-    return {p.name: "" if p.default is p.empty else str(p.default) for p in parameters}
-
-
-def positional_parameters_of(kind: type[Any]) -> tuple[str, ...]:
-    """Return the names of a constructor's parameters that can be given by position."""
-    try:
-        parameters = inspect.signature(kind).parameters.values()
-    except (TypeError, ValueError):
-        return ()
-    possible = (inspect.Parameter.POSITIONAL_ONLY, inspect.Parameter.POSITIONAL_OR_KEYWORD)
-    return tuple(p.name for p in parameters if p.kind in possible)
-
-
-def binding_problem(kind: type[Any], arguments: Mapping[str, Any]) -> str:
-    """Return why a constructor does not take the arguments; empty if it does."""
-    try:
-        signature = inspect.signature(kind)
-    except (TypeError, ValueError):
-        return ""
-    try:
-        signature.bind(**arguments)
-    except TypeError as error:
-        possible = [
-            f"{name}={default}" if default else name
-            for name, default in parameters_of(kind).items()
-        ]
-        return f"{error}; its arguments: {', '.join(possible) or 'none'}"
-    return ""
-
-
 def _import_module(name: str) -> Any:
     if str(Path.cwd()) not in sys.path:
         sys.path.append(str(Path.cwd()))
@@ -207,24 +159,3 @@ def _where(error: BaseException) -> str:
     ]
     lines = [frame.lineno for frame in frames if frame.filename == frames[0].filename]
     return f" ({Path(frames[0].filename).name}:{lines[-1]})" if frames else ""
-
-
-def wrong_literal(factory: Callable[..., Any], arguments: Mapping[str, Any]) -> str:
-    """Return which argument is of another type than its annotation; empty if none is.
-
-    Only annotations of bool, int, float and None, alone or in a union, are compared.
-    """
-    parameters = inspect.signature(factory, eval_str=True).parameters
-    for name, value in arguments.items():
-        if name not in parameters or value is None:
-            continue
-        annotation = parameters[name].annotation
-        kinds = set(get_args(annotation) or (annotation,)) - {NoneType}
-        if not kinds or not kinds <= LITERAL_KINDS.keys():
-            continue
-        # An int is taken for a float; True is not taken for an int.
-        accepted = kinds | ({int} if float in kinds else set())
-        if type(value) not in accepted:
-            expected = " or ".join(words for kind, words in LITERAL_KINDS.items() if kind in kinds)
-            return f"{name} must be {expected}, got {value!r}"
-    return ""

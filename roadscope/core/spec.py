@@ -2,7 +2,8 @@
 
 A spec is a registered name (`nearest`), a class of a module (`package.module:Class`) or of a file
 (`path/to/file.py:Class`), with arguments if there are any: `nearest?gate_m=2.5&coast_frames=20`.
-Values are read as Python literals and otherwise taken as text.
+Values are read as Python literals and otherwise taken as text. Arguments are those of the
+constructor, or the fields of the settings that it takes (see `roadscope.core.constructing`).
 
 Some specs are composed of others, their parts:
 
@@ -20,14 +21,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
 
-from roadscope.core.loading import (
-    NotInstalledError,
-    Requirement,
-    SpecError,
-    binding_problem,
-    load_class,
-    wrong_literal,
-)
+from roadscope.core.constructing import binding_problem, construct, wrong_literal
+from roadscope.core.loading import NotInstalledError, Requirement, SpecError, load_class
 from roadscope.core.names import unknown
 
 KINDS = ("detector", "camera detector", "tracker", "fusion", "odometry")
@@ -46,7 +41,7 @@ class Spec:
 
     text: the string, as the user wrote it.
     name: the part before `?`.
-    arguments: keyword arguments of its constructor, by name.
+    arguments: of its constructor, by name.
     parts: the specs that it is composed of, by key: `ego`, `odometry`, `lidar`, `camera`, `fusion`.
     kind: one of `KINDS`, or the kind of another registry; empty until a registry resolved it.
     target: `module:Class` or `path/file.py:Class` that holds the class; likewise.
@@ -164,7 +159,7 @@ class Spec:
         required = getattr(factory, "requires", None)
         if isinstance(required, Requirement) and required.missing:
             raise NotInstalledError(required.missing)
-        return factory(**self.arguments)
+        return construct(factory, self.arguments)
 
 
 def _literal(text: str) -> Any:

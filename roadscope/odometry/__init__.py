@@ -96,7 +96,7 @@ _PARTS = {
     "rigid": "adjoint exp_se3 exp_so3 hat inverse log_se3 log_so3 orthonormal",
     "scatter": "LARGEST_NOISE_M LEAST_TRIPLES excessive_noise range_noise_m",
     "still": "StillOdometry",
-    "zhang": "LARGEST_DYNAMIC_SHARE ZhangOdometry",
+    "zhang": "LARGEST_DYNAMIC_SHARE DynamicThreshold ZhangOdometry ZhangSettings",
 }
 """What else the tests of this repository use, by the file that defines it. It is not public."""
 

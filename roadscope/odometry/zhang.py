@@ -7,13 +7,12 @@ z ahead; ours is ISO 8855 throughout.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import get_args
 
 import numpy as np
 
 from roadscope.core import ImuSamples, LidarScan, OdometryEstimate, Pose
-from roadscope.detectors.clustering.range_angle import SPACINGS
 from roadscope.odometry.clock import Clock
 from roadscope.odometry.clusters.features import (
     NO_PARTNER,
@@ -53,25 +52,48 @@ class PreviousScan:
     features: Features
 
 
-class ZhangOdometry:
-    """Matches edges and planes from scan to scan, cluster by cluster, without what moves.
+@dataclass(frozen=True, slots=True, kw_only=True)
+class DynamicThreshold:
+    """How far a cluster's centre moves, at least, if the cluster is dynamic (eq. 4).
 
-    eps_m, angle_deg, min_points: of the clustering (table 1). spacings: by how many spacings of
-        the returns epsilon grows with range, see `cluster_range_angle`; 0: 0.02 m at every range,
-        as printed. windows: whether the angle bounds
-        clusters, see `parts`, or only links. A whole wall as one cluster has another centre as soon
-        as something hides a part of it, and then seems to move; the paper drops the parts of walls
-        that are visible in only one of the scans. With columns of a degree such clusters have too
-        few features, and the method fails.
-    still_m, still_m_s, view, sampled: a cluster is dynamic if its centre moved farther than the
-        first, plus the second times the time between the scans, plus the third times the ego
-        motion, and farther than the fourth times its range: beams diverge, so that a far object has
-        other returns in every scan. The paper states no threshold. A centre rises or falls by half
-        the gap between two beams as soon as one of them misses the object: for a VLP-16 that is
-        1.7 % of the range, hence 0.02. view: None: 0, or 1 where only
-        links are bounded: the visible part of a whole wall moves with the sensor; then slower
-        objects are not dynamic.
-    dimensions: in which a centre's motion is measured: 3 as in eq. 4, or 2, seen from above.
+    The paper states no threshold. It is `still_m`, plus `still_m_s` times the time between the
+    scans, plus `view` times the ego motion, and at least `sampled` times the range.
+
+    view: the visible part of a whole wall moves with the sensor. None: 1 where the angle bounds
+        only links, so that walls are whole, else 0; with 1, slower objects are not dynamic.
+    sampled: beams diverge, so that a far object has other returns in every scan. A centre rises or
+        falls by half the gap between two beams as soon as one of them misses the object: for a
+        VLP-16 that is 1.7 % of the range.
+    dimensions: in which the motion is measured: 3 as in eq. 4, or 2, seen from above.
+    """
+
+    still_m: float = 0.05
+    still_m_s: float = 0.5
+    view: float | None = None
+    sampled: float = 0.02
+    dimensions: int = 3
+
+    def __post_init__(self) -> None:
+        if self.dimensions not in (2, 3):
+            raise ValueError(f"dimensions is 2 or 3, got {self.dimensions!r}")
+
+    def distances_m(self, ranges_m: np.ndarray, since_s: float, own_motion_m: float) -> np.ndarray:
+        """Return the least distance of each cluster, (K,) m, by the range of its centre."""
+        assert self.view is not None
+        least_m = self.still_m + self.still_m_s * since_s + self.view * own_motion_m
+        return np.maximum(least_m, self.sampled * ranges_m)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ZhangSettings:
+    """Settings of the odometry.
+
+    clustering: eps_m, angle_deg, min_points and spacings, see `Clustering`.
+    windows: whether the angle bounds clusters, see `parts`, or only links. A whole wall as one
+        cluster has another centre as soon as something hides a part of it, and then seems to move;
+        the paper drops the parts of walls that are visible in only one of the scans. With columns
+        of a degree such clusters have too few features, and the method fails.
+    threshold: of the motion of dynamic clusters, see `DynamicThreshold`.
     guarded: whether the prediction is doubted if it makes more than a third of all returns
         dynamic; then all features are matched, of any cluster. So is the first motion, before
         which the speed is unknown. Neither is in the paper.
@@ -83,48 +105,42 @@ class ZhangOdometry:
         stood before LeGO-LOAM's map.
     """
 
-    def __init__(
-        self,
-        *,
-        eps_m: float = 0.02,
-        angle_deg: float = 5.0,
-        min_points: int = 30,
-        spacings: float = SPACINGS,
-        windows: bool = True,
-        still_m: float = 0.05,
-        still_m_s: float = 0.5,
-        view: float | None = None,
-        sampled: float = 0.02,
-        dimensions: int = 3,
-        guarded: bool = False,
-        roughness: Reading = "ring",
-        drop_dynamic: bool = True,
-        same_cluster: bool = True,
-        map_every: int = 0,
-        loop: bool = False,
-    ) -> None:
-        if roughness not in get_args(Reading):
-            raise ValueError(f"roughness is 'ring' or 'cluster', got {roughness!r}")
-        if dimensions not in (2, 3):
-            raise ValueError(f"dimensions is 2 or 3, got {dimensions!r}")
-        if map_every < 0:
-            raise ValueError(f"map_every must be 0 or more, got {map_every!r}")
-        if loop and not map_every:
+    clustering: Clustering = field(default_factory=Clustering)
+    windows: bool = True
+    threshold: DynamicThreshold = field(default_factory=DynamicThreshold)
+    guarded: bool = False
+    roughness: Reading = "ring"
+    drop_dynamic: bool = True
+    same_cluster: bool = True
+    map_every: int = 0
+    loop: bool = False
+
+    def __post_init__(self) -> None:
+        if self.roughness not in get_args(Reading):
+            raise ValueError(f"roughness is 'ring' or 'cluster', got {self.roughness!r}")
+        if self.map_every < 0:
+            raise ValueError(f"map_every must be 0 or more, got {self.map_every!r}")
+        if self.loop and not self.map_every:
             raise ValueError("loops are closed in a map: loop asks for map_every of 1 or more")
-        self.clustering = Clustering(eps_m, angle_deg, min_points, spacings)
-        self.windows, self.dimensions, self.guarded = windows, dimensions, guarded
-        self.still_m, self.still_m_s, self.sampled = still_m, still_m_s, sampled
-        self.view = float(not windows) if view is None else view
-        self.roughness = roughness
-        self.drop_dynamic, self.same_cluster = drop_dynamic, same_cluster
-        self.map_every, self.loop = map_every, loop
+
+
+class ZhangOdometry:
+    """Matches edges and planes from scan to scan, cluster by cluster, without what moves."""
+
+    def __init__(self, settings: ZhangSettings = ZhangSettings()) -> None:
+        view = settings.threshold.view
+        view = float(not settings.windows) if view is None else view
+        self.clustering, self.settings = settings.clustering, settings
+        self.threshold = replace(settings.threshold, view=view)
         self.reset()
 
     def reset(self, lidar_from_imu: Pose | None = None) -> None:
         """Clear pose, speed, the last scan and the map."""
         self._clock, self._imu = Clock(), ImuPrediction(lidar_from_imu)
         self._progress = Progress(self._imu)
-        self._mapping = LegoMapping(every=self.map_every, reach_m=REACH_M, loop=self.loop)
+        self._mapping = LegoMapping(
+            every=self.settings.map_every, reach_m=REACH_M, loop=self.settings.loop
+        )
         self._before: PreviousScan | None = None
 
     def update(self, scan: LidarScan, imu: ImuSamples | None = None) -> OdometryEstimate:
@@ -139,7 +155,7 @@ class ZhangOdometry:
         whole = segments_of(scan, self.clustering)  # section 2.1
         since_s = self._progress.since(scan.stamp_s)
         predicted = self._progress.predicted(scan.stamp_s)  # eq. 3
-        if self.guarded and self._before is not None and not self._progress.begun:
+        if self.settings.guarded and self._before is not None and not self._progress.begun:
             predicted = self._begin(whole, since_s, predicted)
         segments = self.cut(whole, predicted)
         features = self._features(segments, predicted, since_s)  # eq. 5 and 6
@@ -166,7 +182,7 @@ class ZhangOdometry:
     def cut(self, whole: Segments, before_from_now: np.ndarray) -> Segments:
         """Return the clusters cut from the previous scan's position, if the angle bounds them."""
         angle_deg = self.clustering.angle_deg
-        return parts(whole, angle_deg, before_from_now) if self.windows else whole
+        return parts(whole, angle_deg, before_from_now) if self.settings.windows else whole
 
     def _previous_scan(self, whole: Segments, features: Features) -> PreviousScan:
         """Return a scan to match the next one with; its clusters are cut from its own position."""
@@ -177,7 +193,9 @@ class ZhangOdometry:
     def _features(self, segments: Segments, motion: np.ndarray, since_s: float) -> Features:
         """Return the roughest and smoothest returns of each cluster, deskewed."""
         points = segments.at_stamp(motion, since_s)
-        return cluster_features(points, segments, self.roughness, sectors=not self.windows)
+        return cluster_features(
+            points, segments, self.settings.roughness, sectors=not self.settings.windows
+        )
 
     def compared(
         self, now: Segments, before: Segments, predicted: np.ndarray, since_s: float
@@ -186,11 +204,14 @@ class ZhangOdometry:
 
         predicted: (4, 4) `before_from_now`. since_s: time between the scans, seconds.
         """
-        distance_m = float(np.linalg.norm(predicted[:3, 3]))
-        least_m = self.still_m + self.still_m_s * since_s + self.view * distance_m
-        thresholds_m = np.maximum(least_m, self.sampled * np.linalg.norm(now.centres, axis=1))
+        own_motion_m = float(np.linalg.norm(predicted[:3, 3]))
+        ranges_m = np.linalg.norm(now.centres, axis=1)
         return match_clusters(
-            now.centres, before.centres, predicted, thresholds_m, dimensions=self.dimensions
+            now.centres,
+            before.centres,
+            predicted,
+            self.threshold.distances_m(ranges_m, since_s, own_motion_m),
+            dimensions=self.threshold.dimensions,
         )
 
     def _matched(
@@ -202,14 +223,14 @@ class ZhangOdometry:
         """
         assert self._before is not None
         none = np.zeros_like(clusters.dynamic)
-        is_doubted = self.guarded and not _is_plausible(clusters, sizes)
-        if is_doubted or not (self.drop_dynamic or self.same_cluster):
+        is_doubted = self.settings.guarded and not _is_plausible(clusters, sizes)
+        if is_doubted or not (self.settings.drop_dynamic or self.settings.same_cluster):
             return match_features(features, self._before.features, start, same_label=False), none
         now, before = of_partners(
-            features, self._before.features, clusters, still_only=self.drop_dynamic
+            features, self._before.features, clusters, still_only=self.settings.drop_dynamic
         )
-        feature_match = match_features(now, before, start, same_label=self.same_cluster)
-        return feature_match, clusters.dynamic if self.drop_dynamic else none
+        feature_match = match_features(now, before, start, same_label=self.settings.same_cluster)
+        return feature_match, clusters.dynamic if self.settings.drop_dynamic else none
 
     def _begin(self, whole: Segments, since_s: float, predicted: np.ndarray) -> np.ndarray:
         """Return the first motion, (4, 4): as predicted from rest, or from all features.

@@ -12,7 +12,13 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from roadscope.core import Category
-from roadscope.trackers._settings import check_not_negative, check_positive, check_shares
+from roadscope.trackers._motion import ConstantVelocity, PositionFilter
+from roadscope.trackers._settings import (
+    check_counts,
+    check_not_negative,
+    check_positive,
+    check_shares,
+)
 from roadscope.trackers._tables import ArrayTable
 from roadscope.trackers._ticks import TrackerTick
 from roadscope.trackers._traits import DetectorTraits, TraitsChoice, score_log_odds
@@ -199,6 +205,60 @@ class ScoreCalibration:
         odds = traits.detection_log_odds(odds, categories, ranges_m) - self._base[categories]
         probabilities: np.ndarray = 1 / (1 + np.exp(-odds))
         return probabilities
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class BernoulliSettings:
+    """Settings that the trackers JPDA and PMBM share.
+
+    gate_share: share of right pairs that lie within the gate if the noise is as assumed.
+    detection, birth_m2, lifetime_s, visible_s, hidden_s, score_weight: see `DetectionModel`.
+    clutter_m2: false detections per square metre and tick; None estimates it while tracking.
+    traits: what scores mean, see `ExistenceTracker`.
+    confirm, drop: probabilities of existence from which on a track is confirmed, and below which
+        it is dropped or not even started.
+    shown_misses: see `LifeCycle`.
+    position_m, speed_m_s: see `PositionFilter`.
+    velocity_walk: see `ConstantVelocity`.
+    """
+
+    gate_share: float = 0.997
+    detection: float = 0.9
+    clutter_m2: float | None = None
+    birth_m2: float = 1e-5
+    lifetime_s: float = 30.0
+    visible_s: float = 10.0
+    hidden_s: float = 1.0
+    score_weight: float = 1.0
+    traits: str = "auto"
+    confirm: float = 0.99
+    drop: float = 0.02
+    shown_misses: int = 0
+    position_m: float = 0.3
+    speed_m_s: float = 15.0
+    velocity_walk: float = 2.0
+
+    def __post_init__(self) -> None:
+        check_shares(confirm=self.confirm, drop=self.drop)
+        check_counts(0, shown_misses=self.shown_misses)
+        check_not_negative(velocity_walk=self.velocity_walk)
+
+    def detection_model(self) -> AdaptiveModel:
+        """Return the model of targets and detections."""
+        model = DetectionModel(
+            detection=self.detection,
+            birth_m2=self.birth_m2,
+            lifetime_s=self.lifetime_s,
+            visible_s=self.visible_s,
+            hidden_s=self.hidden_s,
+            score_weight=self.score_weight,
+        )
+        return AdaptiveModel(model, self.clutter_m2)
+
+    def position_filter(self) -> PositionFilter:
+        """Return the filter of positions."""
+        motion = ConstantVelocity(self.velocity_walk)
+        return PositionFilter(self.position_m, self.speed_m_s, motion)
 
 
 class AdaptiveModel:

@@ -10,8 +10,7 @@ from roadscope.core import Detections, Pose, Tracks
 from roadscope.core.jit import compiled
 from roadscope.trackers._assignment import Pairs, assign_optimally, unassigned
 from roadscope.trackers._detection_model import (
-    AdaptiveModel,
-    DetectionModel,
+    BernoulliSettings,
     Existence,
     ScoreCalibration,
 )
@@ -23,11 +22,19 @@ from roadscope.trackers._gating import (
 )
 from roadscope.trackers._jpda_marginals import EXACT_LIMIT, association_marginals
 from roadscope.trackers._kalman import Gaussians
-from roadscope.trackers._motion import ConstantVelocity, PositionFilter
-from roadscope.trackers._settings import check_counts, check_not_negative, check_shares
 from roadscope.trackers._tables import ArrayTable
 from roadscope.trackers._ticks import TrackerTick
 from roadscope.trackers._tracklets import Tracklets, track_states
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class JpdaSettings(BernoulliSettings):
+    """Settings of the tracker.
+
+    exact_limit: see `association_marginals`. The others: see `BernoulliSettings`.
+    """
+
+    exact_limit: float = EXACT_LIMIT
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -51,55 +58,15 @@ class JpdaTracker:
 
     weighed = True
 
-    def __init__(
-        self,
-        *,
-        gate_share: float = 0.997,
-        detection: float = 0.9,
-        clutter_m2: float | None = None,
-        birth_m2: float = 1e-5,
-        lifetime_s: float = 30.0,
-        visible_s: float = 10.0,
-        hidden_s: float = 1.0,
-        score_weight: float = 1.0,
-        traits: str = "auto",
-        confirm: float = 0.99,
-        drop: float = 0.02,
-        shown_misses: int = 0,
-        exact_limit: float = EXACT_LIMIT,
-        position_m: float = 0.3,
-        speed_m_s: float = 15.0,
-        velocity_walk: float = 2.0,
-    ) -> None:
-        """Set the tracker up.
-
-        gate_share: share of right pairs that lie within the gate if the noise is as assumed.
-        detection, birth_m2, lifetime_s, visible_s, hidden_s, score_weight: see `DetectionModel`.
-        clutter_m2: false detections per square metre and tick; None estimates it while tracking.
-        traits: what scores mean, see `ExistenceTracker`.
-        confirm, drop: probabilities of existence from which on a track is confirmed, and below
-            which it is dropped or not even started.
-        shown_misses: see `LifeCycle`.
-        exact_limit: see `association_marginals`.
-        position_m, speed_m_s: see `PositionFilter`.
-        velocity_walk: see `ConstantVelocity`.
-        """
-        check_shares(confirm=confirm, drop=drop)
-        check_counts(0, shown_misses=shown_misses)
-        check_not_negative(velocity_walk=velocity_walk)
-        model = DetectionModel(
-            detection=detection,
-            birth_m2=birth_m2,
-            lifetime_s=lifetime_s,
-            visible_s=visible_s,
-            hidden_s=hidden_s,
-            score_weight=score_weight,
+    def __init__(self, settings: JpdaSettings = JpdaSettings()) -> None:
+        self._model, self._filter = settings.detection_model(), settings.position_filter()
+        self._scores = ScoreCalibration(settings.traits)
+        self._gate, self._exact_limit = (
+            chi_square_gate(settings.gate_share, 2),
+            settings.exact_limit,
         )
-        self._model = AdaptiveModel(model, clutter_m2)
-        self._gate, self._exact_limit = chi_square_gate(gate_share, 2), float(exact_limit)
-        self._scores = ScoreCalibration(traits)
-        self._confirm, self._least, self._shown_misses = confirm, drop, shown_misses
-        self._filter = PositionFilter(position_m, speed_m_s, ConstantVelocity(velocity_walk))
+        self._confirm, self._least = settings.confirm, settings.drop
+        self._shown_misses = settings.shown_misses
         self.reset()
 
     def reset(self) -> None:

@@ -8,13 +8,11 @@ import numpy as np
 
 from roadscope.core import Detections, Pose, Tracks
 from roadscope.trackers._detection_model import (
-    AdaptiveModel,
-    DetectionModel,
+    BernoulliSettings,
     Existence,
     ScoreCalibration,
 )
 from roadscope.trackers._gating import chi_square_gate, determinants, pairs_by_likelihood
-from roadscope.trackers._motion import ConstantVelocity, PositionFilter
 from roadscope.trackers._pmbm_hypotheses import (
     Continuations,
     Hypotheses,
@@ -23,10 +21,35 @@ from roadscope.trackers._pmbm_hypotheses import (
     Sizes,
     continue_all,
 )
-from roadscope.trackers._settings import check_counts, check_not_negative, check_shares
+from roadscope.trackers._settings import check_counts, check_shares
 from roadscope.trackers._tables import ArrayTable
 from roadscope.trackers._ticks import TrackerTick
 from roadscope.trackers._tracklets import Tracklets, track_states
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PmbmSettings(BernoulliSettings):
+    """Settings of the tracker.
+
+    hypotheses: greatest number for each cluster of targets that compete; HOTA with 10 and with 50
+        differed by less than 0.002 on validation seeds.
+    least_share: a hypothesis is dropped if its weight is less than this share of the greatest.
+    The others: see `BernoulliSettings`. A hypothesis omits a target, new or old, whose probability
+    of existence is below `drop`.
+    """
+
+    hypotheses: int = 10
+    least_share: float = 1e-3
+
+    def __post_init__(self) -> None:
+        BernoulliSettings.__post_init__(self)
+        check_shares(least_share=self.least_share)
+        check_counts(1, hypotheses=self.hypotheses)
+
+    def limits(self) -> HypothesisLimits:
+        """Return how many hypotheses are kept."""
+        gap = -float(np.log(self.least_share)) if self.least_share > 0 else np.inf
+        return HypothesisLimits(self.hypotheses, gap)
 
 
 class PmbmTracker:
@@ -44,60 +67,12 @@ class PmbmTracker:
 
     weighed = True
 
-    def __init__(
-        self,
-        *,
-        gate_share: float = 0.997,
-        detection: float = 0.9,
-        clutter_m2: float | None = None,
-        birth_m2: float = 1e-5,
-        lifetime_s: float = 30.0,
-        visible_s: float = 10.0,
-        hidden_s: float = 1.0,
-        score_weight: float = 1.0,
-        traits: str = "auto",
-        hypotheses: int = 10,
-        least_share: float = 1e-3,
-        confirm: float = 0.99,
-        drop: float = 0.02,
-        shown_misses: int = 0,
-        position_m: float = 0.3,
-        speed_m_s: float = 15.0,
-        velocity_walk: float = 2.0,
-    ) -> None:
-        """Set the tracker up.
-
-        gate_share: share of right pairs that lie within the gate if the noise is as assumed.
-        detection, birth_m2, lifetime_s, visible_s, hidden_s, score_weight: see `DetectionModel`.
-        clutter_m2: false detections per square metre and tick; None estimates it while tracking.
-        traits: what scores mean, see `ExistenceTracker`.
-        hypotheses: greatest number for each cluster of targets that compete; HOTA with 10 and
-            with 50 differed by less than 0.002 on validation seeds.
-        least_share: a hypothesis is dropped if its weight is less than this share of the greatest.
-        confirm, drop: probabilities of existence from which on a track is confirmed, and below
-            which a hypothesis omits a target, new or old.
-        shown_misses: see `LifeCycle`.
-        position_m, speed_m_s: see `PositionFilter`.
-        velocity_walk: see `ConstantVelocity`.
-        """
-        check_shares(confirm=confirm, drop=drop, least_share=least_share)
-        check_counts(0, shown_misses=shown_misses)
-        check_counts(1, hypotheses=hypotheses)
-        check_not_negative(velocity_walk=velocity_walk)
-        model = DetectionModel(
-            detection=detection,
-            birth_m2=birth_m2,
-            lifetime_s=lifetime_s,
-            visible_s=visible_s,
-            hidden_s=hidden_s,
-            score_weight=score_weight,
-        )
-        self._model = AdaptiveModel(model, clutter_m2)
-        self._gate, self._scores = chi_square_gate(gate_share, 2), ScoreCalibration(traits)
-        gap = -float(np.log(least_share)) if least_share > 0 else np.inf
-        self._limits = HypothesisLimits(hypotheses, gap)
-        self._confirm, self._least, self._shown_misses = confirm, drop, shown_misses
-        self._filter = PositionFilter(position_m, speed_m_s, ConstantVelocity(velocity_walk))
+    def __init__(self, settings: PmbmSettings = PmbmSettings()) -> None:
+        self._model, self._filter = settings.detection_model(), settings.position_filter()
+        self._scores = ScoreCalibration(settings.traits)
+        self._gate, self._limits = chi_square_gate(settings.gate_share, 2), settings.limits()
+        self._confirm, self._least = settings.confirm, settings.drop
+        self._shown_misses = settings.shown_misses
         self.reset()
 
     def reset(self) -> None:

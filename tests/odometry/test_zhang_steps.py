@@ -6,7 +6,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 from toy_drive import driven
 
-from roadscope.odometry import LARGEST_DYNAMIC_SHARE, ZhangOdometry, exp_se3, sensor_height
+from roadscope.core import construct
+from roadscope.odometry import (
+    LARGEST_DYNAMIC_SHARE,
+    DynamicThreshold,
+    ZhangOdometry,
+    ZhangSettings,
+    exp_se3,
+    sensor_height,
+)
 from roadscope.odometry.clusters import (
     NO_PARTNER,
     REACH_M,
@@ -26,6 +34,7 @@ from roadscope.odometry.loam import (
 )
 
 AHEAD = exp_se3(np.array([1.0, 0, 0, 0, 0, 0]))
+GUARDED = ZhangSettings(guarded=True, threshold=DynamicThreshold(dimensions=2, sampled=0.01))
 
 
 def test_centres_are_means():
@@ -169,14 +178,14 @@ def test_segments_stand_above_the_ground_and_are_large():
 )
 def test_settings_that_make_no_sense_are_refused(settings, said):
     with pytest.raises(ValueError, match=said):
-        ZhangOdometry(**settings)
+        construct(ZhangOdometry, settings)
 
 
 @pytest.fixture
 def under_way():
     """An odometry after six scans of a drive at 8 m/s, the drive, and all its inputs."""
     drive, inputs = driven(10, columns=1800)
-    odometry = ZhangOdometry(guarded=True, dimensions=2, sampled=0.01)
+    odometry = ZhangOdometry(GUARDED)
     for each in inputs[:6]:
         odometry.update(*each)
     return odometry, drive, inputs
@@ -192,7 +201,7 @@ def away(told, drive, scan):
 def test_a_start_at_speed_does_not_make_everything_dynamic():
     """At 8 m/s all that stands has moved 0.8 m by the second scan."""
     drive, inputs = driven(6, columns=1800)
-    odometry = ZhangOdometry(guarded=True, dimensions=2, sampled=0.01)
+    odometry = ZhangOdometry(GUARDED)
     told = [odometry.update(*each) for each in inputs]
     assert max(away(t, drive, s) for t, (s, _) in zip(told, inputs, strict=True)) < 0.1
 
@@ -249,13 +258,13 @@ def test_the_threshold_of_dynamic_clusters_grows_with_range(sampled, dynamic):
         there = np.array([[40.0, shift_m, 0.0]])
         return Segments(there, row, row, np.zeros(1), row, row, there, row + 1, row)
 
-    rule = ZhangOdometry(sampled=sampled)
+    rule = ZhangOdometry(ZhangSettings(threshold=DynamicThreshold(sampled=sampled)))
     found = rule.compared(seen(0.3), seen(0.0), np.eye(4), 0.1)
     assert found.dynamic.tolist() == [dynamic]
 
 
 def test_a_map_uses_every_nth_scan_and_zero_uses_none():
-    plain, mapped = ZhangOdometry(), ZhangOdometry(map_every=2)
+    plain, mapped = ZhangOdometry(), ZhangOdometry(ZhangSettings(map_every=2))
     for each in driven(8, columns=1800)[1]:
         one, other = plain.update(*each), mapped.update(*each)
     assert np.array_equal(plain._mapping.map_from_start, np.eye(4))

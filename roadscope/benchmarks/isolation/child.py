@@ -29,6 +29,7 @@ from roadscope.benchmarks.isolation.describing import (
     may_preload,
     traits_of,
 )
+from roadscope.core.constructing import construct
 from roadscope.core.loading import LoadingError, NotInstalledError, SpecError, load_class
 from roadscope.core.text import one_line
 from roadscope.core.wire import WireError, decode, encode
@@ -146,7 +147,7 @@ def _serve(request: Mapping[str, Any], worker: socket.socket) -> None:
                 raise SpecError(traits.problem)
             if traits.requires:
                 raise NotInstalledError(traits.requires)
-            plugin = kind(**arguments)
+            plugin = construct(kind, arguments)
             traits = traits_of(kind, arguments, plugin)
         return asdict(traits) | {
             "file": None if traits.file is None else str(traits.file),

@@ -11,13 +11,12 @@ from pathlib import Path
 from typing import Any
 
 from roadscope.benchmarks.isolation.limits import Traits
-from roadscope.core.loading import (
-    Requirement,
+from roadscope.core.constructing import (
     binding_problem,
-    file_of,
     parameters_of,
     positional_parameters_of,
 )
+from roadscope.core.loading import Requirement, file_of
 from roadscope.core.text import error_text, one_line
 
 HARNESS = Path(__file__).resolve().parent

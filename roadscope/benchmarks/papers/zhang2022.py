@@ -15,7 +15,7 @@ from functools import partial
 from itertools import product
 from time import process_time
 from types import MappingProxyType
-from typing import Any, BinaryIO, NamedTuple
+from typing import BinaryIO, NamedTuple
 
 import numpy as np
 
@@ -51,8 +51,14 @@ from roadscope.benchmarks.papers.zhang2022_scene import (
 )
 from roadscope.core import ImuSamples, LidarScan, Pose
 from roadscope.odometry import ODOMETRIES
+from roadscope.odometry.clusters.segments import Clustering
 from roadscope.odometry.loam.progress import ImuPrediction
-from roadscope.odometry.zhang import ZhangOdometry, dynamic_returns
+from roadscope.odometry.zhang import (
+    DynamicThreshold,
+    ZhangOdometry,
+    ZhangSettings,
+    dynamic_returns,
+)
 
 # --------------------------------------------------------------------------------------------------
 # Names of experiments, quantities and methods.
@@ -225,17 +231,20 @@ class RemovalVariant(NamedTuple):
     """
 
     scans_apart: int
-    settings: Mapping[str, Any]
+    settings: ZhangSettings = ZhangSettings()
     knows_speed: bool = True
 
 
-_BOUNDED_LINKS = {"windows": False}
+_FROM_ABOVE = DynamicThreshold(dimensions=2, sampled=0.01)
+_BOUNDED_LINKS = ZhangSettings(windows=False)
 REMOVAL_VARIANTS = {
-    "zhang2022, 1 s apart": RemovalVariant(SCANS_APART, {}),
-    "zhang2022, 0.1 s apart": RemovalVariant(1, {}),
-    "speed unknown, 1 s": RemovalVariant(SCANS_APART, {}, knows_speed=False),
-    "displaced in x and y, 1 s": RemovalVariant(SCANS_APART, {"dimensions": 2, "sampled": 0.01}),
-    "epsilon as printed, 1 s": RemovalVariant(SCANS_APART, {"spacings": 0.0}),
+    "zhang2022, 1 s apart": RemovalVariant(SCANS_APART),
+    "zhang2022, 0.1 s apart": RemovalVariant(1),
+    "speed unknown, 1 s": RemovalVariant(SCANS_APART, knows_speed=False),
+    "displaced in x and y, 1 s": RemovalVariant(SCANS_APART, ZhangSettings(threshold=_FROM_ABOVE)),
+    "epsilon as printed, 1 s": RemovalVariant(
+        SCANS_APART, ZhangSettings(clustering=Clustering(spacings=0.0))
+    ),
     "angle bounds links, 1 s": RemovalVariant(SCANS_APART, _BOUNDED_LINKS),
     "angle bounds links, 0.1 s": RemovalVariant(1, _BOUNDED_LINKS),
 }
@@ -259,7 +268,7 @@ def removal(experiment: CorridorExperiment, seed: int, variant: RemovalVariant) 
     sweeps = list(sense_corridor(experiment, seed))
     before, now = sweeps[-1 - variant.scans_apart], sweeps[-1]
     motion = predicted_motion(sweeps, variant.scans_apart, knows_speed=variant.knows_speed)
-    rule = ZhangOdometry(**variant.settings)
+    rule = ZhangOdometry(variant.settings)
     times_s = []
     for _ in range(1 + TIMED_CALLS):
         start = process_time()
