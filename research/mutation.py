@@ -21,9 +21,9 @@ import os
 import random
 import subprocess
 import sys
-import tempfile
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
+from importlib.util import cache_from_source
 from pathlib import Path
 from typing import NamedTuple
 
@@ -160,20 +160,22 @@ def verdict(root: Path, mutant: Mutant) -> str:
     path.write_text("".join(lines), encoding="utf-8")
     tests = [test for test in AREAS[mutant.area][1] if (root / test).exists()]
     command = [sys.executable, "-m", "pytest", "-x", "-q", "-n", "0", "-p", "no:cacheprovider"]
+    # Python tells byte code that is out of date by seconds and size alone.
+    bytecode = Path(cache_from_source(str(path)))
+    bytecode.unlink(missing_ok=True)
     try:
-        # Python tells byte code that is out of date by seconds and size alone.
-        with tempfile.TemporaryDirectory() as bytecode:
-            done = subprocess.run(
-                [*command, *tests],
-                cwd=root,
-                env={**os.environ, "PYTHONPATH": str(root), "PYTHONPYCACHEPREFIX": bytecode},
-                capture_output=True,
-                timeout=TIMEOUT_S,
-            )
+        done = subprocess.run(
+            [*command, *tests],
+            cwd=root,
+            env={**os.environ, "PYTHONPATH": str(root)},
+            capture_output=True,
+            timeout=TIMEOUT_S,
+        )
     except subprocess.TimeoutExpired:
         return "timeout"
     finally:
         path.write_text(original, encoding="utf-8")
+        bytecode.unlink(missing_ok=True)
     if done.returncode > 2:
         raise RuntimeError(f"tests cannot be run in {root}: {done.stderr.decode()}")
     return "killed" if done.returncode else "survived"
