@@ -34,6 +34,7 @@ from roadscope.benchmarks.formats.motchallenge import (
     write_mot,
 )
 from roadscope.benchmarks.formats.pcd import read_pcd
+from roadscope.benchmarks.formats.point_layout import scan_of_points
 from roadscope.benchmarks.formats.samples import read_imu, read_wheels
 from roadscope.benchmarks.formats.scan_folder import ScanFolder, read_scan
 from roadscope.benchmarks.formats.table import FormatError
@@ -74,6 +75,7 @@ __all__ = [
     "read_scan",
     "read_trajectory",
     "read_wheels",
+    "scan_of_points",
     "write_calibration",
     "write_kitti_results",
     "write_mot",

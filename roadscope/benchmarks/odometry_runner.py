@@ -22,6 +22,9 @@ from roadscope.core import ImuSamples, LidarScan, OdometryEstimate, Pose, WheelS
 from roadscope.core.answers import AnswerError, check_estimate
 from roadscope.odometry import ODOMETRIES
 
+TRUTH_STEPS = 3.0
+"""Poses are interpolated between true ones that are at most so many median steps apart. Chosen by
+hand: a pose or two may be missing."""
 LEAST_AHEAD_M = 10.0
 """Metres along an axis from which on it cannot be the one that points up."""
 
@@ -156,6 +159,7 @@ class PoseErrors(NamedTuple):
     end_m: distance of the last pose from the true one, both from the same start.
     t_rel, r_rel: KITTI's drift over `lengths_m`, per cent and degrees in 100 m; None where the
         way is shorter than all of these.
+    compared, scans: how many scans have a true pose, of all.
     """
 
     distance_m: float
@@ -164,6 +168,8 @@ class PoseErrors(NamedTuple):
     t_rel: float | None
     r_rel: float | None
     lengths_m: tuple[float, ...]
+    compared: int
+    scans: int
 
     def __str__(self) -> str:
         drifts = (
@@ -172,9 +178,11 @@ class PoseErrors(NamedTuple):
             else f"t_rel {self.t_rel:.2f} %, r_rel {self.r_rel:.2f} deg/100m over "
             f"{self.lengths_m[0]:g} to {self.lengths_m[-1]:g} m"
         )
+        rest = self.scans - self.compared
+        lacking = f"; {rest} of {self.scans} scans have no true pose near in time" if rest else ""
         return (
             f"{self.distance_m:.1f} m: ATE {self.ate_m:.3f} m, at the end {self.end_m:.3f} m off, "
-            f"{drifts}"
+            f"{drifts}{lacking}"
         )
 
 
@@ -226,24 +234,27 @@ class TruePoses:
             float(errors.t_rel) if len(errors) else None,
             float(errors.r_rel) if len(errors) else None,
             tuple(lengths),
+            len(pairs),
+            len(poses),
         )
 
 
 def _interpolated(
     trajectory: Trajectory, stamps_s: Sequence[float], path: Path
 ) -> tuple[np.ndarray | None, ...]:
-    """Return poses at those stamps that lie between two of a trajectory."""
+    """Return poses at those stamps that lie between two of a trajectory that are near in time."""
     times_s = np.array(trajectory.stamps_s)
+    longest_s = TRUTH_STEPS * float(np.median(np.diff(times_s))) if len(times_s) > 1 else 0.0
     poses: list[np.ndarray | None] = []
     for stamp_s in stamps_s:
         k = int(np.searchsorted(times_s, stamp_s, side="right")) - 1
-        if k < 0 or k >= len(times_s) or (k == len(times_s) - 1 and times_s[k] < stamp_s):
-            poses.append(None)
-        elif times_s[k] == stamp_s:
+        if k >= 0 and times_s[k] == stamp_s:
             poses.append(trajectory.poses[k].matrix)
-        else:
+        elif 0 <= k < len(times_s) - 1 and times_s[k + 1] - times_s[k] <= longest_s:
             share = float((stamp_s - times_s[k]) / (times_s[k + 1] - times_s[k]))
             poses.append(trajectory.poses[k].interpolate(trajectory.poses[k + 1], share).matrix)
+        else:
+            poses.append(None)
     if sum(pose is not None for pose in poses) < 2:
         raise FormatError(
             f"{path}: expected poses from {stamps_s[0]:.3f} to {stamps_s[-1]:.3f} s, when scans "

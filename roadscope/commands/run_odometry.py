@@ -49,7 +49,17 @@ Out = Annotated[Path, typer.Option(help="File for the poses.")]
 Format = Annotated[
     str, typer.Option(help="Of the poses: kitti (3 x 4 matrices) or tum (with stamps).")
 ]
-Rate = Annotated[float, typer.Option(help="Scans per second, if DIR has no times.txt.")]
+Rate = Annotated[
+    float, typer.Option(help="Scans per second, if neither times.txt nor their names have stamps.")
+]
+Layout = Annotated[
+    str,
+    typer.Option(
+        metavar="COLUMNS",
+        help="Columns of .bin and .npy files, such as x,y,z,intensity,ring,time; _: not used. If "
+        "left out, what is in them decides.",
+    ),
+]
 Imu = Annotated[
     str | None,
     typer.Option(
@@ -89,6 +99,7 @@ def run_odometry(
     out: Out = Path("poses.txt"),
     format: Format = "kitti",
     rate_hz: Rate = 10.0,
+    layout: Layout = "",
     imu: Imu = None,
     mounting: Mounting = None,
     wheels: WheelsFile = None,
@@ -100,19 +111,21 @@ def run_odometry(
 
     times.txt in DIR or beside it has the stamp of each scan, the middle of its sweep: one number a
     line, in seconds, milli-, micro- or nanoseconds. Poses are those of the LiDAR in its first
-    frame, x ahead, y left, z up. After Ctrl-C, or at a scan that cannot be read, the poses so far
-    stay in the file.
+    frame, x ahead, y left, z up. After Ctrl-C the poses so far stay in the file. A scan that cannot
+    be read counts as empty.
     """
+    from roadscope.benchmarks.formats.point_layout import parse_columns
     from roadscope.benchmarks.formats.scan_folder import ScanFolder
+    from roadscope.benchmarks.imu_check import doubt_of_imu
     from roadscope.benchmarks.odometry_runner import TruePoses, write_estimates
 
-    scans = ScanFolder.find(folder, rate_hz=rate_hz)
+    columns = parse_columns(layout) if layout else ()
+    scans = ScanFolder.find(folder, rate_hz=rate_hz, columns=columns)
     inertial = _inertial(folder, scans, imu, mounting)
     true = TruePoses.read(truth, scans.stamps_s) if truth else None
     wheel_speeds = _wheels(folder, scans, wheels)
     inputs = [each.path for each in (inertial, wheel_speeds) if each is not None]
     _check_out(out, truth, scans.times_file, *scans.files, *inputs)
-    _report_assumptions(scans, folder, without_imu=inertial is None and imu is None)
     _check_use(
         odometry,
         inertial,
@@ -120,6 +133,9 @@ def run_odometry(
         imu_named=bool(imu or mounting),
         wheels_named=wheels is not None,
     )
+    _report_assumptions(scans, folder, without_imu=inertial is None and imu is None)
+    if inertial is not None and (doubt := doubt_of_imu(scans, inertial)):
+        complain(f"{inertial.path}: {doubt}")
     reasons: Counter[str] = Counter()
     poses: list[Pose] = []
     try:
@@ -148,6 +164,8 @@ def run_odometry(
         )
     if not (json or quiet):
         _report_poses(odometry, poses, reasons)
+    for note in scans.losses.notes():
+        complain(note)
     _warn_of_poses(poses, reasons, true, truth)
     if not (json or quiet):
         if errors is not None:
@@ -158,16 +176,11 @@ def run_odometry(
 def _report_assumptions(scans: ScanFolder, folder: Path, *, without_imu: bool) -> None:
     """Print what is assumed where the recording lacks it."""
     from roadscope.benchmarks.formats.samples import IMU_FILES
-    from roadscope.benchmarks.formats.scan_folder import TIMES_FILE
 
-    if scans.times_file is None:
-        complain(f"no {TIMES_FILE}: scans are taken to be {scans.rate_hz:g} a second")
+    for note in scans.notes:
+        complain(note)
     if without_imu:
         complain(f"no IMU: {' or '.join(IMU_FILES)} in or beside {folder}, or --imu FILE")
-    if not next(iter(scans)).time_offset_s.any():
-        complain(
-            "points without times: each scan is taken to be seen at once, or to be deskewed already"
-        )
 
 
 def _check_out(out: Path, *inputs: Path | None) -> None:

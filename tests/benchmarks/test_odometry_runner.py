@@ -62,13 +62,13 @@ def test_after_an_interrupt_poses_are_kept(folder, monkeypatch):
     assert len(read_trajectory(out, "kitti").poses) == 3
 
 
-def test_before_a_scan_that_cannot_be_read_poses_are_kept(folder):
+def test_a_scan_that_cannot_be_read_is_empty_and_told(folder):
     (folder / "4.npy").write_bytes(b"nothing")
     done, out = follow(folder, "--odometry", "still")
-    assert done.exit_code != 0
-    assert "4 of 6 poses are kept" in done.stderr
-    assert "4.npy" in str(done.exception)
-    assert len(read_trajectory(out, "kitti").poses) == 4
+    assert done.exit_code == 0, done.output
+    assert "1 scan is taken as empty: " in done.stderr
+    assert "4.npy: expected an array saved by numpy" in done.stderr
+    assert len(read_trajectory(out, "kitti").poses) == 6
 
 
 @pytest.mark.parametrize(
@@ -261,11 +261,14 @@ def test_true_poses_of_a_camera_are_told(recording):
         assert ("its z axis points ahead" in done.stderr) == (name == "camera")
 
 
-def test_until_the_first_pose_is_known_the_file_stays_as_it_is(folder):
+def test_if_no_scan_can_be_read_the_file_stays_as_it_is(folder):
     out = folder / "poses.txt"
     out.write_text("mine")
-    (folder / "0.npy").write_bytes(b"nothing")
-    assert follow(folder)[0].exit_code != 0
+    for path in folder.glob("*.npy"):
+        path.write_bytes(b"nothing")
+    done, _ = follow(folder)
+    assert done.exit_code != 0
+    assert "0.npy: expected an array saved by numpy" in str(done.exception)
     assert out.read_text() == "mine"
 
 

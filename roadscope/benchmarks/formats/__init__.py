@@ -3,13 +3,15 @@
 from roadscope._lazy import lazy_names
 
 _PARTS = {
+    "beams": "MAX_BEAM_HEIGHT_RAD rings_and_columns why_no_beams",
     "kitti_frames": "CAMERA_FROM_EGO EGO_FROM_CAMERA NOT_COUNTED bottoms_from_centres "
     "box_corners centres_from_bottoms clipped_image_boxes detections_from_rows image_boxes "
     "observation_angles rotations_from_yaws yaws_from_rotations",
     "kitti_labels": "CLASS_IDS DETECTED_TYPES DETECTION_COLUMNS LABEL_COLUMNS TYPE_NAMES",
     "motchallenge": "CLASS_COLUMNS COLUMNS WORLD_COLUMNS",
+    "point_layout": "parse_columns",
     "samples": "find_imu find_wheels parse_mounting rising_rows",
-    "scan_folder": "MAX_BEAM_HEIGHT_RAD rings_and_columns",
+    "scan_stamps": "in_order",
     "tracking_rows": "logistic",
     "trajectories": "trajectory_text",
 }

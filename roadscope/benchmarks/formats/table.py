@@ -125,9 +125,14 @@ def refuse(path: Path, line: int, expected: str, actual: object) -> NoReturn:
     raise FormatError(f"{path}, line {line}: expected {expected}, got {quoted!r}")
 
 
+def visible(folder: Path) -> list[Path]:
+    """Return what is in a folder, in order of names, but for hidden files such as macOS's `._*`."""
+    return sorted(path for path in folder.iterdir() if not path.name.startswith("."))
+
+
 def names_in(folder: Path) -> str:
     """Return the first names in a folder, to say what was found there; `nothing` if it is empty."""
-    return ", ".join(sorted(path.name for path in folder.iterdir())[:8]) or "nothing"
+    return ", ".join(path.name for path in visible(folder)[:8]) or "nothing"
 
 
 def read_lines(path: Path) -> list[str]:

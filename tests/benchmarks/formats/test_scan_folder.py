@@ -63,8 +63,8 @@ def test_beams_are_those_that_a_file_tells_whichever_way_they_are_numbered(tmp_p
 def test_times_may_be_in_any_unit_and_begin_anywhere(tmp_path, unit):
     rows = ROWS.astype(float)
     rows[:, 4] = (rows[:, 4] + 3.0) * unit
-    np.save(tmp_path / "0.npy", rows)
-    scan = read_scan(tmp_path / "0.npy", 0.0)
+    (tmp_path / "0.pcd").write_bytes(pcd("ascii", rows))
+    scan = read_scan(tmp_path / "0.pcd", 0.0)
     assert scan.time_offset_s == pytest.approx(ROWS[:, 4] - 0.05, abs=1e-6)
 
 
@@ -82,7 +82,8 @@ def test_folders_are_in_order_of_numbers(tmp_path):
         np.save(tmp_path / f"{k}.npy", ROWS[:, :3])
     found = ScanFolder.find(tmp_path, rate_hz=20)
     assert [p.stem for p in found.files] == ["0", "9", "10"]
-    assert found.stamps_s == (0, 0.05, 0.1)
+    assert found.stamps_s == pytest.approx((0, 0.45, 0.5))
+    assert "8 numbers are missing in the names of scans, after 0.npy" in found.notes
     (tmp_path / "times.txt").write_text("1.0\n1.1\n1.25\n")
     assert [s.stamp_s for s in ScanFolder.find(tmp_path)] == [1.0, 1.1, 1.25]
     (tmp_path / "times.txt").write_text("1.0\n")
@@ -140,8 +141,8 @@ def test_malformed_pcd_is_refused(tmp_path, name):
 @pytest.mark.parametrize(
     ("name", "content", "message"),
     [
-        ("0.bin", b"\0" * 17, "16 bytes a point, got 17 bytes"),
-        ("0.bin", b"\0" * 60, "got 60 bytes; if those are five numbers a point, as nuScenes"),
+        ("0.bin", b"\0" * 17, "expected float32 numbers, 16 bytes a point for x y z"),
+        ("0.bin", b"\0" * 28, "got 28 bytes that are none of these: name the columns"),
         ("0.npy", b"nothing", "expected an array saved by numpy"),
         ("0.txt", b"", "expected files .bin, .pcd, .npy, got 0.txt"),
     ],

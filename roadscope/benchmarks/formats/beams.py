@@ -1,0 +1,123 @@
+"""The beams of a LiDAR: found by the directions of points, or checked against them."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from roadscope.core.scan import MOST_RINGS
+
+AZIMUTH_STEP_RAD = np.deg2rad(0.2)
+"""Azimuth steps of common sensors at 10 Hz."""
+MAX_BEAM_HEIGHT_RAD = np.deg2rad(0.4)
+"""Elevations within this are of one beam: HDL-64E's beams are 0.33 to 0.5 degrees apart."""
+MIN_BEAM_GAP_RAD = np.deg2rad(0.1)
+"""There are no points within at least this gap between two beams. Chosen by hand."""
+MAX_BEAM_SHARE = 0.5
+"""A beam sweeps through a smaller share of the sensor's elevations. One of a sensor that is tilted
+by 10 degrees sweeps through a third, each laser of a Livox through nine tenths. Chosen by hand."""
+
+
+class ScanLayout(NamedTuple):
+    """The beam and the azimuth step of each of N points.
+
+    rings: (N,) int16, number of the beam, 0 the lowest.
+    columns: (N,) int32, azimuth steps, clockwise from behind.
+    """
+
+    rings: np.ndarray
+    columns: np.ndarray
+
+
+def rings_and_columns(points: np.ndarray) -> ScanLayout:
+    """Return the beam and the azimuth step of (N, 3) points, found by their directions.
+
+    Beams are separated by gaps between elevations. If there are no gaps, as in a deskewed scan,
+    bands of elevation take their place; one of them may hold two beams of the sensor.
+    """
+    if not len(points):
+        return ScanLayout(np.zeros(0, np.int16), np.zeros(0, np.int32))
+    elevations = elevations_of(points)
+    rings = _rings_by_gaps(elevations)
+    if rings is None:
+        rings = np.floor((elevations - elevations.min()) / MAX_BEAM_HEIGHT_RAD)
+    columns = np.floor((np.pi - azimuths_of(points)) / AZIMUTH_STEP_RAD)
+    return ScanLayout(rings.astype(np.int16), columns.astype(np.int32))
+
+
+def why_no_beams(points: np.ndarray, numbers: np.ndarray) -> str:
+    """Return why numbers of (N, 3) points cannot be those of their beams; empty if they can.
+
+    numbers: (N,).
+    """
+    known, beams = np.unique(numbers, return_inverse=True)
+    if not np.isfinite(known).all() or (known != np.floor(known)).any():
+        return "beams have whole numbers"
+    if len(known) < 2:
+        return "the same for all points"
+    if known[-1] - known[0] >= MOST_RINGS:
+        return f"its numbers span {known[-1] - known[0]:g}: no sensor has so many beams"
+    elevations = elevations_of(points)
+    order = np.lexsort((elevations, beams))
+    counts = np.bincount(beams)
+    starts = np.concatenate([[0], np.cumsum(counts)[:-1]])
+    low, high = (
+        elevations[order][starts + (share * (counts - 1)).astype(int)] for share in (0.1, 0.9)
+    )
+    whole = float(np.subtract(*np.quantile(elevations, [0.95, 0.05])))
+    if np.average(high - low, weights=counts) > MAX_BEAM_SHARE * whole:
+        return "points of one number are at all elevations, those of a beam are not"
+    return ""
+
+
+def ranked_rings(points: np.ndarray, numbers: np.ndarray) -> np.ndarray | None:
+    """Return (N,) int16 beams, 0 the lowest; None if the numbers are not whole or too far apart.
+
+    points: (N, 3).
+    numbers: (N,) beam numbers of the file. They may count from below or from above, with gaps for
+        beams without returns; numbers in another order, as of firing, are ranked by elevation.
+    """
+    known, beams = np.unique(numbers, return_inverse=True)
+    span = known[-1] - known[0] if len(known) else 0
+    if len(known) < 2 or span >= MOST_RINGS or (known != np.floor(known)).any():
+        return None
+    mean = np.bincount(beams, elevations_of(points)) / np.bincount(beams)
+    rises = np.diff(mean) > 0
+    rank = np.empty(len(known), np.int16)
+    if rises.all():
+        rank[:] = known - known[0]
+    elif not rises.any():
+        rank[:] = known[-1] - known
+    else:
+        rank[np.argsort(mean, kind="stable")] = np.arange(len(known))
+    rings: np.ndarray = rank[beams]
+    return rings
+
+
+def elevations_of(points: np.ndarray) -> np.ndarray:
+    """Return (N,) angles above the x-y plane, radians."""
+    x, y, z = points.T.astype(np.float64)
+    elevations: np.ndarray = np.arctan2(z, np.hypot(x, y))
+    return elevations
+
+
+def azimuths_of(points: np.ndarray) -> np.ndarray:
+    """Return (N,) angles around z, from x to y, radians."""
+    x, y, _ = points.T.astype(np.float64)
+    azimuths: np.ndarray = np.arctan2(y, x)
+    return azimuths
+
+
+def _rings_by_gaps(elevations: np.ndarray) -> np.ndarray | None:
+    """Return (N,) beams between gaps; None if one is too high or if there are too many."""
+    order = np.argsort(elevations, kind="stable")
+    rising = elevations[order]
+    starts = np.concatenate([[0], np.flatnonzero(np.diff(rising) > MIN_BEAM_GAP_RAD) + 1])
+    ends = np.concatenate([starts[1:], [len(rising)]]) - 1
+    highest = (rising[ends] - rising[starts]).max()
+    if len(starts) > MOST_RINGS or highest > MAX_BEAM_HEIGHT_RAD:
+        return None
+    rings = np.empty(len(elevations))
+    rings[order] = np.repeat(np.arange(len(starts)), ends - starts + 1)
+    return rings

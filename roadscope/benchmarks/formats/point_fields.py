@@ -1,0 +1,161 @@
+"""The points of one file with all their fields, as the file has them: `.bin`, `.npy`, `.pcd`."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from roadscope.benchmarks.formats.pcd import read_pcd
+from roadscope.benchmarks.formats.table import FormatError
+
+ENDINGS = (".pcd.bin", ".bin", ".pcd", ".npy")
+"""Endings of the names of files of points; the longer ones first."""
+POINT_TIMES_FOLDER = "velodyne_times"
+"""The folder with the times of points beside `velodyne`, as `roadscope export` writes it."""
+TIME = "time"
+"""The name of these times among the fields of a `.bin` file."""
+IGNORED = "_"
+"""Name of a column that nobody needs; there may be several."""
+PLACE = ("x", "y", "z")
+FLOAT_BYTES = 4
+FEWEST_COLUMNS, MOST_COLUMNS = 3, 8
+"""Numbers of columns of a `.npy` or `.bin` file."""
+
+
+@dataclass(frozen=True, slots=True)
+class PointFields:
+    """The N points of a file.
+
+    points: (N, 3) float64, x y z in the file's unit; not finite for rays without a return.
+    others: further fields by name, (N,) float64 each.
+    """
+
+    points: np.ndarray
+    others: Mapping[str, np.ndarray]
+
+    def __len__(self) -> int:
+        return len(self.points)
+
+
+def column_name(number: int) -> str:
+    """Return what a column without a name is called, counted from 1."""
+    return f"column {number}"
+
+
+def unnamed(width: int) -> tuple[str, ...]:
+    """Return the names of the columns of a file that names none: x y z, and numbers."""
+    return (*PLACE, *(column_name(k + 1) for k in range(3, width)))
+
+
+def ending_of(path: Path) -> str:
+    """Return the ending of a file of points; empty if it is none."""
+    return next((ending for ending in ENDINGS if path.name.lower().endswith(ending)), "")
+
+
+def is_raw(path: Path) -> bool:
+    """Return whether a file is floats in a row, without a word on how many belong to a point."""
+    return path.name.lower().endswith(".bin")
+
+
+def read_fields(path: Path, columns: Sequence[str] = ()) -> PointFields:
+    """Read the points of a file.
+
+    columns: names of the columns of a `.bin` or `.npy` file; for `.npy` they may be left out.
+    """
+    return READERS[path.suffix.lower()](path, tuple(columns))
+
+
+def read_floats(path: Path) -> np.ndarray:
+    """Return all numbers of a `.bin` file, (M,) float32."""
+    try:
+        size = path.stat().st_size
+        if size % FLOAT_BYTES:
+            raise FormatError(
+                f"{path}: expected float32 numbers, 16 bytes a point for x y z intensity, "
+                f"got {size} bytes"
+            )
+        return np.fromfile(path, "<f4")
+    except OSError as error:
+        raise FormatError(f"{path}: cannot be read: {error.strerror}") from error
+
+
+def _read_bin(path: Path, columns: tuple[str, ...]) -> PointFields:
+    floats, width = read_floats(path), len(columns)
+    if len(floats) % width:
+        raise FormatError(
+            f"{path}: expected points of {width} float32, got {FLOAT_BYTES * len(floats)} bytes"
+        )
+    fields = _of_rows(floats.reshape(-1, width).astype(np.float64), columns)
+    times = _point_times_path(path)
+    if not times.is_file():
+        return fields
+    return PointFields(fields.points, {**fields.others, TIME: _point_times(times, len(fields))})
+
+
+def _read_npy(path: Path, columns: tuple[str, ...]) -> PointFields:
+    try:
+        array = np.load(path, allow_pickle=False)
+    except (OSError, ValueError, EOFError) as error:
+        raise FormatError(f"{path}: expected an array saved by numpy, got: {error}") from error
+    shape: tuple[int, ...] = getattr(array, "shape", ())
+    expected = f"(N, {FEWEST_COLUMNS}) to (N, {MOST_COLUMNS})"
+    if columns:
+        expected = f"(N, {len(columns)})"
+    fits = len(shape) == 2 and (
+        shape[1] == len(columns) if columns else FEWEST_COLUMNS <= shape[1] <= MOST_COLUMNS
+    )
+    if not fits:
+        actual = shape if isinstance(array, np.ndarray) else type(array).__name__
+        raise FormatError(
+            f"{path}: expected an array {expected} of x y z [intensity ...], got {actual}"
+        )
+    if array.dtype.kind not in "fiu":
+        raise FormatError(f"{path}: expected numbers, got {array.dtype}")
+    return _of_rows(array.astype(np.float64), columns or unnamed(shape[1]))
+
+
+def _read_pcd(path: Path, columns: tuple[str, ...]) -> PointFields:
+    if columns:
+        raise FormatError(f"{path}: a layout is for .bin and .npy: .pcd names its fields")
+    fields = {
+        name: values.astype(np.float64)
+        for name, values in read_pcd(path).items()
+        if values.ndim == 1
+    }
+    points = np.column_stack([fields.pop(name) for name in PLACE])
+    return PointFields(points, fields)
+
+
+READERS: Mapping[str, Callable[[Path, tuple[str, ...]], PointFields]] = {
+    ".bin": _read_bin,
+    ".pcd": _read_pcd,
+    ".npy": _read_npy,
+}
+"""Suffix -> reader of the points."""
+
+
+def _of_rows(rows: np.ndarray, columns: tuple[str, ...]) -> PointFields:
+    """Return the fields of (N, W) rows."""
+    place = [columns.index(name) for name in PLACE]
+    others = {
+        name: rows[:, k] for k, name in enumerate(columns) if name not in PLACE and name != IGNORED
+    }
+    return PointFields(rows[:, place], others)
+
+
+def _point_times_path(path: Path) -> Path:
+    """Return where an exported suite has the times of the points of `velodyne/SEQ/NAME.bin`."""
+    sequence = path.absolute().parent
+    return sequence.parent.parent / POINT_TIMES_FOLDER / sequence.name / path.name
+
+
+def _point_times(path: Path, count: int) -> np.ndarray:
+    if path.stat().st_size != FLOAT_BYTES * count:
+        raise FormatError(
+            f"{path}: expected float32, one for each of {count} points, "
+            f"got {path.stat().st_size} bytes"
+        )
+    return np.fromfile(path, "<f4").astype(np.float64)

@@ -1,0 +1,498 @@
+"""Which field of a scan's points is what: decided by what is in it, for all scans of a folder."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from roadscope.benchmarks.formats.beams import (
+    azimuths_of,
+    ranked_rings,
+    rings_and_columns,
+    why_no_beams,
+)
+from roadscope.benchmarks.formats.point_fields import (
+    FEWEST_COLUMNS,
+    IGNORED,
+    PLACE,
+    TIME,
+    PointFields,
+    column_name,
+    is_raw,
+    read_fields,
+    read_floats,
+    unnamed,
+)
+from roadscope.benchmarks.formats.scan_stamps import (
+    TIME_UNITS,
+    TIME_UNITS_S,
+    UNIT_NAMES,
+    time_unit_s,
+)
+from roadscope.benchmarks.formats.table import FormatError
+from roadscope.core import LidarScan, RecordError
+from roadscope.core.names import unknown
+from roadscope.core.scan import FARTHEST_M
+
+MIN_SWEEP_S = 0.005
+MAX_SWEEP_S = 1.0
+"""The time between the first and the last point of a scan, by which the unit of their times is
+known. Chosen by hand."""
+TIME_FIELDS = (TIME, "t", "timestamp", "offset_time", "time_offset_s")
+INTENSITY_FIELDS = ("intensity", "i", "reflectivity")
+RING_FIELDS = ("ring", "channel", "line")
+"""Names of a point's time, intensity and beam in `.pcd` files; drivers differ."""
+COLUMN_NAMES = (*PLACE, "intensity", "ring", TIME, IGNORED)
+"""Names of columns in a layout that a user gives."""
+RAW_WIDTHS = (4, 5, 6, 3)
+"""Numbers of floats a point in `.bin` files: KITTI 4, nuScenes 5, Boreas 6."""
+CLEARLY = 0.9
+"""Of two possible widths the right one has points that differ by less than this share of the other
+width's. Chosen by hand: 0.2 to 0.7 on scans of all rigs, read with four columns or five."""
+LARGEST = 1e8
+"""No coordinate is larger, in metres or millimetres, nor smaller than one over it but for 0."""
+MOST_STRAY = 0.05
+"""With a larger share of times outside of the sweep, the times of a scan are not used."""
+STRAY_SPANS = 0.5
+"""A time is outside of the sweep if it lies farther from the middle 98 % than this share of their
+length. Chosen by hand."""
+MOST_FAR = 0.5
+"""A scan with a larger share of points beyond `FARTHEST_M` is in another unit or frame."""
+SECTORS = 20
+"""Parts of a sweep whose azimuths are compared with those of the whole sweep."""
+NARROW = 0.25
+"""The azimuths of a part of a sweep spread by less than this share of the whole's. Chosen by hand:
+it is below 0.02 for a scanner that turns."""
+
+NO_RETURN = "without a return (0 0 0 or not a number)"
+FAR = f"farther than {FARTHEST_M:g} m"
+STRAY = "with a time outside of the sweep"
+WITHOUT_BEAM = "without a number of their beam"
+
+
+class ReadScan(NamedTuple):
+    """A scan, and how many points of its file are left out, by reason."""
+
+    scan: LidarScan
+    left_out: Counter[str]
+
+
+@dataclass(frozen=True, slots=True)
+class PointLayout:
+    """The names of the fields that are used, by what they are; None for what is not known.
+
+    columns: names of the columns of `.bin` and `.npy` files; empty where the file has names.
+    time_unit_s: seconds in one unit of the field of times.
+    notes: what was assumed, and which fields are not used and why.
+    """
+
+    columns: tuple[str, ...] = ()
+    intensity: str | None = None
+    ring: str | None = None
+    time: str | None = None
+    time_unit_s: float = 1.0
+    notes: tuple[str, ...] = ()
+
+    def read(self, path: Path, stamp_s: float) -> ReadScan:
+        """Read a scan, without points that are of no use.
+
+        stamp_s: the middle of the sweep. The times of points count from there; without times, all
+        points count as measured at once, as in a scan that was deskewed.
+        """
+        return self.scan_of(read_fields(path, self.columns), stamp_s, str(path))
+
+    def scan_of(self, fields: PointFields, stamp_s: float, source: str) -> ReadScan:
+        """Return a scan of fields; source: for error messages, where they are from."""
+        times = None if self.time is None else fields.others.get(self.time)
+        rings = None if self.ring is None else fields.others.get(self.ring)
+        reasons = _reasons_against(fields.points, source)
+        if times is not None:
+            stray, usable = _outside_of_sweep(times), ~np.any([*reasons.values()], axis=0)
+            if (stray & usable).sum() <= MOST_STRAY * usable.sum():
+                reasons[STRAY] = stray
+            else:
+                times = None
+        if rings is not None:
+            reasons[WITHOUT_BEAM] = ~np.isfinite(rings)
+        kept, left_out = np.ones(len(fields), bool), Counter[str]()
+        for reason, wrong in reasons.items():
+            left_out[reason] = int((wrong & kept).sum())
+            kept &= ~wrong
+        points = fields.points[kept].astype(np.float32)
+        found = rings_and_columns(points)
+        named = None if rings is None else ranked_rings(points, rings[kept])
+        scan = LidarScan(
+            points=points,
+            intensity=self._intensities(fields, kept),
+            ring=found.rings if named is None else named,
+            column=found.columns,
+            time_offset_s=np.zeros(len(points)) if times is None else self._offsets(times[kept]),
+            stamp_s=stamp_s,
+            sensor="lidar",
+        )
+        return ReadScan(scan, +left_out)
+
+    def _intensities(self, fields: PointFields, kept: np.ndarray) -> np.ndarray:
+        """Return intensities of kept points from 0 to 1; the largest becomes 1 if it is above 1.
+
+        An unknown one is 0.
+        """
+        values = None if self.intensity is None else fields.others.get(self.intensity)
+        if values is None:
+            return np.zeros(int(kept.sum()))
+        values = np.where(np.isfinite(values[kept]), values[kept], 0.0)
+        return np.clip(values / max(1.0, float(values.max(initial=0))), 0, 1)
+
+    def _offsets(self, times: np.ndarray) -> np.ndarray:
+        """Return (N,) seconds from the middle of the sweep; 0 where it has no length."""
+        if not len(times):
+            return np.zeros(0)
+        span_s = float(times.max() - times.min()) * self.time_unit_s
+        if not 0 < span_s <= MAX_SWEEP_S:
+            return np.zeros(len(times))
+        offsets: np.ndarray = (times - (times.max() + times.min()) / 2) * self.time_unit_s
+        return offsets
+
+
+def _reasons_against(points: np.ndarray, source: str) -> dict[str, np.ndarray]:
+    """Return for each reason which of (N, 3) points cannot be used for it, (N,) bool.
+
+    A scan most of whose points are too far is refused.
+    """
+    none = ~np.isfinite(points).all(axis=1) | ~points.any(axis=1)
+    with np.errstate(invalid="ignore"):
+        far = ~none & (np.abs(points) > FARTHEST_M).any(axis=1)
+    share = far.sum() / max(int((~none).sum()), 1)
+    if share > MOST_FAR:
+        raise FormatError(
+            f"{source}: {100 * share:.0f} % of the points are {FAR}: are they in coordinates of a "
+            "map, or in millimetres?"
+        )
+    return {NO_RETURN: none, FAR: far}
+
+
+def scan_of_points(
+    points: np.ndarray,
+    stamp_s: float,
+    *,
+    intensities: np.ndarray | None = None,
+    rings: np.ndarray | None = None,
+    times_s: np.ndarray | None = None,
+) -> LidarScan:
+    """Return a scan of arrays, without the points of rays that had no return.
+
+    points: (N, 3) x y z, metres, x ahead, y left, z up. stamp_s: the middle of the sweep.
+    intensities: (N,) of any range. rings: (N,) numbers of the beams in any order. times_s: (N,)
+    seconds from any origin. What is not known is left out, see `read_scan`. Arrays of other
+    shapes raise `RecordError`.
+    """
+    given = {"intensity": intensities, "ring": rings, TIME: times_s}
+    known = {name: np.asarray(v, np.float64) for name, v in given.items() if v is not None}
+    places = np.asarray(points, np.float64)
+    if places.ndim != 2 or places.shape[1] != len(PLACE):
+        raise RecordError(f"scan_of_points.points: expected shape (N, 3), got {places.shape}")
+    for name, values in known.items():
+        if values.shape != (len(places),):
+            raise RecordError(
+                f"scan_of_points, {name}: expected shape ({len(places)},), got {values.shape}"
+            )
+    layout = PointLayout(intensity="intensity", ring="ring", time=TIME)
+    return layout.scan_of(PointFields(places, known), stamp_s, "scan_of_points").scan
+
+
+# --------------------------------------------------------------------------------------------------
+# Which field is what.
+
+
+class Candidate(NamedTuple):
+    """A field that may be what is looked for.
+
+    why_not: returns why the field of a file cannot be it; empty if it can.
+    """
+
+    name: str
+    why_not: Callable[[PointFields], str]
+
+
+class Choice(NamedTuple):
+    """The first candidate that fits most files, None if none does, and why others do not."""
+
+    name: str | None
+    reasons: Mapping[str, str]
+
+
+def parse_columns(text: str) -> tuple[str, ...]:
+    """Return the names of columns of a layout, such as `x,y,z,intensity,ring,_`."""
+    names = tuple(text.replace(",", " ").split())
+    for name in names:
+        if name not in COLUMN_NAMES:
+            raise FormatError(f"layout '{text}': {unknown('column', name, COLUMN_NAMES)}")
+    once = [name for name in names if name != IGNORED]
+    if len(once) != len(set(once)) or not set(PLACE) <= set(names):
+        raise FormatError(f"layout '{text}': expected x, y and z, and each name once")
+    return names
+
+
+def layout_of(samples: Sequence[Path], columns: Sequence[str] = ()) -> PointLayout:
+    """Return which fields the points of some files have, which stand for all of a folder.
+
+    columns: the names of columns if the user knows them; what is in them is then not doubted,
+        but for times that no sweep has.
+    A file that cannot be read does not count, unless none can.
+    """
+    chosen, notes = tuple(columns), []
+    if not chosen and is_raw(samples[0]):
+        width = _width_of(samples)
+        chosen = unnamed(width)
+        notes.append(f"points of {width} floats are read: {' '.join(chosen)}")
+    files = [each for each in _readable(samples, chosen) if len(each)]
+    if not files:
+        return PointLayout(chosen, notes=("the scans looked at have no points",))
+    layout = _named_layout(files, trusted=bool(columns))
+    if column_name(FEWEST_COLUMNS + 1) in files[0].others:
+        layout = _with_unnamed(layout, files)
+    notes += layout.notes
+    if layout.time is None:
+        notes.append(
+            "points without times: each scan is taken to be seen at once, or to be deskewed already"
+        )
+    layout = replace(layout, columns=chosen, notes=tuple(notes))
+    _check_readable(layout, samples)
+    return layout
+
+
+def _check_readable(layout: PointLayout, samples: Sequence[Path]) -> None:
+    """Raise the first error of some files if none can be read."""
+    first = None
+    for path in samples:
+        try:
+            layout.read(path, 0.0)
+        except FormatError as error:
+            first = first or error
+        else:
+            return
+    if first is not None:
+        raise first
+
+
+def _readable(samples: Sequence[Path], columns: tuple[str, ...]) -> list[PointFields]:
+    """Return the fields of those files that can be read; raise the first error if none can."""
+    files, errors = [], []
+    for path in samples:
+        try:
+            files.append(read_fields(path, columns))
+        except FormatError as error:
+            errors.append(error)
+    if not files:
+        raise errors[0]
+    return files
+
+
+def _chosen(candidates: Sequence[Candidate], files: Sequence[PointFields]) -> Choice:
+    reasons: dict[str, str] = {}
+    for name, why_not in candidates:
+        doubts = [why_not(each) for each in files if name in each.others]
+        against = [doubt for doubt in doubts if doubt]
+        if doubts and 2 * len(against) <= len(doubts):
+            return Choice(name, reasons)
+        if against:
+            reasons[name] = against[0]
+    return Choice(None, reasons)
+
+
+def _named_layout(files: Sequence[PointFields], *, trusted: bool) -> PointLayout:
+    """Return the layout by the names of fields; what is in a field decides if it is used."""
+    intensities = [Candidate(name, lambda _: "") for name in INTENSITY_FIELDS]
+    rings = [Candidate(name, _why_not_ring(name)) for name in RING_FIELDS]
+    times = [Candidate(name, _why_not_time(name, TIME_UNITS_S)) for name in TIME_FIELDS]
+    ring = Choice("ring", {}) if trusted and "ring" in files[0].others else _chosen(rings, files)
+    time = _chosen(times, files)
+    if trusted and TIME in time.reasons:
+        raise FormatError(f"layout: '{TIME}': {time.reasons[TIME]}")
+    notes = [
+        f"field '{name}' is not used as {what}: {reason}"
+        for what, choice in (("number of the beam", ring), ("time of points", time))
+        for name, reason in choice.reasons.items()
+    ]
+    return PointLayout(
+        intensity=_chosen(intensities, files).name,
+        ring=ring.name,
+        time=time.name,
+        time_unit_s=1.0 if time.name is None else _unit_s(files, time.name),
+        notes=tuple(notes),
+    )
+
+
+def _with_unnamed(layout: PointLayout, files: Sequence[PointFields]) -> PointLayout:
+    """Return the layout with columns that have no names: the fourth is the intensity.
+
+    Later ones are beams or times in seconds if they look like it.
+    """
+    notes: list[str] = list(layout.notes)
+    names = [name for name in files[0].others if name != TIME]
+    if names:
+        layout = replace(layout, intensity=names[0])
+    for name in names[1:]:
+        ring = _chosen([Candidate(name, _why_not_ring(name))], files)
+        time = _chosen([Candidate(name, _why_not_sweep(name))], files)
+        if ring.name and layout.ring is None:
+            layout = replace(layout, ring=name)
+            notes.append(f"{name} is taken for the number of the beam")
+        elif time.name and layout.time is None:
+            layout = replace(layout, time=name)
+        else:
+            beam, sweep = ring.reasons.get(name, ""), time.reasons.get(name, "")
+            why = f": no number of a beam ({beam}), no time in seconds ({sweep})" if beam else ""
+            notes.append(f"{name} is not used{why}")
+    return replace(layout, notes=tuple(notes))
+
+
+def _why_not_ring(name: str) -> Callable[[PointFields], str]:
+    def why_not(file: PointFields) -> str:
+        sound = np.isfinite(file.points).all(axis=1) & file.points.any(axis=1)
+        return why_no_beams(file.points[sound], file.others[name][sound]) if sound.any() else ""
+
+    return why_not
+
+
+def _why_not_time(name: str, units_s: Sequence[float]) -> Callable[[PointFields], str]:
+    def why_not(file: PointFields) -> str:
+        times = file.others[name]
+        if not np.isfinite(times).any():
+            return "no numbers"
+        span = _span(times)
+        if span == 0:
+            return "the same for all points"
+        unit_s = time_unit_s(span, shortest_s=MIN_SWEEP_S, longest_s=MAX_SWEEP_S)
+        if unit_s not in units_s:
+            units = TIME_UNITS if len(units_s) > 1 else f"in {UNIT_NAMES[units_s[0]]}"
+            return (
+                f"expected times of points over {MIN_SWEEP_S * 1000:g} ms to {MAX_SWEEP_S:g} s, "
+                f"{units}, got {span:g} from first to last"
+            )
+        return "its numbers are those of beams" if not _why_not_ring(name)(file) else ""
+
+    return why_not
+
+
+def _why_not_sweep(name: str) -> Callable[[PointFields], str]:
+    """Return the doubts of `_why_not_time`, and whether times follow the points of a sweep."""
+    by_span = _why_not_time(name, TIME_UNITS_S[:1])
+
+    def why_not(file: PointFields) -> str:
+        if reason := by_span(file):
+            return reason
+        return (
+            "" if _follows_sweep(file.points, file.others[name]) else "it does not follow a sweep"
+        )
+
+    return why_not
+
+
+def _follows_sweep(points: np.ndarray, times: np.ndarray) -> bool:
+    """Return whether times rise along the file, or points of one part of them are in a sector."""
+    sound = np.isfinite(points).all(axis=1) & np.isfinite(times)
+    points, times = points[sound], times[sound]
+    if len(times) < SECTORS:
+        return False
+    if (np.diff(times) >= 0).all():
+        return True
+    directions = np.exp(1j * azimuths_of(points))
+    parts = np.array_split(directions[np.argsort(times, kind="stable")], SECTORS)
+    spread = 1 - np.mean([abs(part.mean()) for part in parts])
+    return bool(spread < NARROW * (1 - abs(directions.mean())))
+
+
+def _outside_of_sweep(times: np.ndarray) -> np.ndarray:
+    """Return (N,) whether times are far from most others, or no numbers."""
+    finite = np.isfinite(times)
+    if not finite.any():
+        return np.ones(len(times), bool)
+    low, high = np.quantile(times[finite], [0.01, 0.99])
+    margin = STRAY_SPANS * (high - low)
+    outside: np.ndarray = ~(finite & (times >= low - margin) & (times <= high + margin))
+    return outside
+
+
+def _span(times: np.ndarray) -> float:
+    """Return the time from the first to the last point, without times outside of the sweep."""
+    inside = times[~_outside_of_sweep(times)]
+    return float(inside.max() - inside.min()) if len(inside) else 0.0
+
+
+def _unit_s(files: Sequence[PointFields], name: str) -> float:
+    """Return the unit of a field of times, by its median span."""
+    spans = [_span(each.others[name]) for each in files if name in each.others]
+    span = float(np.median([span for span in spans if span > 0]))
+    return time_unit_s(span, shortest_s=MIN_SWEEP_S, longest_s=MAX_SWEEP_S) or 1.0
+
+
+# --------------------------------------------------------------------------------------------------
+# How many floats of a raw file belong to a point.
+
+
+def _width_of(samples: Sequence[Path]) -> int:
+    """Return how many floats a point has; ambiguous and unknown widths are refused."""
+    floats, errors = [], []
+    for path in samples:
+        try:
+            floats.append(read_floats(path))
+        except FormatError as error:
+            errors.append(error)
+    arrays = [each for each in floats if len(each)]
+    if not floats:
+        raise errors[0]
+    if not arrays:
+        return RAW_WIDTHS[0]
+    divides = [w for w in RAW_WIDTHS if 2 * sum(len(a) % w == 0 for a in arrays) > len(arrays)]
+    fitting = [w for w in divides if _fits(arrays, w)]
+    if not fitting:
+        sizes = ", ".join(str(4 * w) for w in sorted(RAW_WIDTHS))
+        raise FormatError(
+            f"{samples[0]}: expected float32 x y z intensity, 16 bytes a point, or points of "
+            f"{sizes} bytes, got {4 * len(arrays[0])} bytes that are none of these: name the "
+            f"columns, such as --layout x,y,z,intensity,ring"
+        )
+    # Three floats have no column that could tell against them.
+    wider = [w for w in fitting if w > FEWEST_COLUMNS] or fitting
+    if len(wider) == 1:
+        return wider[0]
+    differences = {w: _difference(arrays, w) for w in wider}
+    best, second = sorted(wider, key=differences.__getitem__)[:2]
+    if differences[best] > CLEARLY * differences[second]:
+        widths = " or ".join(str(w) for w in sorted(wider))
+        raise FormatError(
+            f"{samples[0]}: its points may have {widths} floats: name the columns, such as "
+            "--layout x,y,z,intensity"
+        )
+    return best
+
+
+def _fits(arrays: Sequence[np.ndarray], width: int) -> bool:
+    """Return whether most files look like points of so many floats."""
+    fitting = [_looks_like_points(a.reshape(-1, width)) for a in arrays if len(a) % width == 0]
+    return 2 * sum(fitting) > len(fitting)
+
+
+def _looks_like_points(rows: np.ndarray) -> bool:
+    """Return whether (N, W) rows may be x y z and then numbers that are not below 0."""
+    places = rows[:, :3]
+    with np.errstate(invalid="ignore"):
+        sizes = np.abs(places)
+        # Bytes that are no floats mostly become very small or very large ones.
+        odd = (sizes > LARGEST) | ((sizes > 0) & (sizes < 1 / LARGEST))
+        return bool(odd.mean() <= MOST_STRAY) and not bool((rows[:, 3:4] < 0).any())
+
+
+def _difference(arrays: Sequence[np.ndarray], width: int) -> float:
+    """Return how much numbers differ that are so many places apart.
+
+    It is least if these are the same column of neighbouring points.
+    """
+    with np.errstate(invalid="ignore"):
+        return float(np.median([np.nanmean(np.abs(a[width:] - a[:-width])) for a in arrays]))

@@ -1,0 +1,93 @@
+"""An IMU whose motion contradicts that of the scans is told, a right one never."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from roadscope.benchmarks import Episode, RecordedImu, imu_mounting
+from roadscope.benchmarks.drive import drive
+from roadscope.benchmarks.imu_check import (
+    Motion,
+    Window,
+    doubt_of_accelerations,
+    doubt_of_imu,
+    doubt_of_turns,
+)
+from roadscope.core import ImuSamples, LidarScan, Pose
+
+STILL = np.zeros(3)
+
+
+class Recording:
+    """Scans that are not in files."""
+
+    def __init__(self, scans: list[LidarScan]) -> None:
+        self.scans, self.stamps_s = scans, [scan.stamp_s for scan in scans]
+
+    def __len__(self) -> int:
+        return len(self.scans)
+
+    def part(self, first: int, end: int):
+        return iter(self.scans[first:end])
+
+
+def turned(by_imu_deg, by_scans_deg) -> Window:
+    turns = (np.deg2rad([0.0, 0.0, value]) for value in (by_imu_deg, by_scans_deg))
+    return Window(*(Motion(turn, STILL) for turn in turns))
+
+
+@pytest.mark.parametrize(
+    ("by_imu_deg", "by_scans_deg", "said"),
+    [
+        (10.0, 10.4, ""),
+        (-30.0, -29.0, ""),
+        (1.0, -1.0, ""),
+        (573.0, 10.0, "in degrees per second?"),
+        (10.0, -10.0, "about an axis 180 degrees away: is --mounting right?"),
+        (10.0, 25.0, "are its rates in rad/s"),
+        (25.0, 10.0, "are its rates in rad/s"),
+    ],
+)
+def test_turns_are_compared(by_imu_deg, by_scans_deg, said) -> None:
+    doubt = doubt_of_turns([turned(by_imu_deg, by_scans_deg)] * 2)
+    assert (said in doubt) if said else not doubt
+    assert doubt_of_turns([]) == ""
+
+
+@pytest.mark.parametrize(
+    ("by_imu", "by_scans", "degrees"),
+    [
+        ((2.0, 0.0), (1.5, 0.1), None),
+        ((2.0, 0.0), (-1.5, 0.1), 176),
+        ((0.0, 2.0), (1.5, 0.0), 90),
+        ((0.3, 0.0), (-1.5, 0.0), None),
+    ],
+)
+def test_accelerations_are_compared(by_imu, by_scans, degrees) -> None:
+    window = Window(*(Motion(STILL, np.array([*each, 0.0])) for each in (by_imu, by_scans)))
+    doubt = doubt_of_accelerations([window])
+    assert (f"accelerates {degrees} degrees away" in doubt) if degrees else not doubt
+
+
+@pytest.mark.parametrize("seed", [10000, 10001])
+def test_wrong_mountings_and_units_are_told_of_drives(seed) -> None:
+    episode = Episode("racetrack-loop", seed, "vlp16-imu", 10.0)
+    steps = list(drive(episode))
+    blocks = [step.imu for step in steps if step.imu is not None]
+    names = "stamps_s", "angular_velocity", "specific_force"
+    stamps_s, rates, forces = (
+        np.concatenate([getattr(block, name) for block in blocks]) for name in names
+    )
+    mounted = imu_mounting(episode)
+    assert mounted is not None
+
+    def doubt(wrong: Pose, unit: float = 1.0) -> str:
+        samples = ImuSamples(stamps_s, unit * rates, forces)
+        imu = RecordedImu(samples, Path("imu.csv"), lidar_from_imu=mounted @ wrong)
+        return doubt_of_imu(Recording([step.scan for step in steps]), imu)  # type: ignore[arg-type]
+
+    assert doubt(Pose.identity()) == ""
+    assert "is --mounting right?" in doubt(Pose.from_euler(0, 0, 0, yaw=np.pi))
+    assert "by its gravity, up is 1" in doubt(Pose.from_euler(0, 0, 0, roll=np.pi))
+    assert "degrees per second" in doubt(Pose.identity(), unit=180 / np.pi)
