@@ -9,6 +9,7 @@ from typing import Generic, NamedTuple, TypeVar
 
 import numpy as np
 
+from roadscope.benchmarks.formats.kitti_calibration import read_camera_from_lidar
 from roadscope.benchmarks.formats.scan_folder import ScanFolder
 from roadscope.benchmarks.formats.table import FormatError, read_lines
 from roadscope.benchmarks.formats.trajectories import (
@@ -25,8 +26,11 @@ from roadscope.odometry import ODOMETRIES
 TRUTH_STEPS = 3.0
 """Poses are interpolated between true ones that are at most so many median steps apart. Chosen by
 hand: a pose or two may be missing."""
-LEAST_AHEAD_M = 10.0
-"""Metres along an axis from which on it cannot be the one that points up."""
+CALIBRATION_FILE = "calib.txt"
+"""KITTI's calibration of a sequence, beside its folder of scans."""
+LEAST_AHEAD_M = 2.0
+"""Metres along an axis from which on it cannot be the one that points up. Chosen by hand: on a
+slope of 20 % the way ahead is five times as long."""
 
 Samples = TypeVar("Samples", ImuSamples, WheelSamples)
 
@@ -206,11 +210,26 @@ class TruePoses:
             )
         return TruePoses(tuple(pose.matrix for pose in poses))
 
-    def look_like_a_cameras(self) -> bool:
-        """Return whether they seem to be those of a camera, whose z axis points ahead (KITTI)."""
+    def of_lidar(self, path: Path, scans: Path) -> TruePoses:
+        """Return the poses of the LiDAR if these seem to be of a camera, whose z axis points ahead.
+
+        KITTI's own poses are. Where the LiDAR is on the camera says `CALIBRATION_FILE` in the
+        folder of scans or beside it; without it, poses of a camera are refused.
+        path: of these poses, for the error message.
+        """
         poses = [matrix for matrix in self.poses if matrix is not None]
         x, y, z = np.abs(np.linalg.inv(poses[0]) @ poses[-1])[:3, 3]
-        return bool(z > max(x, y, LEAST_AHEAD_M))
+        if z <= max(x, y, LEAST_AHEAD_M):
+            return self
+        places = (folder / CALIBRATION_FILE for folder in (scans, scans.parent))
+        calibration = next((each for each in places if each.is_file()), None)
+        if calibration is None:
+            raise FormatError(
+                f"{path}: its z axis points ahead: expected poses of the LiDAR, x ahead, or "
+                f"{CALIBRATION_FILE} beside the scans for poses of a camera, as KITTI's own are"
+            )
+        mount = read_camera_from_lidar(calibration).matrix
+        return TruePoses(tuple(None if pose is None else pose @ mount for pose in self.poses))
 
     def errors(self, poses: Sequence[Pose]) -> PoseErrors:
         """Return the errors of estimated poses, of which there may be fewer than true ones."""

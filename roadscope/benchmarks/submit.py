@@ -31,7 +31,7 @@ from roadscope.benchmarks.formats.kitti_labels import (
     read_kitti_object_results,
 )
 from roadscope.benchmarks.formats.kitti_sequence import KittiFolder
-from roadscope.benchmarks.formats.table import FormatError
+from roadscope.benchmarks.formats.table import FormatError, visible
 from roadscope.benchmarks.formats.trajectories import read_any_trajectory
 from roadscope.benchmarks.metrics import METRIC_VERSION
 from roadscope.benchmarks.metrics.odometry import by_distance, score_odometry, score_standing
@@ -250,7 +250,7 @@ def _check_folder(folder: Path) -> None:
 
 def _check_names(folder: Path, sequences: Sequence[str], ending: str = ".txt") -> None:
     """Raise `SubmitError` for a folder without results, or with results of unknown sequences."""
-    results = sorted(path.name.removesuffix(ending) for path in folder.glob(f"[!.]*{ending}"))
+    results = [path.name.removesuffix(ending) for path in visible(folder, f"*{ending}")]
     wrong = [name for name in results if name not in sequences]
     if not results or wrong:
         got = f"{wrong[0]}{ending}" if wrong else "none"

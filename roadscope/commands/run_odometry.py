@@ -22,7 +22,7 @@ from roadscope.commands.terminal import (
 
 if TYPE_CHECKING:
     from roadscope.benchmarks.formats.scan_folder import ScanFolder
-    from roadscope.benchmarks.odometry_runner import RecordedImu, RecordedWheels, TruePoses
+    from roadscope.benchmarks.odometry_runner import RecordedImu, RecordedWheels
     from roadscope.core import Pose
 
 NONE = "none"
@@ -122,7 +122,8 @@ def run_odometry(
     columns = parse_columns(layout) if layout else ()
     scans = ScanFolder.find(folder, rate_hz=rate_hz, columns=columns)
     inertial = _inertial(folder, scans, imu, mounting)
-    true = TruePoses.read(truth, scans.stamps_s) if truth else None
+    place = scans.files[0].parent
+    true = TruePoses.read(truth, scans.stamps_s).of_lidar(truth, place) if truth else None
     wheel_speeds = _wheels(folder, scans, wheels)
     inputs = [each.path for each in (inertial, wheel_speeds) if each is not None]
     _check_out(out, truth, scans.times_file, *scans.files, *inputs)
@@ -166,7 +167,8 @@ def run_odometry(
         _report_poses(odometry, poses, reasons)
     for note in scans.losses.notes():
         complain(note)
-    _warn_of_poses(poses, reasons, true, truth)
+    if reasons.total() > MANY_DEGRADED * len(poses):
+        complain("many scans are degraded: check the poses before you use them")
     if not (json or quiet):
         if errors is not None:
             typer.echo(f"beside {truth}: {errors}")
@@ -209,19 +211,6 @@ def _report_poses(odometry: str, poses: Sequence[Pose], reasons: Counter[str]) -
         )
 
 
-def _warn_of_poses(
-    poses: Sequence[Pose], reasons: Counter[str], true: TruePoses | None, path: Path | None
-) -> None:
-    """Warn of many degraded scans, and if the true poses seem to be a camera's."""
-    if reasons.total() > MANY_DEGRADED * len(poses):
-        complain("many scans are degraded: check the poses before you use them")
-    if true is not None and true.look_like_a_cameras():
-        complain(
-            f"{path}: its z axis points ahead: expected poses of the LiDAR, x ahead, not of a "
-            "camera, as KITTI's own are"
-        )
-
-
 def _inertial(
     folder: Path, scans: ScanFolder, file: str | None, mounting: str | None
 ) -> RecordedImu | None:
@@ -231,7 +220,13 @@ def _inertial(
     """
     import numpy as np
 
-    from roadscope.benchmarks.formats.samples import IMU_FILES, find_imu, parse_mounting, read_imu
+    from roadscope.benchmarks.formats.samples import (
+        IMU_FILES,
+        find_imu,
+        mounting_of,
+        parse_mounting,
+        read_imu,
+    )
     from roadscope.benchmarks.formats.table import FormatError
     from roadscope.benchmarks.odometry_runner import RecordedImu
     from roadscope.odometry.imu_buffer import GAP_S
@@ -246,7 +241,7 @@ def _inertial(
             )
         return None
     samples, left_out = read_imu(path)
-    inertial = RecordedImu(samples, path, left_out, mounted)
+    inertial = RecordedImu(samples, path, left_out, mounted or mounting_of(path))
     inertial.check_times(scans.stamps_s)
     step_s = float(np.median(np.diff(samples.stamps_s)))
     if step_s > GAP_S:

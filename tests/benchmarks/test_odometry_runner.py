@@ -251,16 +251,6 @@ def test_samples_too_far_apart_are_told(recording):
     assert "samples 0.05 s apart are too few: they are used where" in follow(recording)[0].stderr
 
 
-def test_true_poses_of_a_camera_are_told(recording):
-    camera = np.array([[0.0, -1, 0], [0, 0, -1], [1, 0, 0]])
-    ahead = np.column_stack([4.0 * np.arange(6), np.zeros((6, 2))])
-    for name, places in (("lidar", ahead), ("camera", ahead @ camera.T)):
-        poses = [Pose.from_euler(*place) for place in places]
-        (recording / f"{name}.kitti").write_text(trajectory_text("kitti", poses, range(6)))
-        done, _ = follow(recording, "--truth", str(recording / f"{name}.kitti"))
-        assert ("its z axis points ahead" in done.stderr) == (name == "camera")
-
-
 def test_if_no_scan_can_be_read_the_file_stays_as_it_is(folder):
     out = folder / "poses.txt"
     out.write_text("mine")

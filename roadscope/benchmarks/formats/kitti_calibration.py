@@ -28,6 +28,7 @@ COUNTS = {
     "P1": 12,
     "P2": 12,
     "P3": 12,
+    "Tr": 12,
     "R0_rect": 9,
     "Tr_velo_to_cam": 12,
     "Tr_imu_to_velo": 12,
@@ -85,6 +86,37 @@ def read_kitti_calibration(path: Path | str) -> KittiCalibration:
         wrong = ", ".join(key for key, part in parts if part is None)
         raise FormatError(f"{path}: expected rotations in {', '.join(CHAIN)}; {wrong} has none")
     return KittiCalibration(matrices["P2"], camera @ velo @ imu)
+
+
+def read_camera_from_lidar(path: Path) -> Pose:
+    """Read where the LiDAR is in the frame of camera 0: `Tr`, or `Tr_velo_to_cam` and `R0_rect`."""
+    matrices = _read_matrices(path)
+    chain = (("Tr",), ("R0_rect", "Tr_velo_to_cam"), ("Tr_velo_to_cam",))
+    keys = next((each for each in chain if all(key in matrices for key in each)), ())
+    pose = Pose.identity()
+    for key in keys:
+        part = nearest_rigid(matrices[key])
+        if part is None:
+            raise FormatError(f"{path}: expected a rotation in {key}")
+        pose = pose @ part
+    if not keys:
+        raise FormatError(f"{path}: expected the key Tr, or R0_rect and Tr_velo_to_cam")
+    return pose
+
+
+def read_kitti_transform(path: Path) -> Pose:
+    """Read `R` and `T` of a calibration file of a raw drive, such as `calib_imu_to_velo.txt`."""
+    lines = (line.split() for line in read_lines(path))
+    texts = {words[0].rstrip(":"): words[1:] for words in lines if words}
+    try:
+        rotation = np.array(texts["R"], np.float64).reshape(3, 3)
+        offset = np.array(texts["T"], np.float64).reshape(3, 1)
+    except (KeyError, ValueError) as error:
+        raise FormatError(f"{path}: expected R: and nine numbers, T: and three") from error
+    pose = nearest_rigid(np.hstack([rotation, offset]))
+    if pose is None:
+        raise FormatError(f"{path}: expected a rotation in R")
+    return pose
 
 
 def calibration_text(projection: np.ndarray, camera_from_lidar: Pose, lidar_from_imu: Pose) -> str:

@@ -31,7 +31,7 @@ from roadscope.benchmarks.formats.kitti_labels import (
     read_kitti_detections,
     read_kitti_labels,
 )
-from roadscope.benchmarks.formats.table import FormatError, names_in
+from roadscope.benchmarks.formats.table import FormatError, names_in, visible
 from roadscope.benchmarks.formats.tracking_rows import ImageSize
 from roadscope.core import Category, Detections, Pose, Tracks, Truth
 from roadscope.core.names import unknown
@@ -74,11 +74,11 @@ class KittiFolder:
 
     def sequences(self) -> list[str]:
         """Return the names of all sequences that have labels."""
-        return sorted(path.stem for path in (self.root / "label_02").glob("*.txt"))
+        return [path.stem for path in visible(self.root / "label_02", "*.txt")]
 
     def detectors(self) -> list[str]:
         """Return the names of all detectors whose detections are here."""
-        folders = sorted(p for p in self.root.glob(f"{DETECTOR_PREFIX}*") if p.is_dir())
+        folders = [p for p in visible(self.root, f"{DETECTOR_PREFIX}*") if p.is_dir()]
         return [p.name.removeprefix(DETECTOR_PREFIX) for p in folders]
 
     def labels(self, sequence: str) -> Path:
@@ -126,7 +126,7 @@ class KittiFolder:
         All files are asked because a single one may have only such scores by chance. Lines that
         cannot be read are skipped here; the reader of their file reports them.
         """
-        for path in sorted(self.root.glob(f"{DETECTOR_PREFIX}{detector}/*/*.txt")):
+        for path in visible(self.root, f"{DETECTOR_PREFIX}{detector}/*/*.txt"):
             for line in path.read_bytes().splitlines():
                 try:
                     if not 0 <= float(line.split(b",")[SCORE_COLUMN]) <= 1:

@@ -1,4 +1,4 @@
-"""Point clouds in PCD files (version 0.7), ascii and binary."""
+"""Point clouds in PCD files (version 0.7): ascii, binary and binary_compressed."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from roadscope.benchmarks.formats.table import FormatError, refuse
+from roadscope.core.jit import compiled
 
 DTYPES = {
     **{("F", size): f"f{size}" for size in (4, 8)},
@@ -17,6 +18,7 @@ DTYPES = {
     **{("U", size): f"u{size}" for size in (1, 2, 4, 8)},
 }
 """TYPE and SIZE of a field -> its NumPy dtype."""
+ENCODINGS = ("ascii", "binary", "binary_compressed")
 MAX_HEADER_LINES = 64
 """No header is longer: it has 11 lines and comments. Chosen by hand."""
 
@@ -27,14 +29,14 @@ class PcdHeader:
 
     layout: the fields of one point.
     points: how many points there are.
-    is_binary: whether the points are binary; otherwise they are text.
+    data: how the points are written, one of `ENCODINGS`.
     offset: the byte at which the points begin.
     lines: how many lines the header has.
     """
 
     layout: np.dtype
     points: int
-    is_binary: bool
+    data: str
     offset: int
     lines: int
 
@@ -54,10 +56,10 @@ def read_pcd(path: Path | str) -> dict[str, np.ndarray]:
     except OSError as error:
         raise FormatError(f"{path}: cannot be read: {error.strerror}") from error
     header = _read_header(path, content)
-    body = content[header.offset :]
-    rows = _read_binary(path, header, body) if header.is_binary else _read_ascii(path, header, body)
+    read = {"ascii": _read_ascii, "binary": _read_binary, "binary_compressed": _read_compressed}
+    columns = read[header.data](path, header, content[header.offset :])
     names = header.layout.names or ()
-    return {name: rows[name] for name in names if not name.startswith("_")}
+    return {name: columns[name] for name in names if not name.startswith("_")}
 
 
 def _read_header(path: Path, content: bytes) -> PcdHeader:
@@ -84,12 +86,12 @@ def _checked_header(
             refuse(path, lines, f"a line {key} before DATA", ", ".join(entries))
     layout = _point_layout(path, entries)
     data = entries["DATA"]
-    if data.words not in (["ascii"], ["binary"]):
-        expected = "DATA ascii or DATA binary (write the file again without compression)"
-        refuse(path, data.line, expected, " ".join(data.words))
+    encoding = " ".join(data.words)
+    if encoding not in ENCODINGS:
+        refuse(path, data.line, f"DATA {', '.join(ENCODINGS)}", encoding)
     count = entries["POINTS"]
     points = _whole_number(path, count.line, " ".join(count.words))
-    return PcdHeader(layout, points, data.words == ["binary"], offset, lines)
+    return PcdHeader(layout, points, encoding, offset, lines)
 
 
 def _point_layout(path: Path, entries: Mapping[str, _Entry]) -> np.dtype:
@@ -123,17 +125,76 @@ def _whole_number(path: Path, line: int, text: str) -> int:
     return int(text)
 
 
-def _read_binary(path: Path, header: PcdHeader, body: bytes) -> np.ndarray:
+def _columns(rows: np.ndarray) -> dict[str, np.ndarray]:
+    """Return the fields of a structured array by name."""
+    return {name: rows[name] for name in rows.dtype.names or ()}
+
+
+def _read_compressed(path: Path, header: PcdHeader, body: bytes) -> dict[str, np.ndarray]:
+    """Read points that are compressed by LZF, one field after the other."""
+    expected = header.points * header.layout.itemsize
+    packed, size = np.frombuffer(body[:8].ljust(8, b"\0"), "<u4").tolist()
+    content = decompress_lzf(np.frombuffer(body, np.uint8, offset=min(8, len(body)))[:packed], size)
+    if size != expected or len(content) != expected or len(body) < 8 + packed:
+        raise FormatError(
+            f"{path}: expected {header.points} compressed points of {header.layout.itemsize} "
+            f"bytes, got {len(content)} bytes"
+        )
+    columns, first = {}, 0
+    for name in header.layout.names or ():
+        field = header.layout[name]
+        length = header.points * field.itemsize
+        columns[name] = np.frombuffer(content[first : first + length].tobytes(), field)
+        first += length
+    return columns
+
+
+@compiled()
+def decompress_lzf(packed: np.ndarray, size: int) -> np.ndarray:
+    """Return the bytes that LZF (Lehmann 2000) packed, fewer than `size` if they are damaged.
+
+    packed: (P,) uint8. A control byte below 32 is followed by one more literals than it says.
+    Another one has a length in its upper three bits (7: another byte is added) and, in its lower
+    five and the byte behind, how far back the bytes are that are repeated.
+    """
+    out, count, at = np.empty(size, np.uint8), 0, 0
+    while at < len(packed):
+        control = int(packed[at])
+        at += 1
+        if control < 32:
+            length, back = control + 1, 0
+            if at + length > len(packed):
+                break
+        else:
+            length = control >> 5
+            if length == 7 and at < len(packed):
+                length += int(packed[at])
+                at += 1
+            if at >= len(packed):
+                break
+            length += 2
+            back = ((control & 31) << 8) + int(packed[at]) + 1
+            at += 1
+        if count + length > size or back > count:
+            break
+        for k in range(length):
+            out[count + k] = out[count + k - back] if back else packed[at + k]
+        count += length
+        at += 0 if back else length
+    return out[:count]
+
+
+def _read_binary(path: Path, header: PcdHeader, body: bytes) -> dict[str, np.ndarray]:
     size = header.points * header.layout.itemsize
     if len(body) < size:
         raise FormatError(
             f"{path}: expected {size} bytes after the header, {header.points} points of "
             f"{header.layout.itemsize}, got {len(body)}"
         )
-    return np.frombuffer(body, header.layout, header.points)
+    return _columns(np.frombuffer(body, header.layout, header.points))
 
 
-def _read_ascii(path: Path, header: PcdHeader, body: bytes) -> np.ndarray:
+def _read_ascii(path: Path, header: PcdHeader, body: bytes) -> dict[str, np.ndarray]:
     lines = [(n, row) for n, row in enumerate(body.splitlines(), header.lines + 1) if row.strip()]
     if len(lines) != header.points:
         last = lines[-1][0] if lines else header.lines
@@ -152,4 +213,4 @@ def _read_ascii(path: Path, header: PcdHeader, body: bytes) -> np.ndarray:
         width = int(np.prod(shape))
         rows[name] = values[:, first : first + width].reshape(len(lines), *shape)
         first += width
-    return rows
+    return _columns(rows)

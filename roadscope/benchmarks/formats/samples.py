@@ -15,11 +15,22 @@ from typing import NamedTuple
 
 import numpy as np
 
-from roadscope.benchmarks.formats.table import FormatError, Table, read_lines, read_table
+from roadscope.benchmarks.formats.kitti_calibration import OXTS_COLUMNS, read_kitti_transform
+from roadscope.benchmarks.formats.scan_stamps import TIMES_FILES, stamp_table
+from roadscope.benchmarks.formats.table import (
+    FormatError,
+    Table,
+    read_lines,
+    read_table,
+    visible,
+)
 from roadscope.core import ImuSamples, Pose, WheelSamples
 
 IMU_FILES = ("imu.csv", "imu.txt")
 IMU_COLUMNS = ("stamp", "wx", "wy", "wz", "ax", "ay", "az")
+OXTS_FOLDER = "oxts"
+OXTS_MOUNTING = "calib_imu_to_velo.txt"
+"""The IMU of KITTI's raw drives, in the folder of the drive, and its mounting, beside the drive."""
 WHEEL_FILES = ("wheels.csv", "wheels.txt")
 WHEEL_COLUMNS = ("stamp", "speed")
 MOUNTING_FIELDS = "x,y,z,roll,pitch,yaw"
@@ -61,7 +72,7 @@ def read_imu(path: Path | str) -> tuple[ImuSamples, int]:
     Return the samples and the number of lines that are left out.
     """
     path = Path(path)
-    samples = read_samples(path, IMU_COLUMNS)
+    samples = _read_oxts(path) if path.is_dir() else read_samples(path, IMU_COLUMNS)
     rates, forces = samples.values[:, :3], samples.values[:, 3:]
     force = float(np.median(np.linalg.norm(forces, axis=1)))
     if not MIN_FORCE_M_S2 < force < MAX_FORCE_M_S2:
@@ -96,8 +107,20 @@ def read_wheels(path: Path | str) -> tuple[WheelSamples, int]:
 
 
 def find_imu(folder: Path) -> Path | None:
-    """Return the file of IMU samples in a folder of scans or beside it; None if there is none."""
-    return _find_beside(folder, IMU_FILES)
+    """Return the file of IMU samples in a folder of scans or beside it; None if there is none.
+
+    For a raw drive of KITTI it is the folder `oxts`.
+    """
+    whole = folder.absolute()
+    drives = (each / OXTS_FOLDER for each in (whole, whole.parent, whole.parent.parent))
+    oxts = next((each for each in drives if (each / TIMES_FILES[1]).is_file()), None)
+    return _find_beside(folder, IMU_FILES) or oxts
+
+
+def mounting_of(imu: Path) -> Pose | None:
+    """Return `lidar_from_imu` of a raw drive of KITTI; None for other files."""
+    file = imu.parent.parent / OXTS_MOUNTING
+    return read_kitti_transform(file) if imu.is_dir() and file.is_file() else None
 
 
 def find_wheels(folder: Path) -> Path | None:
@@ -163,6 +186,19 @@ def rising_rows(stamps: np.ndarray) -> np.ndarray:
     while previous[rows[-1]] >= 0:
         rows.append(int(previous[rows[-1]]))
     return np.array(rows[::-1])
+
+
+def _read_oxts(folder: Path) -> StampedSamples:
+    """Read the turn rates and specific forces of a raw drive of KITTI, as `read_samples` does."""
+    stamps = stamp_table(folder / TIMES_FILES[1]).numbers(0, 1)[:, 0]
+    files = visible(folder / "data", "*.txt")
+    if len(files) != len(stamps):
+        raise FormatError(f"{folder}: expected {len(stamps)} files in data, got {len(files)}")
+    tables = [read_table(file, OXTS_COLUMNS, required=25) for file in files]
+    columns = [OXTS_COLUMNS.index(name) for name in IMU_COLUMNS[1:]]
+    values = np.array([table.numbers(0, 25)[0, columns] for table in tables]).reshape(-1, 6)
+    rising = rising_rows(stamps)
+    return StampedSamples(stamps[rising], values[rising], len(stamps) - len(rising))
 
 
 class _SampleText(NamedTuple):

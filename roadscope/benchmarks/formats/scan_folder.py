@@ -12,7 +12,7 @@ import numpy as np
 from roadscope.benchmarks.formats.point_fields import ENDINGS, READERS, ending_of
 from roadscope.benchmarks.formats.point_layout import PointLayout, layout_of
 from roadscope.benchmarks.formats.scan_stamps import (
-    TIMES_FILE,
+    TIMES_FILES,
     OrderedScans,
     Stamps,
     in_order,
@@ -22,6 +22,8 @@ from roadscope.benchmarks.formats.scan_stamps import (
 from roadscope.benchmarks.formats.table import FormatError, names_in, visible
 from roadscope.core import LidarScan
 
+SCAN_FOLDERS = ("velodyne", "velodyne_points/data")
+"""Where KITTI has the scans of a sequence, and of a raw drive."""
 SAMPLES = 5
 """So many scans of a folder tell which field of their points is what."""
 
@@ -74,6 +76,7 @@ class ScanFolder:
     ) -> ScanFolder:
         """Return the scans of a folder; they must all be of one kind. Hidden files are no scans.
 
+        folder: of the scans, or of a sequence or a raw drive of KITTI.
         rate_hz: scans per second if neither a file nor the names have stamps.
         columns: names of the columns of `.bin` and `.npy` files, if what is in them is not to
             decide: of x, y, z, intensity, ring, time, and `_` for one that is not used.
@@ -84,15 +87,18 @@ class ScanFolder:
             raise FormatError(f"{root}: {what}; expected a folder with {suffixes}")
         if not rate_hz > 0:
             raise FormatError(f"expected a rate above 0 Hz, got {rate_hz}")
-        files = [path for path in visible(root) if ending_of(path)]
-        if not files:
+        within = (root, *(root / name for name in SCAN_FOLDERS))
+        found = ([path for path in visible(each) if ending_of(path)] for each in within)
+        files = next((each for each in found if each), None)
+        if files is None:
             raise FormatError(f"{root}: expected files {suffixes}, got {names_in(root)}")
         kinds = sorted({ending_of(path) for path in files})
         if len(kinds) > 1:
             raise FormatError(f"{root}: expected scans of one kind, got {' and '.join(kinds)}")
         scans = in_order(files, ENDINGS)
-        places = (root / TIMES_FILE, root.parent / TIMES_FILE)
-        times_file = next((path for path in places if path.is_file()), None)
+        place = files[0].parent
+        times = (each / name for each in (place, place.parent) for name in TIMES_FILES)
+        times_file = next((path for path in times if path.is_file()), None)
         stamps = _stamps(scans, times_file, rate_hz)
         layout = layout_of(_samples(scans.files), columns)
         notes = (*scans.notes, *stamps.notes, *layout.notes)

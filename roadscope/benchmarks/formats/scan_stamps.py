@@ -9,10 +9,17 @@ from typing import NamedTuple
 
 import numpy as np
 
-from roadscope.benchmarks.formats.table import FormatError, read_table
+from roadscope.benchmarks.formats.table import (
+    FormatError,
+    Table,
+    read_lines,
+    read_table,
+    refuse,
+)
 
 TIMES_FILE = "times.txt"
-"""The stamps of scans, in their folder or beside it."""
+TIMES_FILES = (TIMES_FILE, "timestamps.txt")
+"""The stamps of scans, in their folder or beside it; the second as in KITTI's raw drives."""
 MIN_SCAN_STEP_S = 0.01
 MAX_SCAN_STEP_S = 5.0
 """The time between two scans, by which the unit of their stamps is known. Chosen by hand."""
@@ -32,6 +39,7 @@ TIME_UNITS = "in seconds or milli-, micro- or nanoseconds"
 UNIT_NAMES = dict(zip(TIME_UNITS_S, ("s", "ms", "us", "ns"), strict=True))
 
 _NUMBER = re.compile(r"[0-9]+(?:\.[0-9]+)?")
+_DATE = re.compile(r"\d{4}-\d\d-\d\d[ T]\d\d:\d\d:\d\d(\.\d+)?")
 _DIGITS = re.compile(r"([0-9]+)")
 
 
@@ -142,7 +150,7 @@ def read_stamps(path: Path, names: Sequence[str]) -> Stamps:
 
     names: of the scans, for what is said of holes.
     """
-    table = read_table(path, ("seconds",))
+    table = stamp_table(path)
     if len(table) != len(names):
         raise FormatError(f"{path}: expected {len(names)} lines, one a scan, got {len(table)}")
     stamps = table.numbers(0, 1)[:, 0]
@@ -171,6 +179,20 @@ def read_stamps(path: Path, names: Sequence[str]) -> Stamps:
             f"{table.lines[int(falling[0]) + 1]}"
         )
     return Stamps(tuple(stamps_s.tolist()), tuple(notes))
+
+
+def stamp_table(path: Path) -> Table:
+    """Read one number a line, or one date and time a line (KITTI's raw drives), as seconds."""
+    lines = [(k, line.strip()) for k, line in enumerate(read_lines(path), 1) if line.strip()]
+    if not lines or not _DATE.fullmatch(lines[0][1]):
+        return read_table(path, ("seconds",))
+    rows = []
+    for number, text in lines:
+        if not _DATE.fullmatch(text):
+            refuse(path, number, "a date and a time as in the first line", text)
+        nanoseconds = int(np.datetime64(text.replace(" ", "T"), "ns").astype(np.int64))
+        rows.append([f"{nanoseconds // 10**9}.{nanoseconds % 10**9:09d}"])
+    return Table(path, rows, [number for number, _ in lines], ("seconds",))
 
 
 def stamps_by_names(scans: OrderedScans, rate_hz: float) -> Stamps:

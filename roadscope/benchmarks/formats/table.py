@@ -125,9 +125,9 @@ def refuse(path: Path, line: int, expected: str, actual: object) -> NoReturn:
     raise FormatError(f"{path}, line {line}: expected {expected}, got {quoted!r}")
 
 
-def visible(folder: Path) -> list[Path]:
-    """Return what is in a folder, in order of names, but for hidden files such as macOS's `._*`."""
-    return sorted(path for path in folder.iterdir() if not path.name.startswith("."))
+def visible(folder: Path, pattern: str = "*") -> list[Path]:
+    """Return what matches in a folder, in order, but for hidden files such as macOS's `._*`."""
+    return sorted(path for path in folder.glob(pattern) if not path.name.startswith("."))
 
 
 def names_in(folder: Path) -> str:

@@ -23,7 +23,7 @@ from roadscope.benchmarks.formats.motchallenge import (
     mot_rows,
     read_mot_sequence,
 )
-from roadscope.benchmarks.formats.table import FormatError, names_in
+from roadscope.benchmarks.formats.table import FormatError, names_in, visible
 from roadscope.benchmarks.formats.tracking_rows import ImageSize
 from roadscope.benchmarks.metrics.score import Score
 from roadscope.benchmarks.metrics.tracking.hota import hota
@@ -184,7 +184,7 @@ def mot_suite(folder: Path | str) -> Suite:
 
 
 def _folder_names(root: Path) -> list[str]:
-    return sorted(p.name for p in root.iterdir() if p.is_dir()) if root.is_dir() else []
+    return [path.name for path in visible(root) if path.is_dir()]
 
 
 def _empty_truth(stamp_s: float) -> Truth:

@@ -18,7 +18,7 @@ from roadscope.benchmarks.formats.kitti_sequence import (
     KittiFolder,
     other_classes_remark,
 )
-from roadscope.benchmarks.formats.table import FormatError
+from roadscope.benchmarks.formats.table import FormatError, visible
 from roadscope.benchmarks.recorded.recording import RecordedSettings, Recording
 from roadscope.benchmarks.suite import Suite
 from roadscope.core import Category
@@ -107,7 +107,7 @@ def recorded_table(name: str) -> RecordedTable:
 
 def _detection_files(files: KittiFolder) -> str:
     """Return the first files in folders of detections, wherever they are; `none` without any."""
-    paths = sorted(p for p in files.root.glob(f"{DETECTOR_PREFIX}*/**/*") if p.is_file())
+    paths = [p for p in visible(files.root, f"{DETECTOR_PREFIX}*/**/*") if p.is_file()]
     return ", ".join(str(p.relative_to(files.root)) for p in paths[:3]) or "none"
 
 

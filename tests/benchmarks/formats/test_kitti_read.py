@@ -331,3 +331,15 @@ def test_real_sequences_can_be_read():
             turned += np.abs(np.sin(turn)).tolist()
     assert np.median(near) < 0.5
     assert np.median(turned) < 0.1
+
+
+def test_hidden_files_are_not_read(tmp_path):
+    """macOS leaves `._NAME` beside every file on disks of other systems."""
+    root = write_kitti(tmp_path)
+    before = KittiFolder.find(root)
+    told = before.sequences(), before.detectors(), before.scores_are_normalized("toy")
+    for path in [path for path in root.rglob("*") if path.is_file()]:
+        path.with_name(f"._{path.name}").write_bytes(bytes([0, 5, 22, 7]) * 64)
+    (root / "._det_toy").write_bytes(b"")
+    after = KittiFolder.find(root)
+    assert (after.sequences(), after.detectors(), after.scores_are_normalized("toy")) == told
