@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from roadscope.odometry import ODOMETRIES
+from roadscope.benchmarks.travel import SETTLING, STEPS, matched_window
 from roadscope.odometry.rigid import exp_so3, log_so3
 
 if TYPE_CHECKING:
@@ -19,10 +19,6 @@ if TYPE_CHECKING:
 MOST_TILT_DEG = 45.0
 """At rest a specific force points up, within this of a LiDAR's z axis. Chosen by hand: LiDARs on
 cars are tilted by less."""
-STEPS = 11
-"""Steps from scan to scan in a window, in which motions are compared."""
-SETTLING = 3
-"""Steps of a window after which scan matching knows the speed."""
 WINDOWS = 2
 """Most windows for turns and for accelerations: those in which the IMU has most of each."""
 TRIES = 6
@@ -163,11 +159,8 @@ def imu_motion(imu: RecordedImu, start_s: float, end_s: float) -> Motion:
 
 def scan_motion(folder: ScanFolder, start: int) -> Motion | None:
     """Return the motion in a window by matching its scans; None where they do not show it."""
-    odometry = ODOMETRIES.make("voxel-map")
-    odometry.reset()
-    estimates = [odometry.update(scan) for scan in folder.part(start, start + STEPS + 1)]
-    settled = estimates[SETTLING:]
-    if not all(each.ok for each in settled):
+    settled = matched_window(folder, start)
+    if not settled:
         return None
     start_from_lidar = [each.start_from_lidar.matrix for each in settled]
     moved = np.linalg.inv(start_from_lidar[0]) @ np.array(start_from_lidar)

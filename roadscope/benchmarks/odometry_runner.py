@@ -19,6 +19,7 @@ from roadscope.benchmarks.formats.trajectories import (
     trajectory_text,
 )
 from roadscope.benchmarks.isolation import Limits, PluginError, open_plugin
+from roadscope.benchmarks.travel import turned_back, turned_scan
 from roadscope.core import ImuSamples, LidarScan, OdometryEstimate, Pose, WheelSamples
 from roadscope.core.answers import AnswerError, check_estimate
 from roadscope.odometry import ODOMETRIES
@@ -92,8 +93,12 @@ def folder_estimates(
     *,
     imu: RecordedImu | None = None,
     wheels: RecordedWheels | None = None,
+    ahead_from_lidar: Pose | None = None,
 ) -> Iterator[OdometryEstimate]:
     """Return an iterator over an odometry's estimates, scan by scan.
+
+    ahead_from_lidar: a rotation that brings the LiDAR's axes to x ahead, y left, z up; None: they
+        are so. Scans are turned by it, and estimates turned back.
 
     An unknown spec raises `SpecError` at once; a plug-in that fails raises `PluginError` later. A
     plug-in that is not part of roadscope runs in a process of its own, without a time limit for
@@ -104,17 +109,28 @@ def folder_estimates(
 
     def estimates() -> Iterator[OdometryEstimate]:
         with open_plugin(spec, limits=limits) as plugin:
-            plugin.call("reset", imu.lidar_from_imu if imu else None)
+            plugin.call("reset", _mounting(imu, ahead_from_lidar))
             for scan, inertial, speeds in _with_samples(folder, imu, wheels):
+                if ahead_from_lidar is not None:
+                    scan = turned_scan(scan, ahead_from_lidar.rotation)
                 if speeds is not None and plugin.traits.takes_wheels:
                     plugin.call("add_wheels", speeds)
                 answer = plugin.call("update", scan, inertial).answer
                 try:
-                    yield check_estimate(answer, stamp_s=scan.stamp_s, returns=len(scan))
+                    estimate = check_estimate(answer, stamp_s=scan.stamp_s, returns=len(scan))
                 except AnswerError as error:
                     raise PluginError(odometry, str(error)) from error
+                turn = ahead_from_lidar
+                yield estimate if turn is None else turned_back(estimate, turn)
 
     return estimates()
+
+
+def _mounting(imu: RecordedImu | None, ahead_from_lidar: Pose | None) -> Pose | None:
+    """Return the mounting of an IMU in the axes of the scans that an odometry gets."""
+    if imu is None or ahead_from_lidar is None:
+        return imu.lidar_from_imu if imu else None
+    return ahead_from_lidar @ (imu.lidar_from_imu or Pose.identity())
 
 
 def _with_samples(
@@ -140,15 +156,18 @@ def write_estimates(
     *,
     imu: RecordedImu | None = None,
     wheels: RecordedWheels | None = None,
+    ahead_from_lidar: Pose | None = None,
 ) -> Iterator[OdometryEstimate]:
     """Yield the estimates of `folder_estimates`, and write each pose before the next is estimated.
 
     An existing file is overwritten only when the first pose is there. Poses are those of the LiDAR
-    in its first frame, x ahead, y left, z up, in either format.
+    in its first frame and its own axes, in either format.
 
     form: `kitti` or `tum`.
     """
-    estimates = folder_estimates(folder, odometry, imu=imu, wheels=wheels)
+    estimates = folder_estimates(
+        folder, odometry, imu=imu, wheels=wheels, ahead_from_lidar=ahead_from_lidar
+    )
     trajectory_text(form, (), ())
     for number, estimate in enumerate(estimates):
         with out.open("a" if number else "w", encoding="utf-8") as file:

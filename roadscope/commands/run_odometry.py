@@ -75,6 +75,14 @@ Mounting = Annotated[
         help="Mounting pose of the IMU in the LiDAR's frame, metres and degrees.",
     ),
 ]
+LidarMounting = Annotated[
+    str | None,
+    typer.Option(
+        metavar="X,Y,Z,ROLL,PITCH,YAW",
+        help="Mounting pose of the LiDAR in the vehicle's frame, x ahead, y left, z up; only the "
+        "angles count. If left out, z is up, and scans show where it drives to.",
+    ),
+]
 WheelsFile = Annotated[
     str | None,
     typer.Option(
@@ -102,6 +110,7 @@ def run_odometry(
     layout: Layout = "",
     imu: Imu = None,
     mounting: Mounting = None,
+    lidar_mounting: LidarMounting = None,
     wheels: WheelsFile = None,
     truth: TruthFile = None,
     quiet: Quiet = False,
@@ -111,7 +120,7 @@ def run_odometry(
 
     times.txt in DIR or beside it has the stamp of each scan, the middle of its sweep: one number a
     line, in seconds, milli-, micro- or nanoseconds. Poses are those of the LiDAR in its first
-    frame, x ahead, y left, z up. After Ctrl-C the poses so far stay in the file. A scan that cannot
+    frame and its own axes. After Ctrl-C the poses so far stay in the file. A scan that cannot
     be read counts as empty.
     """
     from roadscope.benchmarks.formats.point_layout import parse_columns
@@ -137,12 +146,19 @@ def run_odometry(
     _report_assumptions(scans, folder, without_imu=inertial is None and imu is None)
     if inertial is not None and (doubt := doubt_of_imu(scans, inertial)):
         complain(f"{inertial.path}: {doubt}")
+    turn = _turn(scans, lidar_mounting)
     reasons: Counter[str] = Counter()
     poses: list[Pose] = []
     try:
         with progress_bars(quiet=quiet) as progress:
             for estimate in write_estimates(
-                scans, odometry, out, format, imu=inertial, wheels=wheel_speeds
+                scans,
+                odometry,
+                out,
+                format,
+                imu=inertial,
+                wheels=wheel_speeds,
+                ahead_from_lidar=turn,
             ):
                 poses.append(estimate.start_from_lidar)
                 reasons.update([estimate.reason] if estimate.reason else [])
@@ -183,6 +199,31 @@ def _report_assumptions(scans: ScanFolder, folder: Path, *, without_imu: bool) -
         complain(note)
     if without_imu:
         complain(f"no IMU: {' or '.join(IMU_FILES)} in or beside {folder}, or --imu FILE")
+
+
+def _turn(scans: ScanFolder, mounting: str | None) -> Pose | None:
+    """Return the rotation that brings the LiDAR's axes to x ahead; None if they are so.
+
+    mounting: text of the option --lidar-mounting; without it, scans show the direction of travel.
+    """
+    import numpy as np
+
+    from roadscope.benchmarks.formats.samples import parse_mounting
+    from roadscope.benchmarks.travel import AGREEMENT_RAD, direction_of_travel
+    from roadscope.core import Pose
+
+    if mounting is not None:
+        rotation = parse_mounting(mounting).rotation
+        return Pose.from_parts(rotation, np.zeros(3))
+    azimuth = direction_of_travel(scans)
+    if azimuth is None or abs(azimuth) < AGREEMENT_RAD:
+        return None
+    degrees = round(np.rad2deg(azimuth))
+    complain(
+        f"the LiDAR drives to {degrees} degrees from its x axis: scans are turned by that "
+        f"(--lidar-mounting 0,0,0,0,0,{-degrees})"
+    )
+    return Pose.from_euler(0, 0, 0, yaw=-azimuth)
 
 
 def _check_out(out: Path, *inputs: Path | None) -> None:
