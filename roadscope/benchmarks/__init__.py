@@ -54,6 +54,7 @@ _PARTS = {
     "fingerprint": "PACKAGE code_hash package_version plugin_hash sensing_hash timeline_hash",
     "graph": "Job Node run_jobs",
     "images": "image_rows image_rows_of_scans pictures projection_of",
+    "imu_check": "Motion Window doubt_of_accelerations doubt_of_imu doubt_of_turns",
     "kinds": "DETECTOR Kind TRACKER entry_kind",
     "listing": "KINDS names_of",
     "loop": "CallInput RunOptions run_plugin",
@@ -77,6 +78,7 @@ _PARTS = {
     "tables": "MEANINGS name_table speed_table",
     "target_views": "TargetPose TargetViews calibrate_from_corners held_out_error_px "
     "random_poses target_prisms target_view true_corners",
+    "travel": "direction_of_travel turned_back turned_scan",
     "workers": "BackendError EXTRAS WorkerError WorkerSettings in_parallel open_workers",
 }
 """What else the tests of this repository use, by the file that defines it. It is not public."""

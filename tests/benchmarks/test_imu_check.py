@@ -5,15 +5,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from roadscope.benchmarks import Episode, RecordedImu, imu_mounting
-from roadscope.benchmarks.drive import drive
-from roadscope.benchmarks.imu_check import (
+from roadscope.benchmarks import (
+    Episode,
     Motion,
+    RecordedImu,
     Window,
     doubt_of_accelerations,
     doubt_of_imu,
     doubt_of_turns,
+    imu_mounting,
 )
+from roadscope.benchmarks.drive import drive
 from roadscope.core import ImuSamples, LidarScan, Pose
 
 STILL = np.zeros(3)

@@ -9,10 +9,9 @@ from toy_drive import Drive, driven
 from typer.testing import CliRunner
 
 from roadscope.__main__ import app
-from roadscope.benchmarks import Episode
+from roadscope.benchmarks import Episode, direction_of_travel, turned_back, turned_scan
 from roadscope.benchmarks.drive import drive
 from roadscope.benchmarks.formats import trajectory_text
-from roadscope.benchmarks.travel import direction_of_travel, turned_back, turned_scan
 from roadscope.core import LidarScan, Pose
 from roadscope.formats import read_trajectory
 from roadscope.odometry import ODOMETRIES

@@ -9,7 +9,7 @@ _PARTS = {
     "observation_angles rotations_from_yaws yaws_from_rotations",
     "kitti_labels": "CLASS_IDS DETECTED_TYPES DETECTION_COLUMNS LABEL_COLUMNS TYPE_NAMES",
     "motchallenge": "CLASS_COLUMNS COLUMNS WORLD_COLUMNS",
-    "pcd": "decompress_lzf",
+    "lzf": "decompress_lzf",
     "point_layout": "parse_columns",
     "samples": "find_imu find_wheels parse_mounting rising_rows",
     "scan_stamps": "in_order",
