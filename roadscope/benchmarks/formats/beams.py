@@ -19,6 +19,22 @@ MAX_BEAM_SHARE = 0.5
 by 10 degrees sweeps through a third, each laser of a Livox through nine tenths. Chosen by hand."""
 
 
+STEP_BACK_RAD = np.deg2rad(0.2)
+"""In a file that has one beam after the other, azimuths rise along a beam and step back by more
+than this where the next begins."""
+SEAMS_RAD = np.linspace(0, 2 * np.pi, 36, endpoint=False)
+SEAM_STEPS, SEAM_POINTS = 21, 8000
+"""Azimuths that are tried for the place where beams begin, finer steps around the best one, and
+points that the first are tried with."""
+FEWEST_BEAMS, MOST_BEAMS = 4, 256
+"""Numbers of beams of sensors on the market are 4 to 192."""
+LEAST_ORDERED = 0.9
+"""Least share of beams that are higher (or lower) than the one before, if beams are in order."""
+MAX_BEAM_SPREAD_RAD = np.deg2rad(1.5)
+"""The points of a beam are within this, but for one tenth on either side: beams do not start at one
+point, so that near points are at other elevations. Chosen by hand."""
+
+
 class ScanLayout(NamedTuple):
     """The beam and the azimuth step of each of N points.
 
@@ -33,13 +49,16 @@ class ScanLayout(NamedTuple):
 def rings_and_columns(points: np.ndarray) -> ScanLayout:
     """Return the beam and the azimuth step of (N, 3) points, found by their directions.
 
-    Beams are separated by gaps between elevations. If there are no gaps, as in a deskewed scan,
-    bands of elevation take their place; one of them may hold two beams of the sensor.
+    Points may be in the order of their beams, as in KITTI's files. Otherwise beams are separated by
+    gaps between elevations. If there are no gaps, as in a deskewed scan, bands of elevation take
+    their place; one of them may hold two beams of the sensor.
     """
     if not len(points):
         return ScanLayout(np.zeros(0, np.int16), np.zeros(0, np.int32))
     elevations = elevations_of(points)
-    rings = _rings_by_gaps(elevations)
+    rings = _rings_by_order(azimuths_of(points), elevations)
+    if rings is None:
+        rings = _rings_by_gaps(elevations)
     if rings is None:
         rings = np.floor((elevations - elevations.min()) / MAX_BEAM_HEIGHT_RAD)
     columns = np.floor((np.pi - azimuths_of(points)) / AZIMUTH_STEP_RAD)
@@ -107,6 +126,47 @@ def azimuths_of(points: np.ndarray) -> np.ndarray:
     x, y, _ = points.T.astype(np.float64)
     azimuths: np.ndarray = np.arctan2(y, x)
     return azimuths
+
+
+def _rings_by_order(azimuths: np.ndarray, elevations: np.ndarray) -> np.ndarray | None:
+    """Return (N,) beams of points that are sorted by beam and then by azimuth, None for others.
+
+    Either the highest or the lowest beam comes first.
+    """
+    few = slice(None, None, 1 + len(azimuths) // SEAM_POINTS)
+    steps = (np.diff(azimuths) + np.pi) % (2 * np.pi) - np.pi
+    for along, rising in ((azimuths, steps > 0), (-azimuths, steps < 0)):
+        if len(steps) < FEWEST_BEAMS or rising.mean() < LEAST_ORDERED:
+            continue
+        rough = min(SEAMS_RAD, key=lambda seam: _unlike(along[few], elevations[few], seam))
+        near = rough + np.linspace(-1, 1, SEAM_STEPS) * SEAMS_RAD[1]
+        beams = _cut_at(along, min(near, key=lambda seam: _unlike(along, elevations, seam)))
+        counts = np.bincount(beams)
+        if not FEWEST_BEAMS <= len(counts) <= MOST_BEAMS:
+            continue
+        mean = np.bincount(beams, elevations) / counts
+        rises = np.diff(mean) > 0
+        if max(rises.mean(), 1 - rises.mean()) < LEAST_ORDERED:
+            continue
+        if np.quantile(np.abs(elevations - mean[beams]), LEAST_ORDERED) > MAX_BEAM_SPREAD_RAD:
+            continue
+        return beams if rises.mean() > 0.5 else beams.max() - beams
+    return None
+
+
+def _cut_at(along: np.ndarray, seam: float) -> np.ndarray:
+    """Return (N,) which turn from the seam on a point belongs to, for azimuths that rise."""
+    past = (along - seam) % (2 * np.pi)
+    return np.concatenate([[0], np.cumsum(np.diff(past) < -STEP_BACK_RAD)])
+
+
+def _unlike(along: np.ndarray, elevations: np.ndarray, seam: float) -> float:
+    """Return how much elevations differ in a turn, if turns begin at a seam, radians."""
+    beams = _cut_at(along, seam)
+    if beams[-1] >= MOST_BEAMS:
+        return np.inf
+    mean = np.bincount(beams, elevations) / np.bincount(beams)
+    return float(np.mean(np.abs(elevations - mean[beams])))
 
 
 def _rings_by_gaps(elevations: np.ndarray) -> np.ndarray | None:

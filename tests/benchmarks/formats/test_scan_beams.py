@@ -41,6 +41,26 @@ def test_where_there_are_no_gaps_bands_stand_for_beams():
     assert len(np.unique(ring)) > 60
 
 
+@pytest.mark.parametrize("from_top", [True, False])
+@pytest.mark.parametrize("clockwise", [True, False])
+def test_beams_one_after_the_other_need_no_gaps(from_top, clockwise):
+    """HDL-64E: lasers start at different heights, so that near points are at other elevations."""
+    rng = np.random.default_rng(1)
+    elevations_deg = np.concatenate([np.linspace(-24.9, -8.9, 32), np.linspace(-8.5, 2, 32)])
+    points, beam = cone(elevations_deg, rng, count=500)
+    points[:, 2] += rng.uniform(-0.15, 0.15, 64)[beam]
+    high = beam > 50
+    kept = ~high | (np.abs(np.arctan2(points[:, 1], points[:, 0]) - 0.4) < 0.3)
+    points, beam = points[kept], beam[kept]
+    turn = np.arctan2(points[:, 1], points[:, 0]) % (2 * np.pi)
+    order = np.lexsort((-turn if clockwise else turn, -beam if from_top else beam))
+    ring, _ = rings_and_columns(points[order])
+    assert len(np.unique(ring)) == 64
+    assert np.mean(ring == beam[order]) > 0.999
+    shuffled, _ = rings_and_columns(rng.permutation(points))
+    assert len(np.unique(shuffled)) != 64
+
+
 @pytest.fixture(scope="module")
 def recorded(tmp_path_factory):
     """A drive as `.npy` files without beams, the samples of its IMU, and the drive itself."""
