@@ -1,4 +1,4 @@
-"""Whether an IMU moves as the scans do: rates in other units and wrong mountings show there."""
+"""Whether IMU and wheels move as the scans do: other units and wrong mountings show there."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from roadscope.odometry.rigid import exp_so3, log_so3
 
 if TYPE_CHECKING:
     from roadscope.benchmarks.formats.scan_folder import ScanFolder
-    from roadscope.benchmarks.odometry_runner import RecordedImu
+    from roadscope.benchmarks.odometry_runner import RecordedImu, RecordedWheels
 
 MOST_TILT_DEG = 45.0
 """At rest a specific force points up, within this of a LiDAR's z axis. Chosen by hand: LiDARs on
@@ -27,6 +27,8 @@ LEAST_TURN_RAD = np.deg2rad(2.0)
 """With less turn in a window nothing is said. Chosen by hand: scan matching errs by 0.1 degrees."""
 LEAST_ACCELERATION = 1.0
 """The same for accelerations, m/s^2: a slope of 10 % looks like this much."""
+LEAST_SPEED_M_S = 2.0
+"""The same for speeds of wheels, m/s."""
 DEGREES_RATIO = 20.0
 """The IMU turns more often than this as far as scans if its rates are in degrees (57.3 times)."""
 RATIOS = (0.6, 1.6)
@@ -83,6 +85,32 @@ def doubt_of_gravity(imu: RecordedImu) -> str:
     if tilt <= MOST_TILT_DEG:
         return ""
     return f"by its gravity, up is {tilt} degrees from the LiDAR's z axis: is --mounting right?"
+
+
+def doubt_of_wheels(folder: ScanFolder, wheels: RecordedWheels) -> str:
+    """Return in what speeds of wheels contradict the motion of scans, as `doubt_of_imu` does."""
+    starts = range(0, len(folder) - STEPS, STEPS)
+    speeds = np.array([_mean_speed(wheels, *_times(folder, start)) for start in starts])
+    by_wheels, by_scans = list[float](), list[float]()
+    for k in _greatest(speeds, LEAST_SPEED_M_S):
+        settled = matched_window(folder, starts[k])
+        if settled and len(by_wheels) < WINDOWS:
+            first, last = settled[0], settled[-1]
+            way = (first.start_from_lidar.inverse() @ last.start_from_lidar).translation
+            by_scans.append(float(np.linalg.norm(way)) / (last.stamp_s - first.stamp_s))
+            by_wheels.append(float(speeds[k]))
+    if not by_wheels:
+        return ""
+    ratio = sum(by_wheels) / max(sum(by_scans), 1e-9)
+    if RATIOS[0] < ratio < RATIOS[1]:
+        return ""
+    fast, slow = np.mean(by_wheels), np.mean(by_scans)
+    return f"{fast:.3g} m/s where scans move at {slow:.3g}: are its speeds in m/s, not in km/h?"
+
+
+def _mean_speed(wheels: RecordedWheels, start_s: float, end_s: float) -> float:
+    speeds = np.abs(wheels.between(start_s, end_s).speeds)
+    return float(speeds.mean()) if len(speeds) else 0.0
 
 
 def doubt_of_turns(windows: Sequence[Window]) -> str:

@@ -125,7 +125,7 @@ def run_odometry(
     """
     from roadscope.benchmarks.formats.point_layout import parse_columns
     from roadscope.benchmarks.formats.scan_folder import ScanFolder
-    from roadscope.benchmarks.imu_check import doubt_of_imu
+    from roadscope.benchmarks.imu_check import doubt_of_imu, doubt_of_wheels
     from roadscope.benchmarks.odometry_runner import TruePoses, write_estimates
 
     columns = parse_columns(layout) if layout else ()
@@ -146,6 +146,8 @@ def run_odometry(
     _report_assumptions(scans, folder, without_imu=inertial is None and imu is None)
     if inertial is not None and (doubt := doubt_of_imu(scans, inertial)):
         complain(f"{inertial.path}: {doubt}")
+    if wheel_speeds is not None and (doubt := doubt_of_wheels(scans, wheel_speeds)):
+        complain(f"{wheel_speeds.path}: {doubt}")
     turn = _turn(scans, lidar_mounting)
     reasons: Counter[str] = Counter()
     poses: list[Pose] = []

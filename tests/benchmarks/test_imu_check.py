@@ -4,19 +4,22 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from toy_drive import driven
 
 from roadscope.benchmarks import (
     Episode,
     Motion,
     RecordedImu,
+    RecordedWheels,
     Window,
     doubt_of_accelerations,
     doubt_of_imu,
     doubt_of_turns,
+    doubt_of_wheels,
     imu_mounting,
 )
 from roadscope.benchmarks.drive import drive
-from roadscope.core import ImuSamples, LidarScan, Pose
+from roadscope.core import ImuSamples, LidarScan, Pose, WheelSamples
 
 STILL = np.zeros(3)
 
@@ -93,3 +96,14 @@ def test_wrong_mountings_and_units_are_told_of_drives(seed) -> None:
     assert "is --mounting right?" in doubt(Pose.from_euler(0, 0, 0, yaw=np.pi))
     assert "by its gravity, up is 1" in doubt(Pose.from_euler(0, 0, 0, roll=np.pi))
     assert "degrees per second" in doubt(Pose.identity(), unit=180 / np.pi)
+
+
+@pytest.mark.parametrize(("factor", "said"), [(1.0, ""), (3.6, "not in km/h"), (0.3, "in m/s")])
+def test_speeds_of_wheels_in_other_units_are_told(factor, said) -> None:
+    scans = [scan for scan, _ in driven(24)[1]]
+    stamps_s = np.arange(0, 2.4, 0.02)
+    wheels = RecordedWheels(
+        WheelSamples(stamps_s, np.full(len(stamps_s), factor * 8.0)), Path("wheels.csv")
+    )
+    doubt = doubt_of_wheels(Recording(scans), wheels)  # type: ignore[arg-type]
+    assert (said in doubt) if said else not doubt

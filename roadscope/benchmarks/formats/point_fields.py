@@ -20,6 +20,7 @@ TIME = "time"
 IGNORED = "_"
 """Name of a column that nobody needs; there may be several."""
 PLACE = ("x", "y", "z")
+NAMED = "expected x, y and z, and no layout for files with names"
 FLOAT_BYTES = 4
 FEWEST_COLUMNS, MOST_COLUMNS = 3, 8
 """Numbers of columns of a `.npy` or `.bin` file."""
@@ -100,6 +101,10 @@ def _read_npy(path: Path, columns: tuple[str, ...]) -> PointFields:
         array = np.load(path, allow_pickle=False)
     except (OSError, ValueError, EOFError) as error:
         raise FormatError(f"{path}: expected an array saved by numpy, got: {error}") from error
+    if isinstance(array, np.ndarray) and array.dtype.names:
+        return _of_named(path, array.ravel(), columns)
+    if isinstance(array, np.ndarray) and array.ndim == 3:  # rows and columns of a range image
+        array = array.reshape(-1, array.shape[-1])
     shape: tuple[int, ...] = getattr(array, "shape", ())
     expected = f"(N, {FEWEST_COLUMNS}) to (N, {MOST_COLUMNS})"
     if columns:
@@ -117,9 +122,19 @@ def _read_npy(path: Path, columns: tuple[str, ...]) -> PointFields:
     return _of_rows(array.astype(np.float64), columns or unnamed(shape[1]))
 
 
+def _of_named(path: Path, rows: np.ndarray, columns: tuple[str, ...]) -> PointFields:
+    """Return the fields of a structured array, which has names as `.pcd` files have."""
+    names = rows.dtype.names or ()
+    if columns or not set(PLACE) <= set(names):
+        raise FormatError(f"{path}: its fields have names: {', '.join(names)}; {NAMED}")
+    fields = {name: rows[name].astype(np.float64) for name in names if rows[name].ndim == 1}
+    points = np.column_stack([fields.pop(name) for name in PLACE])
+    return PointFields(points, fields)
+
+
 def _read_pcd(path: Path, columns: tuple[str, ...]) -> PointFields:
     if columns:
-        raise FormatError(f"{path}: a layout is for .bin and .npy: .pcd names its fields")
+        raise FormatError(f"{path}: its fields have names; {NAMED}")
     fields = {
         name: values.astype(np.float64)
         for name, values in read_pcd(path).items()

@@ -63,6 +63,9 @@ STRAY_SPANS = 0.5
 length. Chosen by hand."""
 MOST_FAR = 0.5
 """A scan with a larger share of points beyond `FARTHEST_M` is in another unit or frame."""
+MEDIAN_RANGE_M = (0.2, 300.0)
+"""Limits of the median distance of points from the sensor. Chosen by hand: it is 5 to 30 m on
+roads; in millimetres it would be a thousand times as far."""
 SECTORS = 20
 """Parts of a sweep whose azimuths are compared with those of the whole sweep."""
 NARROW = 0.25
@@ -173,6 +176,14 @@ def _reasons_against(points: np.ndarray, source: str) -> dict[str, np.ndarray]:
             f"{source}: {100 * share:.0f} % of the points are {FAR}: are they in coordinates of a "
             "map, or in millimetres?"
         )
+    near = ~none & ~far
+    if near.any():
+        middle = float(np.median(np.linalg.norm(points[near], axis=1)))
+        if not MEDIAN_RANGE_M[0] <= middle <= MEDIAN_RANGE_M[1]:
+            raise FormatError(
+                f"{source}: half of the points are farther than {middle:.3g} m and half are "
+                "nearer: are they in metres from the sensor?"
+            )
     return {NO_RETURN: none, FAR: far}
 
 

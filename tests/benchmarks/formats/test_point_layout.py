@@ -264,3 +264,31 @@ def test_arrays_become_a_scan_as_files_do(tmp_path):
         scan_of_points(points[:, :2], 0.0)
     with pytest.raises(RecordError, match="time"):
         scan_of_points(points, 0.0, times_s=times[:-1])
+
+
+@pytest.mark.parametrize("unit", [1e-3, 1000.0])
+def test_points_in_another_unit_than_metres_are_refused(tmp_path, unit):
+    """Of a small room: no point is too far in millimetres."""
+    np.save(tmp_path / "0.npy", unit * Sweep().points / 10)
+    with pytest.raises(FormatError, match="are they in metres from the sensor"):
+        ScanFolder.find(tmp_path)
+
+
+def test_arrays_with_names_and_range_images_are_read(tmp_path):
+    sweep = Sweep()
+    layout = np.dtype([(name, "f4") for name in ("x", "y", "z", "i", "ring", "t")])
+    rows = np.empty(len(sweep.points), layout)
+    columns = [*sweep.points.T, sweep.intensities, sweep.rings, sweep.times_s]
+    for name, values in zip(layout.names, columns, strict=True):
+        rows[name] = values
+    np.save(tmp_path / "0.npy", rows)
+    (named,) = ScanFolder.find(tmp_path)
+    assert np.array_equal(named.ring, sweep.rings)
+    assert named.time_offset_s.any()
+    image = sweep.rows(sweep.times_s).reshape(COLUMNS, BEAMS, 5)
+    np.save(tmp_path / "0.npy", image)
+    (scan,) = ScanFolder.find(tmp_path)
+    assert np.array_equal(scan.points, named.points)
+    np.save(tmp_path / "0.npy", rows[["x", "y"]])
+    with pytest.raises(FormatError, match="its fields have names: x, y; expected x, y and z"):
+        ScanFolder.find(tmp_path)

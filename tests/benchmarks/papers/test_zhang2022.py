@@ -38,6 +38,7 @@ from roadscope.benchmarks.papers import (
     zhang2022,
 )
 from roadscope.benchmarks.papers.zhang2022 import READINGS
+from roadscope.odometry import DynamicThreshold, ZhangSettings
 
 
 def by_quantity(figures):
@@ -125,9 +126,13 @@ def test_noise_is_of_both_sensors():
 def test_no_wall_is_dropped_whole_where_the_angle_bounds_clusters():
     """A wall that is one cluster moves with what hides it."""
     experiment = REMOVAL_CASES["1, still, one walker"]
-    seen_from_above = {"dimensions": 2, "sampled": 0.01}
+    from_above = DynamicThreshold(dimensions=2, sampled=0.01)
     bounded, linked = (
-        removal(experiment, 10000, RemovalVariant(10, {"windows": windows, **seen_from_above}))
+        removal(
+            experiment,
+            10000,
+            RemovalVariant(10, ZhangSettings(windows=windows, threshold=from_above)),
+        )
         for windows in (True, False)
     )
     assert bounded[BEFORE] - bounded[AFTER] < 0.5 * (linked[BEFORE] - linked[AFTER])
@@ -179,5 +184,6 @@ def test_the_guard_and_displacements_from_above_are_no_part_of_the_papers_method
     from roadscope.odometry import ODOMETRIES
 
     literal, guarded = (ODOMETRIES.make(name) for name in (SCAN_TO_SCAN, "zhang2022-guarded"))
-    assert (literal.guarded, literal.dimensions) == (False, 3)
-    assert (guarded.guarded, guarded.dimensions) == (True, 2)
+    literal, guarded = literal.settings, guarded.settings
+    assert (literal.guarded, literal.threshold.dimensions) == (False, 3)
+    assert (guarded.guarded, guarded.threshold.dimensions) == (True, 2)
