@@ -54,7 +54,8 @@ _PARTS = {
     "fingerprint": "PACKAGE code_hash package_version plugin_hash sensing_hash timeline_hash",
     "graph": "Job Node run_jobs",
     "images": "image_rows image_rows_of_scans pictures projection_of",
-    "imu_check": "Motion Window doubt_of_accelerations doubt_of_imu doubt_of_turns doubt_of_wheels",
+    "imu_check": "Motion MotionWindow doubt_of_accelerations doubt_of_imu doubt_of_turns "
+    "doubt_of_wheels",
     "kinds": "DETECTOR Kind TRACKER entry_kind",
     "listing": "KINDS names_of",
     "loop": "CallInput RunOptions run_plugin",

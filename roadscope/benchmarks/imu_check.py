@@ -48,7 +48,7 @@ class Motion(NamedTuple):
     acceleration: np.ndarray
 
 
-class Window(NamedTuple):
+class MotionWindow(NamedTuple):
     """The motion in a window by both sensors."""
 
     by_imu: Motion
@@ -67,10 +67,10 @@ def doubt_of_imu(folder: ScanFolder, imu: RecordedImu) -> str:
     turns = np.array([np.linalg.norm(each.turn) for each in moved])
     pushes = np.array([np.linalg.norm(each.acceleration[:2]) for each in moved])
     by_scans = cache(lambda k: scan_motion(folder, starts[k]))
-    windows: dict[int, Window] = {}
+    windows: dict[int, MotionWindow] = {}
     for rows in (_greatest(turns, LEAST_TURN_RAD), _greatest(pushes, LEAST_ACCELERATION)):
         known = ((k, by_scans(k)) for k in rows)
-        pairs = ((k, Window(moved[k], motion)) for k, motion in known if motion is not None)
+        pairs = ((k, MotionWindow(moved[k], motion)) for k, motion in known if motion is not None)
         windows.update(islice(pairs, WINDOWS))
     matched = list(windows.values())
     return doubt_of_turns(matched) or doubt_of_accelerations(matched)
@@ -113,7 +113,7 @@ def _mean_speed(wheels: RecordedWheels, start_s: float, end_s: float) -> float:
     return float(speeds.mean()) if len(speeds) else 0.0
 
 
-def doubt_of_turns(windows: Sequence[Window]) -> str:
+def doubt_of_turns(windows: Sequence[MotionWindow]) -> str:
     """Return in what turns contradict each other."""
     pairs = [(each.by_imu.turn, each.by_scans.turn) for each in windows]
     pairs = [pair for pair in pairs if max(map(np.linalg.norm, pair)) > LEAST_TURN_RAD]
@@ -132,7 +132,7 @@ def doubt_of_turns(windows: Sequence[Window]) -> str:
     return ""
 
 
-def doubt_of_accelerations(windows: Sequence[Window]) -> str:
+def doubt_of_accelerations(windows: Sequence[MotionWindow]) -> str:
     """Return whether horizontal accelerations differ in direction."""
     pairs = [(each.by_imu.acceleration[:2], each.by_scans.acceleration[:2]) for each in windows]
     pairs = [pair for pair in pairs if min(map(np.linalg.norm, pair)) > LEAST_ACCELERATION]

@@ -9,9 +9,9 @@ from toy_drive import driven
 from roadscope.benchmarks import (
     Episode,
     Motion,
+    MotionWindow,
     RecordedImu,
     RecordedWheels,
-    Window,
     doubt_of_accelerations,
     doubt_of_imu,
     doubt_of_turns,
@@ -37,9 +37,9 @@ class Recording:
         return iter(self.scans[first:end])
 
 
-def turned(by_imu_deg, by_scans_deg) -> Window:
+def turned(by_imu_deg, by_scans_deg) -> MotionWindow:
     turns = (np.deg2rad([0.0, 0.0, value]) for value in (by_imu_deg, by_scans_deg))
-    return Window(*(Motion(turn, STILL) for turn in turns))
+    return MotionWindow(*(Motion(turn, STILL) for turn in turns))
 
 
 @pytest.mark.parametrize(
@@ -70,7 +70,7 @@ def test_turns_are_compared(by_imu_deg, by_scans_deg, said) -> None:
     ],
 )
 def test_accelerations_are_compared(by_imu, by_scans, degrees) -> None:
-    window = Window(*(Motion(STILL, np.array([*each, 0.0])) for each in (by_imu, by_scans)))
+    window = MotionWindow(*(Motion(STILL, np.array([*each, 0.0])) for each in (by_imu, by_scans)))
     doubt = doubt_of_accelerations([window])
     assert (f"accelerates {degrees} degrees away" in doubt) if degrees else not doubt
 

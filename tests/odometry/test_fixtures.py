@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from roadscope.benchmarks.formats import rings_and_columns
+from roadscope.benchmarks.formats import azimuth_steps, rings_of
 from roadscope.core import LidarScan
 from roadscope.odometry.inertial import (
     BeamTable,
@@ -211,7 +211,7 @@ def lorry(columns, low=0.5, high=3.9, open_rad=2 * np.pi):
 
 
 def read(points):
-    ring, column = rings_and_columns(points)
+    ring, column = rings_of(points), azimuth_steps(points)
     n = len(points)
     return LidarScan(
         points.astype(np.float32), np.full(n, 0.5), ring, column, np.zeros(n), 0.0, "lidar"

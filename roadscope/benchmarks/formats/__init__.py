@@ -3,7 +3,7 @@
 from roadscope._lazy import lazy_names
 
 _PARTS = {
-    "beams": "MAX_BEAM_HEIGHT_RAD rings_and_columns why_no_beams",
+    "beams": "MAX_BEAM_HEIGHT_RAD azimuth_steps rings_of why_no_beams",
     "kitti_frames": "CAMERA_FROM_EGO EGO_FROM_CAMERA NOT_COUNTED bottoms_from_centres "
     "box_corners centres_from_bottoms clipped_image_boxes detections_from_rows image_boxes "
     "observation_angles rotations_from_yaws yaws_from_rotations",

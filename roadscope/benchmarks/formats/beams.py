@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
 
 from roadscope.core.scan import MOST_RINGS
@@ -35,34 +33,29 @@ MAX_BEAM_SPREAD_RAD = np.deg2rad(1.5)
 point, so that near points are at other elevations. Chosen by hand."""
 
 
-class ScanLayout(NamedTuple):
-    """The beam and the azimuth step of each of N points.
-
-    rings: (N,) int16, number of the beam, 0 the lowest.
-    columns: (N,) int32, azimuth steps, clockwise from behind.
-    """
-
-    rings: np.ndarray
-    columns: np.ndarray
-
-
-def rings_and_columns(points: np.ndarray) -> ScanLayout:
-    """Return the beam and the azimuth step of (N, 3) points, found by their directions.
+def rings_of(points: np.ndarray) -> np.ndarray:
+    """Return the beam of each of (N, 3) points, (N,) int16, 0 the lowest, found by directions.
 
     Points may be in the order of their beams, as in KITTI's files. Otherwise beams are separated by
     gaps between elevations. If there are no gaps, as in a deskewed scan, bands of elevation take
     their place; one of them may hold two beams of the sensor.
     """
     if not len(points):
-        return ScanLayout(np.zeros(0, np.int16), np.zeros(0, np.int32))
+        return np.zeros(0, np.int16)
     elevations = elevations_of(points)
     rings = _rings_by_order(azimuths_of(points), elevations)
     if rings is None:
         rings = _rings_by_gaps(elevations)
     if rings is None:
         rings = np.floor((elevations - elevations.min()) / MAX_BEAM_HEIGHT_RAD)
-    columns = np.floor((np.pi - azimuths_of(points)) / AZIMUTH_STEP_RAD)
-    return ScanLayout(rings.astype(np.int16), columns.astype(np.int32))
+    numbers: np.ndarray = rings.astype(np.int16)
+    return numbers
+
+
+def azimuth_steps(points: np.ndarray) -> np.ndarray:
+    """Return the azimuth step of each of (N, 3) points, (N,) int32, clockwise from behind."""
+    steps: np.ndarray = np.floor((np.pi - azimuths_of(points)) / AZIMUTH_STEP_RAD).astype(np.int32)
+    return steps
 
 
 def why_no_beams(points: np.ndarray, numbers: np.ndarray) -> str:

@@ -11,9 +11,10 @@ from typing import NamedTuple
 import numpy as np
 
 from roadscope.benchmarks.formats.beams import (
+    azimuth_steps,
     azimuths_of,
     ranked_rings,
-    rings_and_columns,
+    rings_of,
     why_no_beams,
 )
 from roadscope.benchmarks.formats.point_fields import (
@@ -127,28 +128,27 @@ class PointLayout:
             left_out[reason] = int((wrong & kept).sum())
             kept &= ~wrong
         points = fields.points[kept].astype(np.float32)
-        found = rings_and_columns(points)
-        named = None if rings is None else ranked_rings(points, rings[kept])
+        ranked = None if rings is None else ranked_rings(points, rings[kept])
         scan = LidarScan(
             points=points,
             intensity=self._intensities(fields, kept),
-            ring=found.rings if named is None else named,
-            column=found.columns,
+            ring=rings_of(points) if ranked is None else ranked,
+            column=azimuth_steps(points),
             time_offset_s=np.zeros(len(points)) if times is None else self._offsets(times[kept]),
             stamp_s=stamp_s,
             sensor="lidar",
         )
         return ReadScan(scan, +left_out)
 
-    def _intensities(self, fields: PointFields, kept: np.ndarray) -> np.ndarray:
-        """Return intensities of kept points from 0 to 1; the largest becomes 1 if it is above 1.
+    def _intensities(self, fields: PointFields, is_usable: np.ndarray) -> np.ndarray:
+        """Return intensities of usable points from 0 to 1; the largest becomes 1 if it is above 1.
 
         An unknown one is 0.
         """
         values = None if self.intensity is None else fields.others.get(self.intensity)
         if values is None:
-            return np.zeros(int(kept.sum()))
-        values = np.where(np.isfinite(values[kept]), values[kept], 0.0)
+            return np.zeros(int(is_usable.sum()))
+        values = np.where(np.isfinite(values[is_usable]), values[is_usable], 0.0)
         return np.clip(values / max(1.0, float(values.max(initial=0))), 0, 1)
 
     def _offsets(self, times: np.ndarray) -> np.ndarray:
@@ -220,7 +220,7 @@ def scan_of_points(
 # Which field is what.
 
 
-class Candidate(NamedTuple):
+class FieldCandidate(NamedTuple):
     """A field that may be what is looked for.
 
     why_not: returns why the field of a file cannot be it; empty if it can.
@@ -304,7 +304,7 @@ def _readable(samples: Sequence[Path], columns: tuple[str, ...]) -> list[PointFi
     return files
 
 
-def _chosen(candidates: Sequence[Candidate], files: Sequence[PointFields]) -> Choice:
+def _chosen(candidates: Sequence[FieldCandidate], files: Sequence[PointFields]) -> Choice:
     reasons: dict[str, str] = {}
     for name, why_not in candidates:
         doubts = [why_not(each) for each in files if name in each.others]
@@ -318,9 +318,9 @@ def _chosen(candidates: Sequence[Candidate], files: Sequence[PointFields]) -> Ch
 
 def _named_layout(files: Sequence[PointFields], *, trusted: bool) -> PointLayout:
     """Return the layout by the names of fields; what is in a field decides if it is used."""
-    intensities = [Candidate(name, lambda _: "") for name in INTENSITY_FIELDS]
-    rings = [Candidate(name, _why_not_ring(name)) for name in RING_FIELDS]
-    times = [Candidate(name, _why_not_time(name, TIME_UNITS_S)) for name in TIME_FIELDS]
+    intensities = [FieldCandidate(name, lambda _: "") for name in INTENSITY_FIELDS]
+    rings = [FieldCandidate(name, _why_not_ring(name)) for name in RING_FIELDS]
+    times = [FieldCandidate(name, _why_not_time(name, TIME_UNITS_S)) for name in TIME_FIELDS]
     ring = Choice("ring", {}) if trusted and "ring" in files[0].others else _chosen(rings, files)
     time = _chosen(times, files)
     if trusted and TIME in time.reasons:
@@ -349,8 +349,8 @@ def _with_unnamed(layout: PointLayout, files: Sequence[PointFields]) -> PointLay
     if names:
         layout = replace(layout, intensity=names[0])
     for name in names[1:]:
-        ring = _chosen([Candidate(name, _why_not_ring(name))], files)
-        time = _chosen([Candidate(name, _why_not_sweep(name))], files)
+        ring = _chosen([FieldCandidate(name, _why_not_ring(name))], files)
+        time = _chosen([FieldCandidate(name, _why_not_sweep(name))], files)
         if ring.name and layout.ring is None:
             layout = replace(layout, ring=name)
             notes.append(f"{name} is taken for the number of the beam")

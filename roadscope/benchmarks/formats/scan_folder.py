@@ -29,7 +29,7 @@ SAMPLES = 5
 
 
 @dataclass(slots=True)
-class Losses:
+class ReadingLosses:
     """What could not be used of the scans that were read.
 
     points: how many are left out, by reason.
@@ -68,7 +68,7 @@ class ScanFolder:
     times_file: Path | None
     layout: PointLayout
     notes: tuple[str, ...]
-    losses: Losses = field(default_factory=Losses, compare=False)
+    losses: ReadingLosses = field(default_factory=ReadingLosses, compare=False)
 
     @staticmethod
     def find(
@@ -143,7 +143,7 @@ def read_scan(path: Path | str, stamp_s: float, columns: Sequence[str] = ()) -> 
     stamp_s: the middle of the sweep. The times of points count from there; a file without times is
         read as if all points were measured at once, as in a scan that was deskewed.
     columns: see `ScanFolder.find`.
-    Beams are those of the file if it has them, otherwise `rings_and_columns` finds them.
+    Beams are those of the file if it has them, otherwise their directions tell them.
     """
     path = Path(path)
     if not ending_of(path):

@@ -5,7 +5,7 @@ import pytest
 
 from roadscope.benchmarks import Episode, RecordedImu, folder_estimates, imu_mounting
 from roadscope.benchmarks.drive import drive
-from roadscope.benchmarks.formats import MAX_BEAM_HEIGHT_RAD, rings_and_columns
+from roadscope.benchmarks.formats import MAX_BEAM_HEIGHT_RAD, rings_of
 from roadscope.core import ImuSamples
 from roadscope.formats import ScanFolder
 from roadscope.odometry import ODOMETRIES
@@ -28,12 +28,12 @@ def cone(elevations_deg, rng, count=200, jitter_deg=0.0):
 )
 def test_beams_are_told_apart_by_the_gaps_between_them(elevations_deg):
     points, beam = cone(elevations_deg, np.random.default_rng(0), jitter_deg=0.03)
-    assert np.array_equal(rings_and_columns(points)[0], beam)
+    assert np.array_equal(rings_of(points), beam)
 
 
 def test_where_there_are_no_gaps_bands_stand_for_beams():
     points, _ = cone(np.arange(-15, 16, 2.0), np.random.default_rng(0), jitter_deg=1.0)
-    ring, _ = rings_and_columns(points)
+    ring = rings_of(points)
     elevation = np.arctan2(points[:, 2], np.hypot(points[:, 0], points[:, 1]))
     assert all(
         np.ptp(elevation[ring == each]) <= MAX_BEAM_HEIGHT_RAD + 1e-9 for each in np.unique(ring)
@@ -54,10 +54,10 @@ def test_beams_one_after_the_other_need_no_gaps(from_top, clockwise):
     points, beam = points[kept], beam[kept]
     turn = np.arctan2(points[:, 1], points[:, 0]) % (2 * np.pi)
     order = np.lexsort((-turn if clockwise else turn, -beam if from_top else beam))
-    ring, _ = rings_and_columns(points[order])
+    ring = rings_of(points[order])
     assert len(np.unique(ring)) == 64
     assert np.mean(ring == beam[order]) > 0.999
-    shuffled, _ = rings_and_columns(rng.permutation(points))
+    shuffled = rings_of(rng.permutation(points))
     assert len(np.unique(shuffled)) != 64
 
 
