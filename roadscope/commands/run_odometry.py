@@ -218,6 +218,11 @@ def _turn(scans: ScanFolder, mounting: str | None) -> Pose | None:
         rotation = parse_mounting(mounting).rotation
         return Pose.from_parts(rotation, np.zeros(3))
     azimuth = direction_of_travel(scans)
+    if azimuth is None:
+        complain(
+            "scans do not show where the LiDAR drives to: its x axis is taken to point ahead, "
+            "--lidar-mounting says otherwise"
+        )
     if azimuth is None or abs(azimuth) < AGREEMENT_RAD:
         return None
     degrees = round(np.rad2deg(azimuth))

@@ -86,6 +86,14 @@ def test_a_lidar_with_its_x_axis_ahead_is_left_alone(tmp_path):
     assert "drives to" not in run(record(tmp_path, Pose.identity()))[1]
 
 
+def test_a_direction_that_is_not_shown_is_told(tmp_path):
+    folder = record(tmp_path, Pose.identity())
+    for k in range(1, SCANS):
+        (folder / f"{k}.npy").write_bytes((folder / "0.npy").read_bytes())
+    told = run(folder, "--imu", "none")[1]
+    assert "scans do not show where the LiDAR drives to: its x axis is taken to point ahead" in told
+
+
 def test_a_mounting_that_is_given_is_not_doubted(tmp_path):
     """Also one that is tilted, which scans do not show."""
     roll, yaw = 90.0, 40.0
