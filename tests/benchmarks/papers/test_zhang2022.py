@@ -140,7 +140,7 @@ def test_no_wall_is_dropped_whole_where_the_angle_bounds_clusters():
 
 @pytest.mark.slow
 def test_those_who_walk_past_are_found():
-    figures = removal(REMOVAL_CASES["2, still, several"], 10000, RemovalVariant(10, {}))
+    figures = removal(REMOVAL_CASES["2, still, several"], 10000, RemovalVariant(10))
     assert 0 < figures[AFTER] < figures[BEFORE]
     assert figures[RECALL] > 15
 
