@@ -32,23 +32,25 @@ SAMPLES = 5
 class ReadingLosses:
     """What could not be used of the scans that were read.
 
-    points: how many are left out, by reason.
-    scans: the errors of scans that could not be read; they count as empty.
+    points: how many are left out of each file, by reason.
+    scans: the errors of files that could not be read; they count as empty scans.
+    A file that is read again counts once.
     """
 
-    points: Counter[str] = field(default_factory=Counter)
-    scans: list[FormatError] = field(default_factory=list)
+    points: dict[Path, Counter[str]] = field(default_factory=dict)
+    scans: dict[Path, FormatError] = field(default_factory=dict)
 
     def notes(self) -> tuple[str, ...]:
         """Return what was lost, in sentences."""
+        total = sum(self.points.values(), Counter[str]())
         notes = [
             f"{count} point{'s' if count > 1 else ''} left out: {reason}"
-            for reason, count in self.points.items()
+            for reason, count in total.items()
         ]
         if self.scans:
-            one = len(self.scans) == 1
-            scans = "1 scan is" if one else f"{len(self.scans)} scans are"
-            notes.append(f"{scans} taken as empty: {'' if one else 'the first: '}{self.scans[0]}")
+            count, first = len(self.scans), next(iter(self.scans.values()))
+            scans = "1 scan is" if count == 1 else f"{count} scans are"
+            notes.append(f"{scans} taken as empty: {'' if count == 1 else 'the first: '}{first}")
         return tuple(notes)
 
 
@@ -117,10 +119,10 @@ class ScanFolder:
             try:
                 scan, left_out = self.layout.read(path, stamp_s)
             except FormatError as error:
-                self.losses.scans.append(error)
+                self.losses.scans[path] = error
                 yield empty_scan(stamp_s)
             else:
-                self.losses.points.update(left_out)
+                self.losses.points[path] = left_out
                 yield scan
 
 

@@ -210,6 +210,7 @@ def test_what_is_left_out_is_counted_by_reason(tmp_path):
     (scan,) = found
     assert len(scan) == len(points) - 5
     assert np.ptp(scan.time_offset_s) == pytest.approx(np.ptp(sweep.times_s), abs=1e-6)
+    assert len(list(found)) == 1  # Read again, for a check: nothing counts twice.
     assert found.losses.notes() == (
         "2 points left out: without a return (0 0 0 or not a number)",
         "1 point left out: farther than 5000 m",
@@ -237,6 +238,7 @@ def test_damaged_scans_are_empty_and_told_and_the_others_are_read(tmp_path):
     assert [len(scan) for scan in found] == [
         0 if k in (3, 5) else len(sweep.points) for k in range(8)
     ]
+    assert len(list(found)) == len(list(found.part(0, 8))) == 8
     (note,) = found.losses.notes()
     assert note.startswith("1 scan is taken as empty: ")
     assert "3.bin" in note
