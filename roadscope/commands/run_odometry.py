@@ -125,7 +125,6 @@ def run_odometry(
     """
     from roadscope.benchmarks.formats.point_layout import parse_columns
     from roadscope.benchmarks.formats.scan_folder import ScanFolder
-    from roadscope.benchmarks.imu_check import doubt_of_imu, doubt_of_wheels
     from roadscope.benchmarks.odometry_runner import TruePoses, write_estimates
 
     columns = parse_columns(layout) if layout else ()
@@ -144,10 +143,7 @@ def run_odometry(
         wheels_named=wheels is not None,
     )
     _report_assumptions(scans, folder, without_imu=inertial is None and imu is None)
-    if inertial is not None and (doubt := doubt_of_imu(scans, inertial)):
-        complain(f"{inertial.path}: {doubt}")
-    if wheel_speeds is not None and (doubt := doubt_of_wheels(scans, wheel_speeds)):
-        complain(f"{wheel_speeds.path}: {doubt}")
+    _report_doubts(scans, inertial, wheel_speeds)
     turn = _turn(scans, lidar_mounting)
     reasons: Counter[str] = Counter()
     poses: list[Pose] = []
@@ -201,6 +197,18 @@ def _report_assumptions(scans: ScanFolder, folder: Path, *, without_imu: bool) -
         complain(note)
     if without_imu:
         complain(f"no IMU: {' or '.join(IMU_FILES)} in or beside {folder}, or --imu FILE")
+
+
+def _report_doubts(
+    scans: ScanFolder, inertial: RecordedImu | None, wheels: RecordedWheels | None
+) -> None:
+    """Print in what IMU and wheels contradict the scans."""
+    from roadscope.benchmarks.imu_check import doubt_of_imu, doubt_of_wheels
+
+    if inertial is not None and (doubt := doubt_of_imu(scans, inertial)):
+        complain(f"{inertial.path}: {doubt}")
+    if wheels is not None and (doubt := doubt_of_wheels(scans, wheels)):
+        complain(f"{wheels.path}: {doubt}")
 
 
 def _turn(scans: ScanFolder, mounting: str | None) -> Pose | None:
