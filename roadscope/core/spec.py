@@ -19,6 +19,7 @@ import ast
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from types import MappingProxyType
 from typing import Any
 
 from roadscope.core.constructing import binding_problem, construct, wrong_literal
@@ -46,8 +47,8 @@ class Spec:
     kind: one of `KINDS`, or the kind of another registry; empty until a registry resolved it.
     target: `module:Class` or `path/file.py:Class` that holds the class; likewise.
 
-    Specs are equal when text and kind are. They hold strings and literals only, so they can be
-    sent to other processes.
+    Specs are equal when text and kind are. Their mappings are read-only copies. They hold strings
+    and literals only, so they can be sent to other processes.
     """
 
     text: str
@@ -56,6 +57,15 @@ class Spec:
     parts: Mapping[str, Spec] = field(default_factory=dict)
     kind: str = ""
     target: str = ""
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "arguments", MappingProxyType(dict(self.arguments)))
+        object.__setattr__(self, "parts", MappingProxyType(dict(self.parts)))
+
+    def __reduce__(self) -> tuple[type[Spec], tuple[Any, ...]]:
+        # Read-only mappings cannot be pickled.
+        mappings = dict(self.arguments), dict(self.parts)
+        return Spec, (self.text, self.name, *mappings, self.kind, self.target)
 
     @staticmethod
     def parse(text: str) -> Spec:

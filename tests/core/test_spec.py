@@ -150,3 +150,13 @@ def test_a_file_is_never_ours_whatever_its_name() -> None:
     for place in ("roadscope.mine.py:Mine", "roadscope.trackers.py:Mine", "./roadscope.py:Mine"):
         spec = TRACKERS.resolve(place)
         assert (spec.ours, spec.isolated) == (False, True)
+
+
+def test_a_spec_cannot_be_changed() -> None:
+    arguments = {"gate_m": 2.5}
+    spec = Spec("nearest?gate_m=2.5&ego=none", "nearest", arguments, {"ego": Spec.parse("none")})
+    arguments["gate_m"] = 9.0
+    for mapping in (spec.arguments, spec.parts):
+        with pytest.raises(TypeError):
+            mapping["gate_m"] = 9.0
+    assert spec.arguments == {"gate_m": 2.5}
