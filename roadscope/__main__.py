@@ -15,6 +15,7 @@ from roadscope.commands.cache import cache
 from roadscope.commands.calibrate import calibrate
 from roadscope.commands.check import check
 from roadscope.commands.compare import compare
+from roadscope.commands.detect import detect
 from roadscope.commands.doctor import doctor
 from roadscope.commands.export import export
 from roadscope.commands.leaderboard import leaderboard
@@ -52,6 +53,7 @@ COMMANDS: Mapping[str, tuple[Callable[..., None], str]] = {
     "submit": (submit, "roadscope submit results --suite exported --name mine"),
     "export": (export, "roadscope export quick exported --seeds 1"),
     "calibrate": (calibrate, "roadscope calibrate --rig li2021 --poses 20 --out calibration.json"),
+    "detect": (detect, "roadscope detect scans --out detections --pictures pictures"),
     "run-odometry": (run_odometry, "roadscope run-odometry scans --out poses.txt"),
     "reproduce": (reproduce, "roadscope reproduce lu2018 --out results"),
     "speed": (speed, "roadscope speed detectors --out results"),

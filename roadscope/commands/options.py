@@ -17,6 +17,17 @@ Every = Annotated[bool, typer.Option("--all", help="Show all metrics.")]
 Rig = Annotated[
     str, typer.Option(help="Sensors: a name or a .toml file.", autocompletion=completion.rigs)
 ]
+Rate = Annotated[
+    float, typer.Option(help="Scans per second, if neither times.txt nor their names have stamps.")
+]
+Layout = Annotated[
+    str,
+    typer.Option(
+        metavar="COLUMNS",
+        help="Columns of .bin and .npy files, such as x,y,z,intensity,ring,time; _: not used. If "
+        "left out, what is in them decides.",
+    ),
+]
 
 
 def workers(jobs: int) -> int:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from roadscope.commands import completion
-from roadscope.commands.options import Json, Quiet
+from roadscope.commands.options import Json, Layout, Quiet, Rate
 from roadscope.commands.terminal import (
     complain,
     headline,
@@ -48,17 +48,6 @@ OdometrySpec = Annotated[
 Out = Annotated[Path, typer.Option(help="File for the poses.")]
 Format = Annotated[
     str, typer.Option(help="Of the poses: kitti (3 x 4 matrices) or tum (with stamps).")
-]
-Rate = Annotated[
-    float, typer.Option(help="Scans per second, if neither times.txt nor their names have stamps.")
-]
-Layout = Annotated[
-    str,
-    typer.Option(
-        metavar="COLUMNS",
-        help="Columns of .bin and .npy files, such as x,y,z,intensity,ring,time; _: not used. If "
-        "left out, what is in them decides.",
-    ),
 ]
 Imu = Annotated[
     str | None,

@@ -8,13 +8,14 @@ where the axle is. So the conversion loses nothing. No other file converts betwe
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from roadscope.benchmarks.formats.kitti_labels import KittiObjects, KittiType
 from roadscope.benchmarks.formats.tracking_rows import ImageSize, logistic
 from roadscope.core import Category, Detections, Pose, Tracks, Truth, wrap_angle
+from roadscope.core.fused import FusedDetections
 
 EGO_FROM_CAMERA = Pose(
     np.array([[0, 0, 1, 0], [-1, 0, 0, 0], [0, -1, 0, 0], [0, 0, 0, 1]], np.float64)
@@ -41,6 +42,8 @@ TYPE_FROM_CATEGORY = {
     Category.PEDESTRIAN: KittiType.PEDESTRIAN,
 }
 """KITTI has no types for buses and motorcycles."""
+UNKNOWN_BOX, UNKNOWN_SIZE, UNKNOWN_PLACE, UNKNOWN_ANGLE = -1.0, -1.0, -1000.0, -10.0
+"""What stands in KITTI's results for what is not known of an object."""
 
 
 def centres_from_bottoms(bottoms: np.ndarray, sizes: np.ndarray) -> np.ndarray:
@@ -216,6 +219,60 @@ def kitti_objects(
         bottoms=bottoms[shown],
         rotations_y=rotations[shown],
         scores=in_ego.scores[shown],
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class LabelCamera:
+    """The camera in whose rectified frame label files are.
+
+    projection: (3, 4), pixels from metres in that frame; None if it is not known.
+    image_size: image boxes are clipped to it; None if it is not known.
+    """
+
+    camera_from_ego: Pose
+    projection: np.ndarray | None = None
+    image_size: ImageSize | None = None
+
+
+def kitti_results(fused: FusedDetections, camera: LabelCamera) -> KittiObjects:
+    """Return the detections of one frame, ego frame, as KITTI's rows; all around, not in view only.
+
+    A box in space without an image box gets that around its corners, if the projection is known
+    and shows it.
+    """
+    placed = np.flatnonzero(fused.has_box)
+    boxes, alphas, rotations = fused.image_boxes.copy(), *np.full((2, len(fused)), UNKNOWN_ANGLE)
+    boxes[~fused.has_image_box] = UNKNOWN_BOX
+    sizes = np.full((len(fused), 3), UNKNOWN_SIZE)
+    bottoms = np.full((len(fused), 3), UNKNOWN_PLACE)
+    in_camera = fused.detections().moved(EGO_FROM_CAMERA @ camera.camera_from_ego, "ego")
+    sizes[placed] = in_camera.sizes
+    bottoms[placed] = bottoms_from_centres(in_camera.centres, in_camera.sizes)
+    rotations[placed] = rotations_from_yaws(in_camera.yaws)
+    alphas[placed] = observation_angles(bottoms[placed], rotations[placed])
+    if camera.projection is not None:
+        corners = box_corners(bottoms[placed], sizes[placed], rotations[placed])
+        around = (
+            np.nan_to_num(image_boxes(corners, camera.projection), nan=0.0)
+            if camera.image_size is None
+            else clipped_image_boxes(corners, camera.projection, camera.image_size)
+        )
+        shown = (around[:, 2:] > around[:, :2]).all(axis=1) & ~fused.has_image_box[placed]
+        boxes[placed[shown]] = around[shown]
+    unknown = np.full(len(fused), -1)
+    return KittiObjects(
+        frames=np.zeros(len(fused), np.int64),
+        ids=unknown,
+        types=np.array([TYPE_FROM_CATEGORY[Category(c)] for c in fused.categories], np.int8),
+        truncated=unknown,
+        occluded=unknown,
+        alphas=alphas,
+        boxes=boxes,
+        sizes=sizes,
+        bottoms=bottoms,
+        rotations_y=rotations,
+        scores=fused.scores,
     )
 
 

@@ -209,6 +209,11 @@ def write_kitti_labels(path: Path | str, frames: Sequence[KittiObjects]) -> None
     _write_lines(path, [_label_line(rows, k, []) for rows in frames for k in range(len(rows))])
 
 
+def write_kitti_object_results(path: Path | str, rows: KittiObjects) -> None:
+    """Write a detector's results on one frame: 16 columns, six decimals."""
+    _write_lines(path, [_object_line(rows, k, [rows.scores[k]]) for k in range(len(rows))])
+
+
 def write_kitti_detections(path: Path | str, frames: Sequence[KittiObjects]) -> None:
     """Write detections, separated by commas as AB3DMOT has them; all types are of `CLASS_IDS`."""
     _write_lines(path, [_detection_line(rows, k) for rows in frames for k in range(len(rows))])
@@ -284,8 +289,12 @@ def _write_lines(path: Path | str, lines: Sequence[str]) -> None:
 
 def _label_line(rows: KittiObjects, k: int, scores: Sequence[float]) -> str:
     """Return row k as a line of a label file, with a score if there is one in `scores`."""
-    kind = TYPE_NAMES[KittiType(rows.types[k])]
-    head = f"{rows.frames[k]} {rows.ids[k]} {kind} {rows.truncated[k]} {rows.occluded[k]}"
+    return f"{rows.frames[k]} {rows.ids[k]} {_object_line(rows, k, scores)}"
+
+
+def _object_line(rows: KittiObjects, k: int, scores: Sequence[float]) -> str:
+    """Return row k without frame and id."""
+    head = f"{TYPE_NAMES[KittiType(rows.types[k])]} {rows.truncated[k]} {rows.occluded[k]}"
     values = [
         rows.alphas[k],
         *rows.boxes[k],

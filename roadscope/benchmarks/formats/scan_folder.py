@@ -109,6 +109,11 @@ class ScanFolder:
     def __len__(self) -> int:
         return len(self.files)
 
+    @property
+    def names(self) -> list[str]:
+        """The names of the scans, without ending."""
+        return [path.name[: -len(ending_of(path))] for path in self.files]
+
     def __iter__(self) -> Iterator[LidarScan]:
         """Yield all scans; one that cannot be read is empty and counted in `losses`."""
         return self.part(0, len(self))
