@@ -11,7 +11,7 @@ from roadscope.benchmarks.noisy_camera import CAMERA_NOISES
 from roadscope.benchmarks.noisy_odometry import ODOMETRY_NOISES
 from roadscope.core import Registry, Spec, SpecError
 from roadscope.core.names import unknown
-from roadscope.core.spec import ORACLE, name_the_class
+from roadscope.core.spec import ORACLE, no_class_named
 from roadscope.detectors import DETECTORS
 from roadscope.detectors.camera import CAMERA_DETECTORS
 from roadscope.fusion import FUSIONS
@@ -72,7 +72,7 @@ def entry_kind(spec: Spec, possible: Sequence[Kind] = tuple(KINDS.values())) -> 
         if spec.name in noises:
             return kind
     if spec.name.endswith(".py"):
-        raise SpecError(name_the_class(spec))
+        raise SpecError(no_class_named(spec))
     names = [name for kind in possible for name in kind.registry]
     kinds = " or ".join(kind.name for kind in possible)
     raise SpecError(

@@ -1,6 +1,6 @@
 """The records that all other packages share, poses, specs and registries.
 
-It imports nothing else of roadscope.
+It imports no other package of roadscope.
 """
 
 from roadscope._lazy import lazy_names

@@ -2,7 +2,7 @@
 
 Records check shapes, dtypes and values when they are made. These functions check the rest: that
 an answer is a record of the right class, of the right moment and in a possible frame. The
-harness and the contract kit use the same ones.
+harness and the contract kit use the same ones. They return the answer, or raise `AnswerError`.
 """
 
 from __future__ import annotations
@@ -40,7 +40,10 @@ def same_stamp(one_s: float, other_s: float) -> bool:
 
 
 def check_detections(answer: Any, *, stamps_s: Sequence[float]) -> Detections:
-    """Return a LiDAR detector's answer; its stamp must be that of a frame so far, in `stamps_s`."""
+    """Return a LiDAR detector's answer to the last frame.
+
+    stamps_s: stamps of all frames so far. A detector may answer an earlier frame.
+    """
     detections = _of_class(answer, Detections, "detect")
     _check_count(detections, "detections")
     _check_values(detections, ("centres", "sizes", "yaws"))
@@ -125,7 +128,7 @@ def check_estimate(answer: Any, *, stamp_s: float, returns: int) -> OdometryEsti
 def check_masses(masses: np.ndarray | None, columns: set[int]) -> None:
     """Raise `AnswerError` unless masses have as many columns as in earlier answers.
 
-    columns: the numbers of columns so far; that of these masses is added.
+    columns: the numbers of columns of earlier answers; that of these masses is added.
     """
     if masses is None or not len(masses):
         return

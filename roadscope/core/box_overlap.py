@@ -1,4 +1,7 @@
-"""Overlap of rectangles from above and of upright boxes: exact, plain and generalised."""
+"""Intersection over union of rectangles seen from above and of upright boxes in space.
+
+For boxes it is plain or generalised (Rezatofighi et al. 2019).
+"""
 
 from __future__ import annotations
 
@@ -39,9 +42,9 @@ FIRST_CAPACITY = 256
 def box_overlaps(rectangles: np.ndarray, others: np.ndarray) -> np.ndarray:
     """Return (N, M) intersection over union of (N, 5) and (M, 5) rectangles.
 
-    A rectangle is its centre x, y, length, width (metres) and yaw (radians). Each is cut by the
-    four sides of the other in the other's frame (Sutherland and Hodgman 1974), where the sides are
-    x = +-l/2 and y = +-w/2. The shoelace formula gives the area of what is left.
+    A rectangle is its centre x, y, length, width (metres) and yaw (radians). The first of two is
+    cut by the four sides of the second (Sutherland and Hodgman 1974), in the frame of the second,
+    where the sides are x = +-l/2 and y = +-w/2. The shoelace formula gives the area that is left.
     """
     overlaps = np.zeros((len(rectangles), len(others)))
     boxes, other_boxes = _boxes(rectangles), _boxes(others)
@@ -103,10 +106,10 @@ def pair_overlaps(
     The overlap is the one of `overlapping_pairs`. Where a bound shows that it is below `least`, it
     is not computed, and is -1.
     """
-    some, other_boxes = _boxes(boxes), _boxes(others)
+    records, other_records = _boxes(boxes), _boxes(others)
     overlaps = np.empty(len(rows))
     for k in range(len(rows)):
-        overlaps[k] = _overlap(some[rows[k]], other_boxes[columns[k]], generalised, least)
+        overlaps[k] = _overlap(records[rows[k]], other_records[columns[k]], generalised, least)
     return overlaps
 
 
@@ -118,12 +121,12 @@ def _overlapping_pairs(
     rows, columns = np.empty(FIRST_CAPACITY, np.int64), np.empty(FIRST_CAPACITY, np.int64)
     overlaps = np.empty(FIRST_CAPACITY)
     count = 0
-    some, other_boxes = _boxes(boxes), _boxes(others)
-    reach = _reach(some, other_boxes, generalised, least)
-    for i in range(len(some)):
-        box = some[i]
-        for j in range(np.searchsorted(others[:, 0], box.x - reach[i]), len(other_boxes)):
-            other = other_boxes[j]
+    records, other_records = _boxes(boxes), _boxes(others)
+    reach = _reach(records, other_records, generalised, least)
+    for i in range(len(records)):
+        box = records[i]
+        for j in range(np.searchsorted(others[:, 0], box.x - reach[i]), len(other_records)):
+            other = other_records[j]
             if other.x > box.x + reach[i]:
                 break
             if abs(other.y - box.y) > reach[i]:
@@ -178,7 +181,7 @@ def _reach(boxes: np.ndarray, others: np.ndarray, generalised: bool, least: floa
 
 @compiled()
 def _overlap(box: _Box, other: _Box, generalised: bool, least: float) -> float:
-    """Return the overlap in space; generalised, -1 where a bound shows that it is below `least`."""
+    """Return the overlap in space; a generalised one is -1 if a bound shows it is below `least`."""
     meeting = _circles_meet(box, other)
     volumes = _area(box) * (box.top - box.bottom) + _area(other) * (other.top - other.bottom)
     if generalised and not meeting and _is_below(box, other, volumes, least):
@@ -216,7 +219,7 @@ def _is_below(box: _Box, other: _Box, volumes: float, least: float) -> bool:
 
 @compiled()
 def _circles_meet(box: _Box, other: _Box) -> bool:
-    """Return whether the circles through the boxes' corners meet; else the boxes do not."""
+    """Return whether the circles through the boxes' corners meet; if not, the boxes do not meet."""
     dx, dy = box.x - other.x, box.y - other.y
     return dx * dx + dy * dy - (box.radius + other.radius) ** 2 < 0
 
@@ -268,10 +271,8 @@ def _cut(
     size = 0
     before = count - 1
     for k in range(count):
-        inside_by, before_inside_by = (
-            limit - side * polygon[k, axis],
-            limit - side * polygon[before, axis],
-        )
+        inside_by = limit - side * polygon[k, axis]
+        before_inside_by = limit - side * polygon[before, axis]
         if (inside_by >= 0) != (before_inside_by >= 0):
             share = before_inside_by / (before_inside_by - inside_by)
             for i in range(2):

@@ -1,4 +1,4 @@
-"""Config records from TOML; all problems of a file are reported at once."""
+"""Reads TOML into config records; all problems of a file are reported at once."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from roadscope.core.names import unknown
 
 T = TypeVar("T", bound=msgspec.Struct)
 PLACE = re.compile(r" - at `\$(.*)`$")
-"""The part of a message of msgspec that names the value, behind the reason."""
+"""The end of an error message of msgspec, which says where in the TOML the wrong value is."""
 
 
 class ConfigError(ValueError):
@@ -26,21 +26,26 @@ class ConfigError(ValueError):
         super().__init__("\n- ".join([*several, *self.problems]))
 
 
-def read_config(content: str, kind: type[T]) -> T:
+def read_config(content: str, record_type: type[T]) -> T:
     """Return the record of TOML text; unknown, missing and wrong keys raise `ConfigError`."""
     try:
         table = tomllib.loads(content)
     except tomllib.TOMLDecodeError as error:
         raise ConfigError([f"not TOML: {error}"]) from error
-    problems = list(_problems(table, kind, ""))
+    problems = list(_problems(table, record_type, ""))
     if problems:
         raise ConfigError(problems)
-    return msgspec.convert(table, kind)
+    return msgspec.convert(table, record_type)
 
 
-def _problems(table: Mapping[str, Any], kind: type[msgspec.Struct], prefix: str) -> Iterator[str]:
-    """Yield the problems of a table and of the tables in it; prefix: `camera.` for table camera."""
-    fields = {field.encode_name: field for field in msgspec.structs.fields(kind)}
+def _problems(
+    table: Mapping[str, Any], record_type: type[msgspec.Struct], prefix: str
+) -> Iterator[str]:
+    """Yield the problems of a table and of the tables inside it.
+
+    prefix: stands before its keys in messages, such as `camera.` for the table `camera`.
+    """
+    fields = {field.encode_name: field for field in msgspec.structs.fields(record_type)}
     known = [prefix + name for name in fields]
     for key in table:
         if key not in fields:
@@ -58,19 +63,19 @@ def _problems(table: Mapping[str, Any], kind: type[msgspec.Struct], prefix: str)
         if _is_table(field.type) and isinstance(value, Mapping):
             inside = list(_problems(value, field.type, f"{prefix}{name}."))
             # A record may check its fields together, once each of them is right.
-            yield from inside or _wrong(value, field.type, prefix + name)
+            yield from inside or _value_problem(value, field.type, prefix + name)
         else:
-            yield from _wrong(value, field.type, prefix + name)
+            yield from _value_problem(value, field.type, prefix + name)
 
 
-def _is_table(kind: Any) -> bool:
-    return isinstance(kind, type) and issubclass(kind, msgspec.Struct)
+def _is_table(field_type: Any) -> bool:
+    return isinstance(field_type, type) and issubclass(field_type, msgspec.Struct)
 
 
-def _wrong(value: Any, kind: Any, key: str) -> Iterator[str]:
-    """Yield why a value is not of a type, if it is not."""
+def _value_problem(value: Any, field_type: Any, key: str) -> Iterator[str]:
+    """Yield why a value is not of its field's type, if it is not."""
     try:
-        msgspec.convert(value, kind)
+        msgspec.convert(value, field_type)
     except msgspec.ValidationError as error:
         reason, place = str(error), PLACE.search(str(error))
         where = key + (place.group(1) if place else "")

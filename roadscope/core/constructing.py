@@ -1,4 +1,4 @@
-"""Constructors of plug-ins: what they take, and calls of them with a spec's arguments.
+"""Calls constructors of plug-ins with a spec's arguments, and says which parameters they have.
 
 A constructor takes keyword arguments, or one record of settings: a frozen dataclass with defaults,
 as its only parameter `settings`. A spec's arguments are then fields of that record, or of a record
@@ -16,7 +16,7 @@ from typing import Any, TypeVar, get_args, get_type_hints
 R = TypeVar("R")
 SETTINGS = "settings"
 """The parameter that takes a record of settings."""
-LITERAL_KINDS: Mapping[Any, str] = {
+LITERAL_TYPES: Mapping[Any, str] = {
     bool: "True or False",
     int: "a whole number",
     float: "a number",
@@ -24,12 +24,12 @@ LITERAL_KINDS: Mapping[Any, str] = {
 """Types of arguments that are checked, in words."""
 
 
-def construct(kind: Callable[..., R], arguments: Mapping[str, Any]) -> R:
+def construct(factory: Callable[..., R], arguments: Mapping[str, Any]) -> R:
     """Return what a constructor makes of a spec's arguments."""
-    default = _default_settings(kind)
+    default = _default_settings(factory)
     if default is None:
-        return kind(**arguments)
-    return kind(with_values(default, arguments))
+        return factory(**arguments)
+    return factory(with_values(default, arguments))
 
 
 def with_values(record: R, values: Mapping[str, Any]) -> R:
@@ -53,22 +53,22 @@ def with_values(record: R, values: Mapping[str, Any]) -> R:
     return replace(record, **changed)  # type: ignore[type-var]
 
 
-def signature_of(kind: Callable[..., Any], *, eval_str: bool = False) -> inspect.Signature:
+def signature_of(factory: Callable[..., Any], *, eval_str: bool = False) -> inspect.Signature:
     """Return the parameters of a constructor, or the fields of its settings as parameters.
 
     eval_str: whether annotations are types instead of texts. `TypeError` or `ValueError` says
     that a constructor cannot be inspected.
     """
-    default = _default_settings(kind)
+    default = _default_settings(factory)
     if default is None:
-        return inspect.signature(kind, eval_str=eval_str)
+        return inspect.signature(factory, eval_str=eval_str)
     return inspect.Signature(list(_fields_of(default, eval_str)))
 
 
-def _default_settings(kind: Callable[..., Any]) -> Any:
+def _default_settings(factory: Callable[..., Any]) -> Any:
     """Return the settings that a constructor takes unless others are given, None if it has none."""
     try:
-        parameters = inspect.signature(kind).parameters
+        parameters = inspect.signature(factory).parameters
     except (TypeError, ValueError):
         return None
     if list(parameters) != [SETTINGS]:
@@ -90,33 +90,33 @@ def _fields_of(record: Any, eval_str: bool = False) -> Iterator[inspect.Paramete
             yield inspect.Parameter(name, kind, default=value, annotation=annotation)
 
 
-def parameters_of(kind: type[Any]) -> dict[str, str]:
+def parameters_of(factory: type[Any]) -> dict[str, str]:
     """Return the names of a constructor's parameters with their defaults as text.
 
     A parameter without a default has an empty text. The result is empty for a class whose
     parameters cannot be inspected.
     """
     try:
-        parameters = signature_of(kind).parameters.values()
+        parameters = signature_of(factory).parameters.values()
     except (TypeError, ValueError):
         return {}
     return {p.name: "" if p.default is p.empty else str(p.default) for p in parameters}
 
 
-def positional_parameters_of(kind: type[Any]) -> tuple[str, ...]:
+def positional_parameters_of(factory: type[Any]) -> tuple[str, ...]:
     """Return the names of a constructor's parameters that can be given by position."""
     try:
-        parameters = signature_of(kind).parameters.values()
+        parameters = signature_of(factory).parameters.values()
     except (TypeError, ValueError):
         return ()
     possible = (inspect.Parameter.POSITIONAL_ONLY, inspect.Parameter.POSITIONAL_OR_KEYWORD)
     return tuple(p.name for p in parameters if p.kind in possible)
 
 
-def binding_problem(kind: type[Any], arguments: Mapping[str, Any]) -> str:
+def binding_problem(factory: type[Any], arguments: Mapping[str, Any]) -> str:
     """Return why a constructor does not take the arguments; empty if it does."""
     try:
-        signature = signature_of(kind)
+        signature = signature_of(factory)
     except (TypeError, ValueError):
         return ""
     try:
@@ -124,7 +124,7 @@ def binding_problem(kind: type[Any], arguments: Mapping[str, Any]) -> str:
     except TypeError as error:
         possible = [
             f"{name}={default}" if default else name
-            for name, default in parameters_of(kind).items()
+            for name, default in parameters_of(factory).items()
         ]
         return f"{error}; its arguments: {', '.join(possible) or 'none'}"
     return ""
@@ -140,12 +140,12 @@ def wrong_literal(factory: Callable[..., Any], arguments: Mapping[str, Any]) -> 
         if name not in parameters or value is None:
             continue
         annotation = parameters[name].annotation
-        kinds = set(get_args(annotation) or (annotation,)) - {NoneType}
-        if not kinds or not kinds <= LITERAL_KINDS.keys():
+        types = set(get_args(annotation) or (annotation,)) - {NoneType}
+        if not types or not types <= LITERAL_TYPES.keys():
             continue
         # An int is taken for a float; True is not taken for an int.
-        accepted = kinds | ({int} if float in kinds else set())
+        accepted = types | ({int} if float in types else set())
         if type(value) not in accepted:
-            expected = " or ".join(words for kind, words in LITERAL_KINDS.items() if kind in kinds)
+            expected = " or ".join(words for each, words in LITERAL_TYPES.items() if each in types)
             return f"{name} must be {expected}, got {value!r}"
     return ""

@@ -83,7 +83,7 @@ class Detections(Record):
         )
 
     def moved(self, a_from_b: Pose, frame: str) -> Detections:
-        """Return the boxes, which are in frame b, in frame a. frame: name of frame a."""
+        """Map the boxes from frame b into frame a; `frame` is the name of frame a."""
         return self._trusted(
             centres=a_from_b.apply(self.centres),
             yaws=wrap_angle(self.yaws + a_from_b.yaw),
@@ -95,8 +95,7 @@ class Detections(Record):
 class ImageDetections(Record):
     """Boxes that a detector reports for one image.
 
-    boxes: (N, 4) float64, pixels, left top right bottom, right not left of left, bottom not above
-        top.
+    boxes: (N, 4) float64, pixels: left, top, right, bottom; right >= left and bottom >= top.
     categories: (N,) int8, values of `Category`.
     scores: (N,) float64 in 0 to 1.
     stamp_s: seconds since reset.

@@ -20,7 +20,7 @@ from roadscope.core.detections import Detections, ImageDetections
 from roadscope.core.record import Record
 
 _FAMILY_COLUMN = np.array([list(Family).index(category.family) for category in Category])
-"""Column of each category's family in masses on vehicle, cyclist, pedestrian and ignorance."""
+"""For each category the column of its family in masses: vehicle, cyclist, pedestrian, ignorance."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -33,7 +33,7 @@ class FusedDetections(Record):
     centres, sizes: (N, 3) float64, metres, yaws: (N,) radians, frame `ego`; 0, 1 and 0 where
         unknown.
     distances_m: (N,) float64, from the ego over ground, -1 where unknown.
-    numbers: (N,) int64, row of the LiDAR detection that the target is made from, -1 without one;
+    lidar_rows: (N,) int64, row of the LiDAR detection that the target is made from, -1 without one;
         several targets in a crowd may share one.
     has_image_box: (N,) bool. image_boxes: (N, 4) float64, pixels, left top right bottom; 0
         where unknown.
@@ -50,7 +50,7 @@ class FusedDetections(Record):
     sizes: np.ndarray
     yaws: np.ndarray
     distances_m: np.ndarray
-    numbers: np.ndarray
+    lidar_rows: np.ndarray
     has_image_box: np.ndarray
     image_boxes: np.ndarray
     masses: np.ndarray
@@ -68,7 +68,7 @@ class FusedDetections(Record):
             sizes=(np.float64, ("N", 3)),
             yaws=(np.float64, ("N",)),
             distances_m=(np.float64, ("N",)),
-            numbers=(np.int64, ("N",)),
+            lidar_rows=(np.int64, ("N",)),
             has_image_box=(np.bool_, ("N",)),
             image_boxes=(np.float64, ("N", 4)),
             masses=(np.float64, ("N", "K")),
@@ -78,7 +78,13 @@ class FusedDetections(Record):
         check_sizes(self, "sizes", self.sizes[self.has_box])
         check_image_boxes(self, "image_boxes", self.image_boxes[self.has_image_box])
         detected = self.by_lidar | self.by_camera
-        require(bool(detected.all()), self, "by_lidar", "a sensor for every target", "none")
+        require(
+            bool(detected.all()),
+            self,
+            "by_lidar",
+            "True where by_camera is False, for a sensor detects every target",
+            False,
+        )
 
     def __len__(self) -> int:
         return len(self.scores)
@@ -139,8 +145,8 @@ class FusedDetections(Record):
         categories, scores: (N,); those of the sensor with the greater score if left out.
         masses: (N, K) with ignorance last; if left out (N, 4) with the score as the mass of the
             family, in the order vehicle, cyclist, pedestrian.
-        lidar_boxes: (L, 4) the boxes of all LiDAR detections in the image, zeros where outside:
-            the image boxes of targets that the camera did not detect.
+        lidar_boxes: (L, 4) pixels, all LiDAR detections projected into the image, zeros where
+            outside. Targets that the camera did not detect get them as their image boxes.
         """
         points, image = _both(lidar, camera)
         lidar_rows = _rows("lidar_rows", lidar_rows, len(points))
@@ -175,7 +181,7 @@ class FusedDetections(Record):
             sizes=_rows_or(points.sizes, lidar_rows, 1.0),
             yaws=_rows_or(points.yaws, lidar_rows, 0.0),
             distances_m=np.where(by_lidar, np.hypot(centres[:, 0], centres[:, 1]), -1.0),
-            numbers=lidar_rows,
+            lidar_rows=lidar_rows,
             has_image_box=by_camera | projected,
             image_boxes=boxes,
             masses=_simple_masses(categories, scores) if masses is None else masses,

@@ -10,13 +10,14 @@ from roadscope.core.checks import settle_arrays
 from roadscope.core.record import Record
 
 DARK = 8
-"""Bytes: brightest pixel of a black image, and the range of an evenly dark one without noise."""
+"""Brightest value (of 255) in a black image. A white image may be darker than 255 by as much, and
+the blocks of an evenly dark image may differ by as much besides noise."""
 DIM = 64
-"""Greatest mean byte of an image behind a covered lens; the camera amplifies its noise."""
+"""Greatest mean (of 255) of an image behind a covered lens, whose noise the camera amplifies."""
 BLOCK = 16
 """Side of the blocks over which noise is averaged, pixels."""
-CHANCE = 8.0
-"""Standard deviations of the mean of a block, by which noise alone may make blocks differ."""
+NOISE_SIGMAS = 8.0
+"""Noise alone may make the means of blocks differ by so many of their standard deviations."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -52,13 +53,13 @@ class CameraImage(Record):
             return True
         green = self.pixels[..., 1]
         # One pixel in sixteen is enough to tell that nearly any image is not blank.
-        return _even(green[::4, ::4], BLOCK // 4) and _even(green, BLOCK)
+        return _evenly_dark(green[::4, ::4], BLOCK // 4) and _evenly_dark(green, BLOCK)
 
 
-def _even(values: np.ndarray, side: int) -> bool:
+def _evenly_dark(values: np.ndarray, side: int) -> bool:
     """Return whether an (H, W) channel is dark, and its blocks differ by no more than noise.
 
-    side: of a block, pixels.
+    side: side of a block, pixels.
     """
     rows, columns = (length - length % side for length in values.shape)
     if values.mean() > DIM or not rows or not columns:
@@ -66,4 +67,4 @@ def _even(values: np.ndarray, side: int) -> bool:
     shape = rows // side, side, columns // side, side
     blocks = values[:rows, :columns].astype(np.float32).reshape(shape)
     noise = np.median(blocks.std(axis=(1, 3))) / side
-    return bool(np.ptp(blocks.mean(axis=(1, 3))) <= DARK + CHANCE * noise)
+    return bool(np.ptp(blocks.mean(axis=(1, 3))) <= DARK + NOISE_SIGMAS * noise)

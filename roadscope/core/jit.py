@@ -1,4 +1,4 @@
-"""Compilation of kernels, remembered between processes wherever a folder can be written."""
+"""Compiles kernels with Numba and keeps their machine code on disk for later processes."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from typing import IO, Any, TypeVar, cast
 from numba import config, njit
 from numba.extending import overload
 
-from roadscope.core.kernel_files import HOUSE, user_folder
+from roadscope.core.kernel_files import PACKAGE_FOLDER, user_folder
 
 try:
     import fcntl
@@ -23,9 +23,9 @@ except ImportError:  # Not on Windows.
     fcntl = None  # type: ignore[assignment]
 
 F = TypeVar("F", bound=Callable[..., Any])
-LONGEST_WAIT_S, LOOK_EACH_S = 120.0, 0.02
-"""How long a process waits for another one that compiles, and how often it looks; chosen by hand:
-no kernel took more than 20 s."""
+LONGEST_WAIT_S, POLL_INTERVAL_S = 120.0, 0.02
+"""How long a process waits for another one that compiles, and how often it tries the lock; chosen
+by hand: no kernel took more than 20 s."""
 IMPORT = re.compile(r"^\s*(?:from\s+(\S+)\s+import\s+(\([^)]*\)|.*)|import\s+(.+))$", re.MULTILINE)
 
 
@@ -107,7 +107,7 @@ def _compiling_alone(function: Callable[..., Any]) -> Iterator[None]:
             file = held.enter_context((folder / f"{function.__qualname__}.lock").open("w"))
             end_s = monotonic() + LONGEST_WAIT_S
             while not _locked(file) and monotonic() < end_s:
-                sleep(LOOK_EACH_S)
+                sleep(POLL_INTERVAL_S)
         yield
 
 
@@ -163,16 +163,18 @@ def _digest(file: Path) -> str:
 def sources_of(file: Path) -> set[Path]:
     """Return the file, this one, and all files of the package that they import, also indirectly.
 
-    Of a file elsewhere it is all of its folder too, for what it imports from there is not known.
+    Imports between files outside the package are not followed. A file there counts with all files
+    of its folder.
     """
-    found: set[Path] = set()
-    ahead = [Path(__file__), file] if file.is_relative_to(HOUSE) else [*file.parent.glob("*.py")]
-    while ahead:
-        here = ahead.pop()
-        if here not in found:
-            found.add(here)
-            ahead += _imported_by(here)
-    return found
+    inside = file.is_relative_to(PACKAGE_FOLDER)
+    pending = [Path(__file__), file] if inside else [*file.parent.glob("*.py")]
+    sources: set[Path] = set()
+    while pending:
+        source = pending.pop()
+        if source not in sources:
+            sources.add(source)
+            pending += _imported_by(source)
+    return sources
 
 
 @cache
@@ -183,12 +185,12 @@ def _imported_by(file: Path) -> tuple[Path, ...]:
         if package:
             modules |= {package, *(f"{package}.{name}" for name in re.findall(r"\w+", names))}
         modules |= set(re.findall(r"[\w.]+", plain))
-    paths = (_file_of(name) for name in modules if name.split(".")[0] == HOUSE.name)
+    paths = (_file_of(name) for name in modules if name.split(".")[0] == PACKAGE_FOLDER.name)
     return tuple(path for path in paths if path is not None)
 
 
 def _file_of(module: str) -> Path | None:
-    path = HOUSE.parent.joinpath(*module.split("."))
+    path = PACKAGE_FOLDER.parent.joinpath(*module.split("."))
     for each in (path.with_suffix(".py"), path / "__init__.py"):
         if each.is_file():
             return each

@@ -1,11 +1,11 @@
-"""Where the machine code of kernels is kept: a documented place, found without loading Numba."""
+"""The folders in which the machine code of kernels is kept; Numba is not loaded to find them."""
 
 from __future__ import annotations
 
 import os
 from pathlib import Path
 
-HOUSE = Path(__file__).parents[1]
+PACKAGE_FOLDER = Path(__file__).parents[1]
 """The folder of this package."""
 
 
@@ -17,13 +17,13 @@ def user_folder() -> Path:
 
 
 def kernel_folders() -> tuple[Path, ...]:
-    """Return the folders below which machine code may be kept, the first that is writable in use.
+    """Return the folders below which machine code may be kept; the first writable one is used.
 
-    That is the folder that `NUMBA_CACHE_DIR` names; else beside the sources, in `__pycache__`; else
-    `kernels` in the user's cache folder of roadscope.
+    If `NUMBA_CACHE_DIR` names a folder, it is that one alone. Otherwise it is `__pycache__` beside
+    the sources, then `kernels` in the user's cache folder of roadscope.
     """
     named = os.environ.get("NUMBA_CACHE_DIR")
-    return (Path(named),) if named else (HOUSE, user_folder())
+    return (Path(named),) if named else (PACKAGE_FOLDER, user_folder())
 
 
 def count_kernels() -> int:

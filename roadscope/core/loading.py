@@ -77,8 +77,8 @@ def load_class(target: str) -> type[Any]:
     except AttributeError:
         classes = [
             name
-            for name, value in vars(module).items()
-            if inspect.isclass(value) and value.__module__ == module.__name__ and name[0] != "_"
+            for name, member in vars(module).items()
+            if inspect.isclass(member) and member.__module__ == module.__name__ and name[0] != "_"
         ]
         raise SpecError(
             f"no class '{attribute}' in {place}; it has: {', '.join(classes) or 'no class'}"
@@ -89,7 +89,10 @@ def load_class(target: str) -> type[Any]:
 
 
 def file_of(place: str) -> Path | None:
-    """Return the file of a module or the file itself, None if there is none; imports nothing."""
+    """Return the file of a module or the file itself, None if there is none; imports nothing.
+
+    The working directory is put last on `sys.path`, as `load_class` does it.
+    """
     if place.endswith(".py"):
         return Path(place) if Path(place).is_file() else None
     first, *rest = place.split(".")

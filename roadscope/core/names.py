@@ -7,9 +7,11 @@ from collections.abc import Iterable
 
 
 def unknown(kind: str, name: str, possible: Iterable[str], *, hint: str = "") -> str:
-    """Return the text of an error: a name does not exist, which similar one does, and which do.
+    """Return the error text for a name that does not exist.
 
-    hint: shown in place of the similar name.
+    It offers the most similar of the possible names, and lists them all.
+
+    hint: shown in place of the most similar name.
     """
     names = list(possible)
     close = difflib.get_close_matches(name, names, n=1)

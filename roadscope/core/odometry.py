@@ -28,7 +28,7 @@ class OdometryEstimate(Record):
     covariance: (6, 6) float64, of a small motion in the LiDAR frame that would correct the pose:
         metres along x, y, z, then radians about them.
     dynamic: (N,) bool, returns of the scan that the odometry takes for moving objects.
-    stamp_s: the scan's.
+    stamp_s: stamp of the scan, seconds since reset.
     status: degraded if the pose is predicted from earlier scans, wholly or in part.
     reason: why it is degraded, as text; empty if it is not.
     """
@@ -52,7 +52,7 @@ class OdometryEstimate(Record):
             degraded == bool(self.reason),
             self,
             "reason",
-            "one if and only if degraded",
+            "a reason if the status is degraded, and none if it is ok",
             self.reason,
         )
 

@@ -11,7 +11,7 @@ from roadscope.core.pose import Pose
 from roadscope.core.record import Record
 
 NEAR_M = 0.1
-"""Points nearer to the image plane, or behind it, have no pixel."""
+"""Points of less depth, and those behind the camera, have no pixel."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -42,7 +42,7 @@ class Projection(Record):
             bool(np.linalg.det(block) > 0),
             self,
             "matrix",
-            "a left 3 x 3 block of positive determinant, which is no mirror",
+            "a left 3 x 3 block of positive determinant; a negative one mirrors the image",
             self.matrix.tolist(),
         )
         length = np.linalg.norm(self.matrix[2, :3])
@@ -57,13 +57,13 @@ class Projection(Record):
 
     @property
     def height_m(self) -> float:
-        """Height of the camera's centre above the ground."""
+        """Height of the camera's optical centre above the ground, metres."""
         return float(np.linalg.solve(self.matrix[:, :3], -self.matrix[:, 3])[2])
 
     def project(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return (..., 2) pixels and (...) depths in metres of (..., 3) points of the ego frame.
 
-        Pixels of points nearer than `NEAR_M` to the image plane, or behind it, are meaningless.
+        Where the depth is less than `NEAR_M` or negative, the pixel is meaningless.
         """
         homogeneous = points @ self.matrix[:, :3].T + self.matrix[:, 3]
         depths = homogeneous[..., 2]

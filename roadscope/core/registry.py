@@ -9,7 +9,7 @@ from importlib.metadata import entry_points
 from typing import Generic, TypeVar, cast
 
 from roadscope.core.loading import SpecError
-from roadscope.core.spec import Spec, name_the_class, unknown_name
+from roadscope.core.spec import Spec, no_class_named, unknown_name
 
 T = TypeVar("T")
 
@@ -24,15 +24,15 @@ class Registry(Generic[T]):
         *,
         group: str | None = None,
         summaries: Mapping[str, str] | None = None,
-        made: str = "",
+        composition: str = "",
     ) -> None:
-        """Take the kind of plug-in, such as `tracker`, and the spec of the class of each name.
+        """Take the kind of plug-in, such as `tracker`, and for each name the spec of its class.
 
         group: the entry point group by which other packages add names.
         summaries: one line on each name, for lists.
-        made: for error messages, how a plug-in can be composed of parts.
+        composition: for error messages, how a plug-in can be composed of parts.
         """
-        self.kind, self._made = kind, made
+        self.kind, self._composition = kind, composition
         self.summaries = dict(summaries or {})
         self._entries = dict(entries)
         self._group = group
@@ -61,7 +61,7 @@ class Registry(Generic[T]):
         if parsed.is_class:
             return replace(parsed, kind=self.kind, target=parsed.name)
         if parsed.name.endswith(".py"):
-            raise SpecError(name_the_class(parsed))
+            raise SpecError(no_class_named(parsed))
         registered = Spec.parse(self.target(parsed.name))
         return replace(
             parsed,
@@ -78,7 +78,7 @@ class Registry(Generic[T]):
         """Return the spec behind a registered name."""
         registered = self._entries.get(name) or self._external().get(name)
         if registered is None:
-            raise SpecError(unknown_name(self.kind, name, self.names(), self._made))
+            raise SpecError(unknown_name(self.kind, name, self.names(), self._composition))
         return registered
 
     def _external(self) -> Mapping[str, str]:

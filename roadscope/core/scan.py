@@ -23,7 +23,7 @@ class LidarScan(Record):
     intensity: (N,) float32 in 0 to 1.
     ring: (N,) int16, beam number, 0 the lowest, below `MOST_RINGS`.
     column: (N,) int32, azimuth step of the sweep, in firing order, below `MOST_COLUMNS`.
-    time_offset_s: (N,) float32, seconds after the stamp.
+    time_offset_s: (N,) float32, seconds after the stamp, negative before it.
     stamp_s: time since reset at which the truth of the scan is taken, the middle of the sweep.
     sensor: name of the sensor in its rig.
     """

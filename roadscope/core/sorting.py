@@ -12,10 +12,10 @@ SHORT = 16
 
 @compiled()
 def stable_order(values: np.ndarray) -> np.ndarray:
-    """Return the order, (N,) int64, that sorts (N,) numbers and keeps equal ones in place.
+    """Return the order, (N,) int64, that sorts (N,) numbers and keeps equal ones in their order.
 
-    A merge sort from short runs to long ones, as `np.argsort(values, kind="stable")`, which Numba
-    compiles for seconds.
+    The result is that of `np.argsort(values, kind="stable")`, which Numba compiles for seconds.
+    This is a merge sort from short runs to long ones.
     """
     size = len(values)
     order, merged = np.empty(size, np.int64), np.empty(size, np.int64)

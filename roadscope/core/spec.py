@@ -9,7 +9,8 @@ Some specs are composed of others, their parts:
 
 - `TRACKER?ego=ODOMETRY`: a tracker that gets the ego's poses from an odometry. `ego=` comes last,
   everything behind it belongs to the odometry.
-- `oracle?odometry=ODOMETRY`: an odometry that gets scans without moving objects; likewise.
+- `oracle?odometry=ODOMETRY`: an odometry that gets scans without the returns of moving objects.
+  Everything behind `odometry=` belongs to the odometry.
 - `fused?lidar=DETECTOR&camera=DETECTOR&fusion=FUSION`: the fused detections of two detectors.
 """
 
@@ -30,7 +31,7 @@ KINDS = ("detector", "camera detector", "tracker", "fusion", "odometry")
 """The kinds of plug-in. A class may declare its kind by an attribute: `kind = "tracker"`."""
 ORACLE, FUSED = "oracle", "fused"
 TRUE_POSES, NO_POSES = "truth", "none"
-"""Values of `ego=` beside an odometry; without `ego=`, trackers get the true poses."""
+"""The values of `ego=` that name no odometry; without `ego=`, trackers get the true poses."""
 EGO, ODOMETRY = "ego", "odometry"
 FUSED_PARTS = ("lidar", "camera", "fusion")
 _EGO_PART = re.compile(rf"[?&]{EGO}=")
@@ -45,7 +46,7 @@ class Spec:
     arguments: of its constructor, by name.
     parts: the specs that it is composed of, by key: `ego`, `odometry`, `lidar`, `camera`, `fusion`.
     kind: one of `KINDS`, or the kind of another registry; empty until a registry resolved it.
-    target: `module:Class` or `path/file.py:Class` that holds the class; likewise.
+    target: `module:Class` or `path/file.py:Class`; empty until a registry resolved the spec.
 
     Specs are equal when text and kind are. Their mappings are read-only copies. They hold strings
     and literals only, so they can be sent to other processes.
@@ -145,7 +146,7 @@ class Spec:
 
     @property
     def requirement(self) -> Requirement | None:
-        """The distribution that a plug-in of roadscope needs and does not install, if any."""
+        """What a plug-in of roadscope needs and roadscope does not install, if anything."""
         required = getattr(self.factory, "requires", None) if self.ours else None
         return required if isinstance(required, Requirement) else None
 
@@ -179,17 +180,17 @@ def _literal(text: str) -> Any:
         return {"true": True, "false": False, "none": None}.get(text.lower(), text)
 
 
-def name_the_class(spec: Spec) -> str:
+def no_class_named(spec: Spec) -> str:
     """Return the error text for a spec that names a file and no class in it."""
     return f"'{spec}': name the class in the file too: {spec.name}:Class"
 
 
-def unknown_name(kind: str, name: str, possible: list[str], composed: str = "") -> str:
+def unknown_name(kind: str, name: str, possible: list[str], composition: str = "") -> str:
     """Return the error text for a name that no plug-in of a kind has, with what is possible.
 
-    composed: how a plug-in can be composed of parts; empty if it cannot.
+    composition: how a plug-in can be composed of parts; empty if it cannot.
     """
-    more = f"or put one together: {composed}; " if composed else ""
+    more = f"or put one together: {composition}; " if composition else ""
     return (
         f"{unknown(kind, name, possible)}; {more}"
         "or name your own: package.module:Class, path/to/file.py:Class"

@@ -18,10 +18,10 @@ def one_line(text: str, most: int = MOST_CHARACTERS) -> str:
     return words if len(words) <= most and len(text) <= 4 * most else words[: most - 3] + "..."
 
 
-def lines(text: str, most: int) -> str:
+def last_lines(text: str, most: int) -> str:
     """Return the last `most` characters of a text of several lines, without control characters."""
-    printable = [_printable(line) for line in text[-4 * most :].splitlines()]
-    return "\n".join(printable)[-most:]
+    lines = [_printable(line) for line in text[-4 * most :].splitlines()]
+    return "\n".join(lines)[-most:]
 
 
 def error_text(error: BaseException) -> str:

@@ -145,9 +145,9 @@ class Tracks(Record):
         return self if sure.all() else self.select(sure)
 
     def moved(self, a_from_b: Pose, frame: str) -> Tracks:
-        """Return the tracks, which are in frame b, in frame a. frame: name of frame a.
+        """Map the tracks from frame b into frame a; `frame` is the name of frame a.
 
-        Velocities are rotated only: the motion of one frame in the other is not added.
+        Velocities are only rotated: the motion of the frames relative to each other is not added.
         """
         turn = np.kron(np.eye(2), a_from_b.rotation[:2, :2])
         return Tracks(

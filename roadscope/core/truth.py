@@ -14,7 +14,7 @@ from roadscope.core.record import Record
 GROUND = -1
 """Source of a return that came from the ground."""
 WEATHER = 1 - 2**31
-"""Source of a return that came from rain or fog; less than the number of any scenery."""
+"""Source of a return that came from rain or fog; less than any number of scenery."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -36,9 +36,10 @@ class Truth(Record):
     stamp_s: seconds since reset.
     sources: (P,) int64, for each return of the scan the id of the object it came from,
         `GROUND`, `WEATHER`, or -2 and below for scenery.
-    image_boxes: (N, 4) float64, left top right bottom in pixels of this tick's image, of the
-        whole object as far as it is inside, without extent where it is not; None without image.
-    pixels: the truth of each pixel of this tick's image; None unless the sensing was asked for it.
+    image_boxes: (N, 4) float64, pixels: left, top, right, bottom of the whole object in this
+        tick's image, hidden parts included, cut at the image's edges. The box of an object outside
+        the image has no extent. None without image.
+    pixels: the truth of each pixel of this tick's image; None unless `pixel_truth` was asked for.
     """
 
     ids: np.ndarray

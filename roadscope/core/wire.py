@@ -102,9 +102,10 @@ def encode(value: Any, *, most_bytes: int | None = None) -> bytes:
     except (UnicodeError, msgspec.MsgspecError) as error:
         raise WireError(f"cannot be sent: {error}") from error
     length = LENGTH_BYTES + len(header) + sum(array.nbytes for array in arrays)
-    if len(header) > MOST_HEADER_BYTES or (most_bytes is not None and length > most_bytes):
-        most = min(most_bytes or MOST_HEADER_BYTES, MOST_HEADER_BYTES)
-        raise WireError(_too_long(length, most if len(header) > most else most_bytes or most))
+    if most_bytes is not None and length > most_bytes:
+        raise WireError(_too_long(length, most_bytes))
+    if len(header) > MOST_HEADER_BYTES:
+        raise WireError(_too_long(len(header), MOST_HEADER_BYTES))
     return b"".join([len(header).to_bytes(LENGTH_BYTES, "little"), header, *map(_buffer, arrays)])
 
 
@@ -246,7 +247,8 @@ def _record_restored(described: dict[str, Any], payload: _Payload) -> Record:
     for field, expected in _FIELD_TYPES[kind].items():
         if not _fits(restored[field], expected):
             raise WireError(
-                f"{name}.{field}: expected {_words(expected)}, got {type(restored[field]).__name__}"
+                f"{name}.{field}: expected {_type_name(expected)}, "
+                f"got {type(restored[field]).__name__}"
             )
     try:
         with np.errstate(all="ignore"):
@@ -294,8 +296,8 @@ def _fits(value: Any, expected: Any) -> bool:
     return type(value) is expected
 
 
-def _words(expected: Any) -> str:
-    return str(getattr(expected, "__name__", expected)) if not get_args(expected) else str(expected)
+def _type_name(expected: Any) -> str:
+    return str(expected) if get_args(expected) else str(getattr(expected, "__name__", expected))
 
 
 def _too_long(length: int, most: int) -> str:

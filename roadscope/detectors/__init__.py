@@ -57,7 +57,7 @@ DETECTORS: Registry[Detector] = Registry(
         "long-range": "roadscope.detectors.long_range:LongRangeDetector?fit=body&faint=0.01",
     },
     group="roadscope.detectors",
-    made="cluster?ground=G&clustering=C&shape=S, see roadscope list stages",
+    composition="cluster?ground=G&clustering=C&shape=S, see roadscope list stages",
     summaries={
         "cluster": "Any ground x clustering x shape; pag unless told.",
         "pag": "PAG to the letter, lines of the outline (Lu 2018).",

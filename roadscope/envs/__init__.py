@@ -1,4 +1,4 @@
-"""Traffic, world, ray caster, sensors and Gymnasium: each folder imports from those before it."""
+"""Traffic, world, ray caster, imaging, sensors, Gymnasium: imports run from right to left."""
 
 from typing import TYPE_CHECKING
 

@@ -82,9 +82,9 @@ def with_places(
     rows = camera_rows[alone]
     boxes = views.camera.boxes[rows]
     middles = (boxes[:, 0] + boxes[:, 2]) / 2
-    depths, numbers = np.exp(agreement.log_depths[rows]), np.full(len(rows), -1)
+    depths, lidar_rows = np.exp(agreement.log_depths[rows]), np.full(len(rows), -1)
     lent, best = (part[rows] for part in lenders(views, agreement))
-    depths[lent], numbers[lent] = agreement.lidar_depths[best[lent]], best[lent]
+    depths[lent], lidar_rows[lent] = agreement.lidar_depths[best[lent]], best[lent]
     sizes = USUAL_M[fused.categories[alone]]
     places = places_at(
         np.column_stack([middles, (boxes[:, 1] + boxes[:, 3]) / 2]), depths, projection
@@ -98,7 +98,7 @@ def with_places(
         centres=_put(fused.centres, alone, centres),
         sizes=_put(fused.sizes, alone, sizes),
         yaws=_put(fused.yaws, alone, np.where(vehicle, 0.0, away)),
-        numbers=_put(fused.numbers, alone, numbers),
+        lidar_rows=_put(fused.lidar_rows, alone, lidar_rows),
         distances_m=_put(fused.distances_m, alone, np.hypot(places[:, 0], places[:, 1])),
     )
 

@@ -142,7 +142,7 @@ def test_fused_detections_of_pairs() -> None:
     # The pair first, then what LiDAR alone has, then what the camera alone has.
     assert fused.by_lidar.tolist() == [True, True, True, False]
     assert fused.by_camera.tolist() == [True, False, False, True]
-    assert fused.numbers.tolist() == [2, 0, 1, -1]
+    assert fused.lidar_rows.tolist() == [2, 0, 1, -1]
     np.testing.assert_array_equal(fused.centres[:3], lidar.centres[[2, 0, 1]])
     np.testing.assert_array_equal(fused.distances_m, [12.0, 10.0, 11.0, -1.0])
     np.testing.assert_array_equal(fused.image_boxes[[0, 3]], camera.boxes)

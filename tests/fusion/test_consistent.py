@@ -36,7 +36,7 @@ def test_of_two_in_line_each_keeps_its_own_distance() -> None:
     places = (10.0, 0.0), (19.0, 0.25)
     ours = FUSIONS.make("consistent").fuse(people(*places), seen(*places), LOOK)
     both = ours.by_lidar & ours.by_camera
-    assert sorted(ours.numbers[both].tolist()) == [0, 1]
+    assert sorted(ours.lidar_rows[both].tolist()) == [0, 1]
     assert np.allclose(np.sort(ours.distances_m[both]), [10.0, np.hypot(19.0, 0.25)])
     paper = FUSIONS.make("li2021").fuse(people(places[0]), seen(*places), LOOK)
     only_near = FUSIONS.make("consistent").fuse(people(places[0]), seen(*places), LOOK)
@@ -51,7 +51,7 @@ def test_a_crowd_that_is_one_cluster_shares_its_distance() -> None:
     )
     found = fused.by_camera
     assert found.sum() == 3
-    assert (fused.numbers[found] == 0).sum() >= 2
+    assert (fused.lidar_rows[found] == 0).sum() >= 2
     assert np.allclose(fused.distances_m[found], 15.0, atol=1.0)
 
 

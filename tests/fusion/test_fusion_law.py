@@ -52,7 +52,7 @@ def test_outputs_are_sound_and_repeatable(name: str, seed: int) -> None:
     known = fused.has_box
     assert np.isfinite(fused.centres).all()
     assert (fused.sizes[known] > 0).all()
-    assert (fused.numbers < len(lidar)).all()
+    assert (fused.lidar_rows < len(lidar)).all()
 
 
 @pytest.mark.parametrize("name", list(FUSIONS))

@@ -45,7 +45,7 @@ def test_without_overlap_both_keep_what_they_know() -> None:
     assert fused.by_camera.tolist() == [True, False]
     assert fused.by_lidar.tolist() == [False, True]
     assert fused.distances_m.tolist() == pytest.approx([-1.0, np.hypot(20, 6)])
-    assert fused.numbers.tolist() == [-1, 0]
+    assert fused.lidar_rows.tolist() == [-1, 0]
     assert fused.has_box.tolist() == [False, True]
 
 
@@ -55,7 +55,7 @@ def test_a_match_has_the_image_box_and_lidar_number_and_distance() -> None:
     joint = np.flatnonzero(fused.by_lidar & fused.by_camera)
     assert joint.tolist() == [0]
     assert np.allclose(fused.image_boxes[0], box)
-    assert fused.numbers[0] == 1
+    assert fused.lidar_rows[0] == 1
     assert fused.distances_m[0] == pytest.approx(20.0)
     expected = combine(lidar_masses(lidar((20, 0))), camera_masses(camera(tuple(box))))
     assert np.allclose(fused.masses[0], expected[0])
@@ -75,7 +75,7 @@ def test_of_several_lidar_boxes_the_greatest_overlap_lends_its_number() -> None:
     left, top, right, bottom = box_of(20, 0)
     pair = lidar((20, 1.0), (20, 0.2))
     fused = Li2021Fusion().fuse(pair, camera((left, top, right, bottom)), LOOK)
-    assert fused.numbers.tolist() == [1]
+    assert fused.lidar_rows.tolist() == [1]
 
 
 @pytest.mark.parametrize(
@@ -96,7 +96,7 @@ def test_of_several_lidar_boxes_one_above_threshold_2_lends(
         width = (right - left) / (1 - sum(shares))
         box = (left - shares[0] * width, top, right + shares[1] * width, bottom)
     fused = Li2021Fusion().fuse(pair.select(np.arange(len(shares))), camera(box), LOOK)
-    assert fused.numbers.tolist() == [number]
+    assert fused.lidar_rows.tolist() == [number]
     assert fused.by_camera.tolist() == [True]
     assert (fused.distances_m >= 0).tolist() == [number >= 0]
 
@@ -110,7 +110,7 @@ def test_a_crowd_shares_one_number_and_distance() -> None:
         category=Category.PEDESTRIAN,
     )
     fused = Li2021Fusion().fuse(crowd, people, LOOK)
-    assert fused.numbers.tolist() == [0, 0, 0]
+    assert fused.lidar_rows.tolist() == [0, 0, 0]
     assert np.allclose(fused.distances_m, 20.0)
     assert (fused.categories == Category.PEDESTRIAN).all()
 

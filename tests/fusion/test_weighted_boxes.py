@@ -52,5 +52,5 @@ def test_icp_takes_out_a_shift_that_all_boxes_share() -> None:
     boxes = projected_boxes(lidar, LOOK)[0]
     wide = (boxes[:, 2] - boxes[:, 0]).min()
     moved = image(boxes + np.array([0.8 * wide, 0, 0.8 * wide, 0]))
-    assert IcpBoxFusion().fuse(lidar, moved, LOOK).numbers.tolist() == [0, 1, 2]
-    assert (IcpBoxFusion(turns=0).fuse(lidar, moved, LOOK).numbers == -1).any()
+    assert IcpBoxFusion().fuse(lidar, moved, LOOK).lidar_rows.tolist() == [0, 1, 2]
+    assert (IcpBoxFusion(turns=0).fuse(lidar, moved, LOOK).lidar_rows == -1).any()

@@ -54,7 +54,7 @@ from roadscope.benchmarks.isolation.sandbox import (
     sandbox_command,
 )
 from roadscope.core.loading import LoadingError, SpecError, load_class
-from roadscope.core.text import lines, one_line
+from roadscope.core.text import last_lines, one_line
 from roadscope.core.wire import WireError, decode, encode
 
 ROOT = Path(__file__).resolve().parents[3]
@@ -410,7 +410,7 @@ class _Isolated:
         if self._watch.fileno() < 0:
             return None
         report = self._report(command)
-        self.log = "" if report is None else lines(report["log"], MOST_LOG_CHARACTERS)
+        self.log = "" if report is None else last_lines(report["log"], MOST_LOG_CHARACTERS)
         self._data.close()
         self._watch.close()
         os.close(self._buffer)

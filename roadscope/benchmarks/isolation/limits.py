@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Protocol
 
-from roadscope.core.text import lines, one_line
+from roadscope.core.text import last_lines, one_line
 
 MOST_LOG_CHARACTERS = 4000
 """Longest log of an error, chosen by hand: the end of a traceback and some lines before it."""
@@ -44,7 +44,7 @@ class PluginError(RuntimeError):
     def __init__(self, spec: str, reason: str, log: str = "", *, mistake: bool = False) -> None:
         """Take the plug-in's spec, the reason, and what it printed."""
         super().__init__(one_line(f"{spec}: {reason}"))
-        self.log, self.mistake = lines(log, MOST_LOG_CHARACTERS), mistake
+        self.log, self.mistake = last_lines(log, MOST_LOG_CHARACTERS), mistake
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Support pickling, as errors are sent from workers to the process that started them."""

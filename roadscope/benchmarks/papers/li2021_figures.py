@@ -93,7 +93,7 @@ def _draw_scene(axes: Axes, scene: DrawnScene, method: str | None) -> None:
             name = f"{category.name.lower()} {fused.scores[k]:.2f}"
             axes.text(left, top - 2, name, color=colour, fontsize=5, clip_on=True)
         if fused.distances_m[k] >= 0 and method != CAMERA:
-            below = f"{fused.numbers[k]}: {fused.distances_m[k]:.1f} m"
+            below = f"{fused.lidar_rows[k]}: {fused.distances_m[k]:.1f} m"
             axes.text(left, bottom + 2, below, color=colour, fontsize=5, va="top", clip_on=True)
 
 

@@ -1,4 +1,4 @@
-"""A recorded scenario as an environment; the ego drives itself."""
+"""An environment that plays a recorded scenario; the ego drives itself."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ class PlaybackEnv(gym.Env[Observation, np.int64]):
     """Plays a scenario and senses it; the ego drives itself, so the only action is to continue.
 
     scenario, duration_s: as in `scenarios.record`. `reset(seed=s)` plays the recording of seed
-        s, byte for byte what `sensing.sense` makes of it; a reset without seed draws the next.
+        s; its data are byte for byte those of `sensing.sense`. A reset without a seed draws one.
     rig, style, weather, light, faults, records, pixel_truth: as in `SensorWrapper`.
     step_s: time from step to step; None for the period of the LiDAR.
 

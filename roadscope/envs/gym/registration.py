@@ -24,7 +24,7 @@ IDS: dict[str, dict[str, str]] = {
     "Lu2018Occlusion-v0": {"scenario": "lu2018-occlusion", "rig": "lux"},
     "Lu2018ThreeVehicles-v0": {"scenario": "lu2018-three-vehicles", "rig": "lux"},
 }
-"""Name of each id below the namespace, and the arguments of its `ScenarioEnv`."""
+"""Ids without the namespace, and the arguments that each gives to `ScenarioEnv`."""
 
 
 def env_ids() -> tuple[str, ...]:

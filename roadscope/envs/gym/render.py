@@ -42,7 +42,7 @@ class BirdsEyeView:
     metres_per_px: float
 
     def pixels(self, points: np.ndarray) -> np.ndarray:
-        """(..., 2) pixels, x right and y down, of (..., 2) points in metres, world frame."""
+        """Return (..., 2) pixels, x right and y down, of (..., 2) points in metres, world frame."""
         (cos, sin), centre = self.world_from_ego.rotation[:2, 0], self.world_from_ego.translation
         x, y = points[..., 0] - centre[0], points[..., 1] - centre[1]
         ahead, left = x * cos + y * sin, y * cos - x * sin
@@ -56,17 +56,17 @@ class BirdsEyeView:
 
     @property
     def radius_m(self) -> float:
-        """Greatest distance from the ego of anything in the picture."""
+        """Greatest distance from the ego of anything in the picture, metres."""
         return self.size_px * self.metres_per_px * 0.8
 
 
 def home_px(size_px: int) -> np.ndarray:
-    """(2,) pixel of the ego's rear axle."""
+    """Return the (2,) pixel of the ego's rear axle."""
     return np.array([0.5, 1 - EGO_FROM_BOTTOM]) * size_px
 
 
 def box_corners(centre: np.ndarray, size: np.ndarray, yaw: float) -> np.ndarray:
-    """(4, 2) corners from above: rear right, front right, front left, rear left."""
+    """Return (4, 2) corners from above: rear right, front right, front left, rear left."""
     ahead = np.array([np.cos(yaw), np.sin(yaw)]) * size[0] / 2
     left = np.array([-np.sin(yaw), np.cos(yaw)]) * size[1] / 2
     offsets = np.stack([-ahead - left, ahead - left, ahead + left, left - ahead])
@@ -120,7 +120,7 @@ chosen by hand."""
 
 @lru_cache(maxsize=8)
 def blank(size_px: int, metres_per_px: float) -> np.ndarray:
-    """Return an empty picture with a ring each 20 m around the ego."""
+    """Return an empty picture with a ring around the ego every 20 m."""
     canvas = Canvas(np.full((size_px, size_px, 3), BACKGROUND, np.uint8))
     home = home_px(size_px)
     y, x = np.ogrid[:size_px, :size_px]
@@ -169,7 +169,7 @@ def _knees(points: np.ndarray) -> np.ndarray:
 
 
 def _deepen(depth: np.ndarray, start: np.ndarray, end: np.ndarray, half_px: float) -> None:
-    """Raise the depths inside the road, in pixels, in place, by one straight strip."""
+    """Update, in place, how deep each pixel lies inside the road, in pixels, by one strip."""
     length = float(np.hypot(*(end - start)))
     if length < 1e-6:
         return
@@ -203,18 +203,18 @@ chosen by hand."""
 class LabelPlacer:
     """Writes labels on a canvas without overlap.
 
-    taken: (4,) low x, low y, high x, high y in pixels of each label so far.
+    reserved: (4,) low x, low y, high x, high y in pixels of each label so far.
     """
 
     def __init__(self, canvas: Canvas) -> None:
         self.canvas = canvas
-        self.taken: list[np.ndarray] = []
+        self.reserved: list[np.ndarray] = []
 
     def write(self, text: str, places: np.ndarray, colour: Rgb, scale: int = 2) -> bool:
         """Write at the first of (K, 2) upper left corners that is free; False if none is."""
         for place in places:
             box = np.concatenate([place - MARGIN_PX, place + text_px(text, scale) + MARGIN_PX])
-            if self._inside(box) and not _overlap(box, self.taken):
+            if self._inside(box) and not _overlap(box, self.reserved):
                 self.reserve(box)
                 self.canvas.polygon(_corners(box), BACKGROUND, fill=0.6)
                 self.canvas.text(text, place, colour, scale)
@@ -223,7 +223,7 @@ class LabelPlacer:
 
     def reserve(self, box: np.ndarray) -> None:
         """Keep further labels out of a (4,) box."""
-        self.taken.append(box)
+        self.reserved.append(box)
 
     def _inside(self, box: np.ndarray) -> bool:
         return bool(
@@ -364,12 +364,13 @@ def birds_eye(
 ) -> np.ndarray:
     """Return a (size_px, size_px, 3) uint8 picture of one tick: measurements over the truth.
 
-    Lanes are grey; returns go from blue (low) to orange (high), those of the ground are dim,
-    those of rain and fog a dull violet; true boxes are coloured by family, a wedge shows
-    their front; detections are orange; tracks have colour and number of their id, a line as long
-    as the motion of one second, and a thin outline while they coast. A number that would cover
+    Lanes are grey. Returns go from blue (low) to orange (high); those of the ground are dim, those
+    of rain and fog a dull violet. True boxes are coloured by family, and a wedge shows their front.
+    Detections are orange. Tracks have a colour and a number by their id, and a line as long as
+    their motion in one second; their outline is thin while they coast. A number that would cover
     other text is left out.
-    legend: whether the colours are explained, in pictures that are large enough.
+
+    legend: whether to explain the colours, in pictures that are large enough.
     scenery: outlines to draw below the returns, world frame.
     """
     view = BirdsEyeView(truth.world_from_ego, size_px, metres_per_px)

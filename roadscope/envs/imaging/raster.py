@@ -1,4 +1,7 @@
-"""Rasterisation of prisms: depth, face and prism of every pixel."""
+"""Rasterisation of prisms: depth, face and prism of every pixel.
+
+Its reciprocal q (1/m) stands for the depth: q is linear over the pixels of a face.
+"""
 
 from __future__ import annotations
 
@@ -16,16 +19,16 @@ from roadscope.envs.raycast.scene import Scene
 from roadscope.envs.world.prisms import MAX_EDGES
 
 # --------------------------------------------------------------------------------------------------
-# Faces of prisms as polygons of pixels, with planes on which 1 / depth is linear.
+# Faces of prisms as polygons of pixels, with q as a linear function of column and row.
 
 FACES = 16
 """Faces are numbered prism * 16 + side; sides 0 to 11 upright, then top and bottom."""
 TOP, BOTTOM = 12, 13
 GROUND_FACE, SKY_FACE = -1, -2
 NEAR_M = 0.05
-"""Nothing nearer to the image plane than this is drawn."""
+"""Depth of the near plane: nothing nearer is drawn."""
 CORNERS = 2 * MAX_EDGES
-"""Most corners of a face that is cut at the image plane."""
+"""Most corners of a face that is cut at the near plane."""
 
 
 class Point(NamedTuple):
@@ -257,7 +260,7 @@ def span_of(polygon: np.ndarray, count: int, row: int, buffers: RasterBuffers) -
 # Foliage: fixed cells of leaves, and gaps between them.
 
 LEAF_M, LEAF_PX = 0.12, 2.0
-"""Edge of the cells of foliage; far away it is doubled until a cell covers some pixels."""
+"""Edge of the cells of foliage; far away it is doubled until a cell covers two pixels."""
 STRIDE = 16
 """Pixels along a row whose rays are first assumed to leave through the same face."""
 
@@ -278,8 +281,8 @@ def draw_porous(
     chance = np.uint64((1.0 - np.exp(-solids.extinctions[m] * leaf)) * 2.0**53)
     leaving = 0
     for side in range(BOTTOM + 1):
-        turned, a, b, c = _exit_plane(lens, solids, m, side)
-        if turned:
+        turned_away, a, b, c = _exit_plane(lens, solids, m, side)
+        if turned_away:
             exits[leaving, 0], exits[leaving, 1], exits[leaving, 2] = a, b, c
             leaving += 1
     for side in range(BOTTOM + 1):
@@ -311,7 +314,7 @@ def draw_porous(
 
 @compiled(borrowing=True)
 def _leaf_size(lens: Lens, solids: Solids, m: int) -> float:
-    """Return the edge of the cells of leaves: doubled until a cell covers some pixels."""
+    """Return the edge of the cells of leaves, metres: doubled until a cell covers two pixels."""
     away, leaf = distance_to(lens, solids, m), LEAF_M
     while lens.focal[0] * leaf < LEAF_PX * away and leaf < 1.0:
         leaf *= 2.0

@@ -98,7 +98,8 @@ def shade_row(
 ) -> None:
     """Shade one row of pixels.
 
-    out (7,), line (W / 8 + 2, 3) and workspace (11, CHUNK) are scratch arrays.
+    out (7,), line (W / 8 + 2, 3) and workspace (11, CHUNK) are scratch arrays. out has a pixel's
+    colour (red, green, blue), its gloss, and the light that it sends out (red, green, blue).
     """
     width, start, ready = len(faces), 0, False
     while start < width:
@@ -121,6 +122,7 @@ def shade_row(
 
 @compiled(forceinline=True, borrowing=True)
 def _sky_line(blocks: np.ndarray, row: int, line: np.ndarray) -> None:
+    """Write the light of the sky in one row, at the corners of blocks."""
     i = row // BLOCK
     share = np.float32((row + 0.5 - i * BLOCK) / BLOCK)
     for j in range(len(line)):
@@ -266,7 +268,7 @@ def _matt(tables: ShadingTables, m: int, side: int, out: np.ndarray) -> None:
 
 @compiled(forceinline=True, borrowing=True)
 def _lamplit(warm: float, white: float, out: np.ndarray) -> None:
-    """Add the reflected light of street lamps and of headlights."""
+    """Add the reflected light of street lamps (warm) and of headlights (white)."""
     out[4] += out[0] * (warm + white)
     out[5] += out[1] * (0.72 * warm + 0.95 * white)
     out[6] += out[2] * (0.42 * warm + 0.85 * white)
@@ -301,13 +303,16 @@ def _glossy(
     ray: Vector,
     out: np.ndarray,
 ) -> None:
-    """Add the light that a surface reflects and mirrors to the emitted light in out[4:]."""
-    into = -(ray.x * normal.x + ray.y * normal.y + ray.z * normal.z)
-    into = min(1.0, max(0.0, into))
-    miss = 1.0 - into
-    square = miss * miss
-    mirrored = out[3] + (1.0 - out[3]) * square * square * miss
-    rz = ray.z + 2.0 * into * normal.z
+    """Add the light that a surface reflects and mirrors to the emitted light in out[4:].
+
+    The mirrored share follows Schlick 1994.
+    """
+    cosine = -(ray.x * normal.x + ray.y * normal.y + ray.z * normal.z)
+    cosine = min(1.0, max(0.0, cosine))
+    grazing = 1.0 - cosine
+    square = grazing * grazing
+    mirrored = out[3] + (1.0 - out[3]) * square * square * grazing
+    rz = ray.z + 2.0 * cosine * normal.z
     share = min(1.0, max(0.0, 0.5 + 4.0 * rz))
     for k in range(3):
         value = out[k] * tables.glow[m, side, k]
@@ -348,7 +353,10 @@ def _lamps_on(
 
 @compiled(forceinline=True, borrowing=True)
 def _point_at(lens: Lens, q: np.ndarray, c: int, ray: Vector) -> Vector:
-    """Return the surface point behind a pixel of a row; ray: of the row, at the optical centre."""
+    """Return the surface point behind pixel c of a row.
+
+    ray: world frame, through the row at the column of the optical centre.
+    """
     r = lens.rotation
     du, depth = (c + 0.5 - lens.centre[0]) / lens.focal[0], 1.0 / q[c]
     return Vector(
@@ -369,7 +377,8 @@ def light_faces(
 ) -> None:
     """Fill outward normals (P, 14, 3) of sides, top and bottom, and the light on them.
 
-    glow: light of sun, sky and ground that falls on a face, by colour; lit: (P,) share of sun.
+    glow: (P, 14, 3) light of sun, sky and ground that falls on a face, by colour.
+    lit: (P,) share of the sun that reaches a prism.
     """
     for m in range(len(corners)):
         count = corners[m]
@@ -394,7 +403,7 @@ def light_faces(
 
 
 @compiled()
-def shade_plainly(
+def fill_plain(
     lens: Lens,
     q: np.ndarray,
     faces: np.ndarray,
@@ -436,11 +445,11 @@ def shade_plainly(
 CLEAR_PER_M = 1.2e-4
 """Extinction of clear air: a visibility of 33 km."""
 BALANCE = 0.5
-"""Share of the sky's colour that the camera's white balance removes."""
+"""Share of the sky's tint that the camera's white balance removes."""
 BRIGHTEST_FOG = 0.75
 """Greatest brightness of fog; the exposure keeps it below white."""
 SRGB_STEPS = 4096
-"""Steps of the table from linear light to bytes."""
+"""Entries of the table from linear light to bytes."""
 _BUFFERS = threading.local()
 
 
@@ -448,8 +457,10 @@ _BUFFERS = threading.local()
 class CameraView(Record):
     """The view of a camera at one instant.
 
-    raster: of the solids, from world_from_camera through the pinhole. solids: of the scene
-    at the stamp. categories: (A,) of the actors.
+    raster: the nearest surfaces, seen from `world_from_camera` through the pinhole.
+    solids: prisms of the scene at the stamp.
+    stamp_s: seconds since reset.
+    categories: (A,) of the actors.
     """
 
     raster: Raster
@@ -506,7 +517,7 @@ def shade_plain(view: CameraView, ground: Ground, light: Light) -> np.ndarray:
     steps = (np.clip(faces, 0.0, 1.0) * (SRGB_STEPS - 1)).astype(np.int64)
     sky = (np.clip(air.horizon, 0.0, 1.0) * (SRGB_STEPS - 1)).astype(np.int64)
     pixels = np.empty((*raster.faces.shape, 3), np.uint8)
-    shade_plainly(
+    fill_plain(
         lens,
         raster.q,
         raster.faces,
@@ -610,7 +621,7 @@ def thread_buffer(name: str, shape: tuple[int, ...], dtype: type) -> np.ndarray:
 
 @cache
 def srgb_table() -> np.ndarray:
-    """(4096,) uint8, sRGB bytes of linear light in 0 to 1 (IEC 61966-2-1)."""
+    """Return (4096,) uint8 sRGB bytes of linear light in 0 to 1 (IEC 61966-2-1)."""
     linear = np.linspace(0.0, 1.0, SRGB_STEPS)
     encoded = np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * linear ** (1 / 2.4) - 0.055)
     table: np.ndarray = np.rint(255 * encoded).astype(np.uint8)

@@ -1,4 +1,7 @@
-"""Patterns on vehicles: bodywork, wheels, lamps, plates, windows."""
+"""Patterns on vehicles: bodywork, wheels, lamps, plates, windows.
+
+`out` is as in `shading.shade_row`. `frame` is a row of `Appearance.frames`.
+"""
 
 from __future__ import annotations
 
@@ -15,7 +18,7 @@ TRUCK, CAR, BUS, VAN = (
     int(Category.VAN),
 )
 SLANT = 0.8
-"""Slope of the normal of car windows; prisms can only approximate these by steps."""
+"""Slope of the normal of a car's windows. Prisms approximate sloping windows by steps."""
 
 
 @compiled(forceinline=True, borrowing=True)
@@ -35,6 +38,7 @@ def _emit(out: np.ndarray, red: float, green: float, blue: float) -> None:
 
 @compiled(forceinline=True, borrowing=True)
 def _pane(out: np.ndarray) -> None:
+    """Draw window glass: dark, and it mirrors."""
     out[0], out[1], out[2], out[3] = 0.015, 0.018, 0.02, 0.10
 
 
@@ -123,7 +127,7 @@ def axles(half: float, height: float) -> tuple[float, float, float]:
 
 @compiled(borrowing=True)
 def wheel(away: float, radius: float, angle: float, out: np.ndarray) -> None:
-    """Draw tyre, rim and hub at a distance from the axle."""
+    """Draw tyre, rim or hub at a distance `away` from the axle, metres; angle: radians."""
     share = away / radius
     if share > 0.66:
         _set(out, 0.014, 0.014, 0.015, 0.0)

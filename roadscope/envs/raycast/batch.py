@@ -66,7 +66,7 @@ def spread(typing: Any, number: Any) -> Any:
 
 @intrinsic  # type: ignore[untyped-decorator]
 def load(typing: Any, rows: Any, row: Any) -> Any:
-    """Return one row of a (R, 16) array of doubles."""
+    """Return one row of an (R, 16) array of doubles as a batch."""
 
     def build(context: Any, builder: Any, signature: Any, args: Any) -> Any:
         return builder.load(_place(context, builder, signature, args), align=8)
@@ -76,7 +76,7 @@ def load(typing: Any, rows: Any, row: Any) -> Any:
 
 @intrinsic  # type: ignore[untyped-decorator]
 def put(typing: Any, rows: Any, row: Any, batch: Any) -> Any:
-    """Write one row of a (R, 16) array of doubles."""
+    """Write a batch into one row of an (R, 16) array of doubles."""
 
     def build(context: Any, builder: Any, signature: Any, args: Any) -> Any:
         builder.store(args[2], _place(context, builder, signature, args), align=8)
@@ -87,7 +87,7 @@ def put(typing: Any, rows: Any, row: Any, batch: Any) -> Any:
 
 @intrinsic  # type: ignore[untyped-decorator]
 def put_narrow(typing: Any, rows: Any, row: Any, place: Any, batch: Any) -> Any:
-    """Write sixteen neighbouring entries of a row of a (R, C) array of float32 or int32."""
+    """Write a batch into a row of an (R, C) array of float32 or int32, from column `place` on."""
 
     def build(context: Any, builder: Any, signature: Any, args: Any) -> Any:
         whole = isinstance(signature.args[0].dtype, types.Integer)

@@ -15,7 +15,7 @@ from roadscope.envs.raycast.shapes import STILL, Shapes
 # Columns sorted by azimuth into blocks.
 
 SLACK = 1e-9
-"""Relative widening of every conservative bound, far above rounding."""
+"""Every conservative bound is widened by this relative amount, which is far above rounding."""
 
 LEVEL_ERROR = 1e-6
 """Greatest error of the length of `ahead` in columns that count as level."""
@@ -43,15 +43,16 @@ class Blocks(NamedTuple):
     """N blocks of `WIDTH` columns with neighbouring azimuths.
 
     order: (C,) int64, columns by azimuth; block n holds places n * WIDTH onwards.
-    seam: (2,) horizontal direction opposite to which azimuths wrap.
+    seam: (2,) horizontal direction; azimuths wrap in the opposite direction.
     lows, highs: (N,) pseudo-angle of the first and the last column, increasing.
-    centres: (N, 3) middle of the origins, spreads, lifts: (N,) their greatest distance from it,
-        horizontal and vertical.
+    centres: (N, 3) middle of the origins. spreads, lifts: (N,) their greatest horizontal and
+        vertical distance from it.
     times: (N, 2) middle and half length of the time in seconds.
     wedges: (N, 4) x and y of the middle direction, cosine and sine of the half angle of `ahead`.
-    sways: (N, 2) least horizontal length of `ahead`, greatest of `up`.
-    climbs: (R, 3, B), R is N, or 1 if level: per beam the least rise over horizontal run of it
-        and all beams above, the greatest of it and all below, and its greatest horizontal length.
+    horizontal_lengths: (N, 2) the least one of `ahead`, the greatest one of `up`.
+    climbs: (R, 3, B), R is N, or 1 if level. A climb is the rise of a ray over its horizontal run.
+        For each beam: the least climb of it and all beams above, the greatest climb of it and all
+        beams below, and the greatest horizontal length of its rays' directions.
     """
 
     order: np.ndarray
@@ -63,7 +64,7 @@ class Blocks(NamedTuple):
     lifts: np.ndarray
     times: np.ndarray
     wedges: np.ndarray
-    sways: np.ndarray
+    horizontal_lengths: np.ndarray
     climbs: np.ndarray
 
 
@@ -174,7 +175,7 @@ def _bound_blocks(rays: RayColumns, blocks: Blocks) -> None:
         start, end = n * WIDTH, min((n + 1) * WIDTH, len(blocks.order))
         x = y = z = mx = my = 0.0
         early, late = np.inf, -np.inf
-        shortest, sway = np.inf, 0.0
+        shortest, longest_up = np.inf, 0.0
         for i in range(start, end):
             c = blocks.order[i]
             x += rays.origins[c, 0] / (end - start)
@@ -183,13 +184,13 @@ def _bound_blocks(rays: RayColumns, blocks: Blocks) -> None:
             early, late = min(early, rays.stamps_s[c]), max(late, rays.stamps_s[c])
             size = _length(rays.ahead[c, 0], rays.ahead[c, 1])
             shortest = min(shortest, size)
-            sway = max(sway, _length(rays.up[c, 0], rays.up[c, 1]))
+            longest_up = max(longest_up, _length(rays.up[c, 0], rays.up[c, 1]))
             if size > 0.0:
                 mx += rays.ahead[c, 0] / size
                 my += rays.ahead[c, 1] / size
         blocks.centres[n, 0], blocks.centres[n, 1], blocks.centres[n, 2] = x, y, z
         blocks.times[n, 0], blocks.times[n, 1] = 0.5 * (early + late), 0.5 * (late - early)
-        blocks.sways[n, 0], blocks.sways[n, 1] = shortest, sway
+        blocks.horizontal_lengths[n, 0], blocks.horizontal_lengths[n, 1] = shortest, longest_up
         spread = lift = 0.0
         for i in range(start, end):
             c = blocks.order[i]
@@ -324,9 +325,9 @@ def units_by_block(
 def _ray_spread(blocks: Blocks, steepest: float) -> float:
     """Return the tangent of the largest horizontal angle between a ray and its column's `ahead`."""
     most = 0.0
-    for n in range(len(blocks.sways)):
-        lateral = steepest * blocks.sways[n, 1]
-        shortest = blocks.sways[n, 0] - lateral
+    for n in range(len(blocks.horizontal_lengths)):
+        lateral = steepest * blocks.horizontal_lengths[n, 1]
+        shortest = blocks.horizontal_lengths[n, 0] - lateral
         if shortest <= 0.0:
             return np.inf
         most = max(most, lateral / shortest)
@@ -339,11 +340,14 @@ def _find_spans(
     shapes: Shapes,
     motion: ActorMotion,
     sensor: SensorRegion,
-    sway: float,
+    ray_spread: float,
     spans: np.ndarray,
     nearest: np.ndarray,
 ) -> None:
-    """Write two half-open ranges of blocks for each unit; the second if it lies across the seam."""
+    """Write the least distance of each unit, and two half-open ranges of blocks that may hit it.
+
+    The second range is empty unless the unit lies across the seam. ray_spread: of `_ray_spread`.
+    """
     count = len(blocks.lows)
     for u in range(len(shapes.unit_poses)):
         actor = shapes.unit_poses[u]
@@ -360,7 +364,7 @@ def _find_spans(
         if nearest[u] > sensor.max_range:
             continue
         spans[u, 1] = count
-        wide = reach + (distance + reach) * sway
+        wide = reach + (distance + reach) * ray_spread
         if wide < 0.999 * distance:
             sine = (wide / distance) * (1.0 + SLACK)
             cosine = np.sqrt(1.0 - sine * sine)

@@ -1,4 +1,11 @@
-"""The ray caster's inner loops: each block of columns against the units that it may hit."""
+"""The ray caster's inner loops: each block of columns against the units that it may hit.
+
+A ray of a column has the direction ahead + s * up, where s is the slope of its beam. Along the ray,
+let q be the reciprocal of the distance to the plane of a face, in units of that direction's length.
+In one column q is linear in s: a line. A face that is turned towards the sensor gives an upper
+line, a face that is turned away gives a lower line. A ray enters a prism at the least q of its
+upper lines and leaves it at the greatest q of its lower lines.
+"""
 
 from __future__ import annotations
 
@@ -26,10 +33,12 @@ from roadscope.envs.world.prisms import MAX_EDGES
 # One block of columns against one prism.
 
 LINES = MAX_EDGES + 2
+"""Most faces of a prism: its sides, bottom and top."""
 LEAF_COSINE = 0.5
 """Mean cosine of incidence on leaves with uniformly distributed directions."""
 
 _TINY = 1e-300
+"""Replaces a distance of zero in divisions, metres."""
 
 
 class Scratch(NamedTuple):
@@ -38,9 +47,11 @@ class Scratch(NamedTuple):
     world: (9, WIDTH) x y of origin, ahead, up, then z of the three, in the world's frame.
     local: (6, WIDTH) x y of origin, ahead, up in the unit's frame.
     turns: (4, WIDTH) x, y, cosine and sine of yaw of the unit.
-    upper, lower: (14 * 3, WIDTH) lines of a prism: constants, slopes, distance of the origin
-    from the face; where a face is turned away, a line that is never active.
-    crossings: (3, WIDTH) where rays enter and leave, and the distance of the face they enter by.
+    upper, lower: (14 * 3, WIDTH) three rows for each line of a prism: its constant, its slope, and
+    in upper lines the distance of the origin from the face. In a column where the face belongs to
+    the other lines, a line that is never the least or the greatest.
+    crossings: (3, WIDTH) q where rays enter and leave, and the distance of the origin from the face
+    by which they enter.
     touched: (B, WIDTH) 1 for rays that reach the outline of a body.
     """
 
@@ -54,10 +65,11 @@ class Scratch(NamedTuple):
 
 
 @compiled(borrowing=True)
-def draw_level(shapes: Shapes, m: int, scratch: Scratch) -> tuple[int, int]:
-    """Write the lines of a prism whose sides are upright to level columns.
+def write_level_lines(shapes: Shapes, m: int, scratch: Scratch) -> tuple[int, int]:
+    """Write the lines of a prism for level columns; return the numbers of upper and lower ones.
 
-    The lines of all sides are then horizontal, so the active ones do not depend on the beam.
+    The sides are upright, so their lines do not depend on s: one upper and one lower line stand for
+    all sides.
     """
     local, planes = scratch.local, shapes.planes
     x, y, ahead_x, ahead_y = load(local, 0), load(local, 1), load(local, 2), load(local, 3)
@@ -67,8 +79,8 @@ def draw_level(shapes: Shapes, m: int, scratch: Scratch) -> tuple[int, int]:
         distance = planes[m, k, 2] - nx * x - ny * y
         distance = pick(distance == 0.0, spread(_TINY), distance)
         line = (nx * ahead_x + ny * ahead_y) / distance
-        turned = distance < 0.0
-        nearer = turned & (line < enter)
+        towards = distance < 0.0
+        nearer = towards & (line < enter)
         enter = pick(nearer, line, enter)
         face = pick(nearer, 0.0 - distance, face)
         leave = pick((distance > 0.0) & (line > leave), line, leave)
@@ -79,12 +91,12 @@ def draw_level(shapes: Shapes, m: int, scratch: Scratch) -> tuple[int, int]:
     put(scratch.upper, 2, face)
     put(scratch.lower, 0, leave)
     put(scratch.lower, 1, spread(0.0))
-    return _draw_lids(shapes.heights, m, 1, 1, scratch)
+    return _write_bottom_and_top(shapes.heights, m, 1, 1, scratch)
 
 
 @compiled(borrowing=True)
-def draw(shapes: Shapes, m: int, scratch: Scratch) -> tuple[int, int]:
-    """Write the prism's lines; return the numbers of upper and lower ones."""
+def write_lines(shapes: Shapes, m: int, scratch: Scratch) -> tuple[int, int]:
+    """Write the lines of a prism; return the numbers of upper and lower ones."""
     local, planes = scratch.local, shapes.planes
     x, y, ahead_x, ahead_y = load(local, 0), load(local, 1), load(local, 2), load(local, 3)
     up_x, up_y = load(local, 4), load(local, 5)
@@ -92,46 +104,49 @@ def draw(shapes: Shapes, m: int, scratch: Scratch) -> tuple[int, int]:
     for k in range(shapes.corners[m]):
         nx, ny = planes[m, k, 0], planes[m, k, 1]
         distance = planes[m, k, 2] - nx * x - ny * y
-        upper, lower = _draw_line(
+        upper, lower = _write_line(
             distance, nx * ahead_x + ny * ahead_y, nx * up_x + ny * up_y, upper, lower, scratch
         )
-    return _draw_lids(shapes.heights, m, upper, lower, scratch)
+    return _write_bottom_and_top(shapes.heights, m, upper, lower, scratch)
 
 
 @compiled(forceinline=True, borrowing=True)
-def _draw_lids(
+def _write_bottom_and_top(
     heights: np.ndarray, m: int, upper: int, lower: int, scratch: Scratch
 ) -> tuple[int, int]:
     """Write the lines of bottom and top after the given numbers of lines."""
     z, ahead_z, up_z = load(scratch.world, 6), load(scratch.world, 7), load(scratch.world, 8)
-    upper, lower = _draw_line(z - heights[m, 0], 0.0 - ahead_z, 0.0 - up_z, upper, lower, scratch)
-    return _draw_line(heights[m, 1] - z, ahead_z, up_z, upper, lower, scratch)
+    upper, lower = _write_line(z - heights[m, 0], 0.0 - ahead_z, 0.0 - up_z, upper, lower, scratch)
+    return _write_line(heights[m, 1] - z, ahead_z, up_z, upper, lower, scratch)
 
 
 @compiled(forceinline=True, borrowing=True)
-def _draw_line(
+def _write_line(
     distance: float, a: float, b: float, upper: int, lower: int, scratch: Scratch
 ) -> tuple[int, int]:
-    """Write the line (a + b s) / distance as upper or lower one; all three are batches."""
+    """Write the line q = (a + b s) / distance as an upper or a lower one.
+
+    distance, a and b are batches. The face may be turned towards some columns and away from others.
+    """
     distance = pick(distance == 0.0, spread(_TINY), distance)
-    turned = distance < 0.0
+    towards = distance < 0.0
     inverse = 1.0 / distance
-    behind = count(turned)
-    if behind > 0:
-        put(scratch.upper, 3 * upper, pick(turned, a * inverse, spread(np.inf)))
-        put(scratch.upper, 3 * upper + 1, pick(turned, b * inverse, spread(0.0)))
+    facing = count(towards)
+    if facing > 0:
+        put(scratch.upper, 3 * upper, pick(towards, a * inverse, spread(np.inf)))
+        put(scratch.upper, 3 * upper + 1, pick(towards, b * inverse, spread(0.0)))
         put(scratch.upper, 3 * upper + 2, 0.0 - distance)
         upper += 1
-    if behind < WIDTH:
-        put(scratch.lower, 3 * lower, pick(turned, spread(-np.inf), a * inverse))
-        put(scratch.lower, 3 * lower + 1, pick(turned, spread(0.0), b * inverse))
+    if facing < WIDTH:
+        put(scratch.lower, 3 * lower, pick(towards, spread(-np.inf), a * inverse))
+        put(scratch.lower, 3 * lower + 1, pick(towards, spread(0.0), b * inverse))
         lower += 1
     return upper, lower
 
 
 @compiled(forceinline=True, borrowing=True)
 def clip(s: float, upper: int, lower: int, scratch: Scratch) -> None:
-    """Write where the rays of slope s enter and leave; entering is inf where they are inside."""
+    """Write q where the rays of slope s enter and leave; q of entering is inf for those inside."""
     uppers, lowers = scratch.upper, scratch.lower
     enter = load(uppers, 0) + s * load(uppers, 1)
     face = load(uppers, 2)
@@ -218,13 +233,14 @@ def mix(state: np.uint64) -> np.uint64:
 # --------------------------------------------------------------------------------------------------
 # All blocks of columns against their units.
 
-_SMALL_TURN = 0.05
+_SMALL_TURN_RAD = 0.05
+"""Turns below this are computed by a Taylor series."""
 
 
 class CastWorld(NamedTuple):
     """All surfaces that rays may hit up to the greatest range.
 
-    poses: (K, A, 3) x, y, yaw of the actors at knots_s (K,). seed: of the paths in foliage.
+    poses: (K, A, 3) x, y, yaw of the actors at knots_s (K,). seed: of the free paths in foliage.
     """
 
     shapes: Shapes
@@ -236,7 +252,10 @@ class CastWorld(NamedTuple):
 
 
 class UnitPose(NamedTuple):
-    """Pose of a unit (metres, cosine and sine of yaw), and its drift and turn within a block."""
+    """Pose of a unit at a block's first column, and its greatest motion within the block.
+
+    x, y, drift: metres. cosine, sine: of the yaw. turn: radians.
+    """
 
     x: float
     y: float
@@ -354,9 +373,9 @@ def _cast_unit(
         if not shapes.ready[m]:
             fill_planes(shapes, m)
         if rays.level:
-            upper, lower = draw_level(shapes, m, scratch)
+            upper, lower = write_level_lines(shapes, m, scratch)
         else:
-            upper, lower = draw(shapes, m, scratch)
+            upper, lower = write_lines(shapes, m, scratch)
         if upper == 0:
             continue
         for j in range(low, high):
@@ -430,7 +449,7 @@ def _write_turns(
         c = blocks.order[min(n * WIDTH + i, len(blocks.order) - 1)]
         x, y, yaw = _actor_pose(rays, motion, actor, c)
         if yaw != last:
-            if abs(yaw - first) < _SMALL_TURN:
+            if abs(yaw - first) < _SMALL_TURN_RAD:
                 cosine, sine = _turned_slightly(cosine0, sine0, yaw - first)
             else:
                 cosine0, sine0 = np.cos(yaw), np.sin(yaw)
@@ -472,13 +491,13 @@ def _beams_to_test(
     if near <= 0.0:
         return 0, beams
     z, lift = blocks.centres[n, 2], blocks.lifts[n]
-    least, most = heights[row, 0] - z - lift, heights[row, 1] - z + lift
-    least /= near if least < 0.0 else far
-    most /= near if most > 0.0 else far
+    bottom, top = heights[row, 0] - z - lift, heights[row, 1] - z + lift
+    bottom /= near if bottom < 0.0 else far
+    top /= near if top > 0.0 else far
     climbs = blocks.climbs
     r = 0 if rays.level else n
-    low = _first_above(climbs, r, 1, least - SLACK * abs(least))
-    high = _first_above(climbs, r, 0, most + SLACK * abs(most))
+    low = _first_above(climbs, r, 1, bottom - SLACK * abs(bottom))
+    high = _first_above(climbs, r, 0, top + SLACK * abs(top))
     if low >= high or _outside_wedge(rays, blocks, n, dx, dy, distance, reach, low, high):
         return 0, 0
     if not counted:
@@ -491,7 +510,7 @@ def _beams_to_test(
 
 @compiled(forceinline=True, borrowing=True)
 def _first_above(climbs: np.ndarray, row: int, bound: int, value: float) -> int:
-    """Return the first beam whose bound, rising from beam to beam, is above the value."""
+    """Return the first beam whose bound is above the value; bounds never fall from beam to beam."""
     low, high = 0, climbs.shape[2]
     while low < high:
         middle = (low + high) >> 1
@@ -516,8 +535,8 @@ def _outside_wedge(
 ) -> bool:
     """Return whether the circle lies outside the block's wedge for beams low to high."""
     wedges = blocks.wedges
-    steep = max(abs(rays.slopes[low]), abs(rays.slopes[high - 1])) * blocks.sways[n, 1]
-    shortest = blocks.sways[n, 0] - steep
+    steep = max(abs(rays.slopes[low]), abs(rays.slopes[high - 1])) * blocks.horizontal_lengths[n, 1]
+    shortest = blocks.horizontal_lengths[n, 0] - steep
     if wedges[n, 2] <= 0.0 or shortest <= 0.0:
         return False
     wide = (reach + (distance + reach) * steep / shortest) * (1.0 + SLACK)

@@ -11,16 +11,16 @@ from roadscope.envs.raycast.scene import Scene
 from roadscope.envs.world.prisms import MAX_EDGES, Prisms
 
 CACHED_SHAPES = 4
-"""Number of cached results; a new one is needed when a vehicle appears."""
+"""Most scenes whose shapes are cached; a vehicle that appears makes a new scene."""
 STILL = -1
-"""Pose row of shapes in the world frame."""
+"""Stands in `unit_poses` for a unit that does not move: its shapes are in the world frame."""
 
 
 class Shapes(NamedTuple):
     """M prisms in U units; a unit is a body, or one prism of the scenery.
 
-    planes: (M, 12, 3) x and y of the unit outward normal n and offset c of the edges' half-planes
-        n.p <= c, in the frame of the unit.
+    planes: (M, 12, 3) half-planes n.p <= c of the sides, in the frame of the unit: x and y of the
+        outward normal n of length 1, and c in metres.
     ready: (M,) bool, whether the planes are filled in: they are computed when a ray comes near.
     corners: (M,) int32, valid rows of planes.
     heights: (M, 2) bottom and top, metres.

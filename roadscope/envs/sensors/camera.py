@@ -17,7 +17,7 @@ from roadscope.envs.imaging.shading import CameraView, shade, shade_plain
 from roadscope.envs.raycast.cast import GROUND, NOTHING
 from roadscope.envs.raycast.scene import Scene
 from roadscope.envs.sensors.camera_spec import CameraSpec
-from roadscope.envs.sensors.exposure import CameraMotion, count_visible, describe, exposed
+from roadscope.envs.sensors.exposure import CameraMotion, count_visible, depths_and_owners, exposed
 from roadscope.envs.sensors.rig import CameraMount
 from roadscope.envs.traffic.timeline import Timeline
 
@@ -129,7 +129,7 @@ def image_truth(raster: Raster, solids: Solids, actors: int) -> ImageTruth:
     # Faces -2 and -1 index the two entries at the end.
     table = np.concatenate([np.repeat(solids.owners, FACES), [NOTHING, GROUND]]).astype(np.int32)
     depth, owners = np.empty_like(raster.q), np.empty_like(raster.faces)
-    describe(raster.q, raster.faces, table, depth, owners)
+    depths_and_owners(raster.q, raster.faces, table, depth, owners)
     visible = np.zeros(actors, np.int64)
     count_visible(owners, visible)
     hidden = 1 - visible / np.maximum(raster.outline_pixels, 1)

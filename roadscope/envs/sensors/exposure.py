@@ -28,7 +28,7 @@ LEAST_PX = 0.8
 """Shorter displacements than this are not blurred."""
 STRETCH = 32
 """Most pixels along a row that share one displacement."""
-CODE = (
+SRGB_COEFFICIENTS = (
     np.float32(-0.0422323),
     np.float32(1.5752777),
     np.float32(-1.8995242),
@@ -37,7 +37,7 @@ CODE = (
     np.float32(3.4188949),
     np.float32(-0.9477371),
 )
-"""sRGB's curve as a polynomial in the root of the light, 0.04 of a byte from it."""
+"""sRGB's curve as a polynomial in the square root of the light; its error is below 0.04 of 255."""
 DRAWS = 1 << 18
 """Number of normal draws; the noise of each row is a random section of them."""
 
@@ -46,8 +46,8 @@ class Shutter(NamedTuple):
     """Motion of the view while the shutter is open.
 
     active: whether it moves. displacements: (A + 1, 3), metres, camera frame, relative to the
-    camera: of each actor, and at the end of everything that stands still. turn: (3,) radians,
-    camera frame.
+    camera: a row for each actor, and a last row for everything that stands still. turn: (3,)
+    radians, camera frame.
     focal, centre: (2,) pixels. rows: (P,) row of `displacements` of each prism.
     """
 
@@ -62,8 +62,9 @@ class Shutter(NamedTuple):
 class Sensor(NamedTuple):
     """Properties of the image sensor.
 
-    shot: variance of the noise per light. read: variance of the noise in the dark. vignetting:
-    share lost in the corners. centre: (2,) pixels. key: of the noise. draws: float32, normal.
+    shot: variance of the noise for each unit of light. read: variance of the noise in the dark.
+    vignetting: share of the light that is lost in the corners. centre: (2,) pixels. key: seed of
+    the noise. draws: float32, standard normal numbers.
     """
 
     shot: float
@@ -93,14 +94,14 @@ def develop(
     u, v = sensor.centre[0], sensor.centre[1]
     corner = max(u, width - u) ** 2 + max(v, height - v) ** 2
     line = np.empty((width, 3), np.float32)
-    passed = np.empty((width, 3), np.float32)
+    transmitted = np.empty((width, 3), np.float32)
     squares = np.empty((width, 3), np.float32)
     for c in range(width):
         squares[c, :] = (c + 0.5 - u) ** 2
     lost = np.float32(sensor.vignetting / corner)
     for r in range(height):
         base = np.float32(1.0 - lost * (r + 0.5 - v) ** 2)
-        _pass(squares.reshape(-1), base, lost, passed.reshape(-1))
+        _vignette(squares.reshape(-1), base, lost, transmitted.reshape(-1))
         # `line[:] = light[r]` would take Numba seconds to compile.
         for c in range(width):
             line[c, 0], line[c, 1], line[c, 2] = light[r, c, 0], light[r, c, 1], light[r, c, 2]
@@ -110,9 +111,9 @@ def develop(
         if len(glare) > 0:
             _add_glare(glare, r, line)
         start = _noise_start(sensor.key, r, len(sensor.draws) - 3 * width)
-        _noise(
+        _encode_row(
             line.reshape(-1),
-            passed.reshape(-1),
+            transmitted.reshape(-1),
             sensor.draws[start : start + 3 * width],
             np.float32(sensor.shot),
             np.float32(sensor.read),
@@ -130,25 +131,28 @@ def _noise_start(key: np.uint64, row: int, places: int) -> int:
 
 
 @compiled(borrowing=True)
-def _pass(squares: np.ndarray, base: np.float32, lost: np.float32, passed: np.ndarray) -> None:
+def _vignette(
+    squares: np.ndarray, base: np.float32, lost: np.float32, transmitted: np.ndarray
+) -> None:
+    """Write the share of the light that the lens transmits to each pixel of a row."""
     for n in range(len(squares)):
-        passed[n] = base - lost * squares[n]
+        transmitted[n] = base - lost * squares[n]
 
 
 @compiled(borrowing=True)
-def _noise(
+def _encode_row(
     line: np.ndarray,
-    passed: np.ndarray,
+    transmitted: np.ndarray,
     draws: np.ndarray,
     shot: np.float32,
     read: np.float32,
     pixels: np.ndarray,
 ) -> None:
-    """Add noise to one row of numbers and encode them as sRGB."""
+    """Vignette one row of light, add noise, and encode it as sRGB."""
     zero, one = np.float32(0.0), np.float32(1.0)
-    c0, c1, c2, c3, c4, c5, c6 = CODE
+    c0, c1, c2, c3, c4, c5, c6 = SRGB_COEFFICIENTS
     for n in range(len(line)):
-        value = line[n] * passed[n]
+        value = line[n] * transmitted[n]
         value = value if value > zero else zero
         value = value if value < one else one
         value += np.sqrt(shot * value + read) * draws[n]
@@ -182,7 +186,10 @@ def _soften_edges(light: np.ndarray, faces: np.ndarray, r: int, line: np.ndarray
 
 @compiled(forceinline=True, borrowing=True)
 def flow_at(shutter: Shutter, q: float, row: int, u: float, v: float) -> tuple[float, float]:
-    """Return the displacement of a pixel during the exposure; u, v: its ray, z = 1."""
+    """Return the displacement of a pixel during the exposure, in pixels.
+
+    q: reciprocal of its depth, 1/m. row: of `displacements`. u, v: its ray is (u, v, 1).
+    """
     wx, wy, wz = shutter.turn[0], shutter.turn[1], shutter.turn[2]
     x, y, z = (
         shutter.displacements[row, 0] * q,
@@ -273,7 +280,7 @@ def _add_glare(glare: np.ndarray, r: int, line: np.ndarray) -> None:
 
 
 @compiled()
-def describe(
+def depths_and_owners(
     q: np.ndarray, faces: np.ndarray, table: np.ndarray, depth: np.ndarray, owners: np.ndarray
 ) -> None:
     """Fill depth (H, W) float32 and owners (H, W) int32 from the raster.
@@ -304,11 +311,13 @@ def count_visible(owners: np.ndarray, visible: np.ndarray) -> None:
 # Stray light in lens and air: halos of lamps, the veil of the sun, streaks of rain.
 
 HALO = 0.10
-"""Share of the light above white that becomes a halo; chosen by hand."""
+"""Scale of the weights of a halo; chosen by hand."""
+BRIGHT = 0.9
+"""Pixels with a colour above this have a halo; 1 is white."""
 REACH = 9
 """Radius of a halo in blocks."""
 DROPS = 60.0
-"""Drops in the view within reach of a streak, for 1 mm/h."""
+"""Streaks at 1 mm/h in a view whose area is a third of the square of the focal length."""
 FALL_M_S = 6.5
 DROP_M = 0.0016
 """Speed and diameter of the drops."""
@@ -316,7 +325,7 @@ DROP_M = 0.0016
 
 @compiled()
 def halo_weights() -> np.ndarray:
-    """Return (19, 19) float64: share of a block's light above white by neighbour."""
+    """Return (19, 19) float64 weights: how much of a bright block's light each neighbour gets."""
     weights = np.empty((2 * REACH + 1, 2 * REACH + 1))
     for di in range(-REACH, REACH + 1):
         for dj in range(-REACH, REACH + 1):
@@ -328,15 +337,15 @@ def halo_weights() -> np.ndarray:
 
 @compiled(borrowing=True)
 def bloom(light: np.ndarray, weights: np.ndarray, bright: np.ndarray, glare: np.ndarray) -> None:
-    """Add the light above white to glare: summed by blocks and spread over their neighbours.
+    """Add the light of bright pixels to glare: averaged by blocks, spread over their neighbours.
 
-    weights: of `halo_weights`.
+    weights: of `halo_weights`. bright: scratch array of the shape of glare.
     """
     height, width = light.shape[:2]
     bright[:] = 0.0
     for r in range(height):
         for c in range(width):
-            if max(light[r, c, 0], max(light[r, c, 1], light[r, c, 2])) > 0.9:
+            if max(light[r, c, 0], max(light[r, c, 1], light[r, c, 2])) > BRIGHT:
                 for k in range(3):
                     bright[r // BLOCK, c // BLOCK, k] += light[r, c, k] / (BLOCK * BLOCK)
     rows, columns = bright.shape[:2]
@@ -430,6 +439,7 @@ def rain_streaks(
 
 @compiled(forceinline=True, borrowing=True)
 def _next(state: np.uint64) -> np.uint64:
+    """Return the next state of a 64-bit xorshift generator (Marsaglia 2003)."""
     state ^= state << np.uint64(13)
     state ^= state >> np.uint64(7)
     state ^= state << np.uint64(17)
@@ -438,6 +448,7 @@ def _next(state: np.uint64) -> np.uint64:
 
 @compiled(forceinline=True, borrowing=True)
 def _share(state: np.uint64) -> float:
+    """Return a number from 0 to 1 of the generator's state."""
     value: float = np.float64(state >> np.uint64(11)) * 2.0**-53
     return value
 
@@ -450,7 +461,8 @@ def _share(state: np.uint64) -> float:
 class CameraMotion(Record):
     """Motion of camera and actors during the exposure, world frame.
 
-    camera: (3,) m/s. turning: (3,) rad/s. actors: (A, 2) m/s.
+    camera: (3,) velocity, m/s. turning: (3,) angular velocity of the camera, rad/s. actors: (A, 2)
+    velocities, m/s.
     """
 
     camera: np.ndarray

@@ -22,6 +22,7 @@ NOISE = (
     "accelerometer_walk",
     "accelerometer_turn_on",
 )
+"""The fields that `ImuSpec.scaled` multiplies."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -97,8 +98,9 @@ IMUS: Mapping[str, ImuSpec] = MappingProxyType(
             accelerometer_range=18 * STANDARD_GRAVITY_M_S2,
         ),
         # Stereolabs' SDK reports 0.007 deg/s/sqrt(Hz), 1.6e-3 m/s^2/sqrt(Hz), walks of 3.4e-5 and
-        # 2.5e-4 for a unit at rest and corrected. That the noise is four times as large in a car,
-        # and the rest, are assumptions that make this the worse class.
+        # 2.5e-4 for a corrected unit at rest. Only the gyro's walk is taken from there. We assume
+        # four times its noise in a car, and all other figures, so that this unit stands for a worse
+        # class than the first.
         "zed2": ImuSpec(
             "zed2",
             400.0,

@@ -23,7 +23,7 @@ class WheelSpec(Record):
     load, pressure and wear, and messages at 100 Hz are rounded to a few cm/s.
 
     rate_hz: samples per second.
-    scale: standard deviation of the relative error, constant in an episode.
+    scale: standard deviation of the relative error, which is constant in an episode.
     noise_m_s: standard deviation of each sample. resolution_m_s: samples are multiples of it.
     """
 
@@ -48,9 +48,9 @@ class WheelSpec(Record):
         )
 
     def measure(self, motion: EgoMotion, seed: int, first: int, last: int) -> WheelSamples:
-        """Return samples number first to last; sample n is taken n periods after 0.
+        """Return the samples with numbers from first to last; sample n is taken n periods after 0.
 
-        At rest there is no noise.
+        At rest the samples are exactly 0.
         """
         numbers = np.arange(first, last + 1)
         true = motion.speeds(numbers / self.rate_hz)
@@ -68,11 +68,11 @@ class WheelSpec(Record):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class DeadReckoning(Record):
-    """Errors of wheel odometry with a yaw gyro, each one standard deviation.
+    """Errors of wheel odometry with a yaw gyro, as standard deviations.
 
-    The figures are assumptions for a production car with stability control, not a data sheet's:
-    tyre radius changes by about a per cent with load, pressure and wear, and a consumer gyro whose
-    rest is subtracted while the car stands keeps a few hundredths of a degree per second.
+    The figures are assumptions for a production car with stability control, not from a data sheet:
+    tyre radius changes by about a per cent with load, pressure and wear. The bias of a consumer
+    gyro is measured while the car stands; a few hundredths of a degree per second remain.
 
     distance_scale: relative error of the distance, constant in an episode.
     gyro_bias_rad_s: error of the yaw rate, constant in an episode.
@@ -97,8 +97,9 @@ class DeadReckoning(Record):
     def estimate(self, previous_from_ego: Pose, elapsed_s: float, *, seed: int, index: int) -> Pose:
         """Return the estimated motion during a tick as a planar pose.
 
+        previous_from_ego: the true motion. elapsed_s: duration of the tick.
         Errors that are constant in an episode depend on the seed only, the others on the seed
-        and the number of the tick.
+        and on `index`, the number of the tick.
         """
         scale, bias = np.random.default_rng(seed).standard_normal(2)
         along, across, turn = np.random.default_rng([seed, index]).standard_normal(3)

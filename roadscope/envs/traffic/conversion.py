@@ -15,11 +15,11 @@ LANE_STEP_M = 2.0
 
 
 DRIVER_CONSTANTS = {"DISTANCE_WANTED": 10.0, "COMFORT_ACC_MAX": 3.0, "COMFORT_ACC_MIN": -5.0}
-"""`IDMVehicle` of highway-env 1.12 has these; `IntersectionEnv` overwrites them in each reset."""
+"""Constants of `IDMVehicle` in highway-env 1.12; a reset of `IntersectionEnv` overwrites them."""
 
 
 class ForeignEnvError(ValueError):
-    """An environment cannot be recorded."""
+    """An environment of another package cannot be recorded."""
 
 
 def to_world(
@@ -53,15 +53,19 @@ def _sample(lane: Any) -> tuple[np.ndarray, np.ndarray]:
 def restore_driver_constants() -> None:
     """Restore the constants of highway-env's driver classes that an intersection overwrote.
 
-    To be called before a foreign environment is reset; the reset may set its own values.
+    Call it before an environment of highway-env is reset; the reset may set its own values.
     """
     from highway_env.vehicle import behavior
 
     for name, value in DRIVER_CONSTANTS.items():
         setattr(behavior.IDMVehicle, name, value)
-        for heir in (behavior.LinearVehicle, behavior.AggressiveVehicle, behavior.DefensiveVehicle):
-            if name in vars(heir):
-                delattr(heir, name)
+        for subclass in (
+            behavior.LinearVehicle,
+            behavior.AggressiveVehicle,
+            behavior.DefensiveVehicle,
+        ):
+            if name in vars(subclass):
+                delattr(subclass, name)
 
 
 def refuse_multi_agent(env: Any) -> None:
@@ -103,7 +107,7 @@ def original_constants(constants: Constants) -> Iterator[None]:
 def own_constants(constants: Constants) -> Iterator[None]:
     """Run a block with the constants that an environment's reset has set; restore the old ones.
 
-    So an environment drives the same whatever other environments of the process do.
+    So the traffic of an environment does not depend on other environments of the process.
     """
     before = _read_constants()
     _write_constants(constants)
@@ -139,6 +143,6 @@ def _write_constants(constants: Constants) -> None:
 
 def _with_subclasses(kind: type[object]) -> Iterator[type]:
     yield kind
-    heirs: list[type[object]] = kind.__subclasses__()
-    for heir in heirs:
-        yield from _with_subclasses(heir)
+    subclasses: list[type[object]] = kind.__subclasses__()
+    for subclass in subclasses:
+        yield from _with_subclasses(subclass)

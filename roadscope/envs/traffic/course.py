@@ -12,7 +12,7 @@ from roadscope.core.bounds import Bounds
 GRID_M = 1.0
 """Spacing of the knots between which the course is a cubic."""
 PEAK = 1.875
-"""Largest slope of the quintic smoothstep: the greatest curvature of a bend over its mean one."""
+"""Largest slope of the quintic smoothstep: the ratio of a bend's greatest curvature to its mean."""
 SHARPEST_M = 500.0
 """Least radius of bends; articulated lorries, rigid here, then leave their lane by 0.3 m."""
 
@@ -27,7 +27,7 @@ class Bend(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Course:
-    """A plane curve by arc length; at the origin it points along x.
+    """A plane curve by arc length; at arc length 0 it is at (0, 0) and points along x.
 
     bends: the heading turns by a quintic smoothstep in each of them, so that the curvature and
         its slope are continuous.
@@ -51,18 +51,18 @@ class Course:
             bent += turn / length * 30.0 * u**2 * (1.0 - u) ** 2
         return bent
 
-    def places(self, along: np.ndarray, left: np.ndarray | float) -> np.ndarray:
+    def points(self, along: np.ndarray, left: np.ndarray | float) -> np.ndarray:
         """Return (..., 2) points at arc lengths along the course, offset to its left, metres."""
         low, high = min(float(along.min()), 0.0), max(float(along.max()), 0.0)
         knots = GRID_M * np.arange(np.floor(low / GRID_M), np.ceil(high / GRID_M) + 2)
         nodes = self._nodes(knots)
         cell = np.floor(along / GRID_M).astype(np.int64) - round(knots[0] / GRID_M)
         heading = self.headings(along)
-        on = _hermite(
+        centre_line = _hermite(
             along - knots[cell], nodes[cell], nodes[cell + 1], *self._tangents(knots, cell)
         )
         normal = np.stack([-np.sin(heading), np.cos(heading)], axis=-1)
-        placed: np.ndarray = on + np.asarray(left)[..., None] * normal
+        placed: np.ndarray = centre_line + np.asarray(left)[..., None] * normal
         return placed
 
     def _nodes(self, knots: np.ndarray) -> np.ndarray:
@@ -94,14 +94,14 @@ def winding(
     """
     radius_m = max(radius_m, SHARPEST_M)
     bends, heading = [], 0.0
-    at = span_m.low + float(rng.uniform(0.0, 1.0)) * radius_m / 4
-    while at < span_m.high:
+    start_m = span_m.low + float(rng.uniform(0.0, 1.0)) * radius_m / 4
+    while start_m < span_m.high:
         turn = turn_rad * float(rng.uniform(0.3, 1.0)) * float(rng.choice([-1.0, 1.0]))
         turn = -turn if abs(heading + turn) > 2 * turn_rad else turn
         length = PEAK * abs(turn) * radius_m * float(rng.uniform(1.0, 1.5))
-        bends.append(Bend(at, length, turn))
+        bends.append(Bend(start_m, length, turn))
         heading += turn
-        at += length + float(rng.uniform(0.05, 0.4)) * radius_m
+        start_m += length + float(rng.uniform(0.05, 0.4)) * radius_m
     return Course(tuple(bends))
 
 

@@ -17,8 +17,8 @@ from roadscope.envs.traffic.timeline import Timeline
 LEAST_OBJECTS = 5
 NEAR_M = 60.0
 MOST_CRASHED = 0.05
-"""Traffic is accepted with that many objects within that distance of the ego at every instant, and
-with at most that share of crashed actors; chosen by hand."""
+"""Traffic is accepted if `LEAST_OBJECTS` are within `NEAR_M` of the ego at every instant, and if at
+most the share `MOST_CRASHED` of all actors crashes; chosen by hand."""
 TRIES = 10
 """Sub-seeds that are tried until traffic is accepted."""
 
@@ -36,8 +36,8 @@ class Scenario:
     builder: `module:function`, loaded on use; makes a `Stage` from a generator, or for a
         scripted scenario a `Timeline` from name, seed and duration.
     duration_s: default length of a recording.
-    scripted: whether all motion is in closed form; such scenarios are exempt from `accept`.
-    unseen: whether vehicles have the shapes of `mix.UNSEEN`, which no detector is trained on.
+    scripted: whether all motion is written down; such scenarios are exempt from `accept`.
+    unseen: whether vehicles have the shapes of `mix.UNSEEN`, on which no detector was trained.
     """
 
     name: str
@@ -54,7 +54,8 @@ class Acceptance:
     """Whether traffic is dense and safe enough to be sensed.
 
     least_objects: fewest objects within 60 m of the ego at any instant.
-    crashed_share: crashed actors over all actors, the ego included.
+    crashed_share: share of the actors, the ego included, that crash; people are not counted as
+        crashed.
     accepted: at least 5 objects at every instant and at most 5 % crashed.
     """
 
@@ -66,20 +67,20 @@ class Acceptance:
 def _simulated(
     name: str, style: str, description: str, duration_s: float = 20.0, *, unseen: bool = False
 ) -> Scenario:
-    """Describe a scenario whose function in `simulated` has its name."""
+    """Return a scenario that is built by the function of its name in `simulated`."""
     function = name.removeprefix("unseen-").replace("-", "_")
-    builder = f"{_ROOM}.simulated:{function}"
+    builder = f"{_PACKAGE}.simulated:{function}"
     return Scenario(name, description, style, builder, duration_s, unseen=unseen)
 
 
 def _scripted(name: str, style: str, duration_s: float, description: str) -> Scenario:
-    """Describe a scenario whose function in `scripts` has its name, or one of Lu 2018."""
+    """Return a scenario built by the function of its name in `scripts`, or one of Lu 2018."""
     lu2018 = name.startswith("lu2018-")
     place = "lu2018:play_script" if lu2018 else f"scripts:{name.replace('-', '_')}"
-    return Scenario(name, description, style, f"{_ROOM}.{place}", duration_s, scripted=True)
+    return Scenario(name, description, style, f"{_PACKAGE}.{place}", duration_s, scripted=True)
 
 
-_ROOM = "roadscope.envs.traffic"
+_PACKAGE = "roadscope.envs.traffic"
 _SCENARIOS = (
     _simulated(
         "motorway",
@@ -96,7 +97,10 @@ _SCENARIOS = (
     ),
     _simulated("racetrack", "bare", "Two lanes in a winding loop."),
     _simulated(
-        "racetrack-loop", "motorway", "A whole lap of it between rails, walls and trees.", 70.0
+        "racetrack-loop",
+        "motorway",
+        "A whole lap of the racetrack between rails, walls and trees.",
+        70.0,
     ),
     _simulated("two-way", "urban", "A road with oncoming traffic."),
     _simulated("parking-lot", "campus", "A car park with slow traffic past standing cars."),
@@ -115,9 +119,14 @@ _SCENARIOS = (
         "As motorway, with flatbeds, tankers and other bodies that no detector was trained on.",
         unseen=True,
     ),
-    _simulated("unseen-street", "town", "As street, with vehicles of such bodies.", unseen=True),
+    _simulated(
+        "unseen-street",
+        "town",
+        "As street, with flatbeds, tankers and other bodies that no detector was trained on.",
+        unseen=True,
+    ),
     _scripted(
-        "cut-ins", "motorway", 12.0, "Vehicles cut in and change places closely before the ego."
+        "cut-ins", "motorway", 12.0, "Vehicles cut in and change lanes closely ahead of the ego."
     ),
     _scripted(
         "long-occlusion",

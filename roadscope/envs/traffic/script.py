@@ -264,7 +264,7 @@ class WindingRoad:
             sizes=sizes,
             centre_ahead_m=sizes[:, 0] / 2,
             present=present,
-            axles=self.course.places(positions[..., 0], positions[..., 1]),
+            axles=self.course.points(positions[..., 0], positions[..., 1]),
             yaws=yaws,
             speeds=speeds,
             crashed=np.zeros_like(present),
@@ -294,7 +294,7 @@ class WindingRoad:
         return RoadMap.from_lanes(
             [
                 (
-                    self.course.places(samples, np.full_like(samples, lane.left_m))[
+                    self.course.points(samples, np.full_like(samples, lane.left_m))[
                         :: lane.direction
                     ],
                     width,

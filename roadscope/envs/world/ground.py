@@ -51,11 +51,11 @@ PAVED = frozenset({"urban", "town", "campus"})
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Surface(Record):
-    """Strips of road and the lines on them, world frame.
+    """Strips of road and the lines on them, world frame, metres.
 
-    strips: (N, 5) float64, start x y, end x y, half width: straight pieces of lanes, metres.
-    lines: (M, 6) float64, start x y, end x y, arc length of the start along its border,
-        1 if dashed.
+    strips: (N, 5) float64, straight pieces of lanes: start x y, end x y, half width.
+    lines: (M, 6) float64, pieces of lane markings: start x y, end x y, arc length of the start
+        along its border, 1 if dashed.
     """
 
     strips: np.ndarray
@@ -129,17 +129,17 @@ def _drawn_already(pieces: Sites, shared: np.ndarray) -> np.ndarray:
     from scipy.spatial import cKDTree
 
     rows = np.flatnonzero(shared)
-    taken = np.zeros(len(shared), bool)
+    drawn = np.zeros(len(shared), bool)
     if len(rows) > 1:
         pairs = rows[cKDTree(pieces.middles[rows]).query_pairs(BESIDE_M, output_type="ndarray")]
         lanes = pieces.lanes[pairs]
         later = np.where(lanes[:, 0] > lanes[:, 1], pairs[:, 0], pairs[:, 1])
-        taken[later[lanes[:, 0] // 2 != lanes[:, 1] // 2]] = True
-    return taken
+        drawn[later[lanes[:, 0] // 2 != lanes[:, 1] // 2]] = True
+    return drawn
 
 
 def _long_enough(selected: np.ndarray, pieces: Sites) -> np.ndarray:
-    """Return the selected pieces without stretches that are too short for a line."""
+    """Return (S,) whether a piece is selected and its stretch is long enough for a line."""
     begins = np.ones(len(selected), bool)
     begins[1:] = (pieces.lanes[1:] != pieces.lanes[:-1]) | (selected[1:] != selected[:-1])
     stretches = np.cumsum(begins) - 1

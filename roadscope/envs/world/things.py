@@ -1,4 +1,4 @@
-"""Many things of one kind at once; each has one or more prisms with the same owner."""
+"""Makes many things of one kind at once; the prisms of a thing have the same owner."""
 
 from __future__ import annotations
 
@@ -50,7 +50,11 @@ def prisms_of(
     materials: Value = 0.0,
     headings: Value = 0.0,
 ) -> ThingPrisms:
-    """Return one prism for each of m things: (m, K, 2) outlines, numbers or (m,) arrays."""
+    """Return one prism for each of m things.
+
+    outlines: (m, K, 2) metres. All others are a number for all things, or an (m,) array.
+    bottoms, tops: metres. extinctions: 1/m. headings: radians.
+    """
     count = len(outlines)
 
     def full(value: Value) -> np.ndarray:
@@ -102,17 +106,18 @@ def scatter_beside(
         + along[:, None] * (sites.ends - sites.starts)
         + offsets[:, None] * sites.normals
     )
-    taken = chance < per_m * lengths
-    return centres[taken], sites.yaws[taken]
+    selected = chance < per_m * lengths
+    return centres[selected], sites.yaws[selected]
 
 
 def ribbon(sites: Sites, offset_m: float, thickness_m: float) -> np.ndarray:
-    """(S, 4, 2) outlines of a band that follows the border at a distance, piece by piece."""
+    """Return (S, 4, 2) outlines of a band that follows the border at a distance, piece by piece."""
     starts = sites.starts + offset_m * sites.start_normals
     ends = sites.ends + offset_m * sites.end_normals
-    out = thickness_m * sites.start_normals, thickness_m * sites.end_normals
+    outer_starts = starts + thickness_m * sites.start_normals
+    outer_ends = ends + thickness_m * sites.end_normals
     # The outside may lie to the right or to the left: make all outlines counter-clockwise.
-    quads = np.stack([starts, starts + out[0], ends + out[1], ends], axis=1)
+    quads = np.stack([starts, outer_starts, outer_ends, ends], axis=1)
     ahead, side = sites.ends - sites.starts, sites.normals
     left = ahead[:, 0] * side[:, 1] - ahead[:, 1] * side[:, 0] > 0
     quads[left] = quads[left, ::-1]
@@ -120,13 +125,16 @@ def ribbon(sites: Sites, offset_m: float, thickness_m: float) -> np.ndarray:
 
 
 def boxes(centres: np.ndarray, yaws: np.ndarray, length_m: Value, width_m: Value) -> np.ndarray:
-    """(m, 4, 2) outlines of rectangles."""
+    """Return (m, 4, 2) outlines of rectangles."""
     sizes = np.stack(np.broadcast_arrays(length_m, width_m, yaws)[:2], axis=-1)
     return placed(rectangle(1.0, 1.0) * sizes[:, None, :], centres, yaws)
 
 
 def stretches(sites: Sites, share: float, rng: np.random.Generator) -> np.ndarray:
-    """Return (S,) whether a thing such as a rail runs along a piece; drawn for groups of eight."""
+    """Return (S,) whether a thing such as a rail runs along a piece of border.
+
+    One draw decides for eight neighbouring pieces.
+    """
     groups, members = np.unique(
         np.stack([sites.lanes, sites.slots // 8], axis=1), axis=0, return_inverse=True
     )

@@ -49,7 +49,7 @@ def obstacle_prisms(obstacles: np.ndarray) -> Prisms:
 # Scenery and bodies of an episode.
 
 SALT = 0x426F6479
-"""Keeps this stream of random numbers apart from others of the same seed."""
+"""Part of the seed that makes these random numbers differ from others of the same episode."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -58,7 +58,8 @@ class World(Record):
 
     scenery: things beside the road, created where they are needed.
     obstacles: obstacles on the road, world frame.
-    moving: bodies of all actors, owner = row of the timeline, frame of the box centre.
+    moving: bodies of all actors, each in the frame of its box centre; the owner of a body is its
+        row in the timeline.
     ids, categories, sizes: (A,), (A,), (A, 3) of the actors, as in the timeline.
     seed: of all random properties of scenery and bodies.
     """
@@ -73,8 +74,8 @@ class World(Record):
 
     def static_around(self, position: np.ndarray, radius_m: float = 200.0) -> Prisms:
         """Return all obstacles and at least all scenery within the radius of an (x, y) position."""
-        grown = self.scenery.around(position, radius_m)
-        return Prisms.join([grown, self.obstacles]) if len(self.obstacles) else grown
+        scenery = self.scenery.around(position, radius_m)
+        return Prisms.join([scenery, self.obstacles]) if len(self.obstacles) else scenery
 
     def with_actors(self, timeline: Timeline) -> World:
         """Return the world with bodies for the actors that the timeline has now."""
@@ -99,7 +100,7 @@ def build_world(timeline: Timeline, seed: int, style: str | None = None) -> Worl
 
 
 def actor_bodies(timeline: Timeline, seed: int) -> Prisms:
-    """Return a body for each actor; it depends on seed, id, category and size only."""
+    """Return a body for each actor; a body depends on seed, id, category and size alone."""
     bodies = []
     for row, (actor, category, size) in enumerate(
         zip(timeline.ids, timeline.categories, timeline.sizes, strict=True)

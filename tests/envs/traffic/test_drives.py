@@ -198,13 +198,13 @@ def test_courses_bend_smoothly_and_not_too_sharply(seed):
     assert np.abs(course.curvatures(along)).max() <= 1.0 / SHARPEST_M + 1e-12
     numeric = np.gradient(course.headings(along), along)
     np.testing.assert_allclose(course.curvatures(along), numeric, atol=2e-6)
-    np.testing.assert_allclose(course.places(np.zeros(1), 0.0), [[0.0, 0.0]], atol=1e-12)
+    np.testing.assert_allclose(course.points(np.zeros(1), 0.0), [[0.0, 0.0]], atol=1e-12)
 
 
 def test_parallels_of_a_course_keep_distance_and_direction():
     course = Course((Bend(10.0, 80.0, 0.9), Bend(120.0, 60.0, -0.5)))
     along = np.linspace(-30.0, 250.0, 4001)
-    on, beside = course.places(along, np.zeros_like(along)), course.places(along, 3.5)
+    on, beside = course.points(along, np.zeros_like(along)), course.points(along, 3.5)
     np.testing.assert_allclose(np.linalg.norm(beside - on, axis=1), 3.5, atol=1e-9)
     tangents = np.diff(on, axis=0) / np.diff(along)[:, None]
     np.testing.assert_allclose(np.linalg.norm(tangents, axis=1), 1.0, atol=1e-5)
