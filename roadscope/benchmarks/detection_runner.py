@@ -1,53 +1,109 @@
-"""Runs a detector on a folder of scans, and writes what it detects."""
+"""Runs detectors and fusions on recorded scans and images, and writes what they detect."""
 
 from __future__ import annotations
 
-import json
 import warnings
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 
-from roadscope.benchmarks.cache import FolderError, usable_folder
-from roadscope.benchmarks.formats.kitti_frames import (
-    CAMERA_FROM_EGO,
-    LabelCamera,
-    kitti_results,
-)
-from roadscope.benchmarks.formats.kitti_labels import write_kitti_object_results
-from roadscope.benchmarks.formats.scan_folder import ScanFolder
-from roadscope.benchmarks.formats.table import visible
-from roadscope.benchmarks.isolation import Limits, PluginError, open_plugin
+from roadscope.benchmarks.formats.image_folder import IMAGE_ENDINGS, ImageFolder
+from roadscope.benchmarks.formats.kitti_cameras import KittiCameras
+from roadscope.benchmarks.formats.kitti_frames import CAMERA_FROM_EGO, LabelCamera
+from roadscope.benchmarks.formats.point_fields import READERS
+from roadscope.benchmarks.formats.scan_folder import ScanFolder, scan_files
+from roadscope.benchmarks.formats.table import FormatError, names_in
+from roadscope.benchmarks.formats.tracking_rows import ImageSize
+from roadscope.benchmarks.isolation import Limits, PluginError, PluginHandle, open_plugin
+from roadscope.benchmarks.kinds import CAMERA_DETECTOR, DETECTOR, traits_of
+from roadscope.benchmarks.odometry_runner import TruePoses
+from roadscope.benchmarks.progress import Progress, silent
 from roadscope.benchmarks.references import (
+    CALIBRATION,
     check_detection_source,
+    check_image_source,
     made_from_truth,
 )
 from roadscope.benchmarks.travel import turned_scan
-from roadscope.core import Calibration, Category, Detections, Frame, Pose, Spec, SpecError
-from roadscope.core.answers import AnswerError, check_detections, same_stamp
+from roadscope.core import (
+    Calibration,
+    CameraImage,
+    Detections,
+    Frame,
+    ImageDetections,
+    Pose,
+    Spec,
+    SpecError,
+)
+from roadscope.core.answers import (
+    AnswerError,
+    check_detections,
+    check_fused,
+    check_image_detections,
+    same_stamp,
+)
 from roadscope.core.fused import FusedDetections
+from roadscope.core.spec import FUSED, FUSED_PARTS
+from roadscope.fusion.pairing import ALONE, nearest_images
 from roadscope.odometry.above_ground import sensor_height
 
-DEFAULT_DETECTOR = "distance-l-shape"
 LIMITS = Limits(episode_s=float("inf"))
 """A recording may be of any length."""
-LIDAR = "lidar"
-"""The name of the LiDAR in `Calibration`, as `ScanFolder` has it."""
+LIDAR, CAMERA = "lidar", "camera"
+"""The names of the sensors in `Calibration`."""
+SCAN_DETECTOR, IMAGE_DETECTOR, BOTH_DETECTORS = "distance-l-shape", "network", "fused"
+"""The detectors for scans, for images, and for both with a calibration."""
+NO_CALIBRATION = "no calibration, calib.txt or calib in DIR or beside it, or --calibration PATH"
+NO_GROUND = (
+    "the scans show no ground below the LiDAR: name its height, --height METRES, and if its z axis "
+    "does not point up, --lidar-mounting"
+)
 HEIGHT_SCANS = 20
 """Most scans by which the height of the LiDAR is estimated."""
-LABELS, RESULTS = "labels", "detections.json"
-"""Where detections are written: a folder with a label file for each frame, and a file with all."""
+
+A = TypeVar("A")
 
 
-def detector_of(text: str) -> Spec:
-    """Return the resolved spec of a detector that runs on recorded scans; others are refused."""
-    spec = check_detection_source(text)
-    if made_from_truth(spec):
-        raise SpecError(f"{text} is made from the truth: it can run only on boards")
-    return spec
+class DetectorSet(NamedTuple):
+    """The resolved specs of a run: one detector, or two and their fusion."""
+
+    lidar: Spec | None
+    camera: Spec | None
+    fusion: Spec | None = None
+
+    @staticmethod
+    def of(text: str, *, of_images: bool = False) -> DetectorSet:
+        """Read the spec of a LiDAR detector, of a camera detector, or `fused?lidar=A&camera=B`.
+
+        Oracles and noise models are refused: recordings have no truth.
+        of_images: a class that does not say its kind is a camera detector.
+        """
+        spec = Spec.parse(text)
+        if spec.name == FUSED:
+            spec = check_detection_source(spec)
+            if CALIBRATION in spec.arguments:
+                raise SpecError(f"'{text}': the calibration of a recording is in KITTI's files")
+            parts = DetectorSet(*(spec.parts[key] for key in FUSED_PARTS))
+        elif spec.name in CAMERA_DETECTOR.registry or _is_of_camera(spec, of_images):
+            parts = DetectorSet(None, check_image_source(spec))
+        else:
+            parts = DetectorSet(check_detection_source(spec), None)
+        if any(part is not None and made_from_truth(part) for part in parts):
+            raise SpecError(f"{text} is made from the truth: it can run only on boards")
+        return parts
+
+
+def _is_of_camera(spec: Spec, of_images: bool) -> bool:
+    """Return whether a class is a camera detector."""
+    if not spec.is_class:
+        return False
+    kind = traits_of(DETECTOR.registry.resolve(spec)).kind
+    return kind == CAMERA_DETECTOR.name or (of_images and not kind)
 
 
 def height_above_ground(scans: ScanFolder, rotation: np.ndarray) -> float | None:
@@ -62,144 +118,342 @@ def height_above_ground(scans: ScanFolder, rotation: np.ndarray) -> float | None
     return float(np.median(finite)) if len(finite) else None
 
 
-def scan_detections(
-    scans: ScanFolder,
-    detector: Spec,
-    ego_from_lidar: Pose,
-    *,
-    poses: Sequence[np.ndarray | None] = (),
-) -> Iterator[tuple[int, Detections]]:
-    """Yield the number of a scan and the detections in it, ego frame, scan by scan.
+class SeenImage(NamedTuple):
+    """The detections in an image, and its width and height in pixels."""
 
-    A detector that answers late has an empty answer for a scan first, and then another one.
-    A plug-in that fails raises `PluginError`. One that is not part of roadscope runs in a process
-    of its own, without a time limit for the whole recording.
-
-    poses: `start_from_lidar`, (4, 4), of each scan, for detectors that use the ego's motion.
-    """
-    calibration = Calibration(((LIDAR, ego_from_lidar),))
-    stamps_s: list[float] = []
-    answered: list[Detections] = []
-    with open_plugin(detector.plain, limits=LIMITS) as plugin:
-        plugin.call("reset")
-        for now, scan in enumerate(scans):
-            motion = _motion(poses[now - 1 : now + 1], ego_from_lidar) if now else None
-            frame = Frame(scan.stamp_s, calibration, lidar=scan, previous_from_ego=motion)
-            stamps_s.append(scan.stamp_s)
-            answered.append(Detections.empty(scan.stamp_s))
-            with warnings.catch_warnings():
-                # Warnings of plug-ins are not shown to the reader.
-                warnings.simplefilter("ignore")
-                answer = plugin.call("detect", frame).answer
-            try:
-                detections = check_detections(answer, stamps_s=stamps_s)
-                row = _row_of(detections, stamps_s, answered)
-            except AnswerError as error:
-                raise PluginError(str(detector), str(error), plugin.log) from error
-            answered[row] = detections
-            if row != now:
-                yield now, answered[now]
-            yield row, detections
-
-
-def _row_of(
-    detections: Detections, stamps_s: Sequence[float], answered: Sequence[Detections]
-) -> int:
-    """Return the scan that is answered; raise `AnswerError` if it had detections already."""
-    if detections.frame != "ego":
-        raise AnswerError(f"detections in frame '{detections.frame}'; possible here: ego")
-    rows = range(len(stamps_s) - 1, -1, -1)
-    row = next(k for k in rows if same_stamp(detections.stamp_s, stamps_s[k]))
-    if len(answered[row]):
-        raise AnswerError(f"two answers to the frame at {stamps_s[row]:.6g} s")
-    return row
-
-
-def _motion(poses: Sequence[np.ndarray | None], ego_from_lidar: Pose) -> Pose | None:
-    """Return `previous_from_ego` of the poses of the last scan and of this one, if known."""
-    if len(poses) < 2 or poses[0] is None or poses[1] is None:
-        return None
-    previous_from_now = Pose(poses[0]).inverse() @ Pose(poses[1])
-    return ego_from_lidar @ previous_from_now @ ego_from_lidar.inverse()
-
-
-# --------------------------------------------------------------------------------------------------
-# Files of results.
+    detections: ImageDetections
+    size: ImageSize
 
 
 @dataclass(frozen=True, slots=True)
 class DetectedFrame:
     """What was detected at one moment.
 
-    name: of the scan or image, without ending. problem: why it could not be read, or "".
+    name: of the scan or image, without ending.
+    camera: in whose frame label files are.
+    problem: what could not be read, or "".
     """
 
     name: str
     stamp_s: float
     detections: FusedDetections
+    camera: LabelCamera
     problem: str = ""
 
 
 @dataclass(frozen=True, slots=True)
-class ResultWriter:
-    """Writes detections to a folder: a label file for each frame, and one JSON file.
+class DetectionJob:
+    """Recorded scans, images or both, and what detects in them.
 
-    camera: in whose frame label files are.
-    ego_from_lidar: boxes in the JSON file are in the LiDAR's own axes; None without a LiDAR.
+    names, stamps_s: of the frames: the scans, or the images if there are no scans.
+    scans: None if only images are used.
+    images: None if there are none; they are read only if `detectors` has a camera detector.
+    image_rows: for each frame the number of its image, `ALONE` where none is near.
+    cameras: None without a calibration.
+    ego_from_lidar: the ego is on the ground below the LiDAR.
+    poses: `start_from_lidar`, (4, 4), of each scan, for detectors that use the ego's motion.
+    notes: what was assumed, in sentences.
     """
 
-    folder: Path
-    camera: LabelCamera
-    ego_from_lidar: Pose | None
+    detectors: DetectorSet
+    names: Sequence[str]
+    stamps_s: Sequence[float]
+    scans: ScanFolder | None
+    images: ImageFolder | None
+    image_rows: Sequence[int]
+    cameras: KittiCameras | None
+    ego_from_lidar: Pose
+    poses: Sequence[np.ndarray | None] = ()
+    notes: Sequence[str] = ()
 
-    @staticmethod
-    def open(
-        folder: Path, names: Sequence[str], ego_from_lidar: Pose, camera: LabelCamera | None = None
-    ) -> ResultWriter:
-        """Make the folder; refuse one with labels of other frames than these.
+    def __len__(self) -> int:
+        return len(self.names)
 
-        camera: None puts one at the LiDAR, with the axes of KITTI's cameras.
+    def frames(self, progress: Progress = silent) -> Iterator[tuple[int, DetectedFrame]]:
+        """Yield the number of a frame and what is detected in it.
+
+        A LiDAR detector that answers late has an empty answer for a scan first, and then another.
+        A plug-in that fails raises `PluginError`. One that is not part of roadscope runs in a
+        process of its own, without a time limit for the whole recording.
         """
-        labels = usable_folder(usable_folder(folder) / LABELS)
-        others = {path.stem for path in visible(labels, "*.txt")} - set(names)
-        if others:
-            raise FolderError(
-                f"{labels} has labels of other scans, such as {min(others)}.txt: name another "
-                "folder, --out DIR"
-            )
-        at_lidar = LabelCamera(
-            CAMERA_FROM_EGO @ Pose.from_parts(np.eye(3), -ego_from_lidar.translation)
+        if self.detectors.camera is None:
+            for row, detections in self._scan_detections(progress):
+                yield row, self._frame(row, FusedDetections.of(detections, None))
+            return
+        points = {}
+        if self.detectors.lidar is not None:
+            points = dict(self._scan_detections(progress))
+        with ExitStack() as stack:
+            spec = self.detectors.fusion
+            fusion = stack.enter_context(open_plugin(spec.plain, limits=LIMITS)) if spec else None
+            if fusion is not None:
+                fusion.call("reset")
+            for row, seen in enumerate(self._image_detections(progress)):
+                yield row, self._frame(row, self._fused(fusion, row, points.get(row), seen), seen)
+
+    def losses(self) -> list[str]:
+        """Return what could not be used of the recording so far, in sentences."""
+        lost = [] if self.scans is None else list(self.scans.losses.notes())
+        errors = [] if self.images is None else list(self.images.losses.values())
+        if errors:
+            images = "1 image" if len(errors) == 1 else f"{len(errors)} images"
+            lost.append(f"{images} cannot be read, the first: {errors[0]}")
+        return lost
+
+    def _scan_detections(self, progress: Progress) -> Iterator[tuple[int, Detections]]:
+        """Yield the number of a scan and the detections in it, ego frame; see `frames`."""
+        spec, scans = self.detectors.lidar, self.scans
+        assert spec is not None
+        assert scans is not None
+        calibration = Calibration(((LIDAR, self.ego_from_lidar),))
+        answered: list[Detections] = []
+        with open_plugin(spec.plain, limits=LIMITS) as plugin:
+            plugin.call("reset")
+            for now, scan in enumerate(scans):
+                motion = self._motion(now)
+                frame = Frame(scan.stamp_s, calibration, lidar=scan, previous_from_ego=motion)
+                answered.append(Detections.empty(scan.stamp_s))
+                row, detections = _answer(
+                    plugin, spec, "detect", (frame,), partial(_answered_scan, answered)
+                )
+                answered[row] = detections
+                progress("scans", now + 1, len(scans))
+                if row != now:
+                    yield now, answered[now]
+                yield row, detections
+
+    def _motion(self, row: int) -> Pose | None:
+        """Return `previous_from_ego` at a scan; None if its pose or that before is not known."""
+        before, now = self.poses[row - 1 : row + 1] if row and self.poses else (None, None)
+        if before is None or now is None:
+            return None
+        previous_from_now = Pose(before).inverse() @ Pose(now)
+        return self.ego_from_lidar @ previous_from_now @ self.ego_from_lidar.inverse()
+
+    def _image_detections(self, progress: Progress) -> Iterator[SeenImage | None]:
+        """Yield the detections in the image of each frame; None where none can be read."""
+        spec, images = self.detectors.camera, self.images
+        assert spec is not None
+        assert images is not None
+        with open_plugin(spec.plain, limits=LIMITS) as plugin:
+            plugin.call("reset")
+            for row, image in enumerate(self.image_rows):
+                pixels = None if image == ALONE else images.read(image)
+                if pixels is None:
+                    yield None
+                else:
+                    frame = self._image_frame(row, pixels)
+                    check = partial(check_image_detections, stamp_s=frame.stamp_s)
+                    boxes = _answer(plugin, spec, "detect", (frame,), check)
+                    yield SeenImage(boxes, ImageSize(*pixels.shape[1::-1]))
+                progress("images", row + 1, len(self))
+
+    def _image_frame(self, row: int, pixels: np.ndarray) -> Frame:
+        """Return what a camera detector gets; without a calibration, a common field of view."""
+        height, width = pixels.shape[:2]
+        intrinsics = np.array([[width, 0.0, width / 2], [0.0, width, height / 2], [0.0, 0.0, 1.0]])
+        calibration, stamp_s = Calibration(), self.stamps_s[row]
+        if self.cameras is not None:
+            camera = self.cameras.of(self.names[row])
+            intrinsics = camera.projection[:, :3]
+            mount = self.ego_from_lidar @ camera.camera_from_lidar.inverse()
+            calibration = Calibration(((CAMERA, mount),))
+        image = CameraImage(pixels, intrinsics, stamp_s, CAMERA)
+        return Frame(stamp_s, calibration, camera=image)
+
+    def _fused(
+        self,
+        fusion: PluginHandle | None,
+        row: int,
+        points: Detections | None,
+        seen: SeenImage | None,
+    ) -> FusedDetections:
+        """Return the targets of one frame; without a fusion those of the camera."""
+        boxes, spec = None if seen is None else seen.detections, self.detectors.fusion
+        if points is not None and self._problem(row, of_lidar=True):
+            points = None
+        if points is None and boxes is None:
+            return FusedDetections.of(Detections.empty(self.stamps_s[row]), None)
+        if fusion is None or spec is None:
+            return FusedDetections.of(None, boxes)
+        assert self.cameras is not None
+        assert self.images is not None
+        size = self.images.size() if seen is None else seen.size
+        if size is None:
+            return FusedDetections.of(points, None)
+        camera = self.cameras.of(self.names[row])
+        projection = camera.projection_of(self.ego_from_lidar, *size)
+        check = partial(check_fused, stamp_s=self.stamps_s[row])
+        return _answer(fusion, spec, "fuse", (points, boxes, projection), check)
+
+    def _frame(
+        self, row: int, detections: FusedDetections, seen: SeenImage | None = None
+    ) -> DetectedFrame:
+        """Return a frame with what else is written of it."""
+        name, lidar_from_ego = self.names[row], self.ego_from_lidar.inverse()
+        at_lidar = Pose.from_parts(np.eye(3), -self.ego_from_lidar.translation)
+        camera = LabelCamera(CAMERA_FROM_EGO @ at_lidar)
+        if self.cameras is not None:
+            known = self.cameras.of(name)
+            size = None if seen is None else seen.size
+            if size is None and self.image_rows[row] != ALONE and self.images is not None:
+                size = self.images.size(self.image_rows[row])
+            camera = LabelCamera(known.camera_from_lidar @ lidar_from_ego, known.projection, size)
+        return DetectedFrame(name, self.stamps_s[row], detections, camera, self._problem(row))
+
+    def _problem(self, row: int, *, of_lidar: bool = False) -> str:
+        """Return what of a frame could not be read; of_lidar: of its scan alone."""
+        errors: list[FormatError | None] = []
+        if self.scans is not None:
+            errors.append(self.scans.losses.scans.get(self.scans.files[row]))
+        if self.images is not None and self.image_rows[row] != ALONE and not of_lidar:
+            errors.append(self.images.losses.get(self.images.files[self.image_rows[row]]))
+        return "; ".join(str(error) for error in errors if error is not None)
+
+
+def _answer(
+    plugin: PluginHandle,
+    spec: Spec,
+    method: str,
+    arguments: tuple[Any, ...],
+    check: Callable[[Any], A],
+) -> A:
+    """Return the checked answer of a plug-in, whose warnings are not shown to the reader."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        answer = plugin.call(method, *arguments).answer
+    try:
+        return check(answer)
+    except AnswerError as error:
+        raise PluginError(str(spec), str(error), plugin.log) from error
+
+
+def _answered_scan(answered: Sequence[Detections], answer: Any) -> tuple[int, Detections]:
+    """Return the scan that an answer is for, and its detections.
+
+    answered: the answers to all scans so far; one that has detections is not answered again.
+    """
+    stamps_s = [each.stamp_s for each in answered]
+    detections = check_detections(answer, stamps_s=stamps_s)
+    if detections.frame != "ego":
+        raise AnswerError(f"detections in frame '{detections.frame}'; possible here: ego")
+    rows = range(len(stamps_s) - 1, -1, -1)
+    row = next(k for k in rows if same_stamp(detections.stamp_s, stamps_s[k]))
+    if len(answered[row]):
+        raise AnswerError(f"two answers to the frame at {stamps_s[row]:.6g} s")
+    return row, detections
+
+
+class JobOptions(NamedTuple):
+    """What a user says of a recording.
+
+    detector: a spec; empty: what is there decides. images: folder of the images, if elsewhere.
+    calibration: see `KittiCameras`. height_m: of the LiDAR above the ground; None: scans show it.
+    turn: (3, 3), brings the LiDAR's axes to x ahead, y left, z up.
+    poses: file with poses of the LiDAR. rate_hz, columns: see `ScanFolder.find`.
+    """
+
+    detector: str = ""
+    images: Path | None = None
+    calibration: Path | None = None
+    height_m: float | None = None
+    turn: np.ndarray = np.eye(3)
+    poses: Path | None = None
+    rate_hz: float = 10.0
+    columns: Sequence[str] = ()
+
+
+def detection_job(folder: Path, options: JobOptions) -> DetectionJob:
+    """Return what is to be detected in a folder, and by what."""
+    has_scans, images = bool(scan_files(folder)), ImageFolder.find(options.images or folder)
+    if images is None and (options.images or (not has_scans and folder.is_dir())):
+        place = options.images or folder
+        scans_too = "" if options.images else f"scans {', '.join(READERS)} or "
+        raise FormatError(
+            f"{place}: expected {scans_too}images {', '.join(IMAGE_ENDINGS)}, got {names_in(place)}"
         )
-        return ResultWriter(folder, camera or at_lidar, ego_from_lidar)
+    named = options.detector
+    detectors = DetectorSet.of(named, of_images=not has_scans) if named else None
+    if images is not None and (not has_scans or (detectors and detectors.lidar is None)):
+        return _image_job(detectors or DetectorSet.of(IMAGE_DETECTOR), images, options.rate_hz)
+    scans = ScanFolder.find(folder, rate_hz=options.rate_hz, columns=options.columns)
+    cameras, notes = _cameras(folder, scans, options.calibration)
+    rows, problem = [ALONE] * len(scans), "no images"
+    if images is not None:
+        rows, problem = paired_images(scans, images)
+        problem = problem or ("" if cameras else NO_CALIBRATION)
+    if detectors is None:
+        detectors = DetectorSet.of(SCAN_DETECTOR if problem else BOTH_DETECTORS)
+        notes += [f"the images are not used: {problem}"] if images is not None and problem else []
+    elif detectors.camera is not None and problem:
+        raise FormatError(f"{folder}: {named} needs scans, images and a calibration: {problem}")
+    height_m = (
+        height_above_ground(scans, options.turn) if options.height_m is None else options.height_m
+    )
+    if height_m is None:
+        raise FormatError(NO_GROUND)
+    source = "by the ground in the scans" if options.height_m is None else "as named"
+    notes.append(f"the LiDAR is {height_m:.2f} m above the ground, {source}")
+    return DetectionJob(
+        detectors,
+        scans.names,
+        scans.stamps_s,
+        scans,
+        images,
+        rows,
+        cameras,
+        Pose.from_parts(options.turn, np.array([0.0, 0.0, height_m])),
+        TruePoses.read(options.poses, scans.stamps_s).poses if options.poses else (),
+        (*scans.notes, *notes),
+    )
 
-    def write(self, frames: Sequence[DetectedFrame], about: Mapping[str, Any]) -> None:
-        """Write all files. about: what else the JSON file says, before its frames."""
-        for frame in frames:
-            rows = kitti_results(frame.detections, self.camera)
-            write_kitti_object_results(self.folder / LABELS / f"{frame.name}.txt", rows)
-        content = {**about, "frames": [self._content(frame) for frame in frames]}
-        text = json.dumps(content, indent=1, allow_nan=False)
-        (self.folder / RESULTS).write_text(f"{text}\n", encoding="utf-8")
 
-    def _content(self, frame: DetectedFrame) -> dict[str, Any]:
-        """Return a frame as a dictionary that JSON can hold."""
-        fused = frame.detections
-        boxes = fused.detections()
-        if self.ego_from_lidar is not None:
-            boxes = boxes.moved(self.ego_from_lidar.inverse(), LIDAR)
-        rows = np.cumsum(fused.has_box) - 1
-        listed = []
-        for k, category in enumerate(fused.categories.tolist()):
-            each: dict[str, Any] = {
-                "category": Category(category).name.lower(),
-                "score": float(fused.scores[k]),
-            }
-            if fused.has_box[k]:
-                each["centre_m"] = boxes.centres[rows[k]].tolist()
-                each["size_m"] = boxes.sizes[rows[k]].tolist()
-                each["yaw_rad"] = float(boxes.yaws[rows[k]])
-            if fused.has_image_box[k]:
-                each["image_box_px"] = fused.image_boxes[k].tolist()
-            listed.append(each)
-        problem = {"problem": frame.problem} if frame.problem else {}
-        return {"name": frame.name, "stamp_s": frame.stamp_s, **problem, "detections": listed}
+def _image_job(detectors: DetectorSet, images: ImageFolder, rate_hz: float) -> DetectionJob:
+    """Return what is to be detected in images alone."""
+    if detectors.camera is None or detectors.lidar is not None:
+        raise FormatError(f"{images.files[0].parent}: there are images and no scans")
+    stamps = images.stamps(rate_hz)
+    return DetectionJob(
+        detectors,
+        images.names,
+        stamps.stamps_s,
+        None,
+        images,
+        range(len(images)),
+        None,
+        Pose.identity(),
+        notes=(*images.ordered.notes, *stamps.notes),
+    )
+
+
+def _cameras(
+    folder: Path, scans: ScanFolder, named: Path | None
+) -> tuple[KittiCameras | None, list[str]]:
+    """Return the calibration, and why one that was found is not used; a named one has to be."""
+    if named is not None:
+        cameras = KittiCameras(named)
+        cameras.of(scans.names[0])
+        return cameras, []
+    found = KittiCameras.find(folder) or KittiCameras.find(scans.files[0].parent)
+    try:
+        if found is not None:
+            found.of(scans.names[0])
+    except FormatError as error:
+        return None, [f"a calibration is not used: {error}"]
+    return found, [] if found is None else [f"the calibration is that of {found.path}"]
+
+
+def paired_images(scans: ScanFolder, images: ImageFolder) -> tuple[list[int], str]:
+    """Return the number of the image of each scan, `ALONE` where there is none, and a note.
+
+    Images belong to scans of the same name; if there are none, to the nearest in time.
+    """
+    rows = {name: row for row, name in enumerate(images.names)}
+    pairs = [rows.get(name, ALONE) for name in scans.names]
+    if set(pairs) != {ALONE}:
+        return pairs, ""
+    stamps = images.stamps(1.0)
+    if not (scans.measured and stamps.measured):
+        return pairs, "no image has the name of a scan, and nothing says when they were taken"
+    nearest = nearest_images(np.array(scans.stamps_s), np.array(stamps.stamps_s))
+    return nearest.tolist(), ""

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -14,27 +14,51 @@ from roadscope.commands.options import Json, Layout, Quiet, Rate
 from roadscope.commands.terminal import complain, headline, print_json, progress_bars, show
 
 if TYPE_CHECKING:
-    from roadscope.benchmarks.detection_runner import DetectedFrame
-    from roadscope.benchmarks.formats.scan_folder import ScanFolder
-    from roadscope.core import Pose
+    import numpy as np
 
-DEFAULT_DETECTOR = "distance-l-shape"
+    from roadscope.benchmarks.detection_runner import DetectedFrame, DetectionJob
+
+HIGHEST_M = 5.0
+"""No LiDAR on the road is higher above the ground. Chosen by hand."""
 
 Folder = Annotated[
     Path,
     typer.Argument(
-        metavar="DIR", help="Folder of scans, in the order of their names: .bin, .pcd or .npy."
+        metavar="DIR",
+        help="Folder of scans (.bin, .pcd or .npy), of images (.png, .jpg), or of KITTI with both, "
+        "in the order of their names.",
     ),
 ]
 DetectorSpec = Annotated[
     str,
     typer.Option(
         metavar="SPEC",
-        help="The detector: a name or file.py:Class; see: roadscope list detectors.",
+        help="A LiDAR detector, a camera detector, or fused?lidar=A&camera=B&fusion=C: names or "
+        "file.py:Class; see: roadscope list. If left out, distance-l-shape for scans, network for "
+        "images, fused for both with a calibration.",
         autocompletion=completion.detectors,
     ),
 ]
 Out = Annotated[Path, typer.Option(metavar="DIR", help="Folder for the results.")]
+Pictures = Annotated[
+    Path | None,
+    typer.Option(
+        metavar="DIR",
+        help="Folder for pictures: each scan from above and each image, with the boxes.",
+    ),
+]
+Images = Annotated[
+    Path | None,
+    typer.Option(metavar="DIR", help="Folder of the images, if they are not in DIR."),
+]
+Calibration = Annotated[
+    Path | None,
+    typer.Option(
+        metavar="PATH",
+        help="KITTI's calibration with P2 and the LiDAR: a file, or a folder with one for each "
+        "scan. If left out, calib.txt or calib in DIR or beside it.",
+    ),
+]
 Height = Annotated[
     float | None,
     typer.Option(
@@ -62,8 +86,11 @@ Poses = Annotated[
 
 def detect(
     folder: Folder,
-    detector: DetectorSpec = DEFAULT_DETECTOR,
+    detector: DetectorSpec = "",
     out: Out = Path("detections"),
+    pictures: Pictures = None,
+    images: Images = None,
+    calibration: Calibration = None,
     height: Height = None,
     lidar_mounting: LidarMounting = None,
     poses: Poses = None,
@@ -72,86 +99,83 @@ def detect(
     quiet: Quiet = False,
     json: Json = False,
 ) -> None:
-    """Detect road users in a folder of scans.
+    """Detect road users in a folder of scans, images or both.
 
     The results are a label file of KITTI for each scan (labels/NAME.txt) and one JSON file with
-    all boxes (detections.json). Boxes in the JSON file are in the LiDAR's own axes. After Ctrl-C
+    all boxes (detections.json). Boxes in the JSON file are in the LiDAR's own axes. Label files are
+    in the frame of the camera; without a calibration, it is taken to be at the LiDAR. After Ctrl-C
     the results so far are written. A scan that cannot be read counts as empty.
     """
-    from roadscope.benchmarks.detection_runner import (
-        DetectedFrame,
-        ResultWriter,
-        detector_of,
-        scan_detections,
-    )
+    from roadscope.benchmarks.detection_files import ResultWriter
+    from roadscope.benchmarks.detection_runner import JobOptions, detection_job
+    from roadscope.benchmarks.detection_views import picture_folder, save_views
     from roadscope.benchmarks.formats.point_layout import parse_columns
-    from roadscope.benchmarks.formats.scan_folder import ScanFolder
-    from roadscope.benchmarks.odometry_runner import TruePoses
-    from roadscope.core import Detections
-    from roadscope.core.fused import FusedDetections
 
-    spec = detector_of(detector)
     columns = parse_columns(layout) if layout else ()
-    scans = ScanFolder.find(folder, rate_hz=rate_hz, columns=columns)
-    for note in scans.notes:
+    turn, height_m = _turn(lidar_mounting), _checked_height(height)
+    options = JobOptions(
+        detector, images, calibration, height_m, turn, poses, rate_hz=rate_hz, columns=columns
+    )
+    job = detection_job(folder, options)
+    for note in job.notes:
         complain(note)
-    ego_from_lidar = _mounting(scans, height, lidar_mounting)
-    moved = TruePoses.read(poses, scans.stamps_s).poses if poses else ()
-    writer = ResultWriter.open(out, scans.names, ego_from_lidar)
-    found: dict[int, Detections] = {}
-    try:
-        with progress_bars(quiet=quiet) as progress:
-            for row, detections in scan_detections(scans, spec, ego_from_lidar, poses=moved):
-                found[row] = detections
-                progress("scans", len(found), len(scans))
-    finally:
-        frames = [
-            DetectedFrame(
-                scans.names[row],
-                scans.stamps_s[row],
-                FusedDetections.of(each, None),
-                str(scans.losses.scans.get(scans.files[row], "")),
-            )
-            for row, each in sorted(found.items())
-        ]
-        if frames:
-            about = {
-                "detector": detector,
-                "lidar_height_m": float(ego_from_lidar.translation[2]),
-            }
-            writer.write(frames, about)
-        if 0 < len(frames) < len(scans):
-            complain(f"results of {len(frames)} of {len(scans)} scans are kept in {out}")
-    for note in scans.losses.notes():
+    writer = ResultWriter.open(out, job)
+    views = None if pictures is None else picture_folder(pictures, job)
+    found: dict[int, DetectedFrame] = {}
+    with progress_bars(quiet=quiet) as progress:
+        try:
+            found.update(job.frames(progress))
+        finally:
+            frames = [found[row] for row in sorted(found)]
+            about = _about(job)
+            if frames:
+                writer.write(frames, about)
+            if 0 < len(frames) < len(job):
+                complain(f"results of {len(frames)} of {len(job)} scans are kept in {out}")
+        for row, frame in enumerate(frames if views is not None else ()):
+            assert views is not None
+            save_views(job, row, frame, views)
+            progress("pictures", row + 1, len(frames))
+    for note in job.losses():
         complain(note)
     if json:
-        print_json({**about, "scans": len(frames), "detections": _counts(frames)})
+        print_json({**about, "frames": len(frames), "detections": _counts(frames)})
     elif not quiet:
-        _report(detector, frames)
-        typer.echo(f"written: {out}")
+        _report(job, frames)
+        typer.echo(f"written: {out}" if views is None else f"written: {out}, {views}")
 
 
-def _mounting(scans: ScanFolder, height_m: float | None, mounting: str | None) -> Pose:
-    """Return `ego_from_lidar`, the ego on the ground below the LiDAR, and say how high it is."""
+def _turn(mounting: str | None) -> np.ndarray:
+    """Return the (3, 3) rotation of the option --lidar-mounting."""
     import numpy as np
 
-    from roadscope.benchmarks.detection_runner import height_above_ground
     from roadscope.benchmarks.formats.samples import parse_mounting
-    from roadscope.benchmarks.formats.table import FormatError
-    from roadscope.core import Pose
 
-    rotation = parse_mounting(mounting).rotation if mounting else np.eye(3)
-    if height_m is not None and not 0 < height_m < np.inf:
-        raise FormatError(f"--height: expected metres above 0, got {height_m:g}")
-    measured = height_above_ground(scans, rotation) if height_m is None else height_m
-    if measured is None:
+    return parse_mounting(mounting).rotation if mounting else np.eye(3)
+
+
+def _checked_height(height_m: float | None) -> float | None:
+    """Return the height of the option --height; refuse one that no LiDAR has."""
+    from roadscope.benchmarks.formats.table import FormatError
+
+    if height_m is not None and not 0 < height_m <= HIGHEST_M:
         raise FormatError(
-            "the scans show no ground below the LiDAR: name its height, --height METRES, and if "
-            "its z axis does not point up, --lidar-mounting"
+            f"--height: expected metres above 0 and up to {HIGHEST_M:g}, got {height_m:g}"
         )
-    source = "by the ground in the scans" if height_m is None else "as named"
-    complain(f"the LiDAR is {measured:.2f} m above the ground, {source}")
-    return Pose.from_parts(rotation, np.array([0.0, 0.0, measured]))
+    return height_m
+
+
+def _about(job: DetectionJob) -> dict[str, Any]:
+    """Return what the JSON file says of a run before its frames."""
+    specs = zip(job.detectors._fields, job.detectors, strict=True)
+    content: dict[str, Any] = {
+        "detectors": {name: str(spec) for name, spec in specs if spec is not None}
+    }
+    if job.scans is not None:
+        content["lidar_height_m"] = float(job.ego_from_lidar.translation[2])
+    if job.cameras is not None:
+        content["calibration"] = str(job.cameras.path)
+    return content
 
 
 def _counts(frames: Sequence[DetectedFrame]) -> dict[str, int]:
@@ -162,9 +186,10 @@ def _counts(frames: Sequence[DetectedFrame]) -> dict[str, int]:
     return {Category(c).name.lower(): count for c, count in sorted(counts.items())}
 
 
-def _report(detector: str, frames: Sequence[DetectedFrame]) -> None:
+def _report(job: DetectionJob, frames: Sequence[DetectedFrame]) -> None:
     """Print how many detections there are."""
-    counts = _counts(frames)
-    headline(f"{detector}: {sum(counts.values())} boxes in {len(frames)} scans")
+    counts, detectors = _counts(frames), " + ".join(str(each) for each in job.detectors if each)
+    what = "images" if job.scans is None else "scans"
+    headline(f"{detectors}: {sum(counts.values())} boxes in {len(frames)} {what}")
     if counts:
         show(", ".join(f"{name} {count}" for name, count in counts.items()))

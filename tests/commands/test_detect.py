@@ -214,5 +214,5 @@ def test_a_lidar_without_ground_needs_its_height(folder):
 def test_json_is_the_only_output(folder):
     done, _ = run(folder, "--json", detector="Echo")
     told = json.loads(done.stdout)
-    assert told["scans"] == SCANS
+    assert told["frames"] == SCANS
     assert told["detections"] == {"car": SCANS}

@@ -11,14 +11,7 @@ import numpy as np
 
 from roadscope.benchmarks.formats.point_fields import ENDINGS, READERS, ending_of
 from roadscope.benchmarks.formats.point_layout import PointLayout, layout_of
-from roadscope.benchmarks.formats.scan_stamps import (
-    TIMES_FILES,
-    OrderedScans,
-    Stamps,
-    in_order,
-    read_stamps,
-    stamps_by_names,
-)
+from roadscope.benchmarks.formats.scan_stamps import in_order, stamps_of_files, without_ending
 from roadscope.benchmarks.formats.table import FormatError, names_in, visible
 from roadscope.core import LidarScan
 
@@ -62,6 +55,7 @@ class ScanFolder:
     times_file: one number per line, in seconds or milli-, micro- or nanoseconds; None without it.
     layout: which field of the points is what.
     notes: what was assumed about order, stamps and fields, in sentences.
+    measured: whether the stamps are of a clock; otherwise scans are counted.
     losses: what could not be used of the scans read so far.
     """
 
@@ -70,6 +64,7 @@ class ScanFolder:
     times_file: Path | None
     layout: PointLayout
     notes: tuple[str, ...]
+    measured: bool = False
     losses: ReadingLosses = field(default_factory=ReadingLosses, compare=False)
 
     @staticmethod
@@ -89,22 +84,17 @@ class ScanFolder:
             raise FormatError(f"{root}: {what}; expected a folder with {suffixes}")
         if not rate_hz > 0:
             raise FormatError(f"expected a rate above 0 Hz, got {rate_hz}")
-        within = (root, *(root / name for name in SCAN_FOLDERS))
-        found = ([path for path in visible(each) if ending_of(path)] for each in within)
-        files = next((each for each in found if each), None)
-        if files is None:
+        files = scan_files(root)
+        if not files:
             raise FormatError(f"{root}: expected files {suffixes}, got {names_in(root)}")
         kinds = sorted({ending_of(path) for path in files})
         if len(kinds) > 1:
             raise FormatError(f"{root}: expected scans of one kind, got {' and '.join(kinds)}")
         scans = in_order(files, ENDINGS)
-        place = files[0].parent
-        times = (each / name for each in (place, place.parent) for name in TIMES_FILES)
-        times_file = next((path for path in times if path.is_file()), None)
-        stamps = _stamps(scans, times_file, rate_hz)
+        stamps, times_file = stamps_of_files(scans, rate_hz)
         layout = layout_of(_samples(scans.files), columns)
         notes = (*scans.notes, *stamps.notes, *layout.notes)
-        return ScanFolder(scans.files, stamps.stamps_s, times_file, layout, notes)
+        return ScanFolder(scans.files, stamps.stamps_s, times_file, layout, notes, stamps.measured)
 
     def __len__(self) -> int:
         return len(self.files)
@@ -112,7 +102,7 @@ class ScanFolder:
     @property
     def names(self) -> list[str]:
         """The names of the scans, without ending."""
-        return [path.name[: -len(ending_of(path))] for path in self.files]
+        return [without_ending(path.name, ENDINGS) for path in self.files]
 
     def __iter__(self) -> Iterator[LidarScan]:
         """Yield all scans; one that cannot be read is empty and counted in `losses`."""
@@ -131,10 +121,11 @@ class ScanFolder:
                 yield scan
 
 
-def _stamps(scans: OrderedScans, times_file: Path | None, rate_hz: float) -> Stamps:
-    if times_file is None:
-        return stamps_by_names(scans, rate_hz)
-    return read_stamps(times_file, [path.name for path in scans.files])
+def scan_files(root: Path) -> list[Path]:
+    """Return the files of scans in a folder or in one of `SCAN_FOLDERS` in it."""
+    within = (root, *(root / name for name in SCAN_FOLDERS))
+    found = ([path for path in visible(each) if ending_of(path)] for each in within)
+    return next((each for each in found if each), [])
 
 
 def _samples(files: Sequence[Path]) -> list[Path]:

@@ -56,10 +56,14 @@ class OrderedScans(NamedTuple):
 
 
 class Stamps(NamedTuple):
-    """The stamps of scans, seconds, one each, and what was assumed about them."""
+    """The stamps of scans, seconds, one each, and what was assumed about them.
+
+    measured: whether they are of a clock; otherwise scans are counted.
+    """
 
     stamps_s: tuple[float, ...]
     notes: tuple[str, ...] = ()
+    measured: bool = False
 
 
 def time_unit_s(length: float, *, shortest_s: float, longest_s: float) -> float | None:
@@ -81,7 +85,7 @@ def in_order(files: Sequence[Path], endings: Sequence[str]) -> OrderedScans:
     Names that are decimal numbers are compared as such. In other names, digits are compared as
     whole numbers: 9 comes before 10.
     """
-    stems = [_without(path.name, endings) for path in files]
+    stems = [without_ending(path.name, endings) for path in files]
     if all(_NUMBER.fullmatch(stem) for stem in stems):
         return _by_decimals(files, stems)
     order = sorted(range(len(files)), key=lambda k: _natural(stems[k]))
@@ -89,7 +93,8 @@ def in_order(files: Sequence[Path], endings: Sequence[str]) -> OrderedScans:
     return OrderedScans(tuple(files[k] for k in order), numbers)
 
 
-def _without(name: str, endings: Sequence[str]) -> str:
+def without_ending(name: str, endings: Sequence[str]) -> str:
+    """Return a name without the first of the endings that it has."""
     ending = next((each for each in endings if name.lower().endswith(each)), "")
     return name[: len(name) - len(ending)]
 
@@ -145,6 +150,19 @@ def _number_that_differs(stems: Sequence[str]) -> np.ndarray | None:
 # Stamps.
 
 
+def stamps_of_files(scans: OrderedScans, rate_hz: float) -> tuple[Stamps, Path | None]:
+    """Return the stamps of scans, and the file that they are from if there is one.
+
+    It is in the folder of the scans or beside it; without it, names have stamps or count scans.
+    """
+    place = scans.files[0].parent
+    times = (each / name for each in (place, place.parent) for name in TIMES_FILES)
+    times_file = next((path for path in times if path.is_file()), None)
+    if times_file is None:
+        return stamps_by_names(scans, rate_hz), None
+    return read_stamps(times_file, [path.name for path in scans.files]), times_file
+
+
 def read_stamps(path: Path, names: Sequence[str]) -> Stamps:
     """Read the stamps of scans, one a line; the median step decides their unit.
 
@@ -178,7 +196,7 @@ def read_stamps(path: Path, names: Sequence[str]) -> Stamps:
             f"{path.name}: {len(falling)} stamps do not rise, the first in line "
             f"{table.lines[int(falling[0]) + 1]}"
         )
-    return Stamps(tuple(stamps_s.tolist()), tuple(notes))
+    return Stamps(tuple(stamps_s.tolist()), tuple(notes), measured=True)
 
 
 def stamp_table(path: Path) -> Table:
@@ -214,7 +232,8 @@ def stamps_by_names(scans: OrderedScans, rate_hz: float) -> Stamps:
             stamps_s = scans.numbers * unit_s
             note = f"no {TIMES_FILE}: the numbers in the names are taken for stamps in "
             holes = _hole_notes(stamps_s, names, "names")
-            return Stamps(tuple(stamps_s.tolist()), (note + UNIT_NAMES[unit_s], *holes))
+            notes = (note + UNIT_NAMES[unit_s], *holes)
+            return Stamps(tuple(stamps_s.tolist()), notes, measured=True)
     values, counts = np.unique(steps, return_counts=True)
     usual = float(values[np.argmax(counts)])
     if usual <= 0 or (steps % usual).any():

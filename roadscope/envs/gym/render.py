@@ -15,6 +15,7 @@ from roadscope.core import (
     Detections,
     Family,
     Frame,
+    LidarScan,
     Pose,
     Tracks,
     TrackState,
@@ -96,8 +97,9 @@ TRACKS: tuple[Rgb, ...] = (
 )
 TRACK_LINE_PX = 2.0
 COASTING_LINE_PX = 0.8
-"""Colours of the ego, detections, families of true boxes and ids of tracks, and widths of outlines;
-chosen by hand."""
+LIDAR_PX = 2.5
+"""Colours of the ego, detections, families of boxes and ids of tracks, widths of outlines, and half
+the side of the square that stands for a LiDAR; chosen by hand."""
 
 
 def track_colour(number: int) -> Rgb:
@@ -264,20 +266,7 @@ class _LegendRow(NamedTuple):
 
 
 def draw_legend(labels: LabelPlacer, *, detections: bool, tracks: bool) -> None:
-    """Draw the legend of the colours at the lower left, if the picture is large enough."""
-    picture, opacity = _legend(detections, tracks)
-    height, width = opacity.shape
-    canvas = labels.canvas
-    if 2 * width > canvas.width or 2 * height > canvas.height:
-        return
-    region = canvas.pixels[-height:, :width]
-    region += opacity[..., None] * (picture - region)
-    labels.reserve(np.array([0, canvas.height - height, width, canvas.height], float))
-
-
-@lru_cache(maxsize=4)
-def _legend(detections: bool, tracks: bool) -> tuple[np.ndarray, np.ndarray]:
-    """Return the (H, W, 3) picture of the legend and its (H, W) opacity."""
+    """Draw the legend of a picture with truth."""
     rows = [_LegendRow("ego", EGO, 0.35, 1.5)]
     rows += [
         _LegendRow(f"true {family.name.lower()}", colour, 0.12, 1.5)
@@ -288,6 +277,24 @@ def _legend(detections: bool, tracks: bool) -> tuple[np.ndarray, np.ndarray]:
     if tracks:
         rows.append(_LegendRow("track, 1 s ahead", TRACKS[3], 0.15, TRACK_LINE_PX))
         rows.append(_LegendRow("coasting track", TRACKS[6], 0.15, COASTING_LINE_PX))
+    _draw_rows(labels, tuple(rows))
+
+
+def _draw_rows(labels: LabelPlacer, rows: tuple[_LegendRow, ...]) -> None:
+    """Draw a legend at the lower left, if the picture is large enough."""
+    picture, opacity = _legend(rows)
+    height, width = opacity.shape
+    canvas = labels.canvas
+    if 2 * width > canvas.width or 2 * height > canvas.height:
+        return
+    region = canvas.pixels[-height:, :width]
+    region += opacity[..., None] * (picture - region)
+    labels.reserve(np.array([0, canvas.height - height, width, canvas.height], float))
+
+
+@lru_cache(maxsize=4)
+def _legend(rows: tuple[_LegendRow, ...]) -> tuple[np.ndarray, np.ndarray]:
+    """Return the (H, W, 3) picture of a legend and its (H, W) opacity."""
     width = max(text_px(row.text, 2)[0] for row in rows) + SWATCH_PX[0] + 24
     canvas = Canvas(np.full((len(rows) * ROW_PX + 8, int(width), 3), BACKGROUND, np.uint8))
     for number, row in enumerate(rows):
@@ -397,6 +404,37 @@ def birds_eye(
     return canvas.image()
 
 
+def scan_view(
+    scan: LidarScan,
+    ego_from_lidar: Pose,
+    detections: Detections,
+    *,
+    size_px: int = 800,
+    metres_per_px: float = 0.15,
+) -> np.ndarray:
+    """Return a (size_px, size_px, 3) uint8 picture of a scan of which no truth is known.
+
+    The way ahead is upwards. Colours are those of `birds_eye`; detections are coloured by family.
+    detections: ego frame.
+    """
+    view = BirdsEyeView(Pose.identity(), size_px, metres_per_px)
+    canvas = Canvas(blank(size_px, metres_per_px))
+    placed = ego_from_lidar.apply(scan.points)
+    canvas.dots(view.pixels(placed[:, :2]), _levels(placed[:, 2]), PALETTE)
+    for row, number in enumerate(detections.categories.tolist()):
+        box = box_corners(detections.centres[row], detections.sizes[row], detections.yaws[row])
+        colour = FAMILIES[Category(number).family]
+        canvas.polygon(view.pixels(box), colour, fill=0.15, line_px=TRACK_LINE_PX)
+    middle = view.pixels(ego_from_lidar.translation[:2])
+    canvas.polygon(_corners(np.concatenate([middle - LIDAR_PX, middle + LIDAR_PX])), EGO)
+    labels = LabelPlacer(canvas)
+    families = FAMILIES.items()
+    rows = (_LegendRow(each.name.lower(), colour, 0.15, TRACK_LINE_PX) for each, colour in families)
+    _draw_rows(labels, (_LegendRow("lidar", EGO, 1.0, 1.5), *rows))
+    write_distances(labels, view)
+    return canvas.image()
+
+
 def _draw_scenery(canvas: Canvas, view: BirdsEyeView, scenery: Prisms) -> None:
     centre = view.world_from_ego.translation[:2]
     near = np.linalg.norm(scenery.footprints[:, 0] - centre, axis=1) < view.radius_m
@@ -429,11 +467,17 @@ def _draw_returns(
     cos, sin = np.cos(yaw), np.sin(yaw)
     world = np.stack([x + cos * ahead - sin * left, y + sin * ahead + cos * left], axis=1)
     _compensate_motion(world, offsets, truth)
-    shares = np.clip((height - HEIGHTS_M[0]) / (HEIGHTS_M[-1] - HEIGHTS_M[0]), -0.004, 1)
-    levels = (shares * 200 + 3).astype(np.uint8)
+    levels = _levels(height)
     if len(truth.sources) == len(levels):
         levels[truth.sources == WEATHER] = 1
     canvas.dots(view.pixels(world), levels, PALETTE)
+
+
+def _levels(heights: np.ndarray) -> np.ndarray:
+    """Return the rows of `PALETTE` of returns at (N,) heights above the ground, metres."""
+    shares = np.clip((heights - HEIGHTS_M[0]) / (HEIGHTS_M[-1] - HEIGHTS_M[0]), -0.004, 1)
+    levels: np.ndarray = (shares * 200 + 3).astype(np.uint8)
+    return levels
 
 
 def _compensate_motion(world: np.ndarray, offsets_s: np.ndarray, truth: Truth) -> None:
