@@ -16,7 +16,7 @@ from roadscope.benchmarks.formats.image_folder import IMAGE_ENDINGS, ImageFolder
 from roadscope.benchmarks.formats.kitti_cameras import KittiCameras
 from roadscope.benchmarks.formats.kitti_frames import CAMERA_FROM_EGO, LabelCamera
 from roadscope.benchmarks.formats.point_fields import READERS
-from roadscope.benchmarks.formats.scan_folder import ScanFolder, scan_files
+from roadscope.benchmarks.formats.scan_folder import ScanFolder, has_clouds, scan_files
 from roadscope.benchmarks.formats.table import FormatError, names_in
 from roadscope.benchmarks.formats.tracking_rows import ImageSize
 from roadscope.benchmarks.isolation import Limits, PluginError, PluginHandle, open_plugin
@@ -350,7 +350,7 @@ class JobOptions(NamedTuple):
     detector: a spec; empty: what is there decides. images: folder of the images, if elsewhere.
     calibration: see `KittiCameras`. height_m: of the LiDAR above the ground; None: scans show it.
     turn: (3, 3), brings the LiDAR's axes to x ahead, y left, z up.
-    poses: file with poses of the LiDAR. rate_hz, columns: see `ScanFolder.find`.
+    poses: file with poses of the LiDAR. rate_hz, columns, topics: see `ScanFolder.find`.
     """
 
     detector: str = ""
@@ -361,11 +361,13 @@ class JobOptions(NamedTuple):
     poses: Path | None = None
     rate_hz: float = 10.0
     columns: Sequence[str] = ()
+    topics: Sequence[str] = ()
 
 
 def detection_job(folder: Path, options: JobOptions) -> DetectionJob:
     """Return what is to be detected in a folder, and by what."""
-    has_scans, images = bool(scan_files(folder)), ImageFolder.find(options.images or folder)
+    images = ImageFolder.find(options.images or folder, () if options.images else options.topics)
+    has_scans = bool(scan_files(folder)) or has_clouds(folder)
     if images is None and (options.images or (not has_scans and folder.is_dir())):
         place = options.images or folder
         scans_too = "" if options.images else f"scans {', '.join(READERS)} or "
@@ -376,7 +378,9 @@ def detection_job(folder: Path, options: JobOptions) -> DetectionJob:
     detectors = DetectorSet.of(named, of_images=not has_scans) if named else None
     if images is not None and (not has_scans or (detectors and detectors.lidar is None)):
         return _image_job(detectors or DetectorSet.of(IMAGE_DETECTOR), images, options.rate_hz)
-    scans = ScanFolder.find(folder, rate_hz=options.rate_hz, columns=options.columns)
+    scans = ScanFolder.find(
+        folder, rate_hz=options.rate_hz, columns=options.columns, topics=options.topics
+    )
     cameras, notes = _cameras(folder, scans, options.calibration)
     rows, problem = [ALONE] * len(scans), "no images"
     if images is not None:
@@ -411,7 +415,7 @@ def detection_job(folder: Path, options: JobOptions) -> DetectionJob:
 def _image_job(detectors: DetectorSet, images: ImageFolder, rate_hz: float) -> DetectionJob:
     """Return what is to be detected in images alone."""
     if detectors.camera is None or detectors.lidar is not None:
-        raise FormatError(f"{images.files[0].parent}: there are images and no scans")
+        raise FormatError(f"{images.files[0]}: there are images and no scans")
     stamps = images.stamps(rate_hz)
     return DetectionJob(
         detectors,
@@ -422,7 +426,7 @@ def _image_job(detectors: DetectorSet, images: ImageFolder, rate_hz: float) -> D
         range(len(images)),
         None,
         Pose.identity(),
-        notes=(*images.ordered.notes, *stamps.notes),
+        notes=(*(images.ordered.notes if images.ordered else ()), *stamps.notes),
     )
 
 
@@ -434,7 +438,7 @@ def _cameras(
         cameras = KittiCameras(named)
         cameras.of(scans.names[0])
         return cameras, []
-    found = KittiCameras.find(folder) or KittiCameras.find(scans.files[0].parent)
+    found = KittiCameras.find(folder) or KittiCameras.find(scans.place)
     try:
         if found is not None:
             found.of(scans.names[0])
@@ -450,7 +454,7 @@ def paired_images(scans: ScanFolder, images: ImageFolder) -> tuple[list[int], st
     """
     rows = {name: row for row, name in enumerate(images.names)}
     pairs = [rows.get(name, ALONE) for name in scans.names]
-    if set(pairs) != {ALONE}:
+    if scans.bag is None and images.ordered is not None and set(pairs) != {ALONE}:
         return pairs, ""
     stamps = images.stamps(1.0)
     if not (scans.measured and stamps.measured):

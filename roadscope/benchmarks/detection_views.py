@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from roadscope.benchmarks.cache import usable_folder
-from roadscope.benchmarks.camera_view import drawn
+from roadscope.benchmarks.camera_view import LEAST_SCORE, drawn
 from roadscope.benchmarks.detection_runner import DetectedFrame, DetectionJob
 from roadscope.benchmarks.formats.kitti_frames import kitti_results
 from roadscope.benchmarks.formats.table import FormatError
@@ -22,7 +22,8 @@ SCAN_VIEW, IMAGE_VIEW = "_scan.png", "_image.png"
 def picture_folder(path: Path, job: DetectionJob) -> Path:
     """Make a folder for pictures and return it; one with images of the recording is refused."""
     folder = usable_folder(path)
-    if job.images is not None and job.images.files[0].parent.samefile(folder):
+    place = None if job.images is None else job.images.place
+    if place is not None and place.samefile(folder):
         raise FormatError(f"{folder} has the images of the recording: name another folder")
     return folder
 
@@ -31,7 +32,9 @@ def save_views(job: DetectionJob, row: int, frame: DetectedFrame, folder: Path) 
     """Write a bird's-eye view of the scan of a frame, and its image with boxes, if it has them."""
     if job.scans is not None:
         (scan,) = job.scans.part(row, row + 1)
-        view = scan_view(scan, job.ego_from_lidar, frame.detections.detections())
+        boxes = frame.detections.detections()
+        shown = boxes.select(boxes.scores >= LEAST_SCORE)
+        view = scan_view(scan, job.ego_from_lidar, shown)
         _save(view, folder / f"{frame.name}{SCAN_VIEW}")
     image = job.image_rows[row]
     pixels = None if job.images is None or image == ALONE else job.images.read(image)
@@ -42,7 +45,8 @@ def save_views(job: DetectionJob, row: int, frame: DetectedFrame, folder: Path) 
 def _image_boxes(frame: DetectedFrame) -> ImageDetections:
     """Return the boxes of a frame in its image, those of boxes in space included."""
     boxes = kitti_results(frame.detections, frame.camera).boxes
-    rows = np.flatnonzero((boxes[:, 2:] > boxes[:, :2]).all(axis=1))
+    shown = (boxes[:, 2:] > boxes[:, :2]).all(axis=1) & (frame.detections.scores >= LEAST_SCORE)
+    rows = np.flatnonzero(shown)
     categories, scores = frame.detections.categories[rows], frame.detections.scores[rows]
     return ImageDetections(boxes[rows], categories, scores, frame.stamp_s)
 
@@ -50,4 +54,4 @@ def _image_boxes(frame: DetectedFrame) -> ImageDetections:
 def _save(picture: np.ndarray, path: Path) -> None:
     from PIL import Image
 
-    Image.fromarray(picture).save(path)
+    Image.fromarray(picture).save(path, compress_level=1)

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from roadscope.commands import completion
-from roadscope.commands.options import Json, Layout, Quiet, Rate
+from roadscope.commands.options import Json, Layout, Quiet, Rate, Topics
 from roadscope.commands.terminal import complain, headline, print_json, progress_bars, show
 
 if TYPE_CHECKING:
@@ -25,8 +25,9 @@ Folder = Annotated[
     Path,
     typer.Argument(
         metavar="DIR",
-        help="Folder of scans (.bin, .pcd or .npy), of images (.png, .jpg), or of KITTI with both, "
-        "in the order of their names.",
+        help="Folder of scans (.bin, .pcd, .npy, .ply, .las or .laz), of images (.png, .jpg), or "
+        "of KITTI with both, in the order of their names; or a bag of ROS 2: a folder of rosbag2, "
+        "a file .mcap or .db3.",
     ),
 ]
 DetectorSpec = Annotated[
@@ -44,7 +45,8 @@ Pictures = Annotated[
     Path | None,
     typer.Option(
         metavar="DIR",
-        help="Folder for pictures: each scan from above and each image, with the boxes.",
+        help="Folder for pictures: each scan from above and each image, with the boxes that have a "
+        "score of 0.3 or more.",
     ),
 ]
 Images = Annotated[
@@ -96,6 +98,7 @@ def detect(
     poses: Poses = None,
     rate_hz: Rate = 10.0,
     layout: Layout = "",
+    topic: Topics = None,
     quiet: Quiet = False,
     json: Json = False,
 ) -> None:
@@ -114,7 +117,15 @@ def detect(
     columns = parse_columns(layout) if layout else ()
     turn, height_m = _turn(lidar_mounting), _checked_height(height)
     options = JobOptions(
-        detector, images, calibration, height_m, turn, poses, rate_hz=rate_hz, columns=columns
+        detector,
+        images,
+        calibration,
+        height_m,
+        turn,
+        poses,
+        rate_hz=rate_hz,
+        columns=columns,
+        topics=tuple(topic or ()),
     )
     job = detection_job(folder, options)
     for note in job.notes:

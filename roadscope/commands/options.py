@@ -20,6 +20,14 @@ Rig = Annotated[
 Rate = Annotated[
     float, typer.Option(help="Scans per second, if neither times.txt nor their names have stamps.")
 ]
+Topics = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--topic",
+        metavar="NAME",
+        help="Topic of a bag, if it has several of one type; can be given several times.",
+    ),
+]
 Layout = Annotated[
     str,
     typer.Option(

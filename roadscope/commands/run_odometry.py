@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from roadscope.commands import completion
-from roadscope.commands.options import Json, Layout, Quiet, Rate
+from roadscope.commands.options import Json, Layout, Quiet, Rate, Topics
 from roadscope.commands.terminal import (
     complain,
     headline,
@@ -34,7 +34,9 @@ MANY_DEGRADED = 0.2
 Folder = Annotated[
     Path,
     typer.Argument(
-        metavar="DIR", help="Folder of scans, in the order of their names: .bin, .pcd or .npy."
+        metavar="DIR",
+        help="Folder of scans, in the order of their names: .bin, .pcd, .npy, .ply, .las or .laz; "
+        "or a bag of ROS 2: a folder of rosbag2, a file .mcap or .db3.",
     ),
 ]
 OdometrySpec = Annotated[
@@ -97,6 +99,7 @@ def run_odometry(
     format: Format = "kitti",
     rate_hz: Rate = 10.0,
     layout: Layout = "",
+    topic: Topics = None,
     imu: Imu = None,
     mounting: Mounting = None,
     lidar_mounting: LidarMounting = None,
@@ -117,13 +120,14 @@ def run_odometry(
     from roadscope.benchmarks.odometry_runner import TruePoses, write_estimates
 
     columns = parse_columns(layout) if layout else ()
-    scans = ScanFolder.find(folder, rate_hz=rate_hz, columns=columns)
-    inertial = _inertial(folder, scans, imu, mounting)
-    place = scans.files[0].parent
+    topics = tuple(topic or ())
+    scans = ScanFolder.find(folder, rate_hz=rate_hz, columns=columns, topics=topics)
+    inertial = _inertial(folder, scans, imu, mounting, topics)
+    place = scans.place
     true = TruePoses.read(truth, scans.stamps_s).of_lidar(truth, place) if truth else None
     wheel_speeds = _wheels(folder, scans, wheels)
     inputs = [each.path for each in (inertial, wheel_speeds) if each is not None]
-    _check_out(out, truth, scans.times_file, *scans.files, *inputs)
+    _check_out(out, truth, scans.times_file, *scans.inputs, *inputs)
     _check_use(
         odometry,
         inertial,
@@ -257,11 +261,15 @@ def _report_poses(odometry: str, poses: Sequence[Pose], reasons: Counter[str]) -
 
 
 def _inertial(
-    folder: Path, scans: ScanFolder, file: str | None, mounting: str | None
+    folder: Path,
+    scans: ScanFolder,
+    file: str | None,
+    mounting: str | None,
+    topics: Sequence[str],
 ) -> RecordedImu | None:
     """Read the IMU samples of a file, or of one in or beside the folder; None if there are none.
 
-    file: of the option --imu. mounting: text of the option --mounting.
+    file: of the option --imu. mounting: text of the option --mounting. topics: see `read_bag_imu`.
     """
     import numpy as np
 
@@ -270,6 +278,7 @@ def _inertial(
         find_imu,
         mounting_of,
         parse_mounting,
+        read_bag_imu,
         read_imu,
     )
     from roadscope.benchmarks.formats.table import FormatError
@@ -278,6 +287,10 @@ def _inertial(
 
     mounted = parse_mounting(mounting) if mounting else None
     path = find_imu(folder) if file is None else Path(file)
+    of_bag = None
+    if path is None and scans.bag is not None:
+        of_bag = read_bag_imu(scans.bag, topics)
+        path = None if of_bag is None else scans.bag.path
     if path is None or file == NONE:
         if mounted is not None:
             raise FormatError(
@@ -285,7 +298,7 @@ def _inertial(
                 f"beside {folder}, or --imu FILE"
             )
         return None
-    samples, left_out = read_imu(path)
+    samples, left_out = of_bag or read_imu(path)
     inertial = RecordedImu(samples, path, left_out, mounted or mounting_of(path))
     inertial.check_times(scans.stamps_s)
     step_s = float(np.median(np.diff(samples.stamps_s)))

@@ -1,17 +1,21 @@
-"""The points of one file with all their fields, as the file has them: `.bin`, `.npy`, `.pcd`."""
+"""The points of one file with all their fields, as the file has them."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TypeGuard
 
 import numpy as np
 
+from roadscope.benchmarks.formats.bags import BagMessage, Source, cloud_fields
+from roadscope.benchmarks.formats.las import read_las
 from roadscope.benchmarks.formats.pcd import read_pcd
+from roadscope.benchmarks.formats.ply import read_ply
 from roadscope.benchmarks.formats.table import FormatError
 
-ENDINGS = (".pcd.bin", ".bin", ".pcd", ".npy")
+ENDINGS = (".pcd.bin", ".bin", ".pcd", ".npy", ".ply", ".las", ".laz")
 """Endings of the names of files of points; the longer ones first."""
 POINT_TIMES_FOLDER = "velodyne_times"
 """The folder with the times of points beside `velodyne`, as `roadscope export` writes it."""
@@ -56,16 +60,18 @@ def ending_of(path: Path) -> str:
     return next((ending for ending in ENDINGS if path.name.lower().endswith(ending)), "")
 
 
-def is_raw(path: Path) -> bool:
+def is_raw(path: Source) -> TypeGuard[Path]:
     """Return whether a file is floats in a row, without a word on how many belong to a point."""
     return path.name.lower().endswith(".bin")
 
 
-def read_fields(path: Path, columns: Sequence[str] = ()) -> PointFields:
-    """Read the points of a file.
+def read_fields(path: Source, columns: Sequence[str] = ()) -> PointFields:
+    """Read the points of a file or of a message.
 
     columns: names of the columns of a `.bin` or `.npy` file; for `.npy` they may be left out.
     """
+    if isinstance(path, BagMessage):
+        return _named(cloud_fields(path), str(path), tuple(columns))
     return READERS[path.suffix.lower()](path, tuple(columns))
 
 
@@ -132,22 +138,28 @@ def _of_named(path: Path, rows: np.ndarray, columns: tuple[str, ...]) -> PointFi
     return PointFields(points, fields)
 
 
-def _read_pcd(path: Path, columns: tuple[str, ...]) -> PointFields:
+def _with_names(
+    read: Callable[[Path], Mapping[str, np.ndarray]],
+) -> Callable[[Path, tuple[str, ...]], PointFields]:
+    """Return a reader of files whose fields have names. read: returns them by name."""
+    return lambda path, columns: _named(read(path), str(path), columns)
+
+
+def _named(fields: Mapping[str, np.ndarray], source: str, columns: tuple[str, ...]) -> PointFields:
     if columns:
-        raise FormatError(f"{path}: its fields have names; {NAMED}")
-    fields = {
-        name: values.astype(np.float64)
-        for name, values in read_pcd(path).items()
-        if values.ndim == 1
-    }
-    points = np.column_stack([fields.pop(name) for name in PLACE])
-    return PointFields(points, fields)
+        raise FormatError(f"{source}: its fields have names; {NAMED}")
+    numbers = {n: values.astype(np.float64) for n, values in fields.items() if values.ndim == 1}
+    points = np.column_stack([numbers.pop(name) for name in PLACE])
+    return PointFields(points, numbers)
 
 
 READERS: Mapping[str, Callable[[Path, tuple[str, ...]], PointFields]] = {
     ".bin": _read_bin,
-    ".pcd": _read_pcd,
+    ".pcd": _with_names(read_pcd),
     ".npy": _read_npy,
+    ".ply": _with_names(read_ply),
+    ".las": _with_names(read_las),
+    ".laz": _with_names(read_las),
 }
 """Suffix -> reader of the points."""
 

@@ -10,6 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from roadscope.benchmarks.formats.bags import Source
 from roadscope.benchmarks.formats.beams import (
     azimuth_steps,
     azimuths_of,
@@ -44,10 +45,10 @@ MIN_SWEEP_S = 0.005
 MAX_SWEEP_S = 1.0
 """The time between the first and the last point of a scan, by which the unit of their times is
 known. Chosen by hand."""
-TIME_FIELDS = (TIME, "t", "timestamp", "offset_time", "time_offset_s")
+TIME_FIELDS = (TIME, "t", "timestamp", "offset_time", "time_offset_s", "gps_time")
 INTENSITY_FIELDS = ("intensity", "i", "reflectivity")
 RING_FIELDS = ("ring", "channel", "line")
-"""Names of a point's time, intensity and beam in `.pcd` files; drivers differ."""
+"""Names of a point's time, intensity and beam where fields have names; drivers differ."""
 COLUMN_NAMES = (*PLACE, "intensity", "ring", TIME, IGNORED)
 """Names of columns in a layout that a user gives."""
 RAW_WIDTHS = (4, 5, 6, 3)
@@ -102,13 +103,19 @@ class PointLayout:
     time_unit_s: float = 1.0
     notes: tuple[str, ...] = ()
 
-    def read(self, path: Path, stamp_s: float) -> ReadScan:
+    def read(self, path: Source, stamp_s: float) -> ReadScan:
         """Read a scan, without points that are of no use.
 
         stamp_s: the middle of the sweep. The times of points count from there; without times, all
         points count as measured at once, as in a scan that was deskewed.
         """
         return self.scan_of(read_fields(path, self.columns), stamp_s, str(path))
+
+    def middle_s(self, path: Source) -> float:
+        """Return the middle of the times of a scan's points in seconds; nan without times."""
+        times = read_fields(path, self.columns).others.get(self.time or "")
+        inside = np.zeros(0) if times is None else times[~_outside_of_sweep(times)]
+        return float(inside.min() + inside.max()) / 2 * self.time_unit_s if len(inside) else np.nan
 
     def scan_of(self, fields: PointFields, stamp_s: float, source: str) -> ReadScan:
         """Return a scan of fields; source: for error messages, where they are from."""
@@ -249,7 +256,7 @@ def parse_columns(text: str) -> tuple[str, ...]:
     return names
 
 
-def layout_of(samples: Sequence[Path], columns: Sequence[str] = ()) -> PointLayout:
+def layout_of(samples: Sequence[Source], columns: Sequence[str] = ()) -> PointLayout:
     """Return which fields the points of some files have, which stand for all of a folder.
 
     columns: the names of columns if the user knows them; what is in them is then not doubted,
@@ -257,8 +264,9 @@ def layout_of(samples: Sequence[Path], columns: Sequence[str] = ()) -> PointLayo
     A file that cannot be read does not count, unless none can.
     """
     chosen, notes = tuple(columns), []
-    if not chosen and is_raw(samples[0]):
-        width = _width_of(samples)
+    raw = [path for path in samples if is_raw(path)]
+    if not chosen and raw:
+        width = _width_of(raw)
         chosen = unnamed(width)
         notes.append(f"points of {width} floats are read: {' '.join(chosen)}")
     files = [each for each in _readable(samples, chosen) if len(each)]
@@ -277,7 +285,7 @@ def layout_of(samples: Sequence[Path], columns: Sequence[str] = ()) -> PointLayo
     return layout
 
 
-def _check_readable(layout: PointLayout, samples: Sequence[Path]) -> None:
+def _check_readable(layout: PointLayout, samples: Sequence[Source]) -> None:
     """Raise the first error of some files if none can be read."""
     first = None
     for path in samples:
@@ -291,7 +299,7 @@ def _check_readable(layout: PointLayout, samples: Sequence[Path]) -> None:
         raise first
 
 
-def _readable(samples: Sequence[Path], columns: tuple[str, ...]) -> list[PointFields]:
+def _readable(samples: Sequence[Source], columns: tuple[str, ...]) -> list[PointFields]:
     """Return the fields of those files that can be read; raise the first error if none can."""
     files, errors = [], []
     for path in samples:

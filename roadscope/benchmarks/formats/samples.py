@@ -15,6 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from roadscope.benchmarks.formats.bags import IMUS, Bag, imu_rows
 from roadscope.benchmarks.formats.kitti_calibration import OXTS_COLUMNS, read_kitti_transform
 from roadscope.benchmarks.formats.scan_stamps import TIMES_FILES, stamp_table
 from roadscope.benchmarks.formats.table import (
@@ -73,20 +74,43 @@ def read_imu(path: Path | str) -> tuple[ImuSamples, int]:
     """
     path = Path(path)
     samples = _read_oxts(path) if path.is_dir() else read_samples(path, IMU_COLUMNS)
+    return _checked_imu(samples, str(path)), samples.left_out
+
+
+def read_bag_imu(bag: Bag, topics: Sequence[str] = ()) -> tuple[ImuSamples, int] | None:
+    """Read the messages of type Imu of a bag, as `read_imu` does; None if there are none.
+
+    topics: of which one is meant, if there are several of this type.
+    """
+    topic = bag.topic(IMUS, topics)
+    if topic is None:
+        return None
+    rows = imu_rows(bag, topic)
+    usable = rows[np.isfinite(rows).all(axis=1)]
+    usable = usable[rising_rows(usable[:, 0])] if len(usable) else usable
+    source = f"{bag.path}, {topic}"
+    if len(usable) < 2:
+        raise FormatError(f"{source}: expected two or more samples, got {len(usable)}")
+    samples = StampedSamples(usable[:, 0], usable[:, 1:], len(rows) - len(usable))
+    return _checked_imu(samples, source), samples.left_out
+
+
+def _checked_imu(samples: StampedSamples, source: str) -> ImuSamples:
+    """Return samples of an IMU; refuse other units than rad/s and m/s^2."""
     rates, forces = samples.values[:, :3], samples.values[:, 3:]
     force = float(np.median(np.linalg.norm(forces, axis=1)))
     if not MIN_FORCE_M_S2 < force < MAX_FORCE_M_S2:
         raise FormatError(
-            f"{path}: expected ax ay az in m/s^2 with gravity, about 9.8 at rest, got a median of "
-            f"{force:.2f}; they may be in g, or gravity may be subtracted"
+            f"{source}: expected ax ay az in m/s^2 with gravity, about 9.8 at rest, got a median "
+            f"of {force:.2f}; they may be in g, or gravity may be subtracted"
         )
     rate = float(np.quantile(np.linalg.norm(rates, axis=1), 0.99))
     if rate > MAX_RATE_RAD_S:
         raise FormatError(
-            f"{path}: expected wx wy wz in rad/s, up to {MAX_RATE_RAD_S:g}, got up to {rate:.1f}; "
-            "they may be in degrees per second"
+            f"{source}: expected wx wy wz in rad/s, up to {MAX_RATE_RAD_S:g}, got up to "
+            f"{rate:.1f}; they may be in degrees per second"
         )
-    return ImuSamples(samples.stamps_s, rates, forces), samples.left_out
+    return ImuSamples(samples.stamps_s, rates, forces)
 
 
 def read_wheels(path: Path | str) -> tuple[WheelSamples, int]:

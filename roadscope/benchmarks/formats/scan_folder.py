@@ -1,17 +1,32 @@
-"""Folders of scans, one file each (KITTI's `.bin`, nuScenes' `.pcd.bin`, `.pcd`, `.npy`)."""
+"""Recordings of scans: folders with a file each, and bags of ROS."""
 
 from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 
+from roadscope.benchmarks.formats.bags import (
+    BAG_ENDINGS,
+    CLOUDS,
+    NS,
+    Bag,
+    BagMessage,
+    Source,
+    bag_path,
+)
 from roadscope.benchmarks.formats.point_fields import ENDINGS, READERS, ending_of
-from roadscope.benchmarks.formats.point_layout import PointLayout, layout_of
-from roadscope.benchmarks.formats.scan_stamps import in_order, stamps_of_files, without_ending
+from roadscope.benchmarks.formats.point_layout import MAX_SWEEP_S, PointLayout, layout_of
+from roadscope.benchmarks.formats.scan_stamps import (
+    in_order,
+    recorded_stamps,
+    stamps_of_files,
+    without_ending,
+)
 from roadscope.benchmarks.formats.table import FormatError, names_in, visible
 from roadscope.core import LidarScan
 
@@ -30,8 +45,8 @@ class ReadingLosses:
     A file that is read again counts once.
     """
 
-    points: dict[Path, Counter[str]] = field(default_factory=dict)
-    scans: dict[Path, FormatError] = field(default_factory=dict)
+    points: dict[Source, Counter[str]] = field(default_factory=dict)
+    scans: dict[Source, FormatError] = field(default_factory=dict)
 
     def notes(self) -> tuple[str, ...]:
         """Return what was lost, in sentences."""
@@ -49,9 +64,10 @@ class ReadingLosses:
 
 @dataclass(frozen=True, slots=True)
 class ScanFolder:
-    """Files of scans in order, and their stamps.
+    """Files of scans in order, and their stamps; in a bag, messages stand for files.
 
-    stamps_s: seconds, one per file: those of `times_file`, or by the names of the files.
+    stamps_s: seconds, one per file: those of `times_file`, by the names of the files, or of
+        messages.
     times_file: one number per line, in seconds or milli-, micro- or nanoseconds; None without it.
     layout: which field of the points is what.
     notes: what was assumed about order, stamps and fields, in sentences.
@@ -59,7 +75,7 @@ class ScanFolder:
     losses: what could not be used of the scans read so far.
     """
 
-    files: tuple[Path, ...]
+    files: tuple[Source, ...]
     stamps_s: tuple[float, ...]
     times_file: Path | None
     layout: PointLayout
@@ -69,22 +85,32 @@ class ScanFolder:
 
     @staticmethod
     def find(
-        folder: Path | str, *, rate_hz: float = 10.0, columns: Sequence[str] = ()
+        folder: Path | str,
+        *,
+        rate_hz: float = 10.0,
+        columns: Sequence[str] = (),
+        topics: Sequence[str] = (),
     ) -> ScanFolder:
         """Return the scans of a folder; they must all be of one kind. Hidden files are no scans.
 
-        folder: of the scans, or of a sequence or a raw drive of KITTI.
+        folder: of the scans, or of a sequence or a raw drive of KITTI; or a bag.
         rate_hz: scans per second if neither a file nor the names have stamps.
         columns: names of the columns of `.bin` and `.npy` files, if what is in them is not to
             decide: of x, y, z, intensity, ring, time, and `_` for one that is not used.
+        topics: of a bag, if it has several of the type PointCloud2.
         """
-        root, suffixes = Path(folder), ", ".join(READERS)
+        root, suffixes = Path(folder), ", ".join((*READERS, *BAG_ENDINGS))
+        files = scan_files(root)
+        bag = None if files else bag_path(root)
+        if bag is not None:
+            return _scans_of_bag(Bag(bag), columns, topics)
+        if topics:
+            raise FormatError(f"{root}: topics are of a bag, and there is none")
         if not root.is_dir():
             what = "a file" if root.is_file() else "no such folder"
             raise FormatError(f"{root}: {what}; expected a folder with {suffixes}")
         if not rate_hz > 0:
             raise FormatError(f"expected a rate above 0 Hz, got {rate_hz}")
-        files = scan_files(root)
         if not files:
             raise FormatError(f"{root}: expected files {suffixes}, got {names_in(root)}")
         kinds = sorted({ending_of(path) for path in files})
@@ -98,6 +124,23 @@ class ScanFolder:
 
     def __len__(self) -> int:
         return len(self.files)
+
+    @property
+    def place(self) -> Path:
+        """The folder with the scans."""
+        first = self.files[0]
+        return first.bag.path.parent if isinstance(first, BagMessage) else first.parent
+
+    @property
+    def bag(self) -> Bag | None:
+        """The bag with the scans; None for files."""
+        first = self.files[0]
+        return first.bag if isinstance(first, BagMessage) else None
+
+    @property
+    def inputs(self) -> list[Path]:
+        """All files with scans."""
+        return [each.bag.path if isinstance(each, BagMessage) else each for each in self.files]
 
     @property
     def names(self) -> list[str]:
@@ -128,11 +171,53 @@ def scan_files(root: Path) -> list[Path]:
     return next((each for each in found if each), [])
 
 
-def _samples(files: Sequence[Path]) -> list[Path]:
+def has_clouds(root: Path) -> bool:
+    """Return whether a path is or holds a bag with point clouds."""
+    path = bag_path(root)
+    return path is not None and bool(Bag(path).topics(CLOUDS))
+
+
+def _samples(files: Sequence[Source]) -> list[Source]:
     """Return some files from the whole folder, those without content only if all are."""
-    filled = [path for path in files if path.stat().st_size] or list(files)
+    filled = [each for each in files if isinstance(each, BagMessage) or each.stat().st_size]
+    filled = filled or list(files)
     rows = np.linspace(0, len(filled) - 1, min(SAMPLES, len(filled))).round().astype(int)
     return [filled[k] for k in rows]
+
+
+def _scans_of_bag(bag: Bag, columns: Sequence[str], topics: Sequence[str]) -> ScanFolder:
+    topic = bag.topic(CLOUDS, topics)
+    if topic is None:
+        raise FormatError(f"{bag.path}: expected a topic of type PointCloud2, got none")
+    messages = bag.messages(topic)
+    samples = _samples(messages)
+    layout = layout_of(samples, columns)
+    middle_s = _middle_s(layout, samples)
+    names = [each.name for each in messages]
+    stamps = recorded_stamps(np.array([each.stamp_ns * NS + middle_s for each in messages]), names)
+    moved = (
+        f"stamps are moved by {middle_s:.3f} s to the middle of the sweeps, which the times of "
+        "points show"
+        if middle_s
+        else "stamps of messages are taken for the middle of the sweeps"
+    )
+    notes = (f"scans are those of {topic}", moved, *stamps.notes, *layout.notes)
+    return ScanFolder(messages, stamps.stamps_s, None, layout, notes, measured=True)
+
+
+def _middle_s(layout: PointLayout, samples: Sequence[Source]) -> float:
+    """Return the time from the stamp of a message to the middle of its sweep, median, seconds.
+
+    Times of points count from the stamp, or from the epoch as it does; 0 without such times.
+    """
+    middles = []
+    for each in samples:
+        assert isinstance(each, BagMessage)
+        with suppress(FormatError):
+            middle_s = layout.middle_s(each)
+            middles.append(middle_s - (each.stamp_ns * NS if middle_s > MAX_SWEEP_S else 0.0))
+    middle_s = float(np.median(middles)) if middles else 0.0
+    return middle_s if abs(middle_s) <= MAX_SWEEP_S else 0.0
 
 
 def read_scan(path: Path | str, stamp_s: float, columns: Sequence[str] = ()) -> LidarScan:

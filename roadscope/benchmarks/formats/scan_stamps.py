@@ -245,6 +245,15 @@ def stamps_by_names(scans: OrderedScans, rate_hz: float) -> Stamps:
     )
 
 
+def recorded_stamps(stamps_s: np.ndarray, names: Sequence[str]) -> Stamps:
+    """Return stamps of a clock in seconds, (N,), with notes on what is odd about them."""
+    notes = list(_hole_notes(stamps_s, names, "stamps"))
+    same = int((np.diff(stamps_s) <= 0).sum())
+    if same:
+        notes.append(f"{same} stamps do not rise")
+    return Stamps(tuple(stamps_s.tolist()), tuple(notes), measured=True)
+
+
 def _missing_notes(steps: np.ndarray, names: Sequence[str]) -> tuple[str, ...]:
     """Return a note on numbers that are missing in names; steps: (N - 1,) in usual steps."""
     gaps = np.flatnonzero(steps > 1)
