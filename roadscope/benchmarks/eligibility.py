@@ -20,7 +20,8 @@ class Eligibility(Record):
 
     range_m: nearest and farthest distance of the box centre from the ego's rear axle, seen
         from above, metres.
-    min_returns: least number of LiDAR returns in the scan; objects with fewer are invisible.
+    min_returns: least number of LiDAR returns in the scan; objects with fewer are invisible. Where
+        the number is unknown (-1), they count as visible.
     families: which road users are eligible; others are neither misses nor false alarms.
     """
 
@@ -38,11 +39,16 @@ class Eligibility(Record):
 
     def of(self, truth: Truth) -> np.ndarray:
         """Return (M,) bool, which objects of a frame are eligible."""
-        return self._in_scope(truth) & (truth.lidar_returns >= self.min_returns)
+        return self._in_scope(truth) & ~self._invisible(truth)
 
     def unseen(self, truth: Truth) -> int:
         """Return how many objects are not eligible only because they have too few returns."""
-        return int((self._in_scope(truth) & (truth.lidar_returns < self.min_returns)).sum())
+        return int((self._in_scope(truth) & self._invisible(truth)).sum())
+
+    def _invisible(self, truth: Truth) -> np.ndarray:
+        """Return (M,) bool, which objects have too few returns."""
+        few: np.ndarray = (truth.lidar_returns >= 0) & (truth.lidar_returns < self.min_returns)
+        return few
 
     def _in_scope(self, truth: Truth) -> np.ndarray:
         """Return (M,) bool, which objects are of the families and in the range band."""

@@ -29,6 +29,7 @@ from roadscope.core import Spec
 
 if TYPE_CHECKING:
     from roadscope.benchmarks.episode import Episode
+    from roadscope.benchmarks.recorded.kitti_drive import KittiDrives
     from roadscope.benchmarks.recorded.recording import Recording
 
 Item = TypeVar("Item")
@@ -118,7 +119,7 @@ class Job:
 
     board: Scoring
     entry: str
-    episode: Episode | Recording
+    episode: Episode | Recording | KittiDrives
     answers: Node
     mark: str | None = None
     inputs: str = ""

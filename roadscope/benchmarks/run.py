@@ -11,14 +11,15 @@ from typing import Any
 from roadscope.benchmarks.boards import Board, board_named, chosen_boards
 from roadscope.benchmarks.boards.board import JobOptions, SuiteCheck
 from roadscope.benchmarks.cache import cache_dir, usable_folder
+from roadscope.benchmarks.episode import Episode
 from roadscope.benchmarks.graph import Job, run_jobs
 from roadscope.benchmarks.isolation import Limits
 from roadscope.benchmarks.kinds import entry_kind
 from roadscope.benchmarks.loop import RunOptions
 from roadscope.benchmarks.manifest import manifest
 from roadscope.benchmarks.progress import Progress, silent
+from roadscope.benchmarks.recorded.kitti_drive import LIDAR_HEIGHT_M, KittiDrive
 from roadscope.benchmarks.recorded.mot import mot_suite
-from roadscope.benchmarks.recorded.recording import Recording
 from roadscope.benchmarks.recorded.suite import kitti_suite
 from roadscope.benchmarks.report.board_files import check_targets, label_of
 from roadscope.benchmarks.report.export import save_all, save_logs
@@ -64,6 +65,7 @@ def leaderboard(
     progress: Progress | None = None,
     kitti: Path | str | None = None,
     mot: Path | str | None = None,
+    lidar_height_m: float = LIDAR_HEIGHT_M,
     calibration: Path | str | None = None,
     deadline_s: float | None = None,
     limits: Limits | None = None,
@@ -84,9 +86,10 @@ def leaderboard(
         and `.tex`. None: the database is in the cache folder, and no board is written. Boards of
         other suites in the folder are renamed to `leaderboard-SUITE-BOARD[-CALIBRATION].json`.
     fresh: compute again what an earlier run has computed.
-    kitti: a folder of KITTI tracking data, whose sequences take the place of the suite's traffic
+    kitti: a folder of KITTI's data, whose drives take the place of the suite's traffic
         (`kitti_suite`); a malformed file in it raises `FormatError` before anything is run.
     mot: likewise a folder of MOTChallenge's image sequences (`mot_suite`).
+    lidar_height_m: height of the LiDAR above the road in KITTI's data, whose files do not say it.
     calibration: a file of `roadscope calibrate`, which plug-ins of some boards get.
     deadline_s: most seconds for a plug-in that is not part of roadscope on one episode; None: that
         of `limits`, 300 s if they are left out.
@@ -118,7 +121,11 @@ def leaderboard(
     options = RunOptions(limits, trust, sandbox, fresh, hidden=(folder,))
     with options.probing():
         run_plan = plan(
-            _suite(suite, kitti, mot), entries, boards=boards, only=only, calibration=believed
+            _suite(suite, kitti, mot, boards, lidar_height_m),
+            entries,
+            boards=boards,
+            only=only,
+            calibration=believed,
         )
     if notice is not None:
         for text in dict.fromkeys(
@@ -176,9 +183,9 @@ def plan(
 
 def read_recordings(run_plan: RunPlan) -> None:
     """Read all recordings of a plan; a malformed file raises `FormatError`."""
-    recordings = (job.episode for job in run_plan.jobs if isinstance(job.episode, Recording))
-    for recording in dict.fromkeys(recordings):
-        recording.check()
+    for episode in dict.fromkeys(job.episode for job in run_plan.jobs):
+        if not isinstance(episode, Episode) or isinstance(episode, KittiDrive):
+            episode.check()
 
 
 def agreements(
@@ -243,9 +250,15 @@ def _check_suite(suite: Suite, boards: Iterable[Board]) -> None:
         raise SuiteError(f"suite {suite.title}{'; and'.join(dict.fromkeys(problems))}")
 
 
-def _suite(suite: Suite | str, kitti: Path | str | None, mot: Path | str | None) -> Suite:
+def _suite(
+    suite: Suite | str,
+    kitti: Path | str | None,
+    mot: Path | str | None,
+    boards: Sequence[str] | None,
+    lidar_height_m: float,
+) -> Suite:
     if kitti is not None:
-        return kitti_suite(kitti)
+        return kitti_suite(kitti, boards, lidar_height_m=lidar_height_m)
     if mot is not None:
         return mot_suite(mot)
     return load_suite(suite) if isinstance(suite, str) else suite

@@ -80,11 +80,16 @@ Fresh = Annotated[
 Kitti = Annotated[
     Path | None,
     typer.Option(
-        help="Rank trackers on your folder of KITTI tracking data: SEQ.txt in label_02, calib, "
+        help="Rank plug-ins on your folder of KITTI's data (docs/recorded-data.md). Detectors: "
+        "velodyne, calib, and label_2 or label_02. Trackers: SEQ.txt in label_02, calib, "
         "ego_pose (12 numbers a line) or oxts, and det_NAME/Car (Pedestrian, Cyclist), whose "
         "lines are, with commas, frame class left top right bottom score height width length "
         "x y z rotation_y alpha; class 1 pedestrian, 2 car, 3 cyclist."
     ),
+]
+LidarHeight = Annotated[
+    float,
+    typer.Option(min=0.1, help="With --kitti: height of the LiDAR above the road, metres."),
 ]
 Mot = Annotated[
     Path | None,
@@ -170,6 +175,7 @@ def leaderboard(
     out: Out = None,
     fresh: Fresh = False,
     kitti: Kitti = None,
+    lidar_height: LidarHeight = 1.73,
     mot: Mot = None,
     tracks: Tracks = None,
     detections: Detections = None,
@@ -197,7 +203,8 @@ def leaderboard(
     from roadscope.benchmarks.run import leaderboard as run
     from roadscope.benchmarks.workers import WorkerSettings
 
-    loaded = _suite(suite or _usual_suite(board), kitti, mot)
+    recorded = _RecordedData(kitti, mot, lidar_height)
+    loaded = _suite(suite, board, recorded)
     loaded = loaded if seeds is None else _with_fewer_seeds(loaded, seeds)
     boards = chosen_boards(loaded, None if board is None else [board])
     loaded = _with_detections(loaded, boards, detections) if detections else loaded
@@ -400,23 +407,33 @@ def _with_fewer_seeds(suite: Suite, seeds: int) -> Suite:
     return replace(suite, seeds=suite.seeds[:seeds])
 
 
-def _suite(suite: str, kitti: Path | None, mot: Path | None) -> Suite:
+@dataclass(frozen=True, slots=True)
+class _RecordedData:
+    """The folders of recorded data that were named, and the height of KITTI's LiDAR."""
+
+    kitti: Path | None
+    mot: Path | None
+    lidar_height_m: float
+
+
+def _suite(suite: str | None, board: str | None, recorded: _RecordedData) -> Suite:
     """Return the suite of that name, or one of a folder of recorded data."""
     from roadscope.benchmarks.recorded.mot import MOT, mot_suite
     from roadscope.benchmarks.recorded.suite import KITTI, kitti_suite
     from roadscope.benchmarks.suite_files import load_suite
 
+    kitti, mot = recorded.kitti, recorded.mot
     if kitti is not None and mot is not None:
         raise ValueError("--kitti and --mot are suites of their own; give one of them")
-    for name, folder, make in ((KITTI, kitti, kitti_suite), (MOT, mot, mot_suite)):
+    for name, folder in ((KITTI, kitti), (MOT, mot)):
         if folder is None and suite == name:
             raise ValueError(f"suite {name} is of recorded data: name its folder with --{name} DIR")
-        if folder is None:
-            continue
-        if suite not in (name, DEFAULT_SUITE):
+        if folder is not None and suite not in (None, name, DEFAULT_SUITE):
             raise ValueError(f"--{name} is a suite of its own; leave --suite {suite} out")
-        return make(folder)
-    return load_suite(suite)
+    if kitti is not None:
+        boards = None if board is None else [board]
+        return kitti_suite(kitti, boards, lidar_height_m=recorded.lidar_height_m)
+    return load_suite(suite or _usual_suite(board)) if mot is None else mot_suite(mot)
 
 
 def _check_calibration(boards: Sequence[Board], calibration: Path | None) -> None:

@@ -9,6 +9,7 @@ from roadscope.benchmarks.boards.board import Board
 from roadscope.benchmarks.boards.camera import CameraBoard
 from roadscope.benchmarks.boards.detection import DetectionBoard
 from roadscope.benchmarks.boards.fusion import FusionBoard
+from roadscope.benchmarks.boards.kitti_objects import KITTI_DETECTION_BOARDS
 from roadscope.benchmarks.boards.odometry import OdometryBoard
 from roadscope.benchmarks.boards.recorded import KITTI_BOARDS, MOT_BOARDS
 from roadscope.benchmarks.boards.tracking import TrackingBoard
@@ -27,7 +28,9 @@ BOARDS: Mapping[str, Board] = {
     )
 }
 """Boards of simulated traffic, by name: a new board needs a file and its line here."""
-RECORDED_BOARDS: Mapping[str, Board] = {board.name: board for board in (*KITTI_BOARDS, *MOT_BOARDS)}
+RECORDED_BOARDS: Mapping[str, Board] = {
+    board.name: board for board in (*KITTI_BOARDS, *KITTI_DETECTION_BOARDS, *MOT_BOARDS)
+}
 
 __all__ = ["BOARDS", "RECORDED_BOARDS", "Board", "board_named", "boards_of", "chosen_boards"]
 
@@ -63,7 +66,7 @@ def chosen_boards(suite: Suite, names: Sequence[str] | None) -> list[Board]:
     possible = boards_of(suite)
     if not kinds <= {board.kind for board in possible}:
         ranked = " and ".join(dict.fromkeys(f"{board.kind.name}s" for board in possible))
-        raise SpecError(f"suite {suite.title} has recorded detections: it is for {ranked} only")
+        raise SpecError(f"suite {suite.title} is of recorded data: it is for {ranked} only")
     return [board for board in possible if board.kind in kinds]
 
 

@@ -8,7 +8,8 @@ _PARTS = {
     "box_corners centres_from_bottoms clipped_image_boxes detections_from_rows image_boxes "
     "observation_angles rotations_from_yaws yaws_from_rotations",
     "kitti_labels": "CLASS_IDS DETECTED_TYPES DETECTION_COLUMNS LABEL_COLUMNS TYPE_NAMES "
-    "read_kitti_object_results",
+    "read_kitti_object_labels read_kitti_object_results",
+    "kitti_scans": "IMAGES SCANS find_kitti_frames",
     "motchallenge": "CLASS_COLUMNS COLUMNS WORLD_COLUMNS",
     "lzf": "decompress_lzf",
     "point_layout": "parse_columns",

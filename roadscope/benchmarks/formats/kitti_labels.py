@@ -87,7 +87,8 @@ class KittiObjects(Record):
     frames: (N,) int64, from 0.
     ids: (N,) int64, -1 for none.
     types: (N,) int8, values of `KittiType`.
-    truncated: (N,) int64; 0 not, 1 partly, 2 largely, -1 unknown.
+    truncated: (N,) float64; in tracking data a level, 0 not, 1 partly, 2 largely; in object data
+        the share that is outside of the image; -1 unknown.
     occluded: (N,) int64; 0 not, 1 partly, 2 largely, 3 unknown, -1 not applicable.
     alphas: (N,) float64, radians, observation angle.
     boxes: (N, 4) float64, pixels, left top right bottom.
@@ -116,7 +117,7 @@ class KittiObjects(Record):
             frames=(np.int64, ("N",)),
             ids=(np.int64, ("N",)),
             types=(np.int8, ("N",)),
-            truncated=(np.int64, ("N",)),
+            truncated=(np.float64, ("N",)),
             occluded=(np.int64, ("N",)),
             alphas=(np.float64, ("N",)),
             boxes=(np.float64, ("N", 4)),
@@ -151,7 +152,18 @@ def read_kitti_labels(path: Path | str, *, results: bool = False) -> KittiObject
     """
     most = len(LABEL_COLUMNS)
     columns = LABEL_COLUMNS[: most if results else most - 1]
-    return _objects_of(read_table(Path(path), columns, required=17), results=results)
+    table = read_table(Path(path), columns, required=17)
+    return _objects_of(table, results=results, shares=results)
+
+
+def read_kitti_object_labels(path: Path | str, frame: int = 0) -> KittiObjects:
+    """Read the labels of one frame of KITTI's object data: 15 columns, `truncated` as a share.
+
+    frame: its number, which the file does not have. An empty file has no objects.
+    """
+    table = read_table(Path(path), LABEL_COLUMNS[2:-1])
+    rows = [[str(frame), "-1", *row] for row in table.rows]
+    return _objects_of(replace(table, rows=rows, columns=LABEL_COLUMNS), shares=True)
 
 
 def read_kitti_object_results(path: Path | str, frame: int) -> KittiObjects:
@@ -161,7 +173,7 @@ def read_kitti_object_results(path: Path | str, frame: int) -> KittiObjects:
     """
     table = read_table(Path(path), LABEL_COLUMNS[2:], required=15)
     rows = [[str(frame), "-1", *row] for row in table.rows]
-    return _objects_of(replace(table, rows=rows, columns=LABEL_COLUMNS), results=True)
+    return _objects_of(replace(table, rows=rows, columns=LABEL_COLUMNS), results=True, shares=True)
 
 
 def read_kitti_detections(path: Path | str) -> KittiObjects:
@@ -219,7 +231,12 @@ def write_kitti_detections(path: Path | str, frames: Sequence[KittiObjects]) -> 
     _write_lines(path, [_detection_line(rows, k) for rows in frames for k in range(len(rows))])
 
 
-def _objects_of(table: Table, *, results: bool) -> KittiObjects:
+def _objects_of(table: Table, *, results: bool = False, shares: bool = False) -> KittiObjects:
+    """Return the rows of a table.
+
+    results: frames may come in any order, and 3-D boxes may be missing.
+    shares: `truncated` may be a share instead of a level.
+    """
     frames, ids = table.integers(0, 0, MAX_FRAMES - 1), table.integers(1, -1)
     types = _types(table)
     require_unique_ids(table, frames, ids)
@@ -235,7 +252,7 @@ def _objects_of(table: Table, *, results: bool) -> KittiObjects:
         frames=frames,
         ids=ids,
         types=types,
-        truncated=_truncation_levels(table, results),
+        truncated=_truncations(table, shares),
         occluded=table.integers(4, -1, MAX_OCCLUDED),
         alphas=_angles(table, 5),
         boxes=boxes,
@@ -271,16 +288,16 @@ def _angles(table: Table, column: int) -> np.ndarray:
     return table.within(column, column + 1, MAX_ANGLE_RAD, "rad")[:, 0]
 
 
-def _truncation_levels(table: Table, results: bool) -> np.ndarray:
-    """Return levels -1 to 2; results may have a share of 0 to 1 instead, which becomes 0."""
-    if not results:
-        return table.integers(3, -1, MAX_TRUNCATED)
+def _truncations(table: Table, shares: bool) -> np.ndarray:
+    """Return levels -1 to 2, or if `shares` says so shares from 0 to 1."""
+    if not shares:
+        return table.integers(3, -1, MAX_TRUNCATED).astype(np.float64)
     values = table.numbers(3, 4)[:, 0]
     is_level = np.isin(values, np.arange(-1, MAX_TRUNCATED + 1))
     is_share = (values >= 0) & (values <= 1)
     expected = f"truncated as a level (-1, 0, 1, {MAX_TRUNCATED}) or as a share from 0 to 1"
     table.require(is_level | is_share, expected, 3)
-    return values.astype(np.int64)
+    return values
 
 
 def _write_lines(path: Path | str, lines: Sequence[str]) -> None:
@@ -294,7 +311,7 @@ def _label_line(rows: KittiObjects, k: int, scores: Sequence[float]) -> str:
 
 def _object_line(rows: KittiObjects, k: int, scores: Sequence[float]) -> str:
     """Return row k without frame and id."""
-    head = f"{TYPE_NAMES[KittiType(rows.types[k])]} {rows.truncated[k]} {rows.occluded[k]}"
+    head = f"{TYPE_NAMES[KittiType(rows.types[k])]} {rows.truncated[k]:g} {rows.occluded[k]}"
     values = [
         rows.alphas[k],
         *rows.boxes[k],

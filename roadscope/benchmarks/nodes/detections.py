@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import Any
@@ -21,7 +21,7 @@ from roadscope.benchmarks.noisy import NoisyDetections
 from roadscope.benchmarks.parked import parked_centres, parked_owners
 from roadscope.benchmarks.records import CallTimes, EpisodeDetections, without_sources
 from roadscope.benchmarks.references import made_from_truth
-from roadscope.core import Detections, Spec, Truth
+from roadscope.core import Detections, Frame, Spec, Truth
 from roadscope.core.answers import check_detections, check_masses, same_stamp
 from roadscope.core.spec import ORACLE
 
@@ -53,7 +53,7 @@ class DetectionNode(Node):
     def compute(self, options: RunOptions) -> EpisodeDetections:
         """Run the detector over the scans of the episode."""
         parked: set[int] = set()
-        inputs = _inputs(self.episode, parked)
+        inputs = _inputs(self.frames(), parked)
         if made_from_truth(self.source):
             truths = tuple(each.context for each in inputs)
             detections = tuple(map(self._from_truth(), truths))
@@ -67,6 +67,10 @@ class DetectionNode(Node):
             raise ValueError("the episode is shorter than one sweep of the LiDAR")
         centres = parked_centres(self.episode, parked)
         return EpisodeDetections(detections, truths, times, centres, delays_s)
+
+    def frames(self) -> Iterable[tuple[Frame, Truth]]:
+        """Return the frames with scans of the episode, and their truth."""
+        return sensed(self.episode)
 
     def _from_truth(self) -> Callable[[Truth], Detections]:
         """Return a function that makes the detections of consecutive frames from their truth."""
@@ -89,9 +93,9 @@ def oracle_detections(truth: Truth, rule: Eligibility) -> Detections:
     )
 
 
-def _inputs(episode: Episode, parked: set[int]) -> Iterator[CallInput[Truth]]:
+def _inputs(frames: Iterable[tuple[Frame, Truth]], parked: set[int]) -> Iterator[CallInput[Truth]]:
     """Yield scans with their truth, and add the numbers of parked cars to `parked`."""
-    for frame, truth in sensed(episode):
+    for frame, truth in frames:
         parked |= parked_owners(truth)
         yield CallInput((frame,), without_sources(truth))
 

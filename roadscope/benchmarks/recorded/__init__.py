@@ -7,6 +7,8 @@ _PARTS = {
     "mot": "ImagePlane MOT mot_suite",
     "recording": "recordings_of",
     "rules": "SIMILARITIES apply_kitti_rules apply_mot_rules",
+    "kitti_drive": "KittiDrive KittiDrives",
+    "object_rules": "DIFFICULTIES object_precisions",
     "scores": "kitti_scores sequence_scores",
     "suite": "KITTI kitti_suite",
 }

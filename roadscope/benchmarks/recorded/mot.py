@@ -31,7 +31,7 @@ from roadscope.benchmarks.recorded.combined import alpha_parts
 from roadscope.benchmarks.recorded.recording import Recording
 from roadscope.benchmarks.recorded.rules import MOT_THRESHOLD, apply_mot_rules, distractors_of
 from roadscope.benchmarks.recorded.scores import sequence_scores
-from roadscope.benchmarks.recorded.suite import recorded_suite
+from roadscope.benchmarks.recorded.suite import suite_of, tracking_settings
 from roadscope.benchmarks.records import EpisodeDetections
 from roadscope.benchmarks.suite import Suite
 from roadscope.core import Category, Detections, Family, ImageDetections, Pose, Tracks, Truth
@@ -179,7 +179,7 @@ def mot_suite(folder: Path | str) -> Suite:
             if (root / name / DETECTIONS_FILE).is_file()
         )
         if recordings:
-            return recorded_suite(MOT, recordings, labelled=len(labelled))
+            return suite_of(MOT, tracking_settings(MOT, recordings, labelled=len(labelled)))
     raise FormatError(f"{folder}: expected {expected}, here or in train/; got {names_in(folder)}")
 
 

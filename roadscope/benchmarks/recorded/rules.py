@@ -102,7 +102,7 @@ def overlap_in_space(labels: KittiObjects, tracks: KittiObjects) -> np.ndarray:
     """Return (M, N) intersection over union of 3-D boxes."""
     from roadscope.core.box_overlap import box_overlaps_3d
 
-    overlaps: np.ndarray = box_overlaps_3d(_boxes_3d(labels), _boxes_3d(tracks))
+    overlaps: np.ndarray = box_overlaps_3d(boxes_3d(labels), boxes_3d(tracks))
     return overlaps
 
 
@@ -113,7 +113,7 @@ def centre_similarity(labels: KittiObjects, tracks: KittiObjects) -> np.ndarray:
 
 def centre_distances_m(labels: KittiObjects, tracks: KittiObjects) -> np.ndarray:
     """Return (M, N) metres between centres, seen from above."""
-    return centre_distances(_boxes_3d(labels), _boxes_3d(tracks))
+    return centre_distances(boxes_3d(labels), boxes_3d(tracks))
 
 
 SIMILARITIES: Mapping[str, Similarity] = {
@@ -253,17 +253,24 @@ def _is_small(boxes: np.ndarray) -> np.ndarray:
 
 def _is_in_region(boxes: np.ndarray, regions: np.ndarray) -> np.ndarray:
     """Return (N,) bool, which of (N, 4) image boxes are mostly in one of (D, 4) regions."""
+    inside: np.ndarray = np.any(
+        shares_in_regions(boxes, regions) > MIN_REGION_SHARE + EPSILON, axis=1
+    )
+    return inside
+
+
+def shares_in_regions(boxes: np.ndarray, regions: np.ndarray) -> np.ndarray:
+    """Return (N, D), the share of each of (N, 4) image boxes that is in each of (D, 4) regions."""
     low = np.maximum(boxes[:, None, :2], regions[None, :, :2])
     size = np.maximum(np.minimum(boxes[:, None, 2:], regions[None, :, 2:]) - low, 0.0)
     common = size[..., 0] * size[..., 1]
     areas = (boxes[:, 2] - boxes[:, 0]) * (boxes[:, 3] - boxes[:, 1])
     whole = np.broadcast_to(areas[:, None], common.shape)
-    shares = np.divide(common, whole, out=np.zeros(common.shape), where=whole > EPSILON)
-    inside: np.ndarray = np.any(shares > MIN_REGION_SHARE + EPSILON, axis=1)
-    return inside
+    shares: np.ndarray = np.divide(common, whole, out=np.zeros(common.shape), where=whole > EPSILON)
+    return shares
 
 
-def _boxes_3d(objects: KittiObjects) -> np.ndarray:
+def boxes_3d(objects: KittiObjects) -> np.ndarray:
     """Return (N, 7) centre, size and yaw in the ego frame."""
     centres = centres_from_bottoms(objects.bottoms, objects.sizes)
     return np.column_stack([centres, objects.sizes, yaws_from_rotations(objects.rotations_y)])

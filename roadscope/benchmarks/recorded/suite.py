@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections import Counter
+from collections.abc import Callable, Mapping, Sequence
 from importlib import resources
 from pathlib import Path
+from typing import NamedTuple
 
 from msgspec import Struct
 
@@ -13,23 +15,57 @@ from roadscope.benchmarks.formats.kitti_labels import (
     TYPE_NAMES,
     read_kitti_labels,
 )
+from roadscope.benchmarks.formats.kitti_scans import SCANS, find_kitti_frames
 from roadscope.benchmarks.formats.kitti_sequence import (
     DETECTOR_PREFIX,
     KittiFolder,
     other_classes_remark,
 )
 from roadscope.benchmarks.formats.table import FormatError, visible
+from roadscope.benchmarks.recorded.kitti_drive import LIDAR_HEIGHT_M, KittiDrive
 from roadscope.benchmarks.recorded.recording import RecordedSettings, Recording
-from roadscope.benchmarks.suite import Suite
+from roadscope.benchmarks.recorded.settings import KittiSettings
+from roadscope.benchmarks.suite import BoardSettings, Suite
 from roadscope.core import Category
 from roadscope.core.config import read_config
 
 KITTI = "kitti"
 
 
-def kitti_suite(folder: Path | str) -> Suite:
-    """Return the suite of a folder; a missing folder or a wrong layout raises `FormatError`."""
-    files = KittiFolder.find(folder)
+def kitti_suite(
+    folder: Path | str,
+    boards: Sequence[str] | None = None,
+    *,
+    lidar_height_m: float = LIDAR_HEIGHT_M,
+) -> Suite:
+    """Return the suite of a folder; a missing folder or a wrong layout raises `FormatError`.
+
+    boards: `tracking` and the like; None: those that the folder has files for.
+    lidar_height_m: height of the LiDAR above the road.
+    """
+    place = _Place(Path(folder), lidar_height_m)
+    names = MAKERS if boards is None else [name for name in boards if name in MAKERS]
+    if boards is None:
+        names = [name for name in MAKERS if place.has(MARKERS[name])] or [TRACKING_BOARD]
+    settings = {k: v for name in names for k, v in MAKERS[name](place).items()}
+    return suite_of(KITTI, settings)
+
+
+class _Place(NamedTuple):
+    """A folder of KITTI's data; lidar_height_m: of the LiDAR above the road."""
+
+    folder: Path
+    lidar_height_m: float
+
+    def has(self, patterns: Sequence[str]) -> bool:
+        """Return whether the folder, or its `training`, has anything of these names."""
+        places = (self.folder, self.folder / "training")
+        return any(visible(place, pattern) for place in places for pattern in patterns)
+
+
+def _tracking(place: _Place) -> dict[str, BoardSettings]:
+    """Return the settings of the boards of trackers."""
+    files = KittiFolder.find(place.folder)
     files.choose_detector(files.detectors()[0] if files.detectors() else None)
     categories = _labelled_categories(files)
     recordings = tuple(
@@ -52,41 +88,112 @@ def kitti_suite(folder: Path | str) -> Suite:
             f"({known}), got {_detection_files(files)}"
         )
     remarks = _remarks(files, recordings)
-    return recorded_suite(KITTI, recordings, labelled=len(files.sequences()), remarks=remarks)
+    return tracking_settings(KITTI, recordings, labelled=len(files.sequences()), remarks=remarks)
 
 
-def recorded_suite(
+def _detection(place: _Place) -> dict[str, BoardSettings]:
+    """Return the settings of the boards of LiDAR detectors."""
+    return _object_settings(place, "detection", (SCANS,))
+
+
+def _object_settings(place: _Place, board: str, sensors: Sequence[str]) -> dict[str, BoardSettings]:
+    """Return the settings of a board of each class that has labels."""
+    found = find_kitti_frames(place.folder, sensors)
+    drives = tuple(
+        KittiDrive.of(frames, sensors, number, place.lidar_height_m)
+        for number, frames in enumerate(found.frames)
+    )
+    counts = Counter(name for frames in found.frames for name in frames.type_names())
+    names = [TYPE_NAMES[kind] for kind in DETECTED_TYPES.values()]
+    if not any(counts[name.lower()] for name in names):
+        for drive in drives:
+            drive.check()
+        raise FormatError(
+            f"{drives[0].files.label_file(drives[0].files.numbers[0]).parent}: expected labels of "
+            f"{', '.join(names)}, got none"
+        )
+    settings = KittiSettings(
+        entries=recorded_table(KITTI).entries(board),
+        drives=drives,
+        remark=" ".join([_frames_in_words(drives, place, sensors), *found.notes]),
+    )
+    return {f"{KITTI} {board} {name.lower()}": settings for name in names if counts[name.lower()]}
+
+
+def _frames_in_words(drives: Sequence[KittiDrive], place: _Place, sensors: Sequence[str]) -> str:
+    """Return how many frames there are, and in which frame of coordinates scans are."""
+    frames = sum(len(drive.files.numbers) for drive in drives)
+    by_sequence = drives[0].files.layout.by_sequence
+    text = (
+        f"{frames} frames of {len(drives)} sequences of KITTI's tracking data."
+        if by_sequence
+        else f"{frames} frames of KITTI's object data, each taken alone."
+    )
+    if SCANS not in sensors:
+        return text
+    return (
+        f"{text} Detectors get scans as measured, with the LiDAR {place.lidar_height_m:g} m above "
+        "the origin of the vehicle's frame, on a level road; calib brings boxes into the camera's."
+    )
+
+
+TRACKING_BOARD = "tracking"
+MAKERS: Mapping[str, Callable[[_Place], dict[str, BoardSettings]]] = {
+    TRACKING_BOARD: _tracking,
+    "detection": _detection,
+}
+"""What makes the settings of the boards that a board's name stands for."""
+MARKERS: Mapping[str, Sequence[str]] = {
+    TRACKING_BOARD: (f"{DETECTOR_PREFIX}*",),
+    "detection": (SCANS,),
+}
+"""Names by which a folder shows that it has files for the boards."""
+
+
+def tracking_settings(
     name: str, recordings: Sequence[Recording], *, labelled: int, remarks: Sequence[str] = ()
-) -> Suite:
-    """Return the suite of recordings; its file `NAME.toml` lists the trackers that are compared.
+) -> dict[str, BoardSettings]:
+    """Return the settings of the boards of recordings.
 
+    name: of the suite, whose file `NAME.toml` lists the trackers that are compared.
     labelled: number of sequences that have labels.
     remarks: what a reader must know about the detections; it comes before the remark of the file.
     """
     table = recorded_table(name)
     settings = RecordedSettings(
-        entries=table.tracking.entries,
+        entries=table.entries(TRACKING_BOARD),
         recordings=tuple(recordings),
         labelled=labelled,
         remark=" ".join([*remarks, table.remark]),
     )
+    return dict.fromkeys((r.board for r in recordings), settings)
+
+
+def suite_of(name: str, boards: Mapping[str, BoardSettings]) -> Suite:
+    """Return the suite of recorded data with these settings of its boards."""
+    table, numbers = recorded_table(name), dict[int, None]()
+    for settings in boards.values():
+        if isinstance(settings, RecordedSettings):
+            numbers |= dict.fromkeys(recording.seed for recording in settings.recordings)
+        if isinstance(settings, KittiSettings):
+            numbers |= dict.fromkeys(drive.seed for drive in settings.drives)
     return Suite(
         name=table.name,
         version=table.version,
         summary=table.summary,
         scenarios=(name,),
-        seeds=tuple(dict.fromkeys(r.seed for r in recordings)),
+        seeds=tuple(numbers),
         rig=name,
         weathers=(Recording.weather,),
-        boards=dict.fromkeys((r.board for r in recordings), settings),
+        boards=boards,
         recorded=True,
     )
 
 
 class RecordedEntries(Struct, frozen=True, forbid_unknown_fields=True):
-    """The table `[tracking]`."""
+    """The table of a board, `[tracking]` or the like."""
 
-    entries: tuple[str, ...]
+    entries: tuple[str, ...] = ()
 
 
 class RecordedTable(Struct, frozen=True, forbid_unknown_fields=True):
@@ -97,6 +204,12 @@ class RecordedTable(Struct, frozen=True, forbid_unknown_fields=True):
     summary: str
     remark: str
     tracking: RecordedEntries
+    detection: RecordedEntries = RecordedEntries()
+
+    def entries(self, board: str) -> tuple[str, ...]:
+        """Return the entries that every run compares on the boards of a kind."""
+        table: RecordedEntries = getattr(self, board)
+        return table.entries
 
 
 def recorded_table(name: str) -> RecordedTable:

@@ -68,8 +68,8 @@ def explanation(suite: Suite, boards: Sequence[str], *, marks: bool = True) -> s
     whole += [board.marks_note for board in chosen if marks and board.marks_note]
     if not suite.recorded and len(suite.seeds) == 1:
         return " ".join([*whole, "One seed gives no intervals."])
-    over = "sequences" if suite.recorded else "seeds"
-    return " ".join([*whole, f"In brackets: 95 % intervals over {over}."])
+    over = " and ".join(dict.fromkeys(board.sample for board in chosen if board.sample))
+    return " ".join([*whole, f"In brackets: 95 % intervals over {over}." if over else ""]).rstrip()
 
 
 def board_table(results: Results, name: str, width: int) -> Table:

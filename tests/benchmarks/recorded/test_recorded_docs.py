@@ -15,10 +15,11 @@ from roadscope.benchmarks.formats import (
     LABEL_COLUMNS,
     TYPE_NAMES,
     WORLD_COLUMNS,
+    read_kitti_object_labels,
 )
 from roadscope.benchmarks.recorded import kitti_suite, mot_suite, recordings_of
 from roadscope.commands import leaderboard
-from roadscope.formats import read_kitti_sequence
+from roadscope.formats import KittiType, read_kitti_sequence
 
 PAGE = Path(__file__).parents[3] / "docs" / "recorded-data.md"
 BLOCKS = dict(re.findall(r"<!-- (.+?) -->\n```\w+\n(.*?)```", PAGE.read_text(), re.DOTALL))
@@ -66,6 +67,12 @@ def test_example_of_kitti_is_read_as_the_page_says(folder: Path) -> None:
     assert sequence.truths[0].ids.tolist() == [3]
     assert sequence.truths[0].centres[0] == pytest.approx(seen.centres[0])
     assert sequence.world_from_ego[1].translation == pytest.approx([0.9, 0, 0])
+
+
+def test_example_of_object_labels_is_read(folder: Path) -> None:
+    rows = read_kitti_object_labels(folder / "label_2" / "000000.txt")
+    assert [TYPE_NAMES[KittiType(kind)] for kind in rows.types] == ["Car", "DontCare"]
+    assert rows.bottoms[0].tolist() == [-0.65, 1.71, 46.70]
 
 
 def test_example_of_motchallenge_is_read(folder: Path) -> None:

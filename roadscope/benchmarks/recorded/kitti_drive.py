@@ -1,0 +1,225 @@
+"""Recorded drives of KITTI: scans, images and labels of a folder in place of simulated traffic."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import NamedTuple
+
+import numpy as np
+
+from roadscope.benchmarks.episode import Episode
+from roadscope.benchmarks.fingerprint import code_hash
+from roadscope.benchmarks.formats.kitti_frames import (
+    EGO_FROM_CAMERA,
+    NOT_COUNTED,
+    centres_from_bottoms,
+    kitti_objects,
+    yaws_from_rotations,
+)
+from roadscope.benchmarks.formats.kitti_labels import KittiObjects, KittiType
+from roadscope.benchmarks.formats.kitti_scans import KittiFrames, KittiView, check_frames
+from roadscope.core import Calibration, Category, Detections, Frame, Pose, Tracks, Truth
+
+LIDAR_HEIGHT_M = 1.73
+"""Of KITTI's Velodyne above the road (Geiger et al. 2013, figure 3)."""
+CATEGORIES = {
+    KittiType.CAR: Category.CAR,
+    KittiType.VAN: Category.VAN,
+    KittiType.TRUCK: Category.TRUCK,
+    KittiType.PEDESTRIAN: Category.PEDESTRIAN,
+    KittiType.PERSON: Category.PEDESTRIAN,
+    KittiType.CYCLIST: Category.CYCLIST,
+}
+"""The categories of labels; the other types have none."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class KittiDrive(Episode):
+    """A sequence of KITTI's data, or a part of its object data, as an episode.
+
+    The ego frame has its origin on the road below the LiDAR, with the LiDAR's axes: KITTI's files
+    do not say where the rear axle is. Calibration says where the camera is.
+
+    files: of the frames. sensors: those that plug-ins get. digest: of the files' content.
+    lidar_height_m: height of the LiDAR above the road, which no file gives.
+    """
+
+    files: KittiFrames
+    sensors: tuple[str, ...]
+    digest: str
+    lidar_height_m: float = LIDAR_HEIGHT_M
+
+    @staticmethod
+    def of(
+        files: KittiFrames, sensors: Sequence[str], number: int, lidar_height_m: float
+    ) -> KittiDrive:
+        """Return the drive of some files. number: that stands for it, as seeds do elsewhere."""
+        return KittiDrive(
+            "kitti",
+            number,
+            "kitti",
+            weather="as recorded",
+            files=files,
+            sensors=tuple(sensors),
+            digest=files.digest(sensors),
+            lidar_height_m=lidar_height_m,
+        )
+
+    @property
+    def name(self) -> str:
+        """The sequence, or the numbers of the frames."""
+        return self.files.name
+
+    @property
+    def ego_from_lidar(self) -> Pose:
+        """Where the LiDAR is."""
+        return Pose.from_parts(np.eye(3), np.array([0.0, 0.0, self.lidar_height_m]))
+
+    def spec(self) -> dict[str, object]:
+        """Return what frames and truth depend on: the content of the files, not their place."""
+        return {
+            "name": self.name,
+            "digest": self.digest,
+            "sensors": self.sensors,
+            "lidar_height_m": self.lidar_height_m,
+            "code": code_hash(__name__),
+        }
+
+    def check(self) -> None:
+        """Read the files; a malformed one raises `FormatError`."""
+        check_frames(self.files, self.sensors)
+
+    def scans(self) -> Iterator[tuple[Frame, Truth]]:
+        """Yield the frames with scans and their truth, the labels."""
+        previous: Pose | None = None
+        for scan, place, truth in zip(
+            self.files.scans(), places_of(self), truths_of(self), strict=True
+        ):
+            motion = place.motion_since(previous)
+            yield Frame(scan.stamp_s, place.calibration, scan, previous_from_ego=motion), truth
+            previous = place.world_from_ego
+
+    def rows(self, detections: Sequence[Detections]) -> list[KittiObjects]:
+        """Return detections of each frame, world frame, as KITTI's rows: those in the image."""
+        pairs = zip(detections, places_of(self), strict=True)
+        return [place.rows(Tracks.of(each, np.arange(len(each)))) for each, place in pairs]
+
+
+@dataclass(frozen=True, slots=True)
+class KittiDrives:
+    """All drives of a folder: one sample, over which KITTI's average precision is computed."""
+
+    drives: tuple[KittiDrive, ...]
+
+    scenario = "kitti"
+    seed = 0
+    weather = condition = "as recorded"
+
+    def check(self) -> None:
+        """Read the files; a malformed one raises `FormatError`."""
+        for drive in self.drives:
+            drive.check()
+
+
+class _Place(NamedTuple):
+    """Where the vehicle and its sensors are at one frame; posed: whether the files say so."""
+
+    view: KittiView
+    ego_from_lidar: Pose
+    world_from_ego: Pose
+    posed: bool
+
+    @property
+    def ego_from_camera(self) -> Pose:
+        """The pose of the rectified camera."""
+        return self.ego_from_lidar @ self.view.camera_from_lidar.inverse()
+
+    @property
+    def world_from_turned(self) -> Pose:
+        """The pose of the camera with the axes of ISO 8855, which is the ego of `kitti_frames`."""
+        return self.world_from_ego @ self.ego_from_camera @ EGO_FROM_CAMERA.inverse()
+
+    @property
+    def calibration(self) -> Calibration:
+        """Where the sensors are."""
+        return Calibration((("lidar", self.ego_from_lidar), ("camera", self.ego_from_camera)))
+
+    def motion_since(self, world_from_previous: Pose | None) -> Pose | None:
+        """Return `previous_from_ego`; None for the first frame and without poses."""
+        if world_from_previous is None or not self.posed:
+            return None
+        return world_from_previous.inverse() @ self.world_from_ego
+
+    def rows(self, tracks: Tracks) -> KittiObjects:
+        """Return tracks, world frame, as rows; those outside of the image are left out."""
+        return kitti_objects(
+            tracks, 0, self.world_from_turned, self.view.projection, self.view.image_size
+        )
+
+
+@lru_cache(maxsize=64)
+def places_of(drive: KittiDrive) -> tuple[_Place, ...]:
+    """Return where everything is at each frame."""
+    views, poses = drive.files.views(), drive.files.poses()
+    mount = drive.ego_from_lidar
+    if poses is None:
+        return tuple(_Place(view, mount, Pose.identity(), posed=False) for view in views)
+    return tuple(
+        _Place(
+            view,
+            mount,
+            pose @ EGO_FROM_CAMERA @ view.camera_from_lidar @ mount.inverse(),
+            posed=True,
+        )
+        for view, pose in zip(views, poses, strict=True)
+    )
+
+
+@lru_cache(maxsize=64)
+def labels_of(drive: KittiDrive) -> tuple[KittiObjects, ...]:
+    """Return the labels of each frame."""
+    return tuple(drive.files.labels())
+
+
+def truths_of(drive: KittiDrive) -> list[Truth]:
+    """Return the labelled objects of each frame, world frame; velocities are 0."""
+    return [
+        _truth(labels, place.world_from_turned, place.world_from_ego, stamp_s)
+        for labels, place, stamp_s in zip(
+            labels_of(drive), places_of(drive), drive.files.stamps_s, strict=True
+        )
+    ]
+
+
+def _truth(
+    labels: KittiObjects, world_from_turned: Pose, world_from_ego: Pose, stamp_s: float
+) -> Truth:
+    rows = labels.select(np.isin(labels.types, list(CATEGORIES)))
+    n = len(rows)
+    boxes = Detections(
+        centres_from_bottoms(rows.bottoms, rows.sizes),
+        rows.sizes,
+        yaws_from_rotations(rows.rotations_y),
+        np.array([CATEGORIES[KittiType(kind)] for kind in rows.types], np.int8),
+        np.ones(n),
+        "ego",
+        stamp_s,
+    ).moved(world_from_turned, "world")
+    unknown = np.full(n, NOT_COUNTED)
+    return Truth(
+        ids=np.arange(n),
+        categories=boxes.categories,
+        centres=boxes.centres,
+        sizes=boxes.sizes,
+        yaws=boxes.yaws,
+        velocities=np.zeros((n, 2)),
+        lidar_returns=unknown,
+        visible_pixels=unknown,
+        occluded_fraction=unknown.astype(np.float64),
+        world_from_ego=world_from_ego,
+        stamp_s=stamp_s,
+        sources=np.empty(0, np.int64),
+        image_boxes=rows.boxes,
+    )

@@ -1,0 +1,279 @@
+"""Average precision of boxes by the rules of KITTI's object benchmark (Geiger et al. 2012).
+
+Precision is averaged at 40 recalls (Simonelli et al. 2019). Labels of a neighbouring class (vans
+beside cars, sitting people beside pedestrians), and those too hard for a difficulty, are neither
+misses nor make a detection false; nor is a detection false that is too low in the image. Image
+boxes in a region without labels (DontCare) are not false either; such a region has no box in space.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from roadscope.benchmarks.formats.kitti_labels import KittiObjects, KittiType
+from roadscope.benchmarks.metrics.matching import image_overlaps
+from roadscope.benchmarks.metrics.score import Score
+from roadscope.benchmarks.recorded.rules import KITTI_DISTRACTORS, boxes_3d, shares_in_regions
+
+RECALL_STEPS = 40
+"""Recalls 1/40, 2/40, ..., 1 at which precision is averaged."""
+
+
+class Difficulty(NamedTuple):
+    """Which labels have to be found: limits of KITTI's evaluation.
+
+    least_height_px: image boxes of labels are higher, those of detections at least as high.
+    most_occluded: a level, see `KittiObjects`. most_truncated: share outside of the image.
+    """
+
+    least_height_px: float
+    most_occluded: int
+    most_truncated: float
+
+
+DIFFICULTIES: Mapping[str, Difficulty] = {
+    "easy": Difficulty(40.0, 0, 0.15),
+    "moderate": Difficulty(25.0, 1, 0.30),
+    "hard": Difficulty(25.0, 2, 0.50),
+}
+LOWEST_PX = min(each.least_height_px for each in DIFFICULTIES.values())
+HIGHEST_PX = max(each.least_height_px for each in DIFFICULTIES.values())
+LEAST_OVERLAPS: Mapping[KittiType, float] = {
+    KittiType.CAR: 0.7,
+    KittiType.PEDESTRIAN: 0.5,
+    KittiType.CYCLIST: 0.5,
+}
+"""A detection can be of a label if their intersection over union is larger."""
+
+
+def _overlaps_from_above(labels: KittiObjects, boxes: KittiObjects) -> np.ndarray:
+    from roadscope.core.box_overlap import box_overlaps
+
+    rows = [boxes_3d(each)[:, [0, 1, 3, 4, 6]] for each in (labels, boxes)]
+    overlaps: np.ndarray = box_overlaps(*rows)
+    return overlaps
+
+
+def _overlaps_in_space(labels: KittiObjects, boxes: KittiObjects) -> np.ndarray:
+    from roadscope.core.box_overlap import box_overlaps_3d
+
+    overlaps: np.ndarray = box_overlaps_3d(boxes_3d(labels), boxes_3d(boxes))
+    return overlaps
+
+
+OVERLAPS: Mapping[str, Callable[[KittiObjects, KittiObjects], np.ndarray]] = {
+    "2d": lambda labels, boxes: image_overlaps(labels.boxes, boxes.boxes),
+    "bev": _overlaps_from_above,
+    "3d": _overlaps_in_space,
+}
+"""M labels, N detections -> (M, N) intersection over union: in the image, from above, in space."""
+
+
+@dataclass(frozen=True, slots=True)
+class ObjectPrecision:
+    """A curve of precision over recall, and its average.
+
+    ap: 0 to 1; nan without an object.
+    objects: number of labels that have to be found.
+    precision: at each step of recall that was reached, the best from there on, at most 41.
+    """
+
+    ap: float
+    objects: int
+    precision: tuple[float, ...]
+
+    @property
+    def score(self) -> Score:
+        """The average as a score."""
+        return Score(self.ap, "1", "higher", self.objects, 0.0, 1.0, weight=self.objects)
+
+
+def object_precisions(
+    labels: Sequence[KittiObjects],
+    detections: Sequence[KittiObjects],
+    kind: KittiType,
+    overlap: str = "3d",
+) -> dict[str, ObjectPrecision]:
+    """Return the precision of each of `DIFFICULTIES`.
+
+    labels: all labels of each frame, of every type.
+    detections: of each frame, with image boxes; those of other types than `kind` do not count.
+    kind: car, pedestrian or cyclist. overlap: a key of `OVERLAPS`.
+
+    As in KITTI's evaluation, a step of recall is the score of a matched detection, so N labels
+    give N steps at most: with fewer than 41 labels even perfect detections have an average of
+    (N - 1) / 40.
+    """
+    frames = [
+        _Frame.of(objects, boxes, kind, overlap)
+        for objects, boxes in zip(labels, detections, strict=True)
+    ]
+    return {name: _precision(frames, each) for name, each in DIFFICULTIES.items()}
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Frame:
+    """The labels and detections of one frame that matter.
+
+    objects: labels of the class and of neighbouring ones. own: (M,) bool, those of the class.
+    pairs: of each label, the detections that overlap it enough, and how much.
+    scores, heights_px: (N,) of the detections. of_class: (N,) bool; others matter only where they
+        are too low in the image. in_region: (N,) bool, mostly in a region without labels.
+    """
+
+    objects: KittiObjects
+    own: np.ndarray
+    pairs: tuple[tuple[tuple[int, float], ...], ...]
+    scores: np.ndarray
+    heights_px: np.ndarray
+    of_class: np.ndarray
+    in_region: np.ndarray
+
+    @staticmethod
+    def of(labels: KittiObjects, detections: KittiObjects, kind: KittiType, overlap: str) -> _Frame:
+        objects = labels.select(np.isin(labels.types, [kind, *KITTI_DISTRACTORS[kind]]))
+        heights_px = np.abs(detections.boxes[:, 3] - detections.boxes[:, 1])
+        boxes = detections.select((detections.types == kind) | (heights_px < HIGHEST_PX))
+        least, pairs = LEAST_OVERLAPS[kind], [()] * len(objects)
+        if len(objects) and len(boxes):
+            overlaps = OVERLAPS[overlap](objects, boxes)
+            pairs = [
+                tuple((int(k), float(row[k])) for k in np.flatnonzero(row > least))
+                for row in overlaps
+            ]
+        in_region = np.zeros(len(boxes), bool)
+        if overlap == "2d":
+            regions = labels.boxes[labels.types == KittiType.DONT_CARE]
+            in_region = np.any(shares_in_regions(boxes.boxes, regions) > least, axis=1)
+        return _Frame(
+            objects,
+            objects.types == kind,
+            tuple(pairs),
+            boxes.scores,
+            np.abs(boxes.boxes[:, 3] - boxes.boxes[:, 1]),
+            boxes.types == kind,
+            in_region,
+        )
+
+    def at(self, difficulty: Difficulty) -> _RatedFrame:
+        """Return what counts at a difficulty."""
+        heights_px = self.objects.boxes[:, 3] - self.objects.boxes[:, 1]
+        wanted = self.own & (heights_px > difficulty.least_height_px)
+        wanted &= self.objects.occluded <= difficulty.most_occluded
+        wanted &= self.objects.truncated <= difficulty.most_truncated
+        low = self.heights_px < difficulty.least_height_px
+        matters = self.of_class | low
+        pairs = [
+            (bool(w), [(k, share) for k, share in own if matters[k]])
+            for w, own in zip(wanted, self.pairs, strict=True)
+        ]
+        alarms = self.of_class & ~low & ~self.in_region
+        return _RatedFrame(
+            int(wanted.sum()),
+            [pair for pair in pairs if pair[1]],
+            self.scores.tolist(),
+            low.tolist(),
+            alarms.tolist(),
+        )
+
+
+class _Matches(NamedTuple):
+    """Numbers of right detections, and of matched ones that would be false if they were not."""
+
+    right: int
+    excused: int
+
+
+@dataclass(frozen=True, slots=True)
+class _RatedFrame:
+    """One frame at one difficulty; lists are faster here than arrays.
+
+    wanted: number of labels that have to be found.
+    pairs: of each label with overlapping detections, whether it has to be found, and these.
+    scores, low, alarms: of each detection; whether it is too low in the image; whether it is a
+        false alarm unless it is matched.
+    """
+
+    wanted: int
+    pairs: list[tuple[bool, list[tuple[int, float]]]]
+    scores: list[float]
+    low: list[bool]
+    alarms: list[bool]
+
+    def right_scores(self) -> list[float]:
+        """Return the scores of right detections if each label takes the best score."""
+        taken: set[int] = set()
+        right = []
+        for wanted, pairs in self.pairs:
+            free = [k for k, _ in pairs if k not in taken]
+            if not free:
+                continue
+            best = max(free, key=self.scores.__getitem__)
+            taken.add(best)
+            if wanted and not self.low[best]:
+                right.append(self.scores[best])
+        return right
+
+    def matches(self, least_score: float) -> _Matches:
+        """Match each label with the free detection that overlaps it most, low ones last."""
+        taken: set[int] = set()
+        right = 0
+        for wanted, pairs in self.pairs:
+            free = [(k, s) for k, s in pairs if k not in taken and self.scores[k] >= least_score]
+            if not free:
+                continue
+            high = [pair for pair in free if not self.low[pair[0]]]
+            best, _ = max(high, key=lambda pair: pair[1]) if high else free[0]
+            taken.add(best)
+            right += wanted and not self.low[best]
+        return _Matches(right, sum(self.alarms[k] for k in taken))
+
+    def add_matches(self, thresholds: np.ndarray, right: np.ndarray, excused: np.ndarray) -> None:
+        """Add the matches at each of (T,) falling scores to (T,) sums."""
+        if not self.pairs:
+            return
+        paired = sorted({self.scores[k] for _, pairs in self.pairs for k, _ in pairs})
+        # Thresholds between the same two scores of paired detections give the same matches.
+        counts = np.searchsorted(paired, thresholds, side="left")
+        for count in np.unique(counts):
+            chosen = counts == count
+            found = self.matches(float(thresholds[chosen][0]))
+            right[chosen] += found.right
+            excused[chosen] += found.excused
+
+
+def _precision(frames: Sequence[_Frame], difficulty: Difficulty) -> ObjectPrecision:
+    rated = [frame.at(difficulty) for frame in frames]
+    objects = sum(frame.wanted for frame in rated)
+    thresholds = np.array(
+        _thresholds([s for frame in rated for s in frame.right_scores()], objects)
+    )
+    if not objects:
+        return ObjectPrecision(np.nan, 0, ())
+    right, excused = np.zeros(len(thresholds)), np.zeros(len(thresholds))
+    for frame in rated:
+        frame.add_matches(thresholds, right, excused)
+    alarms = np.sort(
+        [s for f in rated for s, counts in zip(f.scores, f.alarms, strict=True) if counts]
+    )
+    above = len(alarms) - np.searchsorted(alarms, thresholds, side="left")
+    called = right + above - excused
+    precision = np.divide(right, called, out=np.zeros(len(called)), where=called > 0)
+    best = np.maximum.accumulate(precision[::-1])[::-1]
+    return ObjectPrecision(float(best[1:].sum() / RECALL_STEPS), objects, tuple(best.tolist()))
+
+
+def _thresholds(scores: Sequence[float], objects: int) -> list[float]:
+    """Return the scores at which recall is nearest to 0, 1/40, 2/40, ..., falling."""
+    ranked, recall, thresholds = sorted(scores, reverse=True), 0.0, []
+    for number, score in enumerate(ranked, start=1):
+        here, is_last = number / objects, number == len(ranked)
+        if not is_last and (number + 1) / objects - recall < recall - here:
+            continue
+        thresholds.append(score)
+        recall += 1 / RECALL_STEPS
+    return thresholds[: RECALL_STEPS + 1]
