@@ -21,6 +21,7 @@ from roadscope.commands.export import export
 from roadscope.commands.leaderboard import leaderboard
 from roadscope.commands.list import list_names
 from roadscope.commands.new import new
+from roadscope.commands.report import report
 from roadscope.commands.reproduce import reproduce
 from roadscope.commands.run import run_scenario
 from roadscope.commands.run_odometry import run_odometry
@@ -47,6 +48,7 @@ COMMANDS: Mapping[str, tuple[Callable[..., None], str]] = {
     "list": (list_names, "roadscope list detectors"),
     "run": (run_scenario, "roadscope run roundabout --seed 3 --picture scene.png"),
     "leaderboard": (leaderboard, 'roadscope leaderboard --entry "my_tracker.py:Mine?gate_m=2.5"'),
+    "report": (report, "roadscope report results --open"),
     "new": (new, "roadscope new tracker my_tracker.py"),
     "check": (check, "roadscope check my_tracker.py:MyTracker"),
     "compare": (compare, "roadscope compare before after --fail-on-regression"),

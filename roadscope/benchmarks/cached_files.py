@@ -45,6 +45,7 @@ FILE_KINDS: Mapping[str, FileKind] = {
         "camera-training",
         re.compile(rf"(.+[-.])?{_DIGEST}.*\.(npy|npz|pt|part)"),
     ),
+    "pages": FileKind("page of leaderboard --open without --out", ".", re.compile(r"report\.html")),
     RESULTS: FileKind(
         "results of leaderboards without --out", ".", re.compile(r"results\.sqlite(-wal|-shm)?")
     ),

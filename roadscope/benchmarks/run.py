@@ -23,6 +23,8 @@ from roadscope.benchmarks.recorded.mot import mot_suite
 from roadscope.benchmarks.recorded.suite import kitti_suite
 from roadscope.benchmarks.report.board_files import check_targets, label_of
 from roadscope.benchmarks.report.export import save_all, save_logs
+from roadscope.benchmarks.report.moments import worst_moments
+from roadscope.benchmarks.report.page import Run, read_runs, save_moments, save_page
 from roadscope.benchmarks.results import Results, gather
 from roadscope.benchmarks.results.agreement import BoardAgreement
 from roadscope.benchmarks.results.results import condition_of
@@ -74,6 +76,7 @@ def leaderboard(
     notice: Callable[[str], None] | None = None,
     backend: str = "loky",
     address: str | None = None,
+    page: Path | str | None = None,
 ) -> Results:
     """Run a suite's entries and yours, and return the leaderboard.
 
@@ -83,8 +86,9 @@ def leaderboard(
     boards: names of boards (`roadscope list boards`); None: all that the suite has entries for.
     jobs: worker processes; with an address, 0 stands for one for each core of the cluster.
     out_dir: folder for the results database (`results.sqlite`), `leaderboard.json`, `.csv`, `.md`
-        and `.tex`. None: the database is in the cache folder, and no board is written. Boards of
-        other suites in the folder are renamed to `leaderboard-SUITE-BOARD[-CALIBRATION].json`.
+        and `.tex`, and `replay.json`, the worst moments of the entries. None: the database is in
+        the cache folder, and no board is written. Boards of other suites in the folder are renamed
+        to `leaderboard-SUITE-BOARD[-CALIBRATION].json`.
     fresh: compute again what an earlier run has computed.
     kitti: a folder of KITTI's data, whose drives take the place of the suite's traffic
         (`kitti_suite`); a malformed file in it raises `FormatError` before anything is run.
@@ -102,6 +106,8 @@ def leaderboard(
         Machines of a cluster need this package, the files of plug-ins and of recorded data at the
         same paths, and should share the folder that `ROADSCOPE_CACHE` names: computed files stay
         on their machine, and other machines compute them again.
+    page: file for one HTML page of the boards, with plots and a replay of the worst moments; with
+        `out_dir` it also has the other boards in that folder.
     notice: called before anything runs with a text for each entry that is not installed.
 
     A worker process that dies costs only the jobs that it runs, and they are tried again.
@@ -140,8 +146,14 @@ def leaderboard(
         results = gather(run_plan.jobs, outcomes, conditions)
         results = replace(results, agreements=agreements(results, run_plan, store.outcomes))
     results = save_logs(results, folder)
+    if out_dir is None and page is None:
+        return results
+    latest = Run(results, worst_moments(run_plan.jobs, results))
     if out_dir is not None:
         save_all(results, folder)
+        save_moments(latest.moments, folder)
+    if page is not None:
+        save_page([latest] if out_dir is None else read_runs(folder), Path(page))
     return results
 
 

@@ -11,7 +11,7 @@ import typer
 
 from roadscope.commands import completion
 from roadscope.commands.options import Jobs, workers
-from roadscope.commands.terminal import complain, console, printable, progress_bars
+from roadscope.commands.terminal import complain, console, open_page, printable, progress_bars
 
 if TYPE_CHECKING:
     from roadscope.benchmarks import Results, Suite
@@ -69,6 +69,14 @@ Out = Annotated[
         "of other "
         "suites that are in it are renamed to leaderboard-SUITE-BOARD, with the name of the "
         "calibration if there was one."
+    ),
+]
+Open = Annotated[
+    bool,
+    typer.Option(
+        "--open",
+        help="Write the page of roadscope report, too, and show it in a browser: report.html in "
+        "the folder of --out, else in the cache folder.",
     ),
 ]
 Fresh = Annotated[
@@ -173,6 +181,7 @@ def leaderboard(
     seeds: Seeds = None,
     jobs: Jobs = 0,
     out: Out = None,
+    shown: Open = False,
     fresh: Fresh = False,
     kitti: Kitti = None,
     lidar_height: LidarHeight = 1.73,
@@ -197,8 +206,10 @@ def leaderboard(
     that you named is not installed.
     """
     from roadscope.benchmarks.boards import chosen_boards
+    from roadscope.benchmarks.cache import cache_dir
     from roadscope.benchmarks.isolation import Limits
     from roadscope.benchmarks.loop import RunOptions
+    from roadscope.benchmarks.report.page import PAGE
     from roadscope.benchmarks.results.results import check_breakdown
     from roadscope.benchmarks.run import leaderboard as run
     from roadscope.benchmarks.workers import WorkerSettings
@@ -212,6 +223,7 @@ def leaderboard(
     _check_calibration(boards, calibration)
     for each in by or ():
         check_breakdown(each, boards)
+    page = (out or cache_dir()) / PAGE if shown else None
     with progress_bars(quiet=quiet) as progress:
         results = run(
             loaded,
@@ -229,6 +241,7 @@ def leaderboard(
             notice=complain,
             backend=backend,
             address=address,
+            page=page,
         )
         left_out: list[str] = []
         if tracks is not None:
@@ -246,6 +259,8 @@ def leaderboard(
                 ),
                 progress=progress,
             )
+    if page is not None:
+        open_page(page)
     if json:
         typer.echo(results.to_json(), nl=False)
     if json or quiet:
@@ -257,7 +272,7 @@ def leaderboard(
             _name_full_suite(board, entry or (), detections or (), only=only)
         if left_out:
             typer.echo(f"no tracks were written of {', '.join(left_out)}")
-        _name_written(out and out / "leaderboard.json", tracks)
+        _name_written(out and out / "leaderboard.json", page, tracks)
         for line in _log_lines(results):
             typer.echo(line)
         _name_earlier_boards(out)

@@ -7,6 +7,7 @@ import math
 import os
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from pathlib import Path
 from threading import Event, Lock, Thread
 from time import monotonic
 from typing import Any, cast
@@ -50,6 +51,14 @@ def headline(text: str) -> None:
 def print_json(content: Any) -> None:
     """Print content as JSON, and nothing else."""
     typer.echo(json.dumps(content, indent=1, allow_nan=False))
+
+
+def open_page(path: Path) -> None:
+    """Show a page in the user's browser; say so where there is none."""
+    import webbrowser
+
+    if not webbrowser.open(path.resolve().as_uri()):
+        complain(f"no browser was found to show {path}")
 
 
 def printable(text: str) -> str:

@@ -7,6 +7,8 @@ _PARTS = {
     "breakdowns": "breakdown_tables note",
     "curves": "PANELS draw_curves has_curves",
     "export": "latex_text save_all to_csv to_latex to_markdown",
+    "moments": "Moment worst_moments",
+    "page": "MOST_BYTES PAGE Run read_runs save_moments save_page",
     "tables": "agreement_lines board_table comparison explanation failure_lines footnote",
     "track_files": "folder_names save_tracks",
 }

@@ -18,12 +18,14 @@ NAME = "leaderboard"
 ENDINGS = ("json", "csv", "md", "tex")
 CURVES = "drift.svg"
 """The picture of an odometry board, if there is one."""
+REPLAY = "replay.json"
+"""The worst moments of the entries."""
 
 
 def file_names(label: str = "") -> dict[str, str]:
     """Return the name of each file of a board with this label, by its name without a label."""
     tail = f"-{label}" if label else ""
-    names = [*(f"{NAME}.{ending}" for ending in ENDINGS), CURVES]
+    names = [*(f"{NAME}.{ending}" for ending in ENDINGS), CURVES, REPLAY]
     return {name: f"{Path(name).stem}{tail}{Path(name).suffix}" for name in names}
 
 

@@ -107,7 +107,7 @@ def layout_of(results: Results, name: str, width: int) -> Layout:
     name_width = max(name_width, LEAST_NAME_WIDTH)
     space = width - RANK_WIDTH - name_width
     columns: list[ShownColumn] = []
-    for column in _measured_columns(results, board):
+    for column in measured_columns(results, board):
         shown = _shown(results, board, column, interval=column.metric == board.headline)
         if columns and 1 + shown.width > space:
             break
@@ -129,7 +129,7 @@ def footnote(results: Results, name: str, width: int) -> str:
     jobs = results.manifest.get("jobs", 1)
     if jobs > 1 and any("ms" in column.heading.split() for column in shown):
         texts.append(f"Times taken with {jobs} workers at once; use --jobs 1 for timing.")
-    if len(shown) < len(_measured_columns(results, board_named(name))):
+    if len(shown) < len(measured_columns(results, board_named(name))):
         texts.append("More columns on a wider terminal (--width); all in leaderboard.json (--out).")
     return " ".join(texts)
 
@@ -214,27 +214,38 @@ def wrapped_name(name: str, width: int) -> str:
 
 def _name(results: Results, standing: Standing, width: int | None = None) -> Text:
     """Return an entry with its mark and failures in brackets. width: of lines; None: one line."""
-    board, entry, mark = standing.board, standing.entry, standing.mark or ""
-    shown = one_line(entry)
+    shown = one_line(standing.entry)
     name = Text(
-        shown if width is None else wrapped_name(shown, width), style="not bold" if mark else ""
+        shown if width is None else wrapped_name(shown, width),
+        style="not bold" if standing.mark else "",
     )
-    # Some names already contain their mark, or that they are offline.
-    if mark and not entry.endswith(f" on {ORACLE}") and mark.split()[0] not in entry:
-        name.append(f" ({mark})")
-    offline = results.row(board, entry, OFFLINE)
-    called_so = entry.split()[0].partition("?")[0].endswith(OFFLINE)
-    if offline is not None and offline.value and not called_so:
-        name.append(f" ({OFFLINE})")
-    failed = results.row(board, entry, "failed_episodes")
-    if results.not_installed(entry):
-        name.append(" (not installed)", style="red")
-    elif failed is not None and failed.value:
-        name.append(f" ({failed.value:.0f} of {failed.n} failed)", style="red")
+    for remark in remarks_of(results, standing):
+        name.append(f" ({remark})")
+    if failure := failure_of(results, standing):
+        name.append(f" ({failure})", style="red")
     return name
 
 
-def _measured_columns(results: Results, board: Board) -> list[Column]:
+def remarks_of(results: Results, standing: Standing) -> list[str]:
+    """Return what is told beside the name of an entry: its mark, and whether it is offline."""
+    board, entry, mark = standing.board, standing.entry, standing.mark or ""
+    # Some names already contain their mark, or that they are offline.
+    own = not mark or entry.endswith(f" on {ORACLE}") or mark.split()[0] in entry
+    offline = results.row(board, entry, OFFLINE)
+    called_so = entry.split()[0].partition("?")[0].endswith(OFFLINE)
+    told = offline is not None and offline.value and not called_so
+    return [mark] * (not own) + [OFFLINE] * bool(told)
+
+
+def failure_of(results: Results, standing: Standing) -> str:
+    """Return in how many episodes an entry failed, or that it is not installed; often empty."""
+    if results.not_installed(standing.entry):
+        return "not installed"
+    failed = results.row(standing.board, standing.entry, "failed_episodes")
+    return f"{failed.value:.0f} of {failed.n} failed" if failed is not None and failed.value else ""
+
+
+def measured_columns(results: Results, board: Board) -> list[Column]:
     """Return the columns in which any entry has a value."""
     measured = {r.metric for r in results.rows if r.board == board.name and r.value is not None}
     return [column for column in board.columns if column.metric in measured]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Self
 
 import msgspec
 
@@ -118,6 +118,29 @@ class Results:
         # The standard library refuses NaN, but with an indent it is slow.
         return msgspec.json.format(json.dumps(content, allow_nan=False), indent=1) + "\n"
 
+    @classmethod
+    def from_json(cls, text: str | bytes) -> Self:
+        """Read what `to_json` returned; anything else raises `ValueError`.
+
+        The end of what failed plug-ins printed is in the failures, not in the jobs.
+        """
+        content = msgspec.json.decode(text)
+        if not isinstance(content, dict) or not isinstance(content.get("manifest"), dict):
+            raise ValueError("no results of roadscope leaderboard: there is no manifest")
+        types: dict[str, Any] = {
+            "rows": tuple[Row, ...],
+            "failures": tuple[Failure, ...],
+            "parts": tuple[Row, ...],
+            "standings": tuple[Standing, ...],
+            "agreements": tuple[BoardAgreement, ...],
+        }
+        read = {name: msgspec.convert(content.get(name, ()), kind) for name, kind in types.items()}
+        try:
+            jobs = tuple(JobScores.from_json(item) for item in content.get("scores", ()))
+        except (KeyError, TypeError, AttributeError) as error:
+            raise ValueError(f"scores are not as expected: {error!r}") from error
+        return cls(content["manifest"], jobs=jobs, **read)
+
 
 def check_breakdown(by: str, boards: Sequence[Board]) -> None:
     """Raise `BreakdownError` if none of the boards has this breakdown."""
@@ -136,13 +159,10 @@ def gather(
 
 def results_of(scores: Sequence[JobScores], manifest: Mapping[str, Any]) -> Results:
     """Return the results of jobs, of a run or of a file."""
-    grouped: dict[str, dict[str, list[JobScores]]] = {}
-    for job in scores:
-        grouped.setdefault(job.board, {}).setdefault(job.entry, []).append(job)
     order: list[Standing] = []
     results: list[EntryResult] = []
-    for board in sorted(grouped):
-        entries = {entry: _entry_result(own) for entry, own in grouped[board].items()}
+    for board in sorted({job.board for job in scores}):
+        entries = {each.entry: each for each in entry_results(scores, board)}
         places = standings(list(entries.values()))
         order += places
         results += [entries[place.entry] for place in places]
@@ -167,6 +187,15 @@ def results_of(scores: Sequence[JobScores], manifest: Mapping[str, Any]) -> Resu
         standings=tuple(order),
         jobs=tuple(scores),
     )
+
+
+def entry_results(scores: Sequence[JobScores], board: str) -> list[EntryResult]:
+    """Return the scores of each entry of a board."""
+    grouped: dict[str, list[JobScores]] = {}
+    for job in scores:
+        if job.board == board:
+            grouped.setdefault(job.entry, []).append(job)
+    return [_entry_result(jobs) for jobs in grouped.values()]
 
 
 def condition_of(job: Job) -> str:

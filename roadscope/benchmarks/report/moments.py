@@ -1,0 +1,484 @@
+"""The worst moments of entries, for a bird's-eye replay: truth, answers and what was wrong.
+
+They are chosen by the scores of a run and read from its kept files; no plug-in runs again.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import zip_longest
+from typing import Any, NamedTuple
+
+import msgspec
+import numpy as np
+
+from roadscope.benchmarks.cache import read_kept
+from roadscope.benchmarks.eligibility import Eligibility
+from roadscope.benchmarks.episode import Episode
+from roadscope.benchmarks.graph import Job
+from roadscope.benchmarks.metrics.detection import GATE_M
+from roadscope.benchmarks.metrics.matching import match
+from roadscope.benchmarks.metrics.score import Score
+from roadscope.benchmarks.metrics.tracking.clear import switched
+from roadscope.benchmarks.metrics.tracking.matching import match_tracks
+from roadscope.benchmarks.metrics.tracking.scores import (
+    counted_rows,
+    counted_sequence,
+    matched_rows,
+)
+from roadscope.benchmarks.metrics.trajectory_errors import (
+    absolute_errors,
+    aligned,
+    relative_errors,
+)
+from roadscope.benchmarks.nodes.tracks import TrackNode
+from roadscope.benchmarks.nodes.traffic import TrafficNode
+from roadscope.benchmarks.records import EpisodeDetections, EpisodePoses, EpisodeTracks
+from roadscope.benchmarks.results import JobScores, Results
+from roadscope.core import Category, Detections, RecordError, Tracks, Truth
+
+SWITCHES, MISSES, ALARMS = "identity switches", "misses", "false alarms"
+DRIFT, JUMP = "drift", "jump"
+AROUND_S, MOST_AROUND = 2.0, 30
+"""A moment lasts so long before and after its event, with at most so many frames on either side;
+chosen by hand."""
+SMOOTH = 5
+"""Frames over which misses and false alarms are summed to find where most are."""
+OF_A_KIND = 2
+"""Most moments of one kind for an entry."""
+MOST_POSES = 240
+"""Most poses of a replayed trajectory, beside those around its jump."""
+MARGIN_M = 10.0
+"""Objects and lanes are shown so far beyond the range in which objects are eligible."""
+LANE_TOLERANCE_M = 0.15
+DECIMETRES, CENTIRADIANS = 10.0, 100.0
+
+
+class MovingBox(msgspec.Struct, frozen=True, array_like=True):
+    """A box over consecutive frames of a moment.
+
+    number: id of an object or track; -1 for a detection. first: its first frame.
+    states: a letter for each frame from there on: m matched, x missed, f false alarm, s matched
+        after a switch of identities, i does not count, and . absent.
+    length, width: decimetres.
+    motion: x, y (decimetres) and yaw (0.01 rad) of the first frame, then the differences from each
+        frame to the next in which it is present.
+    """
+
+    number: int
+    first: int
+    states: str
+    length: int
+    width: int
+    motion: list[int]
+
+
+class Lane(msgspec.Struct, frozen=True, array_like=True):
+    """A lane: width, decimetres, and x, y of its points, the first one, then differences."""
+
+    width: int
+    points: list[int]
+
+
+class Moment(msgspec.Struct, frozen=True, kw_only=True):
+    """Some seconds of an episode around an event; coordinates are those of the ego at the event.
+
+    kind: such as `misses`. text: what happens. event: number of its frame.
+    times_s: of the frames, seconds. ego: its motion, as in `MovingBox`.
+    objects, answers: true boxes, and those of the entry.
+    estimate: motion of the ego as an odometry estimates it; empty on other boards.
+    errors: centimetres from the true position in each frame, for odometries.
+    focus: x, y and radius of what to look at, decimetres, from the ego.
+    """
+
+    board: str
+    entry: str
+    kind: str
+    text: str
+    scenario: str
+    seed: int
+    condition: str
+    inputs: str
+    event: int
+    times_s: list[float]
+    ego: list[int]
+    focus: tuple[int, int, int]
+    objects: list[MovingBox] = []
+    answers: list[MovingBox] = []
+    lanes: list[Lane] = []
+    estimate: list[int] = []
+    errors: list[int] = []
+
+
+Severity = Callable[[Mapping[str, Score]], float]
+"""Returns how bad the scores of an episode are in one respect."""
+
+
+def _lost(metric: str) -> Severity:
+    """Return the number of samples that a ratio lacks to 1."""
+    return lambda scores: (1.0 - scores[metric].value) * scores[metric].n
+
+
+KINDS: Mapping[type, Mapping[str, Severity]] = {
+    EpisodeTracks: {
+        SWITCHES: lambda scores: scores["id_switches"].value,
+        MISSES: _lost("recall"),
+        ALARMS: _lost("precision"),
+    },
+    EpisodeDetections: {MISSES: _lost("detection_rate"), ALARMS: _lost("precision")},
+    EpisodePoses: {
+        DRIFT: lambda scores: scores["end"].value,
+        JUMP: lambda scores: scores["rpe"].value,
+    },
+}
+"""What can be wrong with answers, by their record."""
+
+
+def worst_moments(jobs: Sequence[Job], results: Results) -> list[Moment]:
+    """Return moments of each ranked entry, the worst ones of all entries first.
+
+    jobs: those of the results, in the same order. Of each kind, moments are those of the episode
+    that is worst in it. Answers that are not kept, or that cannot be read, have none.
+    """
+    of_entry: dict[tuple[str, str], list[tuple[Job, JobScores]]] = {}
+    for job, scored in zip(jobs, results.jobs, strict=True):
+        if scored.reason is None and job.mark is None and job.answers.record in KINDS:
+            of_entry.setdefault((job.board.name, job.entry), []).append((job, scored))
+    queues = []
+    for pairs in of_entry.values():
+        for kind, severity in KINDS[pairs[0][0].answers.record].items():
+            chosen = _worst(pairs, severity)
+            queues.append([] if chosen is None else _read(chosen, kind))
+    turns = zip_longest(*queues)
+    return [moment for turn in turns for moment in turn if moment is not None]
+
+
+def _worst(pairs: Sequence[tuple[Job, JobScores]], severity: Severity) -> Job | None:
+    """Return the job with the worst scores; None if all are perfect."""
+    figures = [np.nan_to_num(severity(scored.scores), nan=0.0) for _, scored in pairs]
+    worst = int(np.argmax(figures))
+    return pairs[worst][0] if figures[worst] > 0 else None
+
+
+def _read(job: Job, kind: str) -> list[Moment]:
+    """Return the moments of one job from its kept files; none if one is missing or damaged."""
+    try:
+        answers = read_kept(job.answers.path, job.answers.record.load)
+        if isinstance(answers, EpisodePoses):
+            return _of_poses(job, kind, answers)
+        if not isinstance(job.settings, Eligibility):
+            return []  # Recorded data are matched by rules of their own.
+        inputs = answers
+        if isinstance(job.answers, TrackNode):
+            source = job.answers.detections
+            inputs = read_kept(source.path, source.record.load)
+        scene = _scene(answers, inputs, job.settings)
+        lanes = _lanes(job.episode)
+    except (OSError, RecordError):
+        return []
+    return [_of_scene(job, kind, scene, int(event), lanes) for event in _events(scene, kind)]
+
+
+# --------------------------------------------------------------------------------------------------
+# Detections and tracks.
+
+
+class _Boxes(NamedTuple):
+    """The boxes of a frame: N numbers, centres and sizes (N, 2), yaws, and states (letters)."""
+
+    numbers: np.ndarray
+    centres: np.ndarray
+    sizes: np.ndarray
+    yaws: np.ndarray
+    states: np.ndarray
+
+
+@dataclass(frozen=True, slots=True)
+class _Scene:
+    """An episode with what was right and wrong in each frame.
+
+    switches: by frame, texts about switches of identities.
+    """
+
+    truths: Sequence[Truth]
+    objects: Sequence[_Boxes]
+    answers: Sequence[_Boxes]
+    switches: Mapping[int, Sequence[str]]
+    reach_m: float
+
+    def counts(self, kind: str) -> np.ndarray:
+        """Return (T,) how often something went wrong in each frame."""
+        boxes, letter = {
+            SWITCHES: (self.objects, "s"),
+            MISSES: (self.objects, "x"),
+            ALARMS: (self.answers, "f"),
+        }[kind]
+        return np.array([int((frame.states == letter).sum()) for frame in boxes])
+
+
+def _scene(
+    answers: EpisodeTracks | EpisodeDetections, inputs: EpisodeDetections, rule: Eligibility
+) -> _Scene:
+    truths = inputs.truths
+    boxes = answers.tracks if isinstance(answers, EpisodeTracks) else answers.detections
+    pairings = rule.pairings(boxes, truths, inputs.parked)
+    objects = [_boxes(truth, truth.ids) for truth in truths]
+    switches: dict[int, list[str]] = {}
+    if isinstance(answers, EpisodeTracks):
+        found = [_boxes(tracks, tracks.ids) for tracks in answers.tracks]
+        counted = counted_rows(pairings)
+        sequence = counted_sequence(answers.tracks, truths, pairings, counted)
+        matched = match_tracks(sequence)
+        pairs = matched_rows(sequence, matched, counted)
+        changed = switched(matched.objects, matched.tracks)
+        last: dict[int, int] = {}
+        for k, frame in enumerate(matched.frames.tolist()):
+            number = int(sequence.truth_ids[matched.truth_rows[k]])
+            track = int(sequence.track_ids[matched.track_rows[k]])
+            if changed[k]:
+                text = f"object {number} goes from track {last[number]} to track {track}"
+                switches.setdefault(frame, []).append(text)
+            last[number] = track
+        ends = np.searchsorted(matched.frames, np.arange(len(truths) + 1))
+        for t, (frame_counted, pair) in enumerate(zip(counted, pairs, strict=True)):
+            letters = np.where(changed[ends[t] : ends[t + 1]], "s", "m")
+            objects[t].states[frame_counted.objects] = "x"
+            found[t].states[frame_counted.tracks] = "f"
+            objects[t].states[pair.objects] = found[t].states[pair.tracks] = letters
+    else:
+        found = [_boxes(each, np.full(len(each), -1)) for each in answers.detections]
+        for seen, detected, pairing in zip(objects, found, pairings, strict=True):
+            matching = match(pairing, GATE_M)
+            seen.states[matching.misses] = "x"
+            detected.states[matching.false_alarms] = "f"
+            seen.states[matching.truth] = detected.states[matching.detected] = "m"
+    return _Scene(truths, objects, found, switches, rule.range_m[1] + MARGIN_M)
+
+
+def _boxes(record: Truth | Tracks | Detections, numbers: np.ndarray) -> _Boxes:
+    states = np.full(len(record), "i")
+    return _Boxes(numbers, record.centres[:, :2], record.sizes[:, :2], record.yaws, states)
+
+
+def _events(scene: _Scene, kind: str) -> list[int]:
+    """Return the frames in which most goes wrong, some seconds apart, the worst one first."""
+    counts = scene.counts(kind)
+    sums = counts if kind == SWITCHES else np.convolve(counts, np.ones(SMOOTH), "same")
+    sums = np.where(counts > 0, sums, 0)
+    times_s = np.array([truth.stamp_s for truth in scene.truths])
+    events: list[int] = []
+    while len(events) < OF_A_KIND and sums.max(initial=0) > 0:
+        events.append(int(np.argmax(sums)))
+        sums = np.where(abs(times_s - times_s[events[-1]]) > 2 * AROUND_S, sums, 0)
+    return events
+
+
+def _of_scene(job: Job, kind: str, scene: _Scene, event: int, lanes: Sequence[Any]) -> Moment:
+    times_s = np.array([truth.stamp_s for truth in scene.truths])
+    near = np.flatnonzero(abs(times_s - times_s[event]) <= AROUND_S + 1e-9)
+    near = near[abs(near - event) <= MOST_AROUND]
+    truths = [scene.truths[t] for t in near]
+    origin = _planar(scene.truths[event].world_from_ego.matrix[None])[0]
+    egos = _planar(np.array([truth.world_from_ego.matrix for truth in truths]))
+    letter = {SWITCHES: "s", MISSES: "x", ALARMS: "f"}[kind]
+    wrong = (scene.answers if kind == ALARMS else scene.objects)[event]
+    rows = wrong.states == letter
+    moved = _moved(np.column_stack([wrong.centres[rows], wrong.yaws[rows]]), origin)[:, :2]
+    centre = (moved.min(axis=0) + moved.max(axis=0)) / 2
+    radius_m = max(25.0, 10.0 + float(np.abs(moved - centre).max()))
+    return Moment(
+        **_named(job),
+        kind=kind,
+        text=_text(scene, kind, event),
+        event=int(np.searchsorted(near, event)),
+        times_s=[round(truth.stamp_s, 2) for truth in truths],
+        ego=_motion(_moved(egos, origin)),
+        focus=(*map(int, np.rint(centre * DECIMETRES)), round(radius_m * DECIMETRES)),
+        objects=_series([scene.objects[t] for t in near], origin, egos, scene.reach_m),
+        answers=_series([scene.answers[t] for t in near], origin, egos, scene.reach_m),
+        lanes=_near_lanes(lanes, origin, egos, scene.reach_m),
+    )
+
+
+def _named(job: Job) -> dict[str, Any]:
+    episode = job.episode
+    assert isinstance(episode, Episode)
+    return {
+        "board": job.board.name,
+        "entry": job.entry,
+        "scenario": episode.scenario,
+        "seed": episode.seed,
+        "condition": episode.condition,
+        "inputs": job.inputs,
+    }
+
+
+def _text(scene: _Scene, kind: str, event: int) -> str:
+    if kind == SWITCHES:
+        return "; ".join(scene.switches[event])
+    truth, objects = scene.truths[event], scene.objects[event]
+    if kind == MISSES:
+        rows = np.flatnonzero(objects.states == "x")
+        counted = int((objects.states != "i").sum())
+        named = [_object_text(truth, int(row)) for row in rows[:3]]
+        more = [f"{len(rows) - 3} more"] if len(rows) > 3 else []
+        return f"{len(rows)} of {counted} objects are missed: {'; '.join([*named, *more])}"
+    answers = scene.answers[event]
+    rows = np.flatnonzero(answers.states == "f")
+    gaps = np.linalg.norm(answers.centres[rows][:, None] - objects.centres[None], axis=2)
+    nearest = [f"{gap:.1f} m" for gap in gaps.min(axis=1)[:3]] if gaps.size else []
+    beside = f"; the nearest objects are {', '.join(nearest)} away" if nearest else ""
+    return f"{len(rows)} of {len(answers.states)} boxes are false alarms{beside}"
+
+
+def _object_text(truth: Truth, row: int) -> str:
+    name = Category(int(truth.categories[row])).name.lower()
+    away = np.linalg.norm(truth.centres[row, :2] - truth.world_from_ego.translation[:2])
+    hidden = f", {100 * truth.occluded_fraction[row]:.0f} % hidden"
+    returns = truth.lidar_returns[row]
+    return f"{name} {truth.ids[row]} at {away:.0f} m with {returns} returns{hidden}"
+
+
+def _series(
+    frames: Sequence[_Boxes], origin: np.ndarray, egos: np.ndarray, reach_m: float
+) -> list[MovingBox]:
+    """Join the boxes of frames by their numbers; boxes out of reach of the ego are left out."""
+    rows: dict[tuple[int, int], list[tuple[int, str, np.ndarray, np.ndarray]]] = {}
+    for t, (boxes, ego) in enumerate(zip(frames, egos, strict=True)):
+        poses = _moved(np.column_stack([boxes.centres, boxes.yaws]), origin)
+        close = np.linalg.norm(boxes.centres - ego[:2], axis=1) <= reach_m
+        for row in np.flatnonzero(close):
+            number = int(boxes.numbers[row])
+            # A detection has no identity: each is a box of its own.
+            key = (number, -1) if number >= 0 else (t, int(row))
+            item = (t, str(boxes.states[row]), poses[row], boxes.sizes[row])
+            rows.setdefault(key, []).append(item)
+    series = []
+    for (number, second), items in rows.items():
+        first, last = items[0][0], items[-1][0]
+        states = ["."] * (last - first + 1)
+        for t, state, _, _ in items:
+            states[t - first] = state
+        length, width = np.rint(np.median([size for *_, size in items], axis=0) * DECIMETRES)
+        motion = _motion(np.array([pose for _, _, pose, _ in items]))
+        own = number if second < 0 else -1
+        series.append(MovingBox(own, first, "".join(states), int(length), int(width), motion))
+    return series
+
+
+# --------------------------------------------------------------------------------------------------
+# Odometry.
+
+
+def _of_poses(job: Job, kind: str, answers: EpisodePoses) -> list[Moment]:
+    """Return one moment: the whole drive, with the largest jump or the end as its event."""
+    both = answers.trajectories
+    estimate = _planar(aligned(both, "origin"))
+    truth = _planar(both.truth)
+    errors_m = absolute_errors(both, "origin").positions_m
+    steps_m = relative_errors(both).translations_m
+    if not len(steps_m):
+        return []
+    jump = int(np.argmax(steps_m)) + 1
+    event = jump if kind == JUMP else len(truth) - 1
+    rows = np.linspace(0, len(truth) - 1, min(MOST_POSES, len(truth)))
+    around = np.arange(max(0, jump - 10), min(len(truth), jump + 11))
+    kept = np.unique(np.concatenate([np.rint(rows).astype(int), around, [event]]))
+    origin = truth[0]
+    true_path, path = _moved(truth, origin)[kept], _moved(estimate, origin)[kept]
+    corners = np.vstack([true_path[:, :2], path[:, :2]])
+    radius_m = 30.0
+    focus = np.zeros(2)
+    if kind == DRIFT:
+        focus = (corners.min(axis=0) + corners.max(axis=0)) / 2 - true_path[-1, :2]
+        radius_m = 10.0 + float(np.ptp(corners, axis=0).max()) / 2
+    travelled_m = both.distances[-1]
+    text = (
+        f"from one scan to the next, the estimated motion is {steps_m[jump - 1]:.2f} m off"
+        if kind == JUMP
+        else f"after {travelled_m:.0f} m the estimated position is {errors_m[-1]:.2f} m off"
+    )
+    moment = Moment(
+        **_named(job),
+        kind=kind,
+        text=text,
+        event=int(np.searchsorted(kept, event)),
+        times_s=[round(float(t), 2) for t in answers.stamps_s[kept]],
+        ego=_motion(true_path),
+        focus=(*map(int, np.rint(focus * DECIMETRES)), round(radius_m * DECIMETRES)),
+        estimate=_motion(path),
+        errors=[round(100 * float(error)) for error in errors_m[kept]],
+    )
+    return [moment]
+
+
+# --------------------------------------------------------------------------------------------------
+# Coordinates. Planar poses are (N, 3): x, y, metres, and yaw, radians.
+
+
+def _planar(poses: np.ndarray) -> np.ndarray:
+    """Return (N, 4, 4) poses as planar ones."""
+    return np.column_stack([poses[:, :2, 3], np.arctan2(poses[:, 1, 0], poses[:, 0, 0])])
+
+
+def _moved(poses: np.ndarray, origin: np.ndarray) -> np.ndarray:
+    """Return planar poses in the frame of another one."""
+    cos, sin = np.cos(origin[2]), np.sin(origin[2])
+    x, y = (poses[:, :2] - origin[:2]).T
+    return np.column_stack([cos * x + sin * y, cos * y - sin * x, poses[:, 2] - origin[2]])
+
+
+def _motion(poses: np.ndarray) -> list[int]:
+    """Return planar poses as whole numbers: the first, then differences."""
+    unwrapped = np.column_stack([poses[:, :2], np.unwrap(poses[:, 2])])
+    scaled = np.rint(unwrapped * (DECIMETRES, DECIMETRES, CENTIRADIANS)).astype(int)
+    return _differences(scaled)
+
+
+def _differences(rows: np.ndarray) -> list[int]:
+    return [int(value) for value in np.diff(rows, axis=0, prepend=0 * rows[:1]).ravel()]
+
+
+def _lanes(episode: Any) -> list[tuple[np.ndarray, np.ndarray]]:
+    """Return the lanes of an episode's road."""
+    node = TrafficNode.of(episode)
+    return read_kept(node.path, node.record.load).road.lanes()
+
+
+def _near_lanes(
+    lanes: Sequence[tuple[np.ndarray, np.ndarray]],
+    origin: np.ndarray,
+    egos: np.ndarray,
+    reach_m: float,
+) -> list[Lane]:
+    """Return the parts of lanes that come near the ego, with no more points than bends need."""
+    shown = []
+    for points, widths in lanes:
+        close = np.zeros(len(points), bool)
+        for ego in egos[:: max(1, len(egos) // 8)]:
+            close |= np.linalg.norm(points - ego[:2], axis=1) <= 1.5 * reach_m
+        rows = np.flatnonzero(close)
+        for part in np.split(rows, np.flatnonzero(np.diff(rows) > 1) + 1):
+            if len(part) > 1:
+                poses = np.column_stack([points[part], np.zeros(len(part))])
+                line = _simplified(_moved(poses, origin)[:, :2])
+                width = round(float(np.median(widths[part])) * DECIMETRES)
+                shown.append(Lane(width, _differences(np.rint(line * DECIMETRES).astype(int))))
+    return shown
+
+
+def _simplified(line: np.ndarray) -> np.ndarray:
+    """Return a line with no more points than bends need (Douglas and Peucker 1973)."""
+    chord = line[-1] - line[0]
+    offsets = line - line[0]
+    length = float(np.hypot(*chord))
+    if length > 0:
+        distances = np.abs(chord[0] * offsets[:, 1] - chord[1] * offsets[:, 0]) / length
+    else:
+        distances = np.hypot(*offsets.T)
+    farthest = int(np.argmax(distances))
+    if distances[farthest] <= LANE_TOLERANCE_M:
+        return line[[0, -1]]
+    before, after = _simplified(line[: farthest + 1]), _simplified(line[farthest:])
+    return np.vstack([before[:-1], after])

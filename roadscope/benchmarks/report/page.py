@@ -1,0 +1,362 @@
+"""One HTML page of the boards in a folder, with plots and a replay of the worst moments.
+
+The page is a single file that loads nothing. Its tables are written by a Jinja2 template with
+autoescape; plots and replay are drawn in the browser from a JSON text within the page.
+"""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+import json
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from importlib import resources
+from itertools import combinations
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import msgspec
+
+from roadscope.benchmarks.boards import Board, board_named
+from roadscope.benchmarks.boards.board import Column
+from roadscope.benchmarks.cache import FolderError, write_text
+from roadscope.benchmarks.report.board_files import NAME, REPLAY, earlier_boards, file_names
+from roadscope.benchmarks.report.breakdowns import parts_of
+from roadscope.benchmarks.report.moments import Moment
+from roadscope.benchmarks.report.tables import (
+    comparison,
+    failure_of,
+    figure,
+    measured_columns,
+    reason_alone,
+    remarks_of,
+)
+from roadscope.benchmarks.results import Results, Row
+from roadscope.benchmarks.results.results import entry_results
+from roadscope.benchmarks.results.rows import blocks, samples_of
+from roadscope.benchmarks.results.statistics import paired_interval
+from roadscope.core.text import lines, one_line
+
+PAGE = "report.html"
+MOST_BYTES = 1_500_000
+"""Greatest size of a page. Moments that do not fit are left out, and then breakdowns."""
+FIRST_COLUMNS = 8
+"""Columns of a board that are shown at first."""
+COMPARED = 5
+"""Metrics of a board whose paired differences are on the page, beside times."""
+LOG_CHARACTERS, MOST_FAILURES = 4000, 40
+"""Captured output of a failure, its end, and most reasons on the page."""
+BAR_WIDTH = 128
+"""Width of a drawn interval in a table, pixels."""
+
+
+class Run(NamedTuple):
+    """The results of a run and the worst moments of its entries."""
+
+    results: Results
+    moments: Sequence[Moment] = ()
+
+
+def save_moments(moments: Sequence[Moment], folder: Path) -> Path:
+    """Write the worst moments of the latest run to its folder."""
+    path = folder / REPLAY
+    write_text(path, msgspec.json.encode(moments).decode() + "\n")
+    return path
+
+
+def read_runs(folder: Path) -> list[Run]:
+    """Read the boards in a folder of `roadscope leaderboard --out`, the latest run first.
+
+    A folder without any raises `FolderError`; so does a file that cannot be read.
+    """
+    boards = [path for path in [folder / f"{NAME}.json", *earlier_boards(folder)] if path.is_file()]
+    if not boards:
+        raise FolderError(
+            f"no {NAME}.json in {folder}: name a folder of roadscope leaderboard --out {folder}"
+        )
+    return [_read_run(path) for path in boards]
+
+
+def _read_run(board: Path) -> Run:
+    label = board.stem.removeprefix(NAME).removeprefix("-")
+    replay = board.with_name(file_names(label)[REPLAY])
+    path = board
+    try:
+        results = Results.from_json(board.read_bytes())
+        path = replay
+        moments = (
+            msgspec.json.decode(replay.read_bytes(), type=list[Moment]) if replay.is_file() else []
+        )
+    except (OSError, ValueError) as error:
+        raise FolderError(f"cannot read {path}: {error}") from error
+    return Run(results, moments)
+
+
+def save_page(runs: Sequence[Run], path: Path) -> list[str]:
+    """Write the page of some runs; return what was left out because of its size."""
+    page = _fitting(runs)
+    write_text(path, page.text)
+    return page.left_out
+
+
+class _Page(NamedTuple):
+    text: str
+    left_out: list[str]
+
+
+def _fitting(runs: Sequence[Run]) -> _Page:
+    """Return a page that is not larger than `MOST_BYTES`, with as many moments as fit."""
+    boards = [board for run in runs for board in _boards(run)]
+    bare = [{**board, "moments": []} for board in boards]
+    left_out: list[str] = []
+    text = _rendered(bare)
+    if len(text.encode()) > MOST_BYTES:
+        left_out.append("breakdowns are left out, as the page would be too large")
+        boards = [{**board, "breakdowns": []} for board in boards]
+        bare = [{**board, "breakdowns": []} for board in bare]
+        text = _rendered(bare)
+    space = MOST_BYTES - len(text.encode()) - 1000
+    shown: list[list[Any]] = [[] for _ in boards]
+    every = sum(len(board["moments"]) for board in boards)
+    for number, moment in _in_turn([board["moments"] for board in boards]):
+        size = len(_as_json(moment)) + 1
+        if size > space:
+            left_out.append(
+                f"{every - sum(map(len, shown))} of {every} moments are left out, as the page "
+                "would be too large"
+            )
+            break
+        space -= size
+        shown[number].append(moment)
+    full = [{**b, "moments": own} for b, own in zip(boards, shown, strict=True)]
+    return _Page(_rendered(full, left_out), left_out)
+
+
+def _in_turn(queues: Sequence[Sequence[Any]]) -> Iterator[tuple[int, Any]]:
+    """Yield the items of all queues with the number of the queue, one of each at a time."""
+    for place in range(max(map(len, queues), default=0)):
+        yield from ((n, queue[place]) for n, queue in enumerate(queues) if place < len(queue))
+
+
+# --------------------------------------------------------------------------------------------------
+# What is on the page.
+
+
+def _boards(run: Run) -> Iterator[dict[str, Any]]:
+    """Yield everything about each board of a run, as JSON can hold it."""
+    results = run.results
+    for name in results.boards():
+        board, entries = board_named(name), results.entries(name)
+        columns = measured_columns(results, board)
+        scale = _Scale.of([results.row(name, entry, board.headline) for entry in entries])
+        yield {
+            "name": name,
+            "summary": board.summary,
+            "suite": f"{results.manifest.get('suite', '')} "
+            f"{results.manifest.get('suite_version', '')}".strip(),
+            "headline": board.headline,
+            "sample": board.sample,
+            "remark": " ".join(
+                filter(None, [comparison(results, name), board.remark(_calibration(results))])
+            ),
+            "columns": [_column(results, board, each) for each in columns],
+            "entries": [
+                {
+                    **_entry(results, name, entry, columns),
+                    "drawn": scale.drawn(results.row(name, entry, board.headline)),
+                }
+                for entry in entries
+            ],
+            "breakdowns": list(_breakdowns(results, board)),
+            "differences": _differences(results, board, columns),
+            "moments": [
+                msgspec.structs.replace(each, entry=one_line(each.entry))
+                for each in run.moments
+                if each.board == name
+            ],
+            "replayable": any(each.board == name for each in run.moments),
+            "failures": _failures(results, name),
+            "manifest": results.manifest,
+        }
+
+
+class _Scale(NamedTuple):
+    """Where figures are drawn, from 0 to `BAR_WIDTH`."""
+
+    low: float
+    high: float
+
+    @staticmethod
+    def of(rows: Sequence[Row | None]) -> _Scale:
+        ends = [end for row in rows if row is not None for end in _ends(row) if end is not None]
+        return _Scale(min(ends, default=0.0), max(ends, default=1.0))
+
+    def drawn(self, row: Row | None) -> list[float | None] | None:
+        """Return the places of a value and of the ends of its interval; None without a value."""
+        if row is None or row.value is None:
+            return None
+        width = (self.high - self.low) or 1.0
+        return [
+            None if end is None else round(6 + (end - self.low) / width * (BAR_WIDTH - 12), 1)
+            for end in _ends(row)
+        ]
+
+
+def _calibration(results: Results) -> str:
+    return str(results.manifest.get("calibration", ""))
+
+
+def _column(results: Results, board: Board, column: Column) -> dict[str, Any]:
+    rows = [results.row(board.name, entry, column.metric) for entry in results.entries(board.name)]
+    row = next(row for row in rows if row is not None)
+    return {
+        "metric": column.metric,
+        "heading": column.heading,
+        "note": column.note,
+        "better": row.better,
+        "timed": "ms" in column.heading.split(),
+    }
+
+
+def _entry(results: Results, board: str, entry: str, columns: Sequence[Column]) -> dict[str, Any]:
+    standing = results.standing(board, entry)
+    return {
+        "name": one_line(entry),
+        "place": standing.place,
+        "rank": standing.rank,
+        "mark": standing.mark,
+        "remarks": remarks_of(results, standing),
+        "failure": failure_of(results, standing),
+        "cells": [_cell(results, board, entry, column) for column in columns],
+    }
+
+
+def _cell(results: Results, board: str, entry: str, column: Column) -> dict[str, Any]:
+    """Return a figure of a board: as text, its interval as text, and numbers to draw and sort."""
+    row = results.row(board, entry, column.metric)
+    text, _, interval = figure(row, column.decimals, interval=True).partition(" [")
+    ends = (None, None, None) if row is None else (row.value, row.low, row.high)
+    return {"text": text, "interval": interval.rstrip("]"), "ends": [_short(end) for end in ends]}
+
+
+def _breakdowns(results: Results, board: Board) -> Iterator[dict[str, Any]]:
+    entries = results.entries(board.name)
+    for breakdown in board.breakdowns:
+        parts = []
+        for part in parts_of(results, board.name, breakdown.by):
+            rows = part.cells.values()
+            cells = [
+                [entries.index(r.entry), part.bands.index(r.band), *map(_short, _ends(r))]
+                for r in rows
+                if r.value is not None and r.band in part.bands
+            ]
+            better = next((row.better for row in rows), "higher")
+            bands = [one_line(band) for band in part.bands]
+            parts.append({"title": part.title, "better": better, "bands": bands, "cells": cells})
+        if parts:
+            title = breakdown.title or breakdown.by
+            yield {"by": breakdown.by, "title": title, "note": breakdown.note, "parts": parts}
+
+
+def _ends(row: Row) -> tuple[float | None, float | None, float | None]:
+    return row.value, row.low, row.high
+
+
+def _differences(results: Results, board: Board, columns: Sequence[Column]) -> list[dict[str, Any]]:
+    """Return by how much each entry exceeds each other one on the same episodes, with intervals.
+
+    A metric's `pairs` has [i, j, difference of entry i less entry j, low, high] for i < j.
+    """
+    own = {result.entry: result for result in entry_results(results.jobs, board.name)}
+    entries = results.entries(board.name)
+    timed = [column for column in columns if "ms" in column.heading.split()][:1]
+    others = [column for column in columns if "ms" not in column.heading.split()][:COMPARED]
+    compared = []
+    for column in [*others, *timed]:
+        scores = [
+            blocks(samples_of(own[entry], column.metric)) if entry in own else {}
+            for entry in entries
+        ]
+        pairs = []
+        for i, j in combinations(range(len(entries)), 2):
+            common = [block for block in scores[i] if block in scores[j]]
+            interval = paired_interval(
+                [scores[i][block] for block in common],
+                [scores[j][block] for block in common],
+                [scenario for scenario, _ in common],
+            )
+            if interval.n:
+                ends = interval.mean, interval.low, interval.high
+                pairs.append([i, j, *map(_short, ends)])
+        if pairs:
+            compared.append({"metric": column.metric, "pairs": pairs})
+    return compared
+
+
+def _failures(results: Results, board: str) -> list[dict[str, Any]]:
+    """Return why entries failed: one item for each entry and reason, with the episodes."""
+    items: dict[tuple[str, str], dict[str, Any]] = {}
+    for failure in results.failures:
+        if failure.board != board:
+            continue
+        reason = reason_alone(failure.entry, failure.reason)
+        item = items.setdefault(
+            (failure.entry, reason),
+            {"entry": one_line(failure.entry), "reason": reason, "episodes": [], "log": ""},
+        )
+        item["episodes"].append(f"{failure.scenario}, seed {failure.seed}, {failure.condition}")
+        item["log"] = item["log"] or lines(failure.log, LOG_CHARACTERS)
+    return list(items.values())[:MOST_FAILURES]
+
+
+def _short(value: float | None) -> float | None:
+    """Return a number with five significant digits; None for one that is not finite."""
+    return None if value is None or value - value != 0 else float(f"{value:.5g}")
+
+
+# --------------------------------------------------------------------------------------------------
+# HTML.
+
+
+@dataclass(frozen=True, slots=True)
+class _Parts:
+    """The text files of the page."""
+
+    template: str
+    style: str
+    script: str
+
+    @staticmethod
+    def read() -> _Parts:
+        folder = resources.files("roadscope.benchmarks.report") / "page_parts"
+        names = ("page.html.jinja", "page.css", "page.js")
+        return _Parts(*((folder / name).read_text("utf-8") for name in names))
+
+
+def _rendered(boards: Sequence[Mapping[str, Any]], left_out: Sequence[str] = ()) -> str:
+    from jinja2 import Environment, StrictUndefined
+    from markupsafe import Markup
+
+    parts = _Parts.read()
+    environment = Environment(
+        autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
+    )
+    drawn = ("name", "headline", "columns", "entries", "breakdowns", "differences", "moments")
+    content = [{key: board[key] for key in drawn} for board in boards]
+    digest = base64.b64encode(hashlib.sha256(parts.script.encode()).digest()).decode()
+    return environment.from_string(parts.template).render(
+        boards=boards,
+        first_columns=FIRST_COLUMNS,
+        left_out=left_out,
+        style=Markup(parts.style),
+        script=Markup(parts.script),
+        script_digest=digest,
+        # A less-than sign could end the script element that holds the text.
+        content=Markup(_as_json(content)),
+    )
+
+
+def _as_json(content: Any) -> str:
+    text = json.dumps(msgspec.to_builtins(content), allow_nan=False, separators=(",", ":"))
+    return text.replace("<", "\\u003c").replace(">", "\\u003e").replace("&", "\\u0026")

@@ -1,0 +1,562 @@
+"use strict";
+(() => {
+  const boards = JSON.parse(document.getElementById("content").textContent);
+  const root = document.documentElement;
+  root.classList.add("scripted");
+
+  // Elements. Texts are set as text, never as HTML: names are those of strangers.
+  const fill = (element, attributes, children) => {
+    for (const [name, value] of Object.entries(attributes || {}))
+      if (value !== null && value !== undefined) element.setAttribute(name, value);
+    element.append(...children.flat().filter((child) => child !== null));
+    return element;
+  };
+  const el = (tag, attributes, ...children) => fill(document.createElement(tag), attributes, children);
+  const svg = (tag, attributes, ...children) =>
+    fill(document.createElementNS("http://www.w3.org/2000/svg", tag), attributes, children);
+  const title = (text) => svg("title", null, text);
+  const options = (select, pairs, chosen) => {
+    select.replaceChildren(...pairs.map(([value, text]) => el("option", { value }, text)));
+    if (pairs.some(([value]) => value === chosen)) select.value = chosen;
+  };
+  const shortened = (text, most) => (text.length > most ? text.slice(0, most - 1) + "\u2026" : text);
+  const digits = (value) => {
+    if (value === null) return "-";
+    const size = Math.abs(value);
+    return value.toFixed(size >= 100 ? 0 : size >= 10 ? 1 : size >= 0.1 || size === 0 ? 2 : 3);
+  };
+
+  const canvas = document.createElement("canvas").getContext("2d");
+  const textWidth = (text, bold) => {
+    canvas.font = `${bold ? "bold " : ""}12px ${getComputedStyle(document.body).fontFamily}`;
+    return canvas.measureText(text).width + 2;
+  };
+  const fitted = (text, most, bold) => {
+    let length = text.length;
+    while (length > 1 && textWidth(shortened(text, length), bold) > most) length--;
+    return shortened(text, length);
+  };
+
+  // Axes.
+  const ticksOf = (low, high, count) => {
+    const raw = (high - low) / count || 1;
+    const power = 10 ** Math.floor(Math.log10(raw));
+    const step = [1, 2, 5, 10].map((k) => k * power).find((k) => k >= raw);
+    const ticks = [];
+    for (let k = Math.ceil(low / step); k * step <= high + step * 1e-6; k++) ticks.push(k * step);
+    return ticks;
+  };
+  const logTicks = (low, high) => {
+    const ticks = [];
+    for (let power = Math.floor(Math.log10(low)); power <= Math.log10(high); power++)
+      for (const k of [1, 2, 5]) if (k * 10 ** power >= low && k * 10 ** power <= high) ticks.push(k * 10 ** power);
+    return ticks.length > 1 ? ticks : [low, high];
+  };
+  const tickText = (value) => String(Number(value.toPrecision(3)));
+  const linear = (low, high, from, to) => (value) => from + ((value - low) / (high - low || 1)) * (to - from);
+
+  const panel = (section) => {
+    const board = boards[Number(section.dataset.board)];
+    const find = (selector) => section.querySelector(selector);
+    const rows = [...section.querySelectorAll("tbody tr[data-entry]")];
+    const body = find(".ranks tbody");
+    let chosen = 0;
+    const redraws = [];
+
+    // The table: sorting and filtering.
+    const headings = [...section.querySelector(".ranks thead tr").children];
+    const cellValue = (row, column) => {
+      const value = row.children[column].dataset.value;
+      return headings[column].dataset.better === "text" ? value : value === "" ? null : Number(value);
+    };
+    const sortBy = (column, direction) => {
+      const sign = direction === "ascending" ? 1 : -1;
+      const compare = (a, b) => {
+        const [x, y] = [cellValue(a, column), cellValue(b, column)];
+        if (x === null || y === null) return (x === null) - (y === null);
+        return sign * (typeof x === "string" ? x.localeCompare(y) : x - y);
+      };
+      headings.forEach((heading, k) =>
+        k === column ? heading.setAttribute("aria-sort", direction) : heading.removeAttribute("aria-sort"));
+      body.append(...[...rows].sort(compare));
+    };
+    headings.forEach((heading, column) => {
+      const button = heading.querySelector("button");
+      if (button) button.addEventListener("click", () => {
+        const before = heading.getAttribute("aria-sort");
+        const first = heading.dataset.better === "higher" ? "descending" : "ascending";
+        sortBy(column, before === null ? first : before === "ascending" ? "descending" : "ascending");
+      });
+    });
+    const filter = () => {
+      const wanted = find(".filter").value.trim().toLowerCase();
+      let count = 0;
+      for (const row of rows) {
+        const entry = board.entries[Number(row.dataset.entry)];
+        row.hidden = !entry.name.toLowerCase().includes(wanted) || (entry.mark !== null && !find(".marks").checked);
+        count += !row.hidden;
+      }
+      find(".count").value = count === rows.length ? "" : `${count} of ${rows.length} entries`;
+    };
+    find(".filter").addEventListener("input", filter);
+    find(".marks").addEventListener("change", filter);
+    find(".every").addEventListener("change", (event) =>
+      find(".ranks").classList.toggle("all-columns", event.target.checked));
+
+    // The chosen entry.
+    const choose = (index) => {
+      chosen = index;
+      find("select.entry").value = String(index);
+      for (const row of rows) {
+        const own = Number(row.dataset.entry) === index;
+        row.classList.toggle("is-chosen", own);
+        row.querySelector(".choose").setAttribute("aria-pressed", own);
+      }
+      redraws.forEach((redraw) => redraw());
+    };
+    rows.forEach((row) => row.querySelector(".choose").addEventListener("click", () => choose(Number(row.dataset.entry))));
+    find("select.entry").addEventListener("change", (event) => choose(Number(event.target.value)));
+
+    // Metric against time.
+    const columnOf = (metric) => board.columns.findIndex((column) => column.metric === metric);
+    const times = board.columns.filter((column) => column.timed);
+    const metrics = board.columns.filter((column) => !column.timed);
+    const timeSection = find(".times");
+    const drawTimes = () => {
+      const y = columnOf(timeSection.querySelector(".metric").value);
+      const x = columnOf(timeSection.querySelector(".time").value);
+      timeSection.querySelector(".plot").replaceChildren(scatter(board, x, y, chosen, choose, timeSection.clientWidth));
+    };
+    if (times.length && metrics.length) {
+      options(timeSection.querySelector(".metric"), metrics.map((c) => [c.metric, c.heading]), board.headline);
+      options(timeSection.querySelector(".time"), times.map((c) => [c.metric, c.heading]));
+      timeSection.querySelectorAll("select").forEach((select) => select.addEventListener("change", drawTimes));
+      redraws.push(drawTimes);
+    } else timeSection.hidden = true;
+
+    // Differences.
+    const diffSection = find(".differences");
+    const drawDifferences = () => {
+      const metric = diffSection.querySelector(".metric").value;
+      diffSection.querySelector(".plot").replaceChildren(
+        forest(board, metric, columnOf(metric), chosen, choose, diffSection.clientWidth));
+    };
+    if (board.differences.length) {
+      const compared = board.differences.map((each) => [each.metric, board.columns[columnOf(each.metric)].heading]);
+      options(diffSection.querySelector(".metric"), compared, board.headline);
+      diffSection.querySelector(".metric").addEventListener("change", drawDifferences);
+      redraws.push(drawDifferences);
+    } else diffSection.hidden = true;
+
+    // Breakdown.
+    const parts = find(".breakdown");
+    if (parts) {
+      const by = parts.querySelector(".by");
+      const metric = parts.querySelector(".metric");
+      const drawParts = () => {
+        const breakdown = board.breakdowns[Number(by.value)];
+        parts.querySelector(".hint").textContent = breakdown.note;
+        parts.querySelector(".scroll").replaceChildren(bands(board, breakdown.parts[Number(metric.value)], chosen));
+      };
+      const showMetrics = () => {
+        const before = metric.selectedOptions.length ? metric.selectedOptions[0].text : "";
+        const names = board.breakdowns[Number(by.value)].parts.map((part, k) => [String(k), part.title.split(" by ")[0]]);
+        const same = names.find(([, name]) => name === before);
+        options(metric, names, same ? same[0] : "0");
+        drawParts();
+      };
+      options(by, board.breakdowns.map((breakdown, k) => [String(k), breakdown.title]));
+      by.addEventListener("change", showMetrics);
+      metric.addEventListener("change", drawParts);
+      redraws.push(drawParts);
+      showMetrics();
+    }
+
+    if (find(".viewer")) redraws.push(replay(section, board, () => chosen));
+    const own = board.entries.findIndex((entry) => entry.rank !== null && entry.name.includes(":"));
+    choose(Math.max(own, 0));
+    return { redraw: () => redraws.forEach((redraw) => redraw()) };
+  };
+
+  // Plots.
+  const clickable = (element, action, text) => {
+    fill(element, { tabindex: 0, role: "button", "aria-label": text }, [title(text)]);
+    element.addEventListener("click", action);
+    element.addEventListener("keydown", (event) => {
+      if (event.key === "Enter" || event.key === " ") { event.preventDefault(); action(); }
+    });
+    return element;
+  };
+
+  function scatter(board, x, y, chosen, choose, space) {
+    const points = board.entries
+      .map((entry, index) => ({ entry, index, x: entry.cells[x].ends[0], y: entry.cells[y].ends }))
+      .filter((point) => point.x > 0 && point.y[0] !== null);
+    const [width, height, left, right, top, bottom] = [space || 560, 330, 52, 14, 14, 42];
+    const picture = svg("svg", { viewBox: `0 0 ${width} ${height}`, role: "group",
+      "aria-label": `${board.columns[y].heading} against ${board.columns[x].heading}` });
+    if (!points.length) { picture.append(svg("text", { x: 20, y: 30 }, "No entry has both figures.")); return picture; }
+    const xs = points.map((point) => point.x);
+    const ys = points.flatMap((point) => point.y.filter((value) => value !== null));
+    const [lowX, highX] = [Math.min(...xs) / 1.4, Math.max(...xs) * 1.9];
+    const pad = (Math.max(...ys) - Math.min(...ys)) * 0.06 || 0.05;
+    const [lowY, highY] = [Math.min(...ys) - pad, Math.max(...ys) + pad];
+    const atX = (value) => linear(Math.log(lowX), Math.log(highX), left, width - right)(Math.log(value));
+    const atY = linear(lowY, highY, height - bottom, top);
+    for (const tick of ticksOf(lowY, highY, 5))
+      picture.append(svg("line", { class: "axis", x1: left, x2: width - right, y1: atY(tick), y2: atY(tick) }),
+        svg("text", { class: "soft", x: left - 6, y: atY(tick) + 4, "text-anchor": "end" }, tickText(tick)));
+    for (const tick of logTicks(lowX, highX))
+      picture.append(svg("line", { class: "axis", x1: atX(tick), x2: atX(tick), y1: top, y2: height - bottom }),
+        svg("text", { class: "soft", x: atX(tick), y: height - bottom + 16, "text-anchor": "middle" }, tickText(tick)));
+    picture.append(svg("text", { class: "soft", x: (left + width) / 2, y: height - 6, "text-anchor": "middle" },
+      `${board.columns[x].heading}, logarithmic (less is better)`));
+    picture.append(svg("text", { class: "soft", x: 12, y: height / 2 - 10, transform: `rotate(-90 12 ${height / 2 - 10})`, "text-anchor": "middle" },
+      `${board.columns[y].heading} (${board.columns[y].better} is better)`));
+
+    const sign = board.columns[y].better === "lower" ? -1 : 1;
+    let best = -Infinity;
+    let path = "";
+    for (const point of points.filter((p) => p.entry.mark === null).sort((a, b) => a.x - b.x || sign * (b.y[0] - a.y[0]))) {
+      if (sign * point.y[0] <= best) continue;
+      best = sign * point.y[0];
+      path += path ? `H${atX(point.x)}V${atY(point.y[0])}` : `M${atX(point.x)} ${atY(point.y[0])}`;
+    }
+    picture.append(svg("path", { class: "front", d: path }));
+
+    const taken = points.map((p) => [atX(p.x) - 6, atY(p.y[0]) - 6, atX(p.x) + 6, atY(p.y[0]) + 6]);
+    const free = (box) => box[0] >= left && box[2] <= width && box[1] >= 0 && box[3] <= height - bottom &&
+      taken.every((other) => box[2] < other[0] || box[0] > other[2] || box[3] < other[1] || box[1] > other[3]);
+    for (const point of [...points].sort((a, b) => (b.index === chosen) - (a.index === chosen))) {
+      const [px, py] = [atX(point.x), atY(point.y[0])];
+      const own = point.index === chosen ? " is-chosen" : "";
+      const mark = point.entry.mark === null ? "" : " is-mark";
+      const text = `${point.entry.name}: ${board.columns[y].heading} ${point.entry.cells[y].text} [${point.entry.cells[y].interval}], ${point.entry.cells[x].text} ${board.columns[x].heading}`;
+      const group = clickable(svg("g", { class: "dot" }), () => choose(point.index), text);
+      if (point.y[1] !== null)
+        group.append(svg("line", { class: `point bar${own}`, x1: px, x2: px, y1: atY(point.y[1]), y2: atY(point.y[2]) }));
+      group.append(svg("circle", { class: `point${mark}${own}`, cx: px, cy: py, r: own ? 6 : 4.5 }));
+      const label = fitted(point.entry.name, Math.min(180, width / 3), Boolean(own));
+      const size = textWidth(label, Boolean(own));
+      const places = [[9, 4], [9, -8], [9, 16], [-9 - size, 4], [-9 - size, -8], [-9 - size, 16], [-size / 2, -12], [-size / 2, 20]];
+      const place = places.find(([dx, dy]) => free([px + dx, py + dy - 10, px + dx + size, py + dy + 2]));
+      if (place) {
+        taken.push([px + place[0], py + place[1] - 10, px + place[0] + size, py + place[1] + 2]);
+        group.append(svg("text", { class: own.trim(), x: px + place[0], y: py + place[1] }, label));
+      }
+      picture.append(group);
+    }
+    return picture;
+  }
+
+  function forest(board, metric, column, chosen, choose, space) {
+    const items = [];
+    for (const [i, j, value, low, high] of board.differences.find((each) => each.metric === metric).pairs) {
+      if (j === chosen) items.push([i, value, low, high]);
+      if (i === chosen) items.push([j, -value, high === null ? null : -high, low === null ? null : -low]);
+    }
+    items.sort((a, b) => a[0] - b[0]);
+    const better = board.columns[column].better === "lower" ? -1 : 1;
+    const width = space || 560;
+    const [left, right, rowHeight] = [Math.min(190, width * 0.34), 96, 24];
+    const height = items.length * rowHeight + 52;
+    const picture = svg("svg", { viewBox: `0 0 ${width} ${height}`, role: "group", "aria-label": `Differences in ${board.columns[column].heading}` });
+    if (!items.length) { picture.append(svg("text", { x: 10, y: 24 }, "No other entry has figures on the same episodes.")); return picture; }
+    const ends = items.flatMap((item) => item.slice(1)).filter((value) => value !== null).concat(0);
+    const pad = (Math.max(...ends) - Math.min(...ends)) * 0.05 || 1;
+    const [low, high] = [Math.min(...ends) - pad, Math.max(...ends) + pad];
+    const at = linear(low, high, left, width - right);
+    const base = items.length * rowHeight + 8;
+    for (const tick of ticksOf(low, high, 4))
+      picture.append(svg("line", { class: "axis", x1: at(tick), x2: at(tick), y1: 4, y2: base }),
+        svg("text", { class: "soft", x: at(tick), y: base + 15, "text-anchor": "middle" }, tickText(tick)));
+    picture.append(svg("line", { class: "zero", x1: at(0), x2: at(0), y1: 4, y2: base }));
+    items.forEach(([index, value, from, to], row) => {
+      const y = row * rowHeight + 18;
+      const clear = from !== null && (from > 0 || to < 0);
+      const kind = !clear ? "level" : better * value > 0 ? "better" : "worse";
+      const figure = (value > 0 ? "+" : "") + digits(value);
+      const text = `${board.entries[index].name}: ${figure} [${digits(from)}, ${digits(to)}]` +
+        (clear ? `, ${kind} than ${board.entries[chosen].name}` : "");
+      const group = clickable(svg("g", { class: "difference" }), () => choose(index), text);
+      group.append(svg("rect", { x: 0, y: y - 14, width, height: rowHeight, fill: "transparent" }),
+        svg("text", { x: left - 8, y: y + 4, "text-anchor": "end" }, fitted(board.entries[index].name, left - 12)));
+      if (from !== null) group.append(svg("line", { class: `bar ${kind}`, x1: at(from), x2: at(to), y1: y, y2: y }));
+      group.append(kind === "level"
+        ? svg("circle", { class: kind, cx: at(value), cy: y, r: 4 })
+        : svg("path", { class: kind, d: `M${at(value)} ${y - 6}L${at(value) + (value > 0 ? 7 : -7)} ${y}L${at(value)} ${y + 6}Z` }),
+        svg("text", { x: width - 4, y: y + 4, "text-anchor": "end" }, `${figure}${kind === "level" ? "" : ` ${kind}`}`));
+      picture.append(group);
+    });
+    picture.append(svg("text", { class: "soft", x: width / 2, y: height - 6, "text-anchor": "middle" },
+      fitted(`${board.columns[column].heading} less that of ${board.entries[chosen].name}`, width - 10)));
+    return picture;
+  }
+
+  function bands(board, part, chosen) {
+    const values = part.cells.map((cell) => cell[2]);
+    const [low, high] = [Math.min(...values), Math.max(...values)];
+    const table = el("table", null, el("thead", null, el("tr", null, el("th", { scope: "col" }, "entry"),
+      part.bands.map((band) => el("th", { scope: "col" }, band)))));
+    const body = el("tbody");
+    board.entries.forEach((entry, index) => {
+      const cells = part.cells.filter((cell) => cell[0] === index);
+      if (!cells.length) return;
+      const row = el("tr", { class: index === chosen ? "is-chosen" : entry.mark ? "mark" : null }, el("th", { scope: "row" }, entry.name));
+      part.bands.forEach((_, band) => {
+        const cell = cells.find((each) => each[1] === band);
+        if (!cell) { row.append(el("td", null, "-")); return; }
+        const share = high > low ? (cell[2] - low) / (high - low) : 0;
+        const bad = part.better === "lower" ? share : 1 - share;
+        const td = el("td", null, digits(cell[2]),
+          cell[3] === null || cell[3] === cell[4] ? null : el("small", null, `${digits(cell[3])}, ${digits(cell[4])}`));
+        td.style.background = `color-mix(in srgb, var(--missed) ${Math.round(45 * bad)}%, var(--paper))`;
+        row.append(td);
+      });
+      body.append(row);
+    });
+    table.append(body);
+    return table;
+  }
+
+  // Replay.
+  const unpacked = (motion) => {
+    const poses = [];
+    let [x, y, yaw] = [0, 0, 0];
+    for (let k = 0; k < motion.length; k += 3) {
+      x += motion[k]; y += motion[k + 1]; yaw += motion[k + 2];
+      poses.push([x, -y, -yaw / 100]);  // The picture's y points down.
+    }
+    return poses;
+  };
+  const unpackedBox = ([number, first, states, length, width, motion]) => {
+    const poses = unpacked(motion);
+    let next = 0;
+    const frames = [...states].map((state) => (state === "." ? null : { state, pose: poses[next++] }));
+    return { number, first, length, width, at: (frame) => frames[frame - first] || null };
+  };
+  const corners = ([x, y, yaw], length, width) => {
+    const [cos, sin] = [Math.cos(yaw), Math.sin(yaw)];
+    return [[1, 1], [1, -1], [-1, -1], [-1, 1]].map(([a, b]) =>
+      [x + (a * cos * length - b * sin * width) / 2, y + (a * sin * length + b * cos * width) / 2]);
+  };
+  const polygon = (points) => points.map(([x, y]) => `${x.toFixed(1)},${y.toFixed(1)}`).join(" ");
+  const LEGEND = {
+    boxes: [["truth m", "object, tracked or detected"], ["truth x", "object that is missed"], ["answer m", "answer on an object"],
+      ["answer f", "false alarm"], ["answer s", "identity switch"], ["truth i", "does not count"]],
+    poses: [["ego", "true ego"], ["estimate", "estimated ego"]],
+  };
+  const TAIL = 12;
+
+  function replay(section, board, chosenEntry) {
+    const find = (selector) => section.querySelector(selector);
+    const [list, viewer, none] = [find(".moments"), find(".viewer"), find(".replay .none")];
+    const [slider, zoom, play, names] = [find(".frame"), find(".zoom"), find(".play"), find(".names")];
+    let [moment, scene, timer] = [null, null, null];
+
+    const stop = () => { clearInterval(timer); timer = null; play.textContent = "Play"; };
+    const load = (chosenMoment) => {
+      stop();
+      moment = chosenMoment;
+      scene = {
+        ego: unpacked(moment.ego), estimate: unpacked(moment.estimate),
+        objects: moment.objects.map(unpackedBox), answers: moment.answers.map(unpackedBox),
+        lanes: moment.lanes.map(([width, flat]) => {
+          let [x, y] = [0, 0];
+          const points = [];
+          for (let k = 0; k < flat.length; k += 2) { x += flat[k]; y += flat[k + 1]; points.push([x, -y]); }
+          return { width, points: polygon(points) };
+        }),
+      };
+      slider.max = moment.times_s.length - 1;
+      slider.value = moment.event;
+      zoom.value = 0;
+      find(".event").textContent = `${moment.times_s[moment.event].toFixed(1)} s: ${moment.text}`;
+      const legend = scene.estimate.length ? LEGEND.poses : LEGEND.boxes;
+      find(".legend").replaceChildren(...legend.filter(([kind]) => !kind.endsWith(" s") || moment.answers.some((box) => box[0] >= 0))
+        .map(([kind, text]) => el("li", null, svg("svg", { viewBox: "0 0 30 16", "aria-hidden": "true" },
+          svg("rect", { class: `box ${kind}`, x: 2, y: 2, width: 26, height: 12 })), text)));
+      list.querySelectorAll("button").forEach((button) => button.setAttribute("aria-pressed", button.moment === moment));
+      draw();
+    };
+
+    const draw = () => {
+      if (!moment) return;
+      const frame = Number(slider.value);
+      const ego = scene.ego[frame];
+      const wide = window.matchMedia("(max-width: 40rem)").matches ? 1 : 16 / 9;
+      const radius = moment.focus[2] * 1.12 ** -Number(zoom.value);
+      const [cx, cy] = [ego[0] + moment.focus[0], ego[1] - moment.focus[1]];
+      const height = Math.max(2 * radius / Math.max(wide, 1.2), 20);
+      const unit = (height * wide) / (find(".scene").clientWidth || 700);  // Decimetres in a pixel.
+      const picture = svg("svg", { viewBox: `${cx - height * wide / 2} ${cy - height / 2} ${height * wide} ${height}`, role: "img",
+        "aria-label": "Bird's-eye view: the ego drives to the right" });
+      const text = (x, y, words, own) => svg("text", { x, y, "font-size": 12 * unit, style: `font-size:${12 * unit}px;stroke-width:3px`, class: own || null }, words);
+      for (const lane of scene.lanes) picture.append(svg("polyline", { class: "lane-edge", points: lane.points, "stroke-width": lane.width + 2 }));
+      for (const lane of scene.lanes) picture.append(svg("polyline", { class: "lane", points: lane.points, "stroke-width": lane.width - 2 }));
+      const far = height * wide;
+      const step = [50, 100, 200, 500, 1000, 2000, 5000].find((metres) => metres > far / 8) || 10000;
+      for (let reach = step; reach < 1.6 * far + Math.hypot(moment.focus[0], moment.focus[1]); reach += step)
+        picture.append(svg("circle", { class: "ring", cx: ego[0], cy: ego[1], r: reach }), text(ego[0] + reach, ego[1], `${reach / 10} m`, "soft"));
+      if (scene.estimate.length) drawPoses(picture, frame, unit, text);
+      else drawBoxes(picture, frame, unit, text);
+      find(".scene").replaceChildren(picture);
+      find(".strip").replaceChildren(strip(frame));
+      slider.setAttribute("aria-valuetext", `${moment.times_s[frame].toFixed(2)} seconds`);
+      find(".state").textContent = stateText(frame);
+    };
+
+    const car = (pose, length, width, kind) => {
+      const group = svg("g");
+      const [a, b, c, d] = corners(pose, length, width);
+      const middle = [(a[0] + b[0]) / 2, (a[1] + b[1]) / 2];
+      group.append(svg("polygon", { class: `box ${kind}`, points: polygon([a, b, c, d]) }),
+        svg("line", { class: `box ${kind}`, x1: pose[0], y1: pose[1], x2: middle[0], y2: middle[1] }));
+      return group;
+    };
+    const egoMarker = (pose, kind) => {
+      const [x, y, yaw] = pose;
+      const [cos, sin] = [Math.cos(yaw), Math.sin(yaw)];
+      // The reference point is the rear axle.
+      const points = [[38, 0], [26, 9], [-9, 9], [-9, -9], [26, -9]].map(([a, b]) => [x + a * cos - b * sin, y + a * sin + b * cos]);
+      return svg("polygon", { class: kind, points: polygon(points) });
+    };
+
+    const drawBoxes = (picture, frame, unit, text) => {
+      const labels = [];
+      for (const box of scene.answers) {
+        const now = box.at(frame);
+        if (!now || box.number < 0) continue;
+        const past = [];
+        for (let t = Math.max(0, frame - TAIL); t <= frame; t++) { const then = box.at(t); if (then) past.push(then.pose); }
+        picture.append(svg("polyline", { class: `tail ${now.state}`, points: polygon(past) }));
+      }
+      for (const box of scene.objects) {
+        const now = box.at(frame);
+        if (!now) continue;
+        const group = car(now.pose, box.length, box.width, `truth ${now.state}`);
+        group.append(title(`object ${box.number}`));
+        if (now.state === "x") {
+          const [a, b, c, d] = corners(now.pose, box.length, box.width);
+          for (const [p, q] of [[a, c], [b, d]]) group.append(svg("line", { class: "cross", x1: p[0], y1: p[1], x2: q[0], y2: q[1] }));
+          labels.push([now.pose, `object ${box.number}`]);
+        }
+        picture.append(group);
+      }
+      for (const box of scene.answers) {
+        const now = box.at(frame);
+        if (!now) continue;
+        const group = car(now.pose, box.length, box.width, `answer ${now.state}`);
+        if (box.number >= 0) group.append(title(`track ${box.number}`));
+        if (now.state === "s") group.append(svg("circle", { class: "halo", cx: now.pose[0], cy: now.pose[1], r: box.length * 0.8 + 8 * unit }));
+        picture.append(group);
+        if (box.number >= 0 && now.state !== "i") labels.push([now.pose, String(box.number)]);
+      }
+      picture.append(egoMarker(scene.ego[frame], "ego"));
+      if (names.checked) for (const [pose, words] of labels) picture.append(text(pose[0] + 8 * unit, pose[1] - 8 * unit, words));
+    };
+    const drawPoses = (picture, frame, unit, text) => {
+      picture.append(svg("polyline", { class: "ego-line", points: polygon(scene.ego) }),
+        svg("polyline", { class: "estimate-line", points: polygon(scene.estimate.slice(0, frame + 1)) }),
+        svg("line", { class: "gap", x1: scene.ego[frame][0], y1: scene.ego[frame][1], x2: scene.estimate[frame][0], y2: scene.estimate[frame][1] }),
+        egoMarker(scene.ego[frame], "ego"), egoMarker(scene.estimate[frame], "box estimate"));
+      if (names.checked) picture.append(text(scene.estimate[frame][0] + 10 * unit, scene.estimate[frame][1] - 10 * unit, `${(moment.errors[frame] / 100).toFixed(2)} m off`));
+    };
+
+    const countsAt = (frame) => {
+      const count = (boxes, letters) => boxes.filter((box) => { const now = box.at(frame); return now && letters.includes(now.state); }).length;
+      return { right: count(scene.objects, "ms"), x: count(scene.objects, "x"), f: count(scene.answers, "f"), s: count(scene.answers, "s") };
+    };
+    const stateText = (frame) => {
+      const time = `${moment.times_s[frame].toFixed(2)} s: `;
+      if (scene.estimate.length) return `${time}${(moment.errors[frame] / 100).toFixed(2)} m off`;
+      const { right, x, f, s } = countsAt(frame);
+      return `${time}${right} objects found, ${x} missed, ${f} false alarms${s ? `, ${s} identity switch${s > 1 ? "es" : ""}` : ""}`;
+    };
+    const strip = (frame) => {
+      const frames = moment.times_s.length;
+      const [width, height, left] = [find(".strip").clientWidth || 700, 74, 128];
+      const at = linear(0, Math.max(frames - 1, 1), left, width - 10);
+      const picture = svg("svg", { viewBox: `0 0 ${width} ${height}`, role: "img", "aria-label": "What goes wrong over time" });
+      if (scene.estimate.length) {
+        const most = Math.max(...moment.errors, 1);
+        picture.append(svg("text", { class: "soft", x: left - 8, y: 20, "text-anchor": "end" }, `${(most / 100).toFixed(1)} m off`),
+          svg("polyline", { points: moment.errors.map((error, k) => `${at(k)},${54 - 44 * error / most}`).join(" ") }));
+      } else {
+        const lines = [["x", "missed"], ["f", "false alarms"], ["s", "switches"]].filter(([kind]) => kind !== "s" || moment.answers.some((box) => box[0] >= 0));
+        const counts = moment.times_s.map((_, k) => countsAt(k));
+        lines.forEach(([kind, name], row) => {
+          const most = Math.max(...counts.map((count) => count[kind]));
+          picture.append(svg("text", { class: "soft", x: left - 8, y: row * 18 + 14, "text-anchor": "end" }, `${name}, ${most ? `up to ${most}` : "none"}`));
+          counts.forEach((count, k) => {
+            const tall = most ? 15 * count[kind] / most : 0;
+            if (tall) picture.append(svg("rect", { class: kind, x: at(k) - 2, y: row * 18 + 17 - tall, width: Math.max((width - left) / frames - 1.5, 1.5), height: tall }));
+          });
+        });
+      }
+      picture.append(svg("line", { class: "cursor", x1: at(frame), x2: at(frame), y1: 0, y2: 56 }));
+      const marks = [...new Set([0, moment.event, frames - 1])].filter((k) => k === moment.event || Math.abs(at(k) - at(moment.event)) > 50);
+      for (const k of marks) picture.append(svg("text", { class: "soft", x: at(k), y: 70, "text-anchor": k === frames - 1 ? "end" : k ? "middle" : "start" }, `${moment.times_s[k].toFixed(1)} s`));
+      picture.addEventListener("click", (event) => {
+        const box = picture.getBoundingClientRect();
+        const share = ((event.clientX - box.left) / box.width * width - left) / (width - 10 - left);
+        slider.value = Math.round(share * (frames - 1));
+        draw();
+      });
+      return picture;
+    };
+
+    slider.addEventListener("input", () => { stop(); draw(); });
+    zoom.addEventListener("input", draw);
+    names.addEventListener("change", draw);
+    play.addEventListener("click", () => {
+      if (timer) { stop(); return; }
+      play.textContent = "Pause";
+      if (Number(slider.value) >= Number(slider.max)) slider.value = 0;
+      timer = setInterval(() => {
+        if (Number(slider.value) >= Number(slider.max)) { stop(); return; }
+        slider.value = Number(slider.value) + 1;
+        draw();
+      }, 120);
+    });
+    let shownEntry = null;
+    return () => {
+      const entry = board.entries[chosenEntry()].name;
+      if (entry === shownEntry) { draw(); return; }
+      shownEntry = entry;
+      const own = board.moments.filter((each) => each.entry === entry);
+      viewer.hidden = !own.length;
+      none.hidden = own.length > 0;
+      list.replaceChildren(...own.map((each) => {
+        const place = [each.scenario, `seed ${each.seed}`, each.condition === "clear" ? "" : each.condition, each.inputs ? `detections of ${each.inputs}` : ""];
+        const button = el("button", { type: "button", "aria-pressed": "false" }, `${each.kind}, ${each.times_s[each.event].toFixed(1)} s`,
+          el("small", null, place.filter(Boolean).join(", ")));
+        button.moment = each;
+        button.addEventListener("click", () => load(each));
+        return button;
+      }));
+      if (own.length) load(own[0]);
+      else { stop(); moment = null; }
+    };
+  }
+
+  // Boards, one at a time; light and dark.
+  const sections = [...document.querySelectorAll("section.board")];
+  const links = [...document.querySelectorAll("#boards a")];
+  const panels = sections.map(panel);
+  const show = () => {
+    const wanted = Math.max(sections.findIndex((section) => `#${section.id}` === location.hash), 0);
+    sections.forEach((section, k) => { section.hidden = k !== wanted; });
+    links.forEach((link, k) => (k === wanted ? link.setAttribute("aria-current", "page") : link.removeAttribute("aria-current")));
+    panels[wanted].redraw();
+  };
+  window.addEventListener("hashchange", show);
+  window.addEventListener("resize", show);
+  show();
+  const theme = document.getElementById("theme");
+  theme.hidden = false;
+  theme.addEventListener("click", () => {
+    const dark = root.dataset.theme ? root.dataset.theme === "dark" : window.matchMedia("(prefers-color-scheme: dark)").matches;
+    root.dataset.theme = dark ? "light" : "dark";
+  });
+})();

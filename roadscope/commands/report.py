@@ -1,0 +1,41 @@
+"""`roadscope report`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from roadscope.commands.options import Quiet
+from roadscope.commands.terminal import complain, open_page
+
+Folder = Annotated[
+    Path, typer.Argument(help="A folder of roadscope leaderboard --out.", metavar="DIR")
+]
+Out = Annotated[
+    Path | None,
+    typer.Option(help="The page; if left out, report.html in DIR.", show_default=False),
+]
+Open = Annotated[bool, typer.Option("--open", help="Show the page in a browser.")]
+
+
+def report(folder: Folder, *, out: Out = None, shown: Open = False, quiet: Quiet = False) -> None:
+    """Write one HTML page of the boards in a folder: tables, plots, replay of the worst moments.
+
+    The page is one file that loads nothing from elsewhere. It sorts and filters boards, draws
+    metrics against time, breakdowns and paired differences to a chosen entry, shows failures with
+    what was printed, and replays where an entry missed an object, raised a false alarm, lost an
+    identity or its way.
+    """
+    from roadscope.benchmarks.cache import usable_file
+    from roadscope.benchmarks.report.page import PAGE, read_runs, save_page
+
+    runs = read_runs(folder)
+    path = usable_file(folder / PAGE if out is None else out, (".html", ".htm"), "a page")
+    for text in save_page(runs, path):
+        complain(f"warning: {text}")
+    if not quiet:
+        typer.echo(f"written: {path}")
+    if shown:
+        open_page(path)
