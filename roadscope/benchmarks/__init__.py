@@ -44,7 +44,7 @@ __all__ = [
 ]
 
 _PARTS = {
-    "cache": "FolderError cache_folder",
+    "cache": "FolderError cache_folder write_kept",
     "cached_files": "cache_usage clear_cache size_text",
     "calibrating": "PoseRow calibrate_rig enough save_rig_calibration",
     "compare": "CompareError",
@@ -65,7 +65,7 @@ _PARTS = {
     "odometry_runner": "RecordedImu RecordedWheels folder_estimates",
     "parked": "parked_among parked_centres parked_owners",
     "records": "CallTimes EpisodeDetections EpisodeFusions EpisodeImageDetections EpisodePoses "
-    "EpisodeRecord",
+    "EpisodeRecord EpisodeTracks",
     "references": "LIDAR_ALONE check_ego check_pose_source detection_source image_source "
     "is_noise made_from_truth pose_source",
     "run": "RunError agreements plan",

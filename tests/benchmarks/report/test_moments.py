@@ -1,0 +1,216 @@
+"""The worst moments of entries, read from kept files of made-up episodes."""
+
+from collections.abc import Sequence
+
+import numpy as np
+import pytest
+
+from roadscope.benchmarks import (
+    CallTimes,
+    Eligibility,
+    Episode,
+    EpisodeDetections,
+    EpisodePoses,
+    EpisodeTracks,
+    Job,
+    RunOptions,
+    timeline_of,
+    write_kept,
+)
+from roadscope.benchmarks.boards import BOARDS, track_node
+from roadscope.benchmarks.nodes import DetectionNode, PoseNode
+from roadscope.benchmarks.report import Moment, worst_moments
+from roadscope.benchmarks.results import JobScores, Results, results_of
+from roadscope.core import Detections, Pose, Spec, Tracks, Truth
+
+FRAMES = 60
+PERIOD_S = 0.1
+SWITCH, MISSED, ALARM = 20, range(30, 40), range(45, 48)
+RULE = Eligibility((0.0, 60.0), 1)
+EPISODE = Episode("lu2018-three-vehicles", 7, "lux", 0.9)
+CAR = (4.6, 1.8, 1.5)
+NUMBERS = {"track": 3, "later track": 9}
+
+
+def places_m(frame: int) -> np.ndarray:
+    """Return where two cars are: one passes, one stands."""
+    return np.array([[10.0 + 0.8 * frame, 3.5, 0.8], [30.0, -3.5, 0.8]])
+
+
+def ego(frame: int) -> Pose:
+    return Pose.planar(5.0 + 0.5 * frame, 1.0, 0.2)
+
+
+def truth(frame: int) -> Truth:
+    return Truth(
+        np.array([4, 8]),
+        np.zeros(2, np.int8),
+        places_m(frame),
+        np.tile(CAR, (2, 1)),
+        np.array([0.1, 3.1]),
+        np.zeros((2, 2)),
+        np.array([50, 50]),
+        np.zeros(2, np.int64),
+        np.zeros(2),
+        ego(frame),
+        PERIOD_S * frame,
+        np.empty(0, np.int64),
+    )
+
+
+def answer(frame: int) -> tuple[Detections, list[int]]:
+    """Return boxes and their numbers: a switch, a car that is missed, and a false alarm."""
+    centres = list(places_m(frame))
+    numbers = [NUMBERS["track"] if frame < SWITCH else NUMBERS["later track"], 5]
+    if frame in MISSED:
+        centres.pop()
+        numbers.pop()
+    if frame in ALARM:
+        centres.append(np.array([20.0, 12.0, 0.8]))
+        numbers.append(77)
+    n = len(centres)
+    boxes = Detections(
+        np.array(centres),
+        np.tile(CAR, (n, 1)),
+        np.full(n, 0.1),
+        np.zeros(n, np.int8),
+        np.ones(n),
+        "world",
+        PERIOD_S * frame,
+    )
+    return boxes, numbers
+
+
+@pytest.fixture(autouse=True)
+def kept_in_a_folder(tmp_path, monkeypatch) -> None:
+    monkeypatch.setenv("ROADSCOPE_CACHE", str(tmp_path))
+
+
+@pytest.fixture
+def tracked() -> tuple[Job, Results]:
+    board = BOARDS["tracking"]
+    node = track_node(board.check_entry(Spec.parse("nearest")), "pag", EPISODE, RULE)
+    job = Job(board, "nearest", EPISODE, node, inputs="pag", settings=RULE)
+    boxes = [answer(frame) for frame in range(FRAMES)]
+    tracks = tuple(Tracks.of(each, np.array(numbers)) for each, numbers in boxes)
+    answers = EpisodeTracks(tracks, CallTimes.zero(FRAMES))
+    inputs = detections()
+    write_kept(node.path, answers)
+    write_kept(node.detections.path, inputs)
+    timeline_of(EPISODE)
+    return job, scored([job], [board.score(job, answers, RunOptions())])
+
+
+def detections() -> EpisodeDetections:
+    frames = range(FRAMES)
+    return EpisodeDetections(
+        tuple(answer(frame)[0] for frame in frames),
+        tuple(map(truth, frames)),
+        CallTimes.zero(FRAMES),
+        np.empty((0, 2)),
+        np.zeros(FRAMES),
+    )
+
+
+def scored(jobs: Sequence[Job], scores: Sequence[object]) -> Results:
+    named = [
+        JobScores(job.board.name, job.entry, "lu2018-three-vehicles", 7, "clear", job.inputs, each)
+        for job, each in zip(jobs, scores, strict=True)
+    ]
+    return results_of(named, {"suite": "tiny"})
+
+
+def positions(motion: Sequence[int]) -> np.ndarray:
+    """Return (N, 3) x and y, metres, and yaw, radians."""
+    return np.cumsum(np.reshape(motion, (-1, 3)), axis=0) / (10.0, 10.0, 100.0)
+
+
+def of_kind(moments: Sequence[Moment], kind: str) -> Moment:
+    return next(moment for moment in moments if moment.kind == kind)
+
+
+def test_each_kind_of_error_has_its_moment(tracked) -> None:
+    moments = worst_moments([tracked[0]], tracked[1])
+    assert {moment.kind for moment in moments} == {"identity switches", "misses", "false alarms"}
+    times_s = {moment.kind: moment.times_s[moment.event] for moment in moments}
+    assert times_s["identity switches"] == pytest.approx(PERIOD_S * SWITCH)
+    assert PERIOD_S * MISSED[0] <= times_s["misses"] <= PERIOD_S * MISSED[-1]
+    assert PERIOD_S * ALARM[0] <= times_s["false alarms"] <= PERIOD_S * ALARM[-1]
+
+
+def test_a_switch_names_object_and_tracks(tracked) -> None:
+    switch = of_kind(worst_moments([tracked[0]], tracked[1]), "identity switches")
+    for number in (4, *NUMBERS.values()):
+        assert str(number) in switch.text.replace(";", "").split()
+    boxes = {box.number: box for box in switch.answers}
+    assert set(NUMBERS.values()) <= set(boxes)
+    later = boxes[NUMBERS["later track"]]
+    assert later.first == switch.event
+    assert later.states[0] == "s"
+    assert set(later.states[1:]) == {"m"}
+
+
+def test_positions_are_those_of_the_truth(tracked) -> None:
+    moment = of_kind(worst_moments([tracked[0]], tracked[1]), "misses")
+    first = round(moment.times_s[0] / PERIOD_S)
+    event = first + moment.event
+    frames = range(first, first + len(moment.times_s))
+    ego_from_world = ego(event).inverse()
+    expected = {4: 0, 8: 1}
+    for box in moment.objects:
+        seen = np.array([ego_from_world.apply(places_m(f))[expected[box.number]] for f in frames])
+        np.testing.assert_allclose(positions(box.motion)[:, :2], seen[:, :2], atol=0.051)
+        assert (box.length, box.width) == (46, 18)
+    own = [ego_from_world.apply(ego(frame).translation[None])[0] for frame in frames]
+    np.testing.assert_allclose(positions(moment.ego)[:, :2], np.array(own)[:, :2], atol=0.051)
+    missed = next(box for box in moment.objects if box.number == 8)
+    states = {frame: missed.states[k] for k, frame in enumerate(frames)}
+    assert all((state == "x") == (frame in MISSED) for frame, state in states.items())
+
+
+def test_detections_have_no_identity() -> None:
+    board = BOARDS["detection"]
+    node = DetectionNode(board.check_entry(Spec.parse("pag")), EPISODE, RULE)
+    job = Job(board, "pag", EPISODE, node, settings=RULE)
+    write_kept(node.path, detections())
+    timeline_of(EPISODE)
+    results = scored([job], [board.score(job, detections(), RunOptions())])
+    moments = worst_moments([job], results)
+    assert {moment.kind for moment in moments} == {"misses", "false alarms"}
+    alarm = of_kind(moments, "false alarms")
+    assert {box.number for box in alarm.answers} == {-1}
+    assert sum(box.states == "f" for box in alarm.answers) == len(ALARM)
+    assert alarm.lanes
+
+
+def test_a_jump_of_an_odometry_is_its_event() -> None:
+    frames, jump = 400, 250
+    true_path = np.array([Pose.planar(0.8 * k, 0.0, 0.0).matrix for k in range(frames)])
+    estimate = true_path.copy()
+    estimate[jump:, 1, 3] += 3.0
+    answers = EpisodePoses(
+        estimate,
+        true_path,
+        PERIOD_S * np.arange(frames),
+        np.zeros(frames, bool),
+        (np.zeros(0, bool),) * frames,
+        (np.zeros(0, bool),) * frames,
+        CallTimes.zero(frames),
+    )
+    board = BOARDS["odometry"]
+    node = PoseNode(board.check_entry(Spec.parse("voxel-map")), EPISODE)
+    job = Job(board, "voxel-map", EPISODE, node, settings=(50.0,))
+    write_kept(node.path, answers)
+    moments = worst_moments([job], scored([job], [board.score(job, answers, RunOptions())]))
+    moment = of_kind(moments, "jump")
+    assert moment.times_s[moment.event] == pytest.approx(PERIOD_S * jump)
+    assert moment.errors[moment.event - 1 : moment.event + 1] == [0, 300]
+    assert of_kind(moments, "drift").event == len(of_kind(moments, "drift").times_s) - 1
+
+
+def test_what_is_not_kept_has_no_moments(tracked) -> None:
+    job, results = tracked
+    job.answers.path.write_bytes(b"no answers")
+    assert worst_moments([job], results) == []
+    job.answers.path.unlink()
+    assert worst_moments([job], results) == []
