@@ -51,6 +51,9 @@ MOST_POSES = 240
 """Most poses of a replayed trajectory, beside those around its jump."""
 MARGIN_M = 10.0
 """Objects and lanes are shown so far beyond the range in which objects are eligible."""
+NEAR_M, VIEW_M = 45.0, 12.0
+"""The ego is in view at first if something that went wrong is nearer. So much around what went
+wrong is in view. Chosen by hand."""
 LANE_TOLERANCE_M = 0.15
 DECIMETRES, CENTIRADIANS = 10.0, 100.0
 
@@ -89,7 +92,7 @@ class Moment(msgspec.Struct, frozen=True, kw_only=True):
     objects, answers: true boxes, and those of the entry.
     estimate: motion of the ego as an odometry estimates it; empty on other boards.
     errors: centimetres from the true position in each frame, for odometries.
-    focus: x, y and radius of what to look at, decimetres, from the ego.
+    focus: x, y and half the length and width of what to look at, decimetres, from the ego.
     """
 
     board: str
@@ -103,7 +106,7 @@ class Moment(msgspec.Struct, frozen=True, kw_only=True):
     event: int
     times_s: list[float]
     ego: list[int]
-    focus: tuple[int, int, int]
+    focus: tuple[int, int, int, int]
     objects: list[MovingBox] = []
     answers: list[MovingBox] = []
     lanes: list[Lane] = []
@@ -173,10 +176,10 @@ def _read(job: Job, kind: str) -> list[Moment]:
         if isinstance(job.answers, TrackNode):
             source = job.answers.detections
             inputs = read_kept(source.path, source.record.load)
-        scene = _scene(answers, inputs, job.settings)
-        lanes = _lanes(job.episode)
     except (OSError, RecordError):
         return []
+    assert isinstance(job.episode, Episode)
+    scene, lanes = _scene(answers, inputs, job.settings), _lanes(job.episode)
     return [_of_scene(job, kind, scene, int(event), lanes) for event in _events(scene, kind)]
 
 
@@ -285,8 +288,8 @@ def _of_scene(job: Job, kind: str, scene: _Scene, event: int, lanes: Sequence[An
     wrong = (scene.answers if kind == ALARMS else scene.objects)[event]
     rows = wrong.states == letter
     moved = _moved(np.column_stack([wrong.centres[rows], wrong.yaws[rows]]), origin)[:, :2]
-    centre = (moved.min(axis=0) + moved.max(axis=0)) / 2
-    radius_m = max(25.0, 10.0 + float(np.abs(moved - centre).max()))
+    if np.linalg.norm(moved, axis=1).min() < NEAR_M:
+        moved = np.vstack([moved, np.zeros(2)])
     return Moment(
         **_named(job),
         kind=kind,
@@ -294,7 +297,7 @@ def _of_scene(job: Job, kind: str, scene: _Scene, event: int, lanes: Sequence[An
         event=int(np.searchsorted(near, event)),
         times_s=[round(truth.stamp_s, 2) for truth in truths],
         ego=_motion(_moved(egos, origin)),
-        focus=(*map(int, np.rint(centre * DECIMETRES)), round(radius_m * DECIMETRES)),
+        focus=_focus(moved),
         objects=_series([scene.objects[t] for t in near], origin, egos, scene.reach_m),
         answers=_series([scene.answers[t] for t in near], origin, egos, scene.reach_m),
         lanes=_near_lanes(lanes, origin, egos, scene.reach_m),
@@ -387,12 +390,7 @@ def _of_poses(job: Job, kind: str, answers: EpisodePoses) -> list[Moment]:
     kept = np.unique(np.concatenate([np.rint(rows).astype(int), around, [event]]))
     origin = truth[0]
     true_path, path = _moved(truth, origin)[kept], _moved(estimate, origin)[kept]
-    corners = np.vstack([true_path[:, :2], path[:, :2]])
-    radius_m = 30.0
-    focus = np.zeros(2)
-    if kind == DRIFT:
-        focus = (corners.min(axis=0) + corners.max(axis=0)) / 2 - true_path[-1, :2]
-        radius_m = 10.0 + float(np.ptp(corners, axis=0).max()) / 2
+    paths = np.vstack([true_path[:, :2], path[:, :2]]) - true_path[-1, :2]
     travelled_m = both.distances[-1]
     text = (
         f"from one scan to the next, the estimated motion is {steps_m[jump - 1]:.2f} m off"
@@ -406,7 +404,7 @@ def _of_poses(job: Job, kind: str, answers: EpisodePoses) -> list[Moment]:
         event=int(np.searchsorted(kept, event)),
         times_s=[round(float(t), 2) for t in answers.stamps_s[kept]],
         ego=_motion(true_path),
-        focus=(*map(int, np.rint(focus * DECIMETRES)), round(radius_m * DECIMETRES)),
+        focus=_focus(paths if kind == DRIFT else np.zeros((1, 2))),
         estimate=_motion(path),
         errors=[round(100 * float(error)) for error in errors_m[kept]],
     )
@@ -429,6 +427,13 @@ def _moved(poses: np.ndarray, origin: np.ndarray) -> np.ndarray:
     return np.column_stack([cos * x + sin * y, cos * y - sin * x, poses[:, 2] - origin[2]])
 
 
+def _focus(points: np.ndarray) -> tuple[int, int, int, int]:
+    """Return the centre, half length and half width of a view of (N, 2) points."""
+    low, high = points.min(axis=0) - VIEW_M, points.max(axis=0) + VIEW_M
+    x, y, length, width = np.rint(np.append(low + high, high - low) / 2 * DECIMETRES).astype(int)
+    return int(x), int(y), int(length), int(width)
+
+
 def _motion(poses: np.ndarray) -> list[int]:
     """Return planar poses as whole numbers: the first, then differences."""
     unwrapped = np.column_stack([poses[:, :2], np.unwrap(poses[:, 2])])
@@ -440,10 +445,13 @@ def _differences(rows: np.ndarray) -> list[int]:
     return [int(value) for value in np.diff(rows, axis=0, prepend=0 * rows[:1]).ravel()]
 
 
-def _lanes(episode: Any) -> list[tuple[np.ndarray, np.ndarray]]:
-    """Return the lanes of an episode's road."""
+def _lanes(episode: Episode) -> list[tuple[np.ndarray, np.ndarray]]:
+    """Return the lanes of an episode's road; none if its traffic is not kept."""
     node = TrafficNode.of(episode)
-    return read_kept(node.path, node.record.load).road.lanes()
+    try:
+        return read_kept(node.path, node.record.load).road.lanes()
+    except (OSError, RecordError):
+        return []
 
 
 def _near_lanes(

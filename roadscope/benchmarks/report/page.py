@@ -52,10 +52,11 @@ BAR_WIDTH = 128
 
 
 class Run(NamedTuple):
-    """The results of a run and the worst moments of its entries."""
+    """The results of a run and the worst moments of its entries. note: why there are none."""
 
     results: Results
     moments: Sequence[Moment] = ()
+    note: str = ""
 
 
 def save_moments(moments: Sequence[Moment], folder: Path) -> Path:
@@ -79,22 +80,22 @@ def read_runs(folder: Path) -> list[Run]:
 
 
 def _read_run(board: Path) -> Run:
-    label = board.stem.removeprefix(NAME).removeprefix("-")
-    replay = board.with_name(file_names(label)[REPLAY])
-    path = board
     try:
         results = Results.from_json(board.read_bytes())
-        path = replay
-        moments = (
-            msgspec.json.decode(replay.read_bytes(), type=list[Moment]) if replay.is_file() else []
-        )
     except (OSError, ValueError) as error:
-        raise FolderError(f"cannot read {path}: {error}") from error
-    return Run(results, moments)
+        raise FolderError(f"cannot read {board}: {error}") from error
+    label = board.stem.removeprefix(NAME).removeprefix("-")
+    replay = board.with_name(file_names(label)[REPLAY])
+    if not replay.is_file():
+        return Run(results)
+    try:
+        return Run(results, msgspec.json.decode(replay.read_bytes(), type=list[Moment]))
+    except (OSError, ValueError) as error:
+        return Run(results, note=f"There is no replay, as {replay} cannot be read: {error}")
 
 
 def save_page(runs: Sequence[Run], path: Path) -> list[str]:
-    """Write the page of some runs; return what was left out because of its size."""
+    """Write the page of some runs; return what is not on it, and why."""
     page = _fitting(runs)
     write_text(path, page.text)
     return page.left_out
@@ -109,13 +110,13 @@ def _fitting(runs: Sequence[Run]) -> _Page:
     """Return a page that is not larger than `MOST_BYTES`, with as many moments as fit."""
     boards = [board for run in runs for board in _boards(run)]
     bare = [{**board, "moments": []} for board in boards]
-    left_out: list[str] = []
-    text = _rendered(bare)
+    left_out = [run.note for run in runs if run.note]
+    text = _rendered(bare, left_out)
     if len(text.encode()) > MOST_BYTES:
-        left_out.append("breakdowns are left out, as the page would be too large")
+        left_out.append("Breakdowns are left out, as the page would be too large.")
         boards = [{**board, "breakdowns": []} for board in boards]
         bare = [{**board, "breakdowns": []} for board in bare]
-        text = _rendered(bare)
+        text = _rendered(bare, left_out)
     space = MOST_BYTES - len(text.encode()) - 1000
     shown: list[list[Any]] = [[] for _ in boards]
     every = sum(len(board["moments"]) for board in boards)
@@ -124,7 +125,7 @@ def _fitting(runs: Sequence[Run]) -> _Page:
         if size > space:
             left_out.append(
                 f"{every - sum(map(len, shown))} of {every} moments are left out, as the page "
-                "would be too large"
+                "would be too large."
             )
             break
         space -= size
@@ -245,6 +246,8 @@ def _breakdowns(results: Results, board: Board) -> Iterator[dict[str, Any]]:
     for breakdown in board.breakdowns:
         parts = []
         for part in parts_of(results, board.name, breakdown.by):
+            if len(part.bands) < 2:
+                continue
             rows = part.cells.values()
             cells = [
                 [entries.index(r.entry), part.bands.index(r.band), *map(_short, _ends(r))]

@@ -384,10 +384,10 @@
       if (!moment) return;
       const frame = Number(slider.value);
       const ego = scene.ego[frame];
-      const wide = window.matchMedia("(max-width: 40rem)").matches ? 1 : 16 / 9;
-      const radius = moment.focus[2] * 1.12 ** -Number(zoom.value);
-      const [cx, cy] = [ego[0] + moment.focus[0], ego[1] - moment.focus[1]];
-      const height = Math.max(2 * radius / Math.max(wide, 1.2), 20);
+      const wide = window.matchMedia("(max-width: 40rem)").matches ? 4 / 3 : 16 / 9;
+      const [x, y, length, width] = moment.focus;
+      const [cx, cy] = [ego[0] + x, ego[1] - y];
+      const height = Math.max(2 * width, 2 * length / wide, 20) * 1.12 ** -Number(zoom.value);
       const unit = (height * wide) / (find(".scene").clientWidth || 700);  // Decimetres in a pixel.
       const picture = svg("svg", { viewBox: `${cx - height * wide / 2} ${cy - height / 2} ${height * wide} ${height}`, role: "img",
         "aria-label": "Bird's-eye view: the ego drives to the right" });
@@ -396,7 +396,7 @@
       for (const lane of scene.lanes) picture.append(svg("polyline", { class: "lane", points: lane.points, "stroke-width": lane.width - 2 }));
       const far = height * wide;
       const step = [50, 100, 200, 500, 1000, 2000, 5000].find((metres) => metres > far / 8) || 10000;
-      for (let reach = step; reach < 1.6 * far + Math.hypot(moment.focus[0], moment.focus[1]); reach += step)
+      for (let reach = step; reach < 1.6 * far + Math.hypot(x, y); reach += step)
         picture.append(svg("circle", { class: "ring", cx: ego[0], cy: ego[1], r: reach }), text(ego[0] + reach, ego[1], `${reach / 10} m`, "soft"));
       if (scene.estimate.length) drawPoses(picture, frame, unit, text);
       else drawBoxes(picture, frame, unit, text);
@@ -448,7 +448,7 @@
         if (!now) continue;
         const group = car(now.pose, box.length, box.width, `answer ${now.state}`);
         if (box.number >= 0) group.append(title(`track ${box.number}`));
-        if (now.state === "s") group.append(svg("circle", { class: "halo", cx: now.pose[0], cy: now.pose[1], r: box.length * 0.8 + 8 * unit }));
+        if (now.state === "s") group.append(svg("circle", { class: "halo", cx: now.pose[0], cy: now.pose[1], r: box.length * 0.6 + 6 * unit }));
         picture.append(group);
         if (box.number >= 0 && now.state !== "i") labels.push([now.pose, String(box.number)]);
       }
@@ -475,8 +475,8 @@
     };
     const strip = (frame) => {
       const frames = moment.times_s.length;
-      const [width, height, left] = [find(".strip").clientWidth || 700, 74, 128];
-      const at = linear(0, Math.max(frames - 1, 1), left, width - 10);
+      const [width, height, left] = [find(".strip").clientWidth || 700, 74, 148];
+      const at = linear(0, Math.max(frames - 1, 1), left + 8, width - 10);
       const picture = svg("svg", { viewBox: `0 0 ${width} ${height}`, role: "img", "aria-label": "What goes wrong over time" });
       if (scene.estimate.length) {
         const most = Math.max(...moment.errors, 1);
@@ -490,7 +490,8 @@
           picture.append(svg("text", { class: "soft", x: left - 8, y: row * 18 + 14, "text-anchor": "end" }, `${name}, ${most ? `up to ${most}` : "none"}`));
           counts.forEach((count, k) => {
             const tall = most ? 15 * count[kind] / most : 0;
-            if (tall) picture.append(svg("rect", { class: kind, x: at(k) - 2, y: row * 18 + 17 - tall, width: Math.max((width - left) / frames - 1.5, 1.5), height: tall }));
+            const bar = Math.max((width - left) / frames - 1.5, 1.5);
+            if (tall) picture.append(svg("rect", { class: kind, x: at(k) - bar / 2, y: row * 18 + 17 - tall, width: bar, height: tall }));
           });
         });
       }
@@ -499,7 +500,7 @@
       for (const k of marks) picture.append(svg("text", { class: "soft", x: at(k), y: 70, "text-anchor": k === frames - 1 ? "end" : k ? "middle" : "start" }, `${moment.times_s[k].toFixed(1)} s`));
       picture.addEventListener("click", (event) => {
         const box = picture.getBoundingClientRect();
-        const share = ((event.clientX - box.left) / box.width * width - left) / (width - 10 - left);
+        const share = ((event.clientX - box.left) / box.width * width - left - 8) / (width - 18 - left);
         slider.value = Math.round(share * (frames - 1));
         draw();
       });
