@@ -15,10 +15,11 @@ if TYPE_CHECKING:
     from roadscope.detectors.pose.ransac import fit_ransac
     from roadscope.detectors.pose.smoother import Smoother
 
-# The residual variants refuse outlines more ragged than 0.12 m: a face that only one layer of the
-# LUX meets shows its whole range noise of 0.10 m. Chosen on seeds from 10000 up.
-# The scored ones keep what is more probably right than wrong, and leave out what is fainter than
-# black rubber at 11 degrees; `distance-l-shape` is the one to take without a wish of one's own.
+# The residual variants leave out outlines that depart from their lines by more than 0.12 m. A face
+# that only one layer of the LUX meets shows its whole range noise of 0.10 m. The limit was chosen
+# on seeds from 10000 up.
+# Those with `min_score` keep detections that are more probably right than wrong. `faint` leaves out
+# returns fainter than those of black rubber at 11 degrees.
 DETECTORS: Registry[Detector] = Registry(
     "detector",
     {
@@ -59,26 +60,26 @@ DETECTORS: Registry[Detector] = Registry(
     group="roadscope.detectors",
     composition="cluster?ground=G&clustering=C&shape=S, see roadscope list stages",
     summaries={
-        "cluster": "Any ground x clustering x shape; pag unless told.",
-        "pag": "PAG to the letter, lines of the outline (Lu 2018).",
-        "pag-range": "PAG with returns weighed by range: ours.",
-        "distance": "Links up to a fixed distance, lines.",
-        "breakpoint": "Links up to a distance that grows with range, lines.",
-        "pag-residual": "pag without outlines more ragged than 0.12 m.",
-        "pag-range-residual": "pag-range, likewise.",
-        "distance-residual": "distance, likewise.",
-        "distance-lines": "distance without improbable, overlapping or faint ones.",
-        "distance-rectangle": "Likewise, minimum-area rectangles.",
-        "distance-l-shape": "Likewise, search-based L-shapes: the one to take.",
-        "distance-filter": "Likewise, Zhang 2017's matched filter.",
-        "distance-body": "Likewise, bodies with rounded corners: ours.",
-        "dbscan-l-shape": "Likewise, polar ground, DBSCAN, L-shapes.",
-        "range-angle-filter": "Likewise, Zhang 2022's growth, matched filter.",
-        "zhang2017": "What moves; the paper's fit of one frame.",
-        "zhang2017-multi": "What moves; the paper's of three, one frame late.",
-        "zhang2017-multi-causal": "What moves; the same for the newest frame: ours.",
-        "zhang2017-ransac": "What moves; RANSAC, which the paper compares with.",
-        "long-range": "What moves, also far off; a body fitted to rays: ours.",
+        "cluster": "Any ground, clustering and shape; those of pag by default.",
+        "pag": "PAG clusters and lines of their outlines (Lu 2018).",
+        "pag-range": "pag with returns weighted by range; ours.",
+        "distance": "Clusters by a fixed distance, and lines.",
+        "breakpoint": "Clusters by a distance that grows with range, and lines.",
+        "pag-residual": "pag; residuals of lines up to 0.12 m.",
+        "pag-range-residual": "pag-range; residuals of lines up to 0.12 m.",
+        "distance-residual": "distance; residuals of lines up to 0.12 m.",
+        "distance-lines": "distance; only probable detections that do not overlap.",
+        "distance-rectangle": "distance-lines with minimum-area rectangles.",
+        "distance-l-shape": "distance-lines with searched L-shapes; start with this one.",
+        "distance-filter": "distance-lines with Zhang 2017's matched filter.",
+        "distance-body": "distance-lines with rounded bodies; ours.",
+        "dbscan-l-shape": "distance-l-shape with polar ground removal and DBSCAN.",
+        "range-angle-filter": "distance-filter with Zhang 2022's clustering.",
+        "zhang2017": "Moving vehicles; the paper's fit to one frame.",
+        "zhang2017-multi": "Moving vehicles; the paper's fit to three, one frame late.",
+        "zhang2017-multi-causal": "zhang2017-multi for the newest frame, without delay; ours.",
+        "zhang2017-ransac": "Moving vehicles; RANSAC, with which the paper compares.",
+        "long-range": "Moving vehicles, far ones too; a body fitted to rays; ours.",
     },
 )
 

@@ -96,7 +96,9 @@ class LongRangeDetector:
         memory.add(frame)
         if scan is None or memory.now is None:
             return [], frame.stamp_s
-        self._links.update(scan.stamp_s, extract(memory.now, memory.back()), memory.drive_from_ego)
+        self._links.update(
+            scan.stamp_s, extract(memory.now, memory.earlier_views()), memory.drive_from_ego
+        )
         mount = frame.calibration.pose(scan.sensor)
         spec = lidar_of(scan, **self._figures) if self._fit == "body" else None
         answered = AnsweredScan(scan, memory.now, memory.drive_from_ego, mount, spec)

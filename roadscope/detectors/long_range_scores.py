@@ -1,4 +1,4 @@
-"""The probability that what moves is a vehicle, from how it was followed and what fits it."""
+"""The probability that a moving object is a vehicle, from its motion and the fit of its pose."""
 
 from __future__ import annotations
 
@@ -30,17 +30,20 @@ FEATURES = (
     "length_m",
 )
 """Names of the columns of `features`."""
-MANY = 10
-"""Sightings beyond which more say nothing new."""
+MOST_SIGHTINGS = 10
+"""More sightings count as this many."""
 MARGIN_M = 0.25
+"""Returns count as outside a rectangle if they are farther than this from it."""
 
 
 def features(chain: Chain, sighting: Sighting, ring: np.ndarray, pose: VehiclePose) -> np.ndarray:
-    """Return (F,) `FEATURES` of a vehicle that is followed and its pose in the drive's frame.
+    """Return the (F,) `FEATURES` of a vehicle with a pose in the drive's frame.
 
-    sighting: what the pose was fitted to. ring: (N,) beams of its returns. How far marks lie
-    from a straight line, how long and wide the returns reach along the pose, which share of them
-    lies outside its rectangle and how far it is turned from the course; logarithms are natural.
+    chain: its sightings in successive scans. sighting: the one to which the pose was fitted. ring:
+    (N,) beams of its returns. `unsteady_m` is how far its positions lie from even motion. `long_m`
+    and `wide_m` are the extents of the returns along and across the pose, `outside` is the share of
+    them outside its rectangle, and `askew_deg` the angle between pose and velocity. Logarithms are
+    natural.
     """
     speed_x, speed_y = chain.velocity.tolist()
     speed, (x, y) = math.hypot(speed_x, speed_y), sighting.origin.tolist()
@@ -53,7 +56,7 @@ def features(chain: Chain, sighting: Sighting, ring: np.ndarray, pose: VehiclePo
             math.log(len(sighting.points)),
             extent.beams,
             math.log1p(max(sighting.candidate.evidence, 0.0)),
-            min(chain.count, MANY),
+            min(chain.count, MOST_SIGHTINGS),
             speed,
             unsteadiness(chain),
             math.hypot(pose.x - x, pose.y - y),
@@ -79,7 +82,7 @@ class Box(NamedTuple):
 
 
 class Extent(NamedTuple):
-    """How far returns reach, metres: highest and lowest z, along and across a box.
+    """The extent of returns, metres: highest and lowest z, length along and width across a box.
 
     beams: how many have a return. outside: share of the returns outside the box.
     """
@@ -96,7 +99,10 @@ class Extent(NamedTuple):
 def extent_in(
     box: Box, points: np.ndarray, times_s: np.ndarray, ring: np.ndarray, velocity: np.ndarray
 ) -> Extent:
-    """Return how far points (N, 3) reach, carried back by their times (N,) with a velocity (2,)."""
+    """Return the extent of points (N, 3), moved back to time 0 with a velocity (2,).
+
+    times_s: (N,) seconds at which they were measured.
+    """
     x, y, yaw, length, width = box
     cos, sin = np.cos(yaw), np.sin(yaw)
     has_beam, outside = np.zeros(ring.max() + 1, np.bool_), 0
@@ -114,7 +120,7 @@ def extent_in(
 
 
 def unsteadiness(chain: Chain) -> float:
-    """Return how far the marks lie from even motion, root mean square in metres."""
+    """Return how far a vehicle's positions lie from even motion, root mean square in metres."""
     return float(unsteady(chain.times, chain.marks, chain.velocity))
 
 

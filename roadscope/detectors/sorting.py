@@ -1,4 +1,4 @@
-"""Sorting by whole numbers, faster than by comparison."""
+"""Sorting and medians that are faster than NumPy's."""
 
 from __future__ import annotations
 
@@ -8,15 +8,16 @@ from roadscope.core.jit import compiled
 from roadscope.core.sorting import stable_order
 
 BUCKETS = 1 << 16
-"""Counting sort is used up to this many distinct values, or eight a row, whichever is more."""
+"""Counting sort is used if the values span less than this, or less than eight times their
+number."""
 FEW = 64
 """Up to this many values are sorted by insertion."""
 BINS = 2048
-"""Of a median."""
+"""Bins in which `median_of` counts the values."""
 
 
 def order_by(values: np.ndarray) -> np.ndarray:
-    """Return the order, (N,) int64, that sorts (N,) integers and keeps equal ones in place."""
+    """Return the order, (N,) int64, that sorts (N,) integers; equal ones keep their order."""
     # One type and layout, so that one kernel serves all.
     numbers = np.ascontiguousarray(values, np.int64)
     if not len(numbers):
@@ -45,9 +46,9 @@ def _counted_order(values: np.ndarray, low: int, span: int) -> np.ndarray:
 
 @compiled()
 def order_within(values: np.ndarray, starts: np.ndarray) -> np.ndarray:
-    """Return the order, (N,) int64, that sorts each group of (N,) floats, equal ones in place.
+    """Return the order, (N,) int64, that sorts (N,) floats by group; equal ones keep their order.
 
-    starts: (G + 1,) where each group begins, and N.
+    starts: (G + 1,) the row where each group begins, and N.
     """
     order = np.arange(len(values))
     for group in range(len(starts) - 1):
@@ -87,8 +88,8 @@ def starts_of(groups: np.ndarray) -> np.ndarray:
 def median_of(values: np.ndarray) -> float:
     """Return the median of (N,) finite floats, N of 1 or more, to the last bit.
 
-    Values are counted in bins of equal width and those of the middle bins alone are sorted: a
-    quarter of the time of NumPy's on twenty thousand values.
+    Values are counted in bins of equal width, and only those of the middle bins are sorted. On
+    twenty thousand values this takes a quarter of the time of NumPy's median.
     """
     low, high, size = values.min(), values.max(), len(values)
     if not high > low:

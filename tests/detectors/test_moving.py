@@ -59,7 +59,7 @@ def candidates(frames):
     memory = Memory()
     for frame in frames:
         memory.add(frame)
-    return extract(memory.now, memory.back())
+    return extract(memory.now, memory.earlier_views())
 
 
 @pytest.mark.parametrize("ego_m_s", [0.0, 12.0, 30.0])
@@ -79,7 +79,7 @@ def test_where_nothing_moves_nothing_is_found(ego_m_s) -> None:
     memory = Memory()
     for frame in frames:
         memory.add(frame)
-        assert extract(memory.now, memory.back()) == []
+        assert extract(memory.now, memory.earlier_views()) == []
 
 
 def test_a_moving_sensor_that_is_told_nothing_takes_the_roadside_for_moving() -> None:
@@ -137,10 +137,10 @@ def test_reset_and_a_clock_that_goes_back_forget() -> None:
     for frame in frames:
         memory.add(frame)
     memory.add(frames[0])
-    assert memory.back() == []
+    assert memory.earlier_views() == []
     memory.add(frames[1])
     memory.reset()
-    assert memory.back() == []
+    assert memory.earlier_views() == []
 
 
 @given(

@@ -13,7 +13,7 @@ CAMERA_DETECTORS: Registry[Detector] = Registry(
     group="roadscope.camera_detectors",
     summaries={
         "network": "A centre heatmap network, trained on rendered traffic.",
-        "colour-blobs": "Patches that stand out in colour: what needs no training reaches.",
+        "colour-blobs": "Patches that stand out in colour; it needs no training.",
     },
 )
 

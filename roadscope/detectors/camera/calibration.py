@@ -12,8 +12,9 @@ from roadscope.detectors.camera.decode import TRAITS
 
 FAMILY_COUNT = 3
 FARTHEST = 4.0
-"""Traits stranger than so many standard deviations count as that strange."""
+"""Traits are clipped to so many standard deviations from their mean."""
 TERM_COUNT = 1 + len(TRAITS) + len(TRAITS) * (len(TRAITS) + 1) // 2
+"""A constant, the traits, and the products of any two of them."""
 
 
 def _heat_alone() -> np.ndarray:
@@ -26,7 +27,7 @@ def _heat_alone() -> np.ndarray:
 class BoxCalibration(Record):
     """A logistic curve (Platt 1999) for each family, of traits and products of two of them.
 
-    Left out, the heat is taken as it is, up to log odds of 4 either way.
+    The default takes the heat alone, as log odds from -4 to 4.
 
     middles, spreads: (9,) mean and standard deviation of each trait.
     weights: (3, 55), of vehicles, cyclists, pedestrians, for the `terms` of traits.
@@ -48,14 +49,15 @@ class BoxCalibration(Record):
             raise ValueError("a calibration has finite numbers, and spreads above 0")
 
     def scores(self, traits: np.ndarray, families: np.ndarray) -> np.ndarray:
-        """Return (N,) chances of being right, of (N, 9) traits."""
+        """Return the (N,) probabilities that boxes with (N, 9) traits are right."""
         log_odds = (self.terms(traits) * self.weights[families]).sum(axis=1)
         scores: np.ndarray = 1 / (1 + np.exp(-np.clip(log_odds, -40, 40)))
         return scores
 
     def terms(self, traits: np.ndarray) -> np.ndarray:
-        """Return (N, 55): one, every trait beside its middle in spreads, products of any two."""
-        usual = np.clip((traits - self.middles) / self.spreads, -FARTHEST, FARTHEST)
+        """Return (N, 55) terms: 1, the normalised traits, and products of any two of them."""
+        normalised = np.clip((traits - self.middles) / self.spreads, -FARTHEST, FARTHEST)
         first, second = np.triu_indices(len(TRAITS))
         one = np.ones((len(traits), 1))
-        return np.concatenate([one, usual, usual[:, first] * usual[:, second]], axis=1)
+        products = normalised[:, first] * normalised[:, second]
+        return np.concatenate([one, normalised, products], axis=1)

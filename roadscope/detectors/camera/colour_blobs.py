@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from roadscope.core import CameraImage, Category, Frame, ImageDetections, RecordError
-from roadscope.detectors.camera.detector import nothing_in
+from roadscope.detectors.camera.detector import no_detections
 
 SQUARE = 4
 """Pixels are averaged over squares of so many by so many."""
@@ -46,7 +46,7 @@ class ColourBlobs:
         if frame.camera is None:
             raise RecordError("the frame has no image: a camera detector needs one in each frame")
         if frame.camera.blank:
-            return nothing_in(frame.camera)
+            return no_detections(frame.camera)
         contrasts = self._contrasts(frame.camera.pixels)
         blobs, _ = label(contrasts >= self.contrast)
         patches = []

@@ -21,11 +21,12 @@ if TYPE_CHECKING:
 
 DEVICE = re.compile(r"cpu|cuda(:\d+)?")
 COARSEST = 32
+"""The network's coarsest stride, pixels."""
 GREY = 127
-"""What is beyond the image on the right and below, up to a multiple of the coarsest stride."""
+"""Bytes that fill the image up on the right and below, to multiples of the coarsest stride."""
 LARGEST_WIDTH = 960
-"""Wider images are halved by averaging pixels, as often as needed:
-1280 become 640, for which the network was trained."""
+"""Wider images are halved by averaging pixels, as often as needed: 1280 pixels become 640, the
+width for which the network was trained."""
 
 
 class BlankImageWarning(UserWarning):
@@ -35,9 +36,9 @@ class BlankImageWarning(UserWarning):
 class CameraDetector:
     """A convolutional network that was trained on rendered traffic.
 
-    Takes images of any size from 32 x 32 up. A frame without an image is refused; an image that
-    shows nothing has no detections and brings a `BlankImageWarning`. Scores are chances of being
-    right, calibrated on pictures that were not learned from.
+    Takes images of any size from 32 x 32 up. A frame without an image is refused. A blank image
+    gives no detections and a `BlankImageWarning`. A score is the probability that the box is right,
+    calibrated on images with which the network was not trained.
     """
 
     def __init__(
@@ -52,10 +53,10 @@ class CameraDetector:
         """Set the detector up; the network is read with the first image.
 
         weights: a .safetensors file; the shipped one if left out.
-        min_score: least score of a detection; answers of hardly any heat are ignored, see `FLOOR`.
-        precision: float32, bfloat16, or auto, the faster of both on the device. With bfloat16
+        min_score: least score of a detection; peaks of less heat than `FLOOR` have none.
+        precision: float32, bfloat16, or auto for the faster one on the device. With bfloat16
             the last digits of boxes and scores depend on the processor.
-        threads: processor cores to use; torch has one setting for the whole process.
+        threads: processor cores that torch may use while it detects.
         device: cpu, cuda or cuda:1.
         """
         if not 0 < min_score < 1:
@@ -73,19 +74,19 @@ class CameraDetector:
         self.device = device
 
     def reset(self) -> None:
-        """Do nothing: every image is taken alone."""
+        """Do nothing: each image is treated by itself."""
 
     def prepare(self) -> None:
         """Read the network now; `WeightsError` names the file and what is wrong with it."""
         _ = self._loaded
 
     def detect(self, frame: Frame) -> ImageDetections:
-        """Return the boxes in the frame's image, the surest first."""
+        """Return the boxes in the frame's image, the greatest score first."""
         if frame.camera is None:
             raise RecordError("the frame has no image: a camera detector needs one in each frame")
         image = frame.camera
         if image.blank:
-            return nothing_in(image)
+            return no_detections(image)
         peaks = self.peaks(image.pixels)
         scores = self._loaded[1].scores(peaks.traits, peaks.families)
         rows = np.flatnonzero(scores >= self.min_score)
@@ -122,8 +123,8 @@ class CameraDetector:
         return folded.to(self.device), calibration
 
 
-def nothing_in(image: CameraImage) -> ImageDetections:
-    """Warn of a blank image to whoever called `detect`, and return no detections."""
+def no_detections(image: CameraImage) -> ImageDetections:
+    """Warn the caller of `detect` of a blank image; return a record without detections."""
     warnings.warn(
         f"camera '{image.sensor}' at {image.stamp_s:.3f} s: the image is blank",
         BlankImageWarning,
@@ -135,7 +136,7 @@ def nothing_in(image: CameraImage) -> ImageDetections:
 
 
 def _shrunk(pixels: np.ndarray) -> tuple[np.ndarray, int]:
-    """Halve an image until it is narrow enough; return by which factor it shrank too."""
+    """Halve an image until it is narrow enough; return it and the factor by which it shrank."""
     factor = 1
     while pixels.shape[1] > LARGEST_WIDTH:
         rows, columns = (n // 2 * 2 for n in pixels.shape[:2])
@@ -149,10 +150,10 @@ def _shrunk(pixels: np.ndarray) -> tuple[np.ndarray, int]:
 def squared(pixels: np.ndarray) -> np.ndarray:
     """Turn (H, W, 3) bytes into (H / 2, W / 2, 12) as `network.squares` does, in half the time."""
     rows, columns = (n // 2 for n in pixels.shape[:2])
-    made = np.empty((rows, columns, 2, 6), np.uint8)
+    blocks = np.empty((rows, columns, 2, 6), np.uint8)
     for k in range(2):
-        made[:, :, k] = pixels[k::2].reshape(rows, columns, 6)
-    return made.reshape(rows, columns, 12)
+        blocks[:, :, k] = pixels[k::2].reshape(rows, columns, 6)
+    return blocks.reshape(rows, columns, 12)
 
 
 def _answers(network: CentreNetwork, pixels: np.ndarray, threads: int) -> np.ndarray:

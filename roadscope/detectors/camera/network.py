@@ -15,26 +15,29 @@ from torch.nn import functional
 from roadscope.detectors.camera.decode import FINE, LARGEST, UNIT_PX
 
 ARCHITECTURE = "roadscope-centre-3"
-"""Changes whenever weights of one kind no longer fit the other."""
+"""It is changed whenever old weights no longer fit the network."""
 FAMILY_COUNT = 3
 VEHICLE_COUNT = 5
 """Categories of the family vehicle; the others have one each."""
 SQUARE = 2
-"""Pixels along the side of what the first convolution takes as one place."""
+"""The first convolution takes squares of 2 x 2 pixels as one position (space to depth)."""
 COARSEST = 32
 """Heights and widths must be multiples of it."""
 RARE = -6.0
-"""Log odds of a centre at the start: one place in four hundred."""
+"""Log odds of a centre before training: one position in four hundred."""
 STEM = 16
+"""Channels behind the first convolution."""
 WIDTHS = (32, 64, 96, 96)
-"""Multiples of 32, which processors with bfloat16 take two at a time."""
+"""Channels of the stages; multiples of 32, which processors with bfloat16 multiply in pairs."""
 DEPTHS = (2, 2, 2, 1)
+"""Residual blocks of the stages."""
 NECK = 32
 HEAD = 48
+"""Channels of the feature pyramid and of the head."""
 
 
 class Maps(NamedTuple):
-    """The network's answers at every second pixel.
+    """The network's outputs at every second pixel.
 
     heat: (B, 3, h, w) log odds of the centre of one of each family.
     distances: (B, 4, h, w) to the left, top, right and bottom of the box, pixels.
@@ -47,14 +50,17 @@ class Maps(NamedTuple):
 
 
 def squares(pixels: Tensor) -> Tensor:
-    """Turn (B, H, W, 3) into (B, 12, H / 2, W / 2), channels last: each square one place."""
+    """Turn (B, H, W, 3) into (B, 12, H / 2, W / 2), channels last in memory (space to depth)."""
     count, height, width, _ = pixels.shape
     parts = pixels.reshape(count, height // SQUARE, SQUARE, width // SQUARE, SQUARE * 3)
     return parts.transpose(2, 3).flatten(3).permute(0, 3, 1, 2)
 
 
 def finer(answers: Tensor) -> Tensor:
-    """Turn (B, h, w, 4 C) into (B, C, 2 h, 2 w): the parts of a place row by row."""
+    """Turn (B, h, w, 4 C) into (B, C, 2 h, 2 w), four parts of a position row by row.
+
+    This is depth to space, the pixel shuffle of Shi 2016.
+    """
     count, height, width, _ = answers.shape
     split = answers.reshape(count, height, width, FINE, FINE, -1)
     return split.permute(0, 5, 1, 3, 2, 4).reshape(count, -1, FINE * height, FINE * width)
@@ -75,7 +81,7 @@ class Convolution(nn.Module):
         return functional.relu_(y) if self.rectify else y
 
     def fold(self) -> None:
-        """Move the norm's running figures into the convolution; for inference alone."""
+        """Merge the batch norm into the convolution; for inference only."""
         if isinstance(self.norm, nn.BatchNorm2d):
             self.conv = nn.utils.fuse_conv_bn_eval(self.conv.eval(), self.norm.eval())
             self.norm = nn.Identity()
@@ -90,14 +96,14 @@ class Residual(nn.Module):
         self.second = Convolution(width, width, rectify=False)
 
     def forward(self, x: Tensor) -> Tensor:
-        """Keep the shape."""
+        """Map (B, C, h, w) to the same shape."""
         return functional.relu_(x + self.second(self.first(x)))
 
 
 class CentreNetwork(nn.Module):
-    """Strides 2 to 32 down, and up again to 4 by sums (Lin 2017), then one head.
+    """A backbone with strides from 2 to 32, a feature pyramid up to 4 (Lin 2017), and one head.
 
-    The head answers for four parts of each of its places (sub-pixel convolution, Shi 2016).
+    The head has outputs for four parts of each of its positions (sub-pixel convolution, Shi 2016).
     """
 
     def __init__(self) -> None:
@@ -112,20 +118,20 @@ class CentreNetwork(nn.Module):
         self.stages = nn.ModuleList(stages)
         self.lateral = nn.ModuleList(nn.Conv2d(width, NECK, 1) for width in WIDTHS)
         self.head = Convolution(NECK, HEAD)
-        # A 1 x 1 convolution; as one, its gradient is slow.
+        # It does what a 1 x 1 convolution does, but the gradient of that is slow.
         self.out = nn.Linear(HEAD, FINE**2 * (FAMILY_COUNT + 4 + VEHICLE_COUNT))
         nn.init.normal_(self.out.weight, std=0.01)
         offsets = torch.tensor([RARE] * FAMILY_COUNT + [1.0] * 4 + [0.0] * VEHICLE_COUNT)
         self.out.bias = nn.Parameter(offsets.repeat(FINE**2))
 
     def forward(self, pixels: Tensor) -> Maps:
-        """Look at (B, H, W, 3) colours in -1 to 1; height and width multiples of 32."""
+        """Return the maps of (B, H, W, 3) colours in -1 to 1; H and W are multiples of 32."""
         maps = finer(self.answers(squares(pixels)))
         heat, sides, vehicles = torch.split(maps, [FAMILY_COUNT, 4, VEHICLE_COUNT], dim=1)
         return Maps(heat, UNIT_PX * sides.clamp(max=LARGEST).exp(), vehicles)
 
     def answers(self, places: Tensor) -> Tensor:
-        """Return (B, h, w, 48) float32 for `squares` of colours, 12 for each part of a place."""
+        """Return (B, h, w, 48) float32 outputs for `squares` of colours: 12 for each of 4 parts."""
         x = self.stem(places)
         features = []
         for stage in self.stages:
@@ -143,7 +149,10 @@ class CentreNetwork(nn.Module):
         return answers
 
     def folded(self, dtype: torch.dtype = torch.float32) -> CentreNetwork:
-        """Return a copy for inference: no batch norm, channels last, all but the end in a dtype."""
+        """Return a copy for inference: no batch norm, channels last, the given dtype.
+
+        The last layer stays in float32.
+        """
         copy = CentreNetwork()
         copy.load_state_dict(self.state_dict())
         copy.eval()
@@ -155,7 +164,7 @@ class CentreNetwork(nn.Module):
 
 
 def channels_last(network: CentreNetwork) -> CentreNetwork:
-    """Lay the weights of convolutions out as the fast kernels want them, in place."""
+    """Store the weights of convolutions channels last, in place, as fast kernels need them."""
     with torch.no_grad():
         for weight in network.parameters():
             if weight.ndim == 4:

@@ -1,4 +1,4 @@
-"""Density-based clustering, DBSCAN (Ester et al. 1996; Li 2021, section 3), and by distance."""
+"""Clustering by density, DBSCAN (Ester et al. 1996; Li 2021, section 3), and by distance alone."""
 
 from __future__ import annotations
 
@@ -22,8 +22,8 @@ def cluster_dbscan(cloud: Cloud, *, eps_m: float = 1.0, min_points: int = 5) -> 
 
     Returns (N,) int64 labels, negative for outliers.
 
-    In the plane and not in space: layers of one body grow apart with range, 0.8 deg are 1.4 m at
-    100 m, while its columns stay close. Labels are those of scikit-learn's DBSCAN on x and y.
+    Heights are not used: the layers of one body are far apart at long range (0.8 deg are 1.4 m at
+    100 m), while its columns stay close. Labels are those of scikit-learn's DBSCAN on x and y.
     Li 2021 prints no values. `eps_m` is that of the clustering `distance`. `min_points` counts
     the point itself: on a face across the beam at 100 m five columns of the LUX, 0.44 m apart,
     lie within 1 m of the middle one in every layer that meets it.
@@ -36,9 +36,9 @@ def cluster_dbscan(cloud: Cloud, *, eps_m: float = 1.0, min_points: int = 5) -> 
 
 
 def cluster_distance(cloud: Cloud, *, distance_m: float = 1.0) -> np.ndarray:
-    """Link returns nearer than or at a distance, 1 m, in the ground plane.
+    """Link returns that are at most `distance_m` apart in the ground plane.
 
-    Returns (N,) int64 labels, none negative; `distance_m` is the distance.
+    Returns (N,) int64 labels, none negative.
 
     The comparison method of Lu 2018. 1 m is above the spacing of LUX columns on a face across
     the beam at full range (0.87 m at 200 m) and below the gap between vehicles in neighbouring
@@ -50,8 +50,7 @@ def cluster_distance(cloud: Cloud, *, distance_m: float = 1.0) -> np.ndarray:
 def single_linkage(points: np.ndarray, distance: float) -> np.ndarray:
     """Label the connected components of (N, 2) points linked up to `distance`, (N,) int64.
 
-    points, distance: of one unit. No link is missed.
-    That is DBSCAN with every point a core point.
+    points, distance: in the same unit. This is DBSCAN with every point a core point.
     """
     return density_labels(points, distance, 1)
 
@@ -59,10 +58,10 @@ def single_linkage(points: np.ndarray, distance: float) -> np.ndarray:
 def density_labels(points: np.ndarray, radius: float, min_points: int) -> np.ndarray:
     """Return the (N,) int64 DBSCAN labels of (N, 2) points, the same as scikit-learn's.
 
-    A point is core when at least `min_points` points, itself counted, lie within the radius or
-    at it. Core points within the radius of one another share a cluster, clusters are numbered
-    by their first core point; another point near a core point joins the lowest such cluster, the
-    rest are `OUTLIER`.
+    A point is a core point if at least `min_points` points, itself included, are at most `radius`
+    away. Core points at most `radius` apart share a cluster. Clusters are numbered by their first
+    core point. Another point within the radius of core points joins the lowest of their clusters.
+    The rest are `OUTLIER`.
     """
     if not len(points):
         return np.empty(0, np.int64)
@@ -84,11 +83,12 @@ def density_labels(points: np.ndarray, radius: float, min_points: int) -> np.nda
 
 
 class SquareCells(NamedTuple):
-    """Points in the plane, sorted into square cells of which any two points are near.
+    """Points in the plane, sorted into square cells; two points of a cell are within the radius.
 
     points: (N, 2) cell by cell. starts: (C + 1,) int64, where each cell begins in them, and N.
-    near, counts: (C, 24) and (C,) int64, the cells that can hold points near those of a cell; the
-    first `counts[c]` of a row hold. low, high: (C, 2) bounds of the points of a cell.
+    near, counts: (C, 24) and (C,) int64, the other cells that may have points within the radius of
+    a cell's points; the first `counts[c]` entries of row c are valid. low, high: (C, 2) bounds of
+    the points of a cell.
     """
 
     points: np.ndarray
@@ -101,7 +101,7 @@ class SquareCells(NamedTuple):
 
 def _sorted_cells(points: np.ndarray, radius: float) -> tuple[np.ndarray, SquareCells]:
     """Return the order of (N, 2) points by cell, then by row, and the cells."""
-    # A hair less than the true side: rounding must not put two points of a cell too far apart.
+    # A little less than the true side: rounding must not put two points of a cell too far apart.
     side = radius / np.sqrt(2) * (1 - 1e-9)
     x, y = ((axis - axis.min()) / side for axis in points.T)
     column, row = x.astype(np.int64), y.astype(np.int64)
@@ -123,7 +123,7 @@ def _sorted_cells(points: np.ndarray, radius: float) -> tuple[np.ndarray, Square
 def _near_cells(cells: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return the cells within `SPAN` of each of (C, 2) sorted cells, without itself.
 
-    Returns near (C, 24) int64 and counts (C,): the first `counts[c]` of a row hold.
+    Returns near (C, 24) int64 and counts (C,), as in `SquareCells`.
     """
     width = 2 * SPAN + 1
     size = len(cells)
@@ -170,7 +170,7 @@ def _core_points(cells: SquareCells, limit: float, min_points: int) -> np.ndarra
 
 @compiled()
 def _joined_cells(cells: SquareCells, core: np.ndarray, limit: float) -> np.ndarray:
-    """Join cells whose core points are near; return the cell that stands for each one's set, (C,).
+    """Join cells whose core points are within the radius; return the root of each one's set, (C,).
 
     core: (N,) bool. limit: the radius squared.
     """
@@ -190,7 +190,7 @@ def _joined_cells(cells: SquareCells, core: np.ndarray, limit: float) -> np.ndar
 
 @compiled()
 def _are_near(cells: SquareCells, core: np.ndarray, one: int, other: int, limit: float) -> bool:
-    """Whether a core point of one cell lies within the radius of one of the other's."""
+    """Return whether two cells have core points within the radius of each other."""
     points, starts = cells.points, cells.starts
     low_x, low_y = cells.low[other]
     high_x, high_y = cells.high[other]
@@ -211,9 +211,9 @@ def _are_near(cells: SquareCells, core: np.ndarray, one: int, other: int, limit:
 
 @compiled()
 def _join_borders(cells: SquareCells, core: np.ndarray, limit: float, labels: np.ndarray) -> None:
-    """Give points near a core point the lowest label of those, in place.
+    """Give border points the lowest label of the core points within the radius, in place.
 
-    core: (N,) bool. limit: the radius squared. labels: (N,) int64, of core points.
+    core: (N,) bool. limit: the radius squared. labels: (N,) int64, so far those of core points.
     """
     points, starts = cells.points, cells.starts
     for c in range(len(cells.counts)):
@@ -234,15 +234,15 @@ def _join_borders(cells: SquareCells, core: np.ndarray, limit: float, labels: np
 
 
 # --------------------------------------------------------------------------------------------------
-# Disjoint sets: which of N things are connected through links.
+# Disjoint sets: which of N items are connected through links.
 
 
 @compiled(borrowing=True)
 def root_of(parents: np.ndarray, item: int) -> int:
-    """Return the item that stands for the set of this one, and shorten the path to it.
+    """Return the root of an item's set, and shorten the path to it.
 
-    parents: (N,) int64, an item of the same set for each item, itself for the one that stands for
-    it; changed in place.
+    parents: (N,) int64, for each item another item of its set; the root is its own parent. It is
+    changed in place.
     """
     while parents[item] != item:
         parents[item] = parents[parents[item]]
@@ -252,7 +252,7 @@ def root_of(parents: np.ndarray, item: int) -> int:
 
 @compiled(borrowing=True)
 def join(parents: np.ndarray, first: int, second: int) -> None:
-    """Make one set of two items' sets; the lowest item stands for a set.
+    """Make one set of two items' sets; the lowest item of a set is its root.
 
     parents: as in `root_of`, changed in place.
     """

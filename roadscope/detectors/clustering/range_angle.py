@@ -12,16 +12,17 @@ from roadscope.detectors.clustering.density import OUTLIER, join, root_of
 from roadscope.detectors.sorting import median_of, order_by
 
 SPACINGS = 2.0
-"""Neighbours on a face across the beam are one spacing apart; one lost return is bridged."""
+"""Links are so many spacings long. Neighbours on a face across the beam are one spacing apart, so
+one lost return is bridged."""
 UPRIGHT = 0.05
 """Two returns of a column whose ranges differ by less than this share lie on an upright face."""
 MOST_SECTORS = 4096
 HAIR = 1e-9
-"""Cells are wider than half of what is linked by this share, for rounding."""
+"""Cells are wider than half of the longest link by this share, because of rounding."""
 TURN_ERROR = 2e-5
 """Greatest error of the fast arc tangent that chooses a return's sector, radians."""
 BESIDE = 2
-"""Links reach over so many cells in range and so many in angle."""
+"""A link spans at most so many cells in range and in angle."""
 
 
 def cluster_range_angle(
@@ -36,17 +37,19 @@ def cluster_range_angle(
 
     Returns (N,) int64 labels, negative where a cluster has fewer than `min_points`.
 
-    LiDAR returns nearer than or at epsilon in space (eq. 1), and within `angle_deg` of one
-    another as the sensor turns, are linked.
+    Two returns are linked if they are at most epsilon apart in space (eq. 1) and at most
+    `angle_deg` in azimuth.
 
-    Readings taken. The printed epsilon of 0.02 m is less than the gap between two beams of the
-    paper's VLP-16 from 0.6 m on and between two columns from 6 m on; here it is what noise adds
-    to two spacings of the returns at the lesser of the two ranges, where the spacing is the
-    wider of those between beams and between columns. With `spacings` of 0 it is 0.02 m literally,
-    at every range. The paper grows from a seed and then from
-    the farthest returns in six directions until no return satisfies eq. 1 any more; that ends
-    with the linked components, whichever seeds are taken first. The angle bounds links: a cluster
-    goes on as long as returns follow one another. Zhang 2022's odometry cuts it by the angle.
+    Where we depart from the paper: its epsilon of 0.02 m is less than the gap between two beams of
+    its VLP-16 beyond 0.6 m, and between two columns beyond 6 m. Here epsilon is `eps_m`, which
+    stands for noise, plus `spacings` times the spacing of returns at the lesser of the two ranges.
+    The spacing is that of beams or of columns, whichever is wider. With `spacings=0` epsilon is
+    `eps_m` at every range, as printed.
+
+    The paper grows a cluster from a seed, then from the farthest returns in six directions, until
+    no return satisfies eq. 1 any more. That gives the linked components, whichever seeds are taken
+    first. The angle limits links, not clusters: a cluster goes on as long as returns follow one
+    another. Zhang 2022's odometry limits clusters too.
     """
     for name, value in (("eps_m", eps_m), ("angle_deg", angle_deg), ("min_points", min_points)):
         if not 0 < value < np.inf:
@@ -66,9 +69,9 @@ def cluster_range_angle(
 
 
 def spacing(cloud: Cloud) -> float:
-    """Return the angle in radians between neighbouring returns, beams or columns, the wider.
+    """Return the angle in radians between neighbouring beams or columns, whichever is wider.
 
-    It is measured on the returns: neither the cloud nor the paper's input names the beams.
+    It is estimated from the returns: neither the cloud nor the paper's input names the beams.
     """
     return float(_spacing(cloud.points, cloud.ring, cloud.column, cloud.origin))
 
@@ -77,18 +80,18 @@ def spacing(cloud: Cloud) -> float:
 def _spacing(points: np.ndarray, ring: np.ndarray, column: np.ndarray, origin: np.ndarray) -> float:
     """Return the greater of two medians: of angles between beams and between columns."""
     rises, steps = np.empty(len(ring)), np.empty(len(ring))
-    upright, turns, azimuth, opener = 0, 0, 0.0, -1
+    upright, turns, azimuth, first_of_column = 0, 0, 0.0, -1
     here = 0.0
     for row in range(len(ring)):
         x, y = points[row, 0] - origin[0], points[row, 1] - origin[1]
         last, here = here, np.sqrt(x * x + y * y)
         if row == 0 or column[row] != column[row - 1]:
             before, azimuth = azimuth, np.arctan2(y, x)
-            if opener >= 0:
+            if first_of_column >= 0:
                 turn = abs((azimuth - before + np.pi) % (2 * np.pi) - np.pi)
-                steps[turns] = turn / max(abs(column[row] - column[opener]), 1)
+                steps[turns] = turn / max(abs(column[row] - column[first_of_column]), 1)
                 turns += 1
-            opener = row
+            first_of_column = row
         elif ring[row] > ring[row - 1]:
             nearer = min(here, last)
             if nearer > 0 and abs(here - last) < UPRIGHT * nearer:
@@ -104,15 +107,15 @@ def _spacing(points: np.ndarray, ring: np.ndarray, column: np.ndarray, origin: n
 
 
 # --------------------------------------------------------------------------------------------------
-# Which returns are linked, by way of cells of angle and range.
+# Which returns are linked; cells of angle and range limit the pairs that are compared.
 
 
 class LinkRule(NamedTuple):
     """When two returns are linked.
 
-    eps_m, reach: limit of their distance in metres at range 0, and how much it grows per metre.
-    angle, cosine: limit of the angle between them in radians, and its cosine; -1 or less from half
-    a turn on.
+    eps_m, reach: greatest distance between them at range 0, metres, and its growth per metre of
+    range. angle, cosine: greatest angle between them in azimuth, radians, and its cosine; -2 where
+    any angle is allowed.
     """
 
     eps_m: float
@@ -149,10 +152,10 @@ class PolarCells(NamedTuple):
 
 
 def _link_rule(cloud: Cloud, eps_m: float, angle: float, *, reach: float) -> LinkRule:
-    """Return the rule that holds for a cloud; no link is longer than half of the angle allows."""
+    """Return the rule for a cloud; its angle is no wider than the longest link needs."""
     x, y = (cloud.points[:, :2] - cloud.origin).T
     nearest = max(float(np.sqrt((x * x + y * y).min())), eps_m)
-    # Beyond this angle even the nearest return is out of reach; a hair more, for rounding.
+    # Beyond this angle even the nearest return is out of reach; the 1e-9 allow for rounding.
     share = eps_m / nearest + reach
     widest = np.pi if share >= 1.0 else 1e-9 + float(np.arcsin(share))
     within = min(angle, widest)
@@ -162,10 +165,10 @@ def _link_rule(cloud: Cloud, eps_m: float, angle: float, *, reach: float) -> Lin
 def linked_sets(
     points: np.ndarray, origin: np.ndarray, ring: np.ndarray, rule: LinkRule
 ) -> np.ndarray:
-    """Return for each of (N, 3) points the first row, (N,) int64, of the set it is linked with.
+    """Return for each of (N, 3) points the first row, (N,) int64, of its linked set.
 
-    Neighbours in the sweep, which is the order of the points, are linked first: most of a cell is
-    one set after that, and two returns of one set need not be compared.
+    Points are in the order of the sweep. Neighbours in the sweep are linked first: after that most
+    cells are one set, and returns of one set need not be compared.
     """
     wide = (rule.angle + 2 * TURN_ERROR) / BESIDE * (1 + HAIR)
     sectors = int(min(2 * np.pi / wide, MOST_SECTORS))
@@ -190,8 +193,9 @@ def _places(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return range in metres, sector and shell of each point, (N,).
 
-    Sectors are as wide as half the angle, shells as half the limit: range is measured in limits,
-    the integral of dr / (eps + reach r).
+    Sectors are half as wide as the greatest angle, shells half as wide as the greatest distance.
+    This distance grows with range, so ranges are counted in it: the integral of dr / (eps + reach
+    r).
     """
     size = len(points)
     ranges = np.empty(size)
@@ -204,7 +208,7 @@ def _places(
         limits = ranges[row] / rule.eps_m
         if rule.reach > 0:
             grown = rule.reach * limits
-            # Half the time of log1p, which small ones need.
+            # log takes half the time of log1p, which only small numbers need.
             limits = (np.log(1.0 + grown) if grown > 1e-3 else np.log1p(grown)) / rule.reach
         shell[row] = int(BESIDE * limits * (1 - HAIR))
     return ranges, sector, shell
@@ -212,7 +216,10 @@ def _places(
 
 @compiled(forceinline=True, borrowing=True)
 def quick_azimuth(x: float, y: float) -> float:
-    """Return arctan2 to 1.2e-5 by a polynomial of Hastings (Abramowitz and Stegun, 4.4.47)."""
+    """Return arctan2 of y and x, radians, with an error below 1.2e-5.
+
+    It is a polynomial of Hastings (Abramowitz and Stegun, 4.4.47).
+    """
     wide, high = abs(x), abs(y)
     most = max(wide, high)
     slope = min(wide, high) / most if most > 0.0 else 0.0
@@ -226,7 +233,10 @@ def quick_azimuth(x: float, y: float) -> float:
 
 @compiled()
 def _linked_neighbours(swept: SweptReturns, ring: np.ndarray, rule: LinkRule) -> np.ndarray:
-    """Return parents, (N,) int64, after links to the last return and to the last of the ring."""
+    """Link each return with the last one and with the last of its ring; return parents, (N,) int64.
+
+    parents: as in `root_of`.
+    """
     parents, lowest = np.arange(len(ring)), ring.min()
     last = np.full(ring.max() - lowest + 1, -1)
     for row in range(len(ring)):
@@ -243,9 +253,9 @@ def _linked_neighbours(swept: SweptReturns, ring: np.ndarray, rule: LinkRule) ->
 def _link_cells(
     swept: SweptReturns, parents: np.ndarray, cells: PolarCells, rule: LinkRule
 ) -> None:
-    """Join what is linked within cells and between near ones, in place.
+    """Join linked returns within cells and between near cells, in place.
 
-    parents: (N,) int64, as in `root_of`; in the end the first row of each one's set.
+    parents: (N,) int64, as in `root_of`; in the end the first row of each return's set.
     """
     sector, shell, size = cells.sector, cells.shell, len(cells.sector)
     whole = np.empty(size, np.bool_)
@@ -273,7 +283,7 @@ def _link_cells(
 
 @compiled(borrowing=True)
 def _is_one_set(parents: np.ndarray, cells: PolarCells, cell: int) -> bool:
-    """Whether all returns of a cell are of one set."""
+    """Return whether all returns of a cell are in one set."""
     first, end = cells.starts[cell], cells.starts[cell + 1]
     root, place = root_of(parents, cells.order[first]), first + 1
     while place < end and root_of(parents, cells.order[place]) == root:
@@ -293,7 +303,7 @@ def _link_pair(
 ) -> None:
     """Join the linked returns of two cells, or of one.
 
-    one_link: whether each cell is of one set, so that one link is enough.
+    one_link: whether each cell is one set, so that a single link joins both.
     """
     order, starts = cells.order, cells.starts
     if one_link and root_of(parents, order[starts[one]]) == root_of(parents, order[starts[two]]):
@@ -311,14 +321,14 @@ def _link_pair(
 
 @compiled(borrowing=True)
 def _are_linked(swept: SweptReturns, row: int, other: int, rule: LinkRule) -> bool:
-    """Whether two returns are near each other in space and as the sensor turns."""
+    """Return whether two returns are near each other, in space and in azimuth."""
     limit = rule.eps_m + rule.reach * min(swept.ranges[row], swept.ranges[other])
     square = 0.0
     for axis in range(3):
         square += (swept.points[row, axis] - swept.points[other, axis]) ** 2
     if square > limit * limit:
         return False
-    # Within the angle, as the cosine of what is between them tells; on the axis there is none.
+    # The cosine of the angle between them; a return on the sensor's axis has no azimuth.
     along = 0.0
     for axis in range(2):
         middle = swept.origin[axis]

@@ -14,21 +14,25 @@ from roadscope.core.jit import compiled
 from roadscope.detectors.cloud import Cloud
 
 MOST_BINS = 4096
-"""The last bin of a segment takes all that lies beyond."""
-BELIEVED = 3
-"""Least measured prototypes of a line: two of one bumper, or any two, lie on one."""
+"""The last bin of a segment takes all returns that lie beyond it too."""
+LEAST_PROTOTYPES = 3
+"""A line of the ground needs so many measured prototypes: any two lie on a line, even two of one
+bumper."""
 
 
 class PolarRule(NamedTuple):
-    """When prototypes are a line of the ground; the paper's letters, its values are not printed.
+    """When prototypes are a line of the ground.
 
-    slope (T_m): a road rises by 15 % at most.
-    flat_slope (T_m_small), intercept_m (T_b): a line that hardly rises must begin at the height
-        of the wheels, or it is a roof or a loading bed.
-    residual_m (T_RMSE): root mean square about the line; lanes are crowned by less. The prototype
-        that is added lies within twice that, for one alone hardly changes a long line's mean.
-    resume_m (T_dprev): a line begins this near to where the one before goes; below the sills of
-        vehicles.
+    The paper's letters stand in brackets. It does not print its values; ours are chosen by hand.
+
+    slope (T_m): greatest slope; roads rise by 15 % at most.
+    flat_slope (T_m_small), intercept_m (T_b): a line of less than this slope has to begin within
+        `intercept_m` of the height of the wheels. Otherwise it is a roof or a loading bed.
+    residual_m (T_RMSE): greatest root mean square about the line; the crown of a lane is less. A
+        prototype that is added lies within twice that, because one alone hardly changes the mean
+        of a long line.
+    resume_m (T_dprev): greatest distance between the first prototypes of a line and the line before
+        it; vehicles' sills are higher.
     """
 
     slope: float = 0.15
@@ -54,17 +58,16 @@ def polar_above_ground(
 
     Returns (N,) bool, true for returns that are kept.
 
-    Segments of `segment_deg` around the sensor are cut into bins of `bin_m`; lines are fitted to
-    the lowest return of each bin from the sensor outwards, and what lies more than `clear_m`
-    above the nearest line stands. Returns more than `ceiling_m` above it are dropped, as by the
-    grid.
+    Segments of `segment_deg` around the sensor are cut into bins of `bin_m`. The lowest return of a
+    bin is its prototype. Lines are fitted to the prototypes from the sensor outwards. Returns from
+    `clear_m` to `ceiling_m` above the nearest line are kept.
 
-    Readings taken. A line is believed from three measured prototypes on. The ground under the
-    sensor, which no beam reaches, is known from the calibration: it is the first prototype and,
-    until a line is believed, the plane on which the wheels stand is the ground; so the rule holds
-    for a blind near zone and for four layers of which two meet the ground. The first two
-    prototypes of a line, not the first alone, lie near to where the line before goes: a roof and
-    the ground under the sensor are no ramp. What lies below a line is ground too.
+    Where the paper leaves a choice: a line needs three measured prototypes. The ground under the
+    sensor, which no beam reaches, is known from the calibration. It is the first prototype, and the
+    plane on which the wheels stand is the ground until the first line is found. So the rule also
+    works with a blind near zone, and with four layers of which two meet the ground. Not only the
+    first prototype of a line but also the second lies near the line before it; otherwise a roof and
+    the ground under the sensor would make a ramp. Whatever lies below a line is ground too.
     """
     if not len(cloud):
         return np.zeros(0, bool)
@@ -155,11 +158,12 @@ def _segment_lines(
 ) -> int:
     """Fill first and last bin, slope and offset of a segment's lines; return how many there are.
 
-    Algorithm 1 of the paper. A set has one point a bin, so its ranges differ.
+    Algorithm 1 of the paper. The points of a line have one bin each, so their ranges differ.
     """
     ends[0], lines[0] = 0, 0.0
+    # 1 while the points of the line include the ground under the sensor, else 0.
     count, first, foot = 1, 0, 1
-    # Number of the set, and the sums of r, z, r^2, rz and z^2 over it.
+    # How many points the line has, and the sums of r, z, r^2, rz and z^2 over them.
     size, sum_r, sum_z, sum_rr, sum_rz, sum_zz = 1.0, 0.0, 0.0, 0.0, 0.0, 0.0
     for b in range(len(ranges)):
         r, z = ranges[b], heights[b]
@@ -181,9 +185,9 @@ def _segment_lines(
                 size, sum_r, sum_z, sum_rr, sum_rz, sum_zz = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
                 foot = 0
                 continue
-            if n >= BELIEVED + foot:
-                # A line that holds the sensor's foot takes the place of the wheels' plane.
-                count += n == BELIEVED and not foot
+            if n >= LEAST_PROTOTYPES + foot:
+                # A line that includes the ground under the sensor replaces the wheels' plane.
+                count += n == LEAST_PROTOTYPES and not foot
                 ends[count - 1, 0], ends[count - 1, 1] = first, b
                 lines[count - 1, 0], lines[count - 1, 1] = slope, offset
         elif abs(z - lines[count - 1, 0] * r - lines[count - 1, 1]) <= rule.resume_m:

@@ -9,29 +9,33 @@ import numpy as np
 from roadscope.core.jit import compiled
 
 TURNS = 12
-"""Headings tried over half a turn: 7.5 degrees off, the box is still wider than a car."""
+"""Headings that are tried over half a turn. At most 7.5 degrees off, a car still fits into the
+box."""
 BATCH, AFAR_M = 8, 1e6
-"""Cells that are worked on at a time, and where those are that fill up the last batch."""
+"""Bounds are computed for so many cells at a time; cells at this distance fill up the last
+batch."""
 STRIDE = 3
-"""Cells from one place of the box to the next."""
+"""Cells from one position of the box to the next."""
 BINS, BIN_M = 24, 0.4
+"""Number and width of the bins about a box's centre, across the line of sight and along it."""
 GAP_BINS, DEEP_BINS = 2, 5
-"""A gap of so many empty bins, across or along the line of sight, parts two bodies. Between the
-boot's end and the glass above it a body may show nothing."""
+"""A gap of so many empty bins, across or along the line of sight, separates two bodies. A body may
+have a gap along the line of sight between its boot and the rear window."""
 HAIR = 1e-9
-"""Evidence no more different than this is the same, added up in another order."""
-MOST = 0.7
-"""Share of its evidence that a box must keep beside better ones."""
+"""Sums of evidence that differ by less are equal but for the order in which they were added."""
+KEPT_SHARE = 0.7
+"""Least share of its evidence that a box has without the cells of better boxes."""
 X, Y, YAW, SCORE, RIGHT, LEFT, NEAR, FAR = range(8)
-"""Columns of boxes: centre, heading and evidence; from where to where the body in the box reaches
-across the line of sight and along it, from the centre. Metres and radians."""
+"""Columns of boxes, metres and radians: centre, heading, evidence. Then the extent of the body in
+the box from the centre: to the right and to the left across the line of sight, near and far along
+it."""
 
 
 class BoxSides(NamedTuple):
     """Sides of the box in metres.
 
-    In the collar, beyond the ends and beside the flanks, counts what speaks against motion: a piece
-    of wall that goes on is no vehicle.
+    The collar lies beyond the ends and beside the flanks of the box. Only evidence against motion
+    counts in it: a piece of a wall that goes on beyond the box is no vehicle.
     """
 
     half_length: float
@@ -44,7 +48,7 @@ class BoxRule(NamedTuple):
     """When a box holds a vehicle.
 
     sides: of the box. cell_m: side of a cell of the grid, metres. limit: most evidence of one
-    cell, for or against. least: evidence of which a box needs as much.
+    cell, for or against motion. least: least evidence of a box.
     """
 
     sides: BoxSides
@@ -56,11 +60,12 @@ class BoxRule(NamedTuple):
 class EvidenceGrid(NamedTuple):
     """Evidence of motion seen from above, in square cells.
 
-    starts: (X + 1,) int64, where each column of cells, x, begins in the arrays below.
-    places: (K, 2) float64, metres, where the returns of a cell are, from the grid's corner, by
-        the cells' x, then y.
-    weights: (K,) float64, evidence, above 0 for moving.
-    origin: (2,) float64, metres, the sensor, from the corner too. cell_m: side of a cell.
+    starts: (X + 1,) int64, the row where each column of cells begins in the arrays below; a column
+        has the cells of one x.
+    places: (K, 2) float64, metres from the grid's corner, the mean position of the returns in each
+        occupied cell, sorted by the cells' x, then y.
+    weights: (K,) float64, evidence of motion, above 0 for moving.
+    origin: (2,) float64, metres from the corner, the sensor. cell_m: side of a cell.
     """
 
     starts: np.ndarray
@@ -71,12 +76,13 @@ class EvidenceGrid(NamedTuple):
 
 
 class NearCells(NamedTuple):
-    """Working memory for the cells about a place.
+    """Work space for the cells around a box's centre.
 
-    offsets: (3, K) x and y from the place, metres, and weight, up to a whole batch. slots: (2, K)
-    bins across and along the line of sight. bins: (4, BINS), evidence and number of cells across,
-    then along it. headings: (TURNS, 2) unit vectors of a box's turns. bounds: (TURNS,) greatest
-    possible evidence. reach: (4,) metres, as the last four columns of a box.
+    offsets: (3, K) x and y from the centre, metres, and weight, filled up to a whole batch. slots:
+    (2, K) bin of each cell across and along the line of sight. bins: (4, BINS), evidence and number
+    of cells in each bin across, then along it. headings: (TURNS, 2) unit vectors of the headings.
+    bounds: (TURNS,) greatest possible evidence of each heading. reach: (4,) metres, as the last
+    four columns of a box.
     """
 
     offsets: np.ndarray
@@ -97,7 +103,7 @@ def boxes_in(
     """
     grid, corner = evidence_grid(points, weights, origin, rule)
     boxes = slide(grid, rule.sides, rule.least)
-    # They come by x, then by y.
+    # Boxes of equal score stay sorted by x, then by y.
     boxes = boxes[np.argsort(-boxes[:, SCORE], kind="stable")]
     best: np.ndarray = boxes[suppress(boxes, grid, rule.sides, rule.least)]
     best[:, :2] += corner
@@ -131,12 +137,12 @@ def evidence_grid(
 
 @compiled()
 def slide(grid: EvidenceGrid, sides: BoxSides, least: float) -> np.ndarray:
-    """Return the best box about every place that has evidence within its reach.
+    """Return the best box at each position that has evidence of motion within the box's reach.
 
-    least: evidence of which a box needs as much.
+    least: least evidence of a box.
 
-    Returns (B, 8), from the grid's corner. A body has no gap that a ray goes through, and no wide
-    one in depth; of several in the box the one with most evidence counts.
+    Returns (B, 8), from the grid's corner. Where gaps separate several bodies in a box, only the
+    one with most evidence counts.
     """
     reachable, most = _reachable(grid, int(sides.half_length / grid.cell_m)), len(grid.places)
     yaws = np.arange(TURNS) * np.pi / TURNS
@@ -167,7 +173,10 @@ def slide(grid: EvidenceGrid, sides: BoxSides, least: float) -> np.ndarray:
 
 @compiled()
 def _reachable(grid: EvidenceGrid, reach: int) -> np.ndarray:
-    """Return regions of interest: places of the box, every `STRIDE` cells, with evidence near."""
+    """Return the region of interest: whether each position of the box has evidence of motion near.
+
+    reach: cells from the centre of the box to its end.
+    """
     wide, deep = grid.places[:, 0], grid.places[:, 1]
     shape = (
         (int(np.ceil((wide.max() - wide.min()) / grid.cell_m)) + 3) // STRIDE + 1,
@@ -187,7 +196,7 @@ def _reachable(grid: EvidenceGrid, reach: int) -> np.ndarray:
 
 @compiled(borrowing=True)
 def _columns(x: float, reach: float, grid: EvidenceGrid) -> tuple[int, int]:
-    """Return the first row, and the one after the last, of the columns within reach of an x."""
+    """Return the first row, and the one after the last, of the cells within reach of an x."""
     last = len(grid.starts) - 2
     low, high = int(max(x - reach, 0.0) / grid.cell_m), int((x + reach) / grid.cell_m)
     return grid.starts[min(low, last)], grid.starts[min(high, last) + 1]
@@ -205,7 +214,7 @@ def _sight(x: float, y: float, origin: np.ndarray) -> tuple[float, float]:
 def _fill_near(
     near: NearCells, x: float, y: float, grid: EvidenceGrid, sides: BoxSides
 ) -> tuple[int, float]:
-    """Return how many cells a box about a place can hold, and the most evidence it can have."""
+    """Fill in the cells around a place; return how many, and the most evidence a box has there."""
     offsets, slots = near.offsets, near.slots
     long, wide = sides.half_length, sides.half_width
     # No turned box reaches beyond these distances, with and without its collar.
@@ -234,15 +243,15 @@ def _fill_near(
 def _fill_best_turn(
     box: np.ndarray, near: NearCells, cells: int, sides: BoxSides, least: float
 ) -> None:
-    """Write yaw, score and body of the best turn of a box, where one has `least` evidence.
+    """Write yaw, score and extent of the body at the best heading, if one has `least` evidence.
 
-    cells: how many are near. Turns are tried from the one with the greatest bound on.
+    cells: how many are near. Headings are tried in the order of falling bounds.
     """
     bounds = near.bounds
     _fill_bounds(near, cells, sides)
     for _ in range(TURNS):
         turn = int(bounds.argmax())
-        # A hair more or less, for the order of the sum.
+        # The bound is a sum in another order.
         if bounds[turn] + HAIR < least or bounds[turn] <= box[SCORE] + HAIR:
             break
         bounds[turn] = -np.inf
@@ -255,9 +264,9 @@ def _fill_best_turn(
 
 @compiled(borrowing=True, fastmath=True)
 def _fill_bounds(near: NearCells, cells: int, sides: BoxSides) -> None:
-    """Fill in for each turn no less than the evidence of any body in a box at the origin.
+    """Fill in for each heading an upper bound on the evidence of any body in the box.
 
-    That is what speaks for motion in the box, and against it in its collar, in any order.
+    It is the evidence for motion in the box and the evidence against it in the collar.
     """
     near_x, near_y, weights = near.offsets[0], near.offsets[1], near.offsets[2]
     long, wide = sides.half_length, sides.half_width
@@ -276,9 +285,9 @@ def _fill_bounds(near: NearCells, cells: int, sides: BoxSides) -> None:
 
 @compiled(borrowing=True)
 def _evidence(near: NearCells, cells: int, turn: int, sides: BoxSides, least: float) -> float:
-    """Return the evidence of the best body in a box at the origin, and fill in its reach.
+    """Return the evidence of the best body in the box, and fill in its reach.
 
-    Where that is less than the least, it may be any number less than that.
+    If the evidence is below `least`, the result may be any number below `least`.
     """
     near_x, near_y, weights = near.offsets[0], near.offsets[1], near.offsets[2]
     cos, sin, bins = near.headings[turn, 0], near.headings[turn, 1], near.bins
@@ -309,7 +318,7 @@ def _evidence(near: NearCells, cells: int, turn: int, sides: BoxSides, least: fl
 
 @compiled(borrowing=True)
 def _best_run(bins: np.ndarray, gap: int) -> tuple[float, float, float]:
-    """Return evidence, begin and end of the run of bins, without a gap, that has most."""
+    """Return evidence, begin and end (metres) of the run of bins without a gap that has most."""
     first, end = 0, BINS
     while first < BINS and bins[1, first] == 0.0:
         first += 1
@@ -334,8 +343,8 @@ def _best_run(bins: np.ndarray, gap: int) -> tuple[float, float, float]:
 def suppress(boxes: np.ndarray, grid: EvidenceGrid, sides: BoxSides, least: float) -> np.ndarray:
     """Return the rows of boxes that stay, best first.
 
-    A box stays when without the cells of better ones it still has `least` evidence and most of
-    what it had. boxes: (B, 8), sorted by falling score; the rest as in `slide`.
+    A box stays if it has `least` evidence, and the share `KEPT_SHARE` of its own, without the cells
+    of better boxes. boxes: (B, 8), sorted by falling score; the rest as in `slide`.
     """
     cells = len(grid.places)
     taken, rows = np.zeros(cells, np.bool_), np.empty(cells, np.int64)
@@ -347,7 +356,7 @@ def suppress(boxes: np.ndarray, grid: EvidenceGrid, sides: BoxSides, least: floa
         left = boxes[b, SCORE]
         for row in rows[:n]:
             left -= grid.weights[row] if taken[row] else 0.0
-        if left < max(least, MOST * boxes[b, SCORE]):
+        if left < max(least, KEPT_SHARE * boxes[b, SCORE]):
             continue
         for row in rows[:n]:
             taken[row] = True
@@ -360,10 +369,10 @@ def suppress(boxes: np.ndarray, grid: EvidenceGrid, sides: BoxSides, least: floa
 def fill_rows(
     rows: np.ndarray, points: np.ndarray, box: np.ndarray, origin: np.ndarray, sides: BoxSides
 ) -> int:
-    """Write into `rows` which of some points belong to the body in a box; return how many.
+    """Write the rows of the points that belong to the body in a box; return how many.
 
     rows: (N,) int64. points: (N, 2 or 3) metres. box: (8,). origin: (2,) metres, the sensor. All
-    of one frame.
+    are in one frame.
     """
     x, y = box[X], box[Y]
     cos, sin = np.cos(box[YAW]), np.sin(box[YAW])

@@ -23,7 +23,7 @@ from roadscope.detectors.moving.view import (
     EarlierView,
     View,
     carried,
-    count_free_and_taken,
+    count_free_and_occupied,
     height_spans,
     is_seen_through,
     thinned,
@@ -34,36 +34,41 @@ from roadscope.detectors.shape.bodies import LONGEST_M, WIDEST_M
 # Moving vehicles out of a scan (Zhang 2017, section 1): temporal cue, geometric cue, box model.
 
 LOW_M, HIGH_M = 0.3, 2.8
-"""Heights above the road of the returns that are used: clear of the ground, below bridges and most
-of a crown."""
+"""Heights above the road of the returns in which motion is searched: above the ground, below
+bridges and most of a tree's crown."""
 SILL_M = 0.15
-"""A vehicle's returns are taken from here on: far away one beam alone hits its lower half."""
+"""Least height of the returns of a vehicle that was found: far away a single beam hits its lower
+half."""
 REACH_M = 120.0
+"""Returns farther away along x or y, ego frame, are not used."""
 SIDES = BoxSides(2.7, 1.3, 0.75, 0.75)
-"""A car whose place in the box is unknown by half a stride and its heading by half a turn."""
+"""Holds a car that is half a stride of the search off its centre and half a step off its
+heading."""
 CELL_M, SLAB_M = 0.25, 0.3
-"""Sides of the voxels of which one return each is used: a near flank has thousands."""
+"""Sides of the voxels, across and in height, of which one return each is used: a flank nearby has
+thousands of returns."""
 RULE = BoxRule(SIDES, CELL_M, limit=3.0, least=3.0)
-"""The least evidence is that of three returns where rays went through before."""
+"""The least evidence is that of three returns in places through which rays went before."""
 NEIGHBOUR_M = 0.6
-"""Returns up to twice as far away are taken for parts of the same object."""
+"""Side of the cells of `height_spans`: returns up to two sides apart count as one object."""
 MIN_VIEWS = 2
 MIN_POINTS = 3
-CHANCE = 1
-"""One ray that passed where something thin stands says little: so many are not counted."""
+UNCOUNTED_FREE = 1
+"""So many scans that show a place free are not counted: a ray may have missed something thin."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Candidate(Record):
     """Returns of one moving vehicle.
 
-    points: (N, 3) float64, metres, ego frame at the scan's stamp, sorted. The sensor's motion
-        during the sweep is taken out, the vehicle's own is not.
-    rows: (N,) int64, which return of the scan each one is.
+    points: (N, 3) float64, metres, ego frame at the scan's stamp, sorted. They are corrected for
+    the
+        sensor's motion during the sweep, but not for the vehicle's.
+    rows: (N,) int64, the points' rows in the scan.
     times_s: (N,) float64, seconds after the stamp. time_s: their median.
     origin: (2,) float64, metres, where the sensor was then.
-    box: (3,) float64, x, y in metres and yaw of the box that holds it.
-    evidence: of motion, summed over the cells of the box.
+    box: (3,) float64, x, y in metres and yaw in radians of the box that holds it.
+    evidence: evidence of motion, summed over the cells of the box.
     """
 
     points: np.ndarray
@@ -76,10 +81,7 @@ class Candidate(Record):
 
 
 def extract(now: View, earlier: Sequence[EarlierView]) -> list[Candidate]:
-    """Return what moves in a scan, given earlier ones; nothing while there are too few.
-
-    Places are metres in the scan's ego frame at its stamp.
-    """
+    """Return the moving vehicles of a scan; none with fewer than `MIN_VIEWS` earlier scans."""
     rows = np.flatnonzero(_at_vehicle_height(now))
     points = now.points[rows]
     if len(earlier) < MIN_VIEWS or not (points[:, 2] > LOW_M).any():
@@ -99,7 +101,7 @@ def extract(now: View, earlier: Sequence[EarlierView]) -> list[Candidate]:
 
 
 def _at_vehicle_height(view: View) -> np.ndarray:
-    """Geometric cue: return (N,) whether a return is at a vehicle's height and not too far off."""
+    """Geometric cue: return (N,) whether a return is at a vehicle's height and within reach."""
     x, y, z = view.points.T
     near = (np.abs(x) < REACH_M) & (np.abs(y) < REACH_M)
     return np.asarray((z > SILL_M) & (z < HIGH_M) & near)
@@ -108,24 +110,29 @@ def _at_vehicle_height(view: View) -> np.ndarray:
 def motion(points: np.ndarray, earlier: Sequence[EarlierView]) -> np.ndarray:
     """Return (N,) evidence that each of the places (N, 3), ego frame now, holds something moving.
 
-    Temporal cue: where an earlier scan has a return too there is background; where its rays went
-    through the place, what stands there now has moved there. A scan without a ray to the place
-    says nothing; a place where no scan has a return is weak evidence of motion. Between -3.5 and 5.
+    Temporal cue: where an earlier scan has a return too, the return is background. Where its rays
+    went through the place, the object must have moved there since. A scan without a ray to the
+    place says nothing. A place where no scan has a return is weak evidence of motion. Values lie
+    between -4.5 and 6.
     """
     counts, heights = np.zeros((2, len(points)), np.int64), height_spans(points, NEIGHBOUR_M)
     for then in earlier:
         places = carried(points, then.then_from_now)
-        count_free_and_taken(places, heights, then.view.range_image, counts)
-    free, taken = np.maximum(counts - [[CHANCE], [0]], 0) / len(earlier)
-    return np.where(free > 0, 1.0 + 5.0 * free - 4.5 * taken, np.where(taken > 0, -4.5 * taken, 1))
+        count_free_and_occupied(places, heights, then.view.range_image, counts)
+    free, occupied = np.maximum(counts - [[UNCOUNTED_FREE], [0]], 0) / len(earlier)
+    return np.where(
+        free > 0,
+        1.0 + 5.0 * free - 4.5 * occupied,
+        np.where(occupied > 0, -4.5 * occupied, 1),
+    )
 
 
 def _candidates(
     now: View, rows: np.ndarray, body: np.ndarray, boxes: np.ndarray
 ) -> list[Candidate]:
-    """Return the vehicles of boxes (B, 8), without those that have too few returns.
+    """Return the vehicles of boxes (B, 8) that have at least `MIN_POINTS` returns.
 
-    rows: (K,) of returns. body: (K,) which box's vehicle each belongs to, -1 for none.
+    rows: (K,) of returns. body: (K,) for each the box of its vehicle, -1 for none.
     """
     rows, starts = sorted_by_body(now.points, rows, body, len(boxes))
     parts = [(b, rows[i:j]) for b, (i, j) in enumerate(pairwise(starts.tolist()))]
@@ -138,7 +145,7 @@ def sorted_by_body(
     """Return the rows of returns by body, then by z, y and x, and where each body begins, (B + 1,).
 
     points: (N, 3) metres, of all returns. rows: (K,) int64, those that were used. body: (K,)
-    int64, from 0 up to `bodies`, -1 for none: those are left out.
+    int64, the body of each, below `bodies`; returns with -1 are left out.
     """
     rows, body = rows[body >= 0], body[body >= 0]
     x, y, z = points[rows].T
@@ -164,11 +171,11 @@ def _candidate(now: View, rows: np.ndarray, box: np.ndarray) -> Candidate:
 # From the part of a body in a box to all of its returns: compiled.
 
 LINK_M = 1.0
-"""Parts of one body come this near to each other; cars in a queue keep farther apart."""
+"""Gaps between parts of one body are at most this long; cars in a queue keep longer gaps."""
 CAR_M = (5.6, 2.7)
-"""A car with noise at either end."""
+"""Greatest length and width of a car, with noise on either side."""
 TALL_M = 1.75
-"""What is longer is higher than a car."""
+"""A body longer or wider than a car is at least this high."""
 
 
 @compiled()
@@ -197,10 +204,11 @@ def bodies(
 
 @compiled()
 def whole_body(points: np.ndarray, part: np.ndarray) -> np.ndarray:
-    """Return the rows of the body that a part belongs to; the part's where that is no vehicle.
+    """Return the rows of the body to which a part belongs.
 
-    points: (N, 3) metres, z from the ground. part: (K,) int64, rows of it. The rear half
-    of a slow vehicle is where its front was a second ago, and a lorry fills several boxes.
+    A box may hold only a part: the rear half of a slow vehicle is where its front was a second ago,
+    and a lorry fills several boxes. If the connected returns are too large for a vehicle, the
+    result is the part alone. points: (N, 3) metres, z from the ground. part: (K,) int64 rows.
     """
     rows = linked(points, part, LINK_M, LONGEST_M)
     grown = points[rows]
@@ -216,11 +224,11 @@ def whole_body(points: np.ndarray, part: np.ndarray) -> np.ndarray:
 
 @compiled()
 def linked(points: np.ndarray, part: np.ndarray, link_m: float, reach_m: float) -> np.ndarray:
-    """Return, rising, the rows (M,) int64 that are connected with a part.
+    """Return the rows (M,) int64, in rising order, that are connected with a part.
 
-    points: (N, 3) metres, any frame. part: (K,) int64, rows of it, K at least 1. Seen from above,
-    each is within `link_m` of another one, and those beside the part are less than `reach_m` away
-    in x and in y from its first row.
+    points: (N, 3) metres, any frame. part: (K,) int64 rows, K at least 1. Seen from above, each
+    connected row is within `link_m` of another one. Rows outside the part are less than `reach_m`
+    from its first row in x and in y.
     """
     x, y = points[part[0], 0], points[part[0], 1]
     near = np.empty(len(points), np.int64)

@@ -1,4 +1,4 @@
-"""Scans of the last second, freed of the own motion, and what they show of a place."""
+"""Scans of the last second, corrected for the ego's motion, and what they show of a place."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from roadscope.core.jit import compiled
 from roadscope.core.record import Record
 
 # --------------------------------------------------------------------------------------------------
-# One scan: a range image, and points freed of the own motion.
+# One scan: a range image, and points corrected for the ego's motion.
 
 
 class PolarImage(NamedTuple):
-    """What a scan saw, and where its rays went, for kernels.
+    """The range image of a scan and the directions of its rays, for kernels.
 
     ranges: (R, C) float32, metres, by beam and column, nan where nothing came back.
     slopes: (R,) float64, increasing, tangent of each beam's elevation, lidar frame.
@@ -38,10 +38,10 @@ class PolarImage(NamedTuple):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class View(Record):
-    """What a scan saw, and where its rays went.
+    """The points of a scan, its range image and the directions of its rays.
 
-    points: (N, 3) float64, metres, ego frame at the stamp: each is carried there from its own
-        time by the sensor's motion, so what stands still is where it stands.
+    points: (N, 3) float64, metres, ego frame at the stamp, corrected for the sensor's motion during
+        the sweep: what stands still is where it stands.
     times_s: (N,) float64, seconds after the stamp.
     image: (R, C) float32, metres, range of the nearest return by beam and column; nan for none.
     slopes: (R,) float64, increasing, tangent of each beam's elevation.
@@ -63,24 +63,25 @@ class View(Record):
 
     @staticmethod
     def of(scan: LidarScan, ego_from_lidar: Pose, twist: np.ndarray) -> View:
-        """Take a scan and the own motion during it.
+        """Return the view of a scan, given the ego's motion during it.
 
         twist: (3,) velocity in x and y, m/s, and yaw rate, rad/s, of the ego, its own frame.
         """
         times_s = scan.time_offset_s.astype(np.float64)
         points = deskewed(scan.points, ego_from_lidar.matrix, times_s, twist)
         lidar_from_ego = inverse_of(ego_from_lidar)
-        # A return at the sensor itself has no direction; some drivers put there what never came.
+        # Some drivers put rays without a return at the sensor itself, where they have no direction.
         if not scan.points[:, :2].any():
-            image, none = np.empty((0, 0), np.float32), np.empty(0)
-            nowhere, never = points[:0], times_s[:0]
-            return View(nowhere, never, image, none, 0.0, 0.0, none, twist, lidar_from_ego)
+            image, empty = np.empty((0, 0), np.float32), np.empty(0)
+            return View(
+                points[:0], times_s[:0], image, empty, 0.0, 0.0, empty, twist, lidar_from_ego
+            )
         rays = imaged(scan.points, scan.ring, scan.column, times_s)
         return View(points, times_s, *rays, twist, lidar_from_ego)
 
     @property
     def range_image(self) -> PolarImage:
-        """What kernels need of a view."""
+        """The part of a view that kernels need."""
         return PolarImage(
             self.image,
             self.slopes,
@@ -92,10 +93,7 @@ class View(Record):
         )
 
     def origin(self, time_s: float = 0.0) -> np.ndarray:
-        """Return where the sensor was some seconds after the stamp.
-
-        (2,) metres, ego frame at the stamp.
-        """
+        """Return the sensor's position `time_s` after the stamp, (2,) metres, ego frame at it."""
         m = self.lidar_from_ego
         x, y = (-(m[0, k] * m[0, 3] + m[1, k] * m[1, 3] + m[2, k] * m[2, 3]) for k in range(2))
         forward, left, turn = self.twist.tolist()
@@ -116,8 +114,8 @@ def imaged(
 ) -> tuple[np.ndarray, np.ndarray, float, float, np.ndarray]:
     """Return the image by rising slope and column, slopes, azimuth, step, and column times.
 
-    Arguments as in `tabulate`, with rings and columns from any number up. Columns without a
-    return get the time that lies evenly between their neighbours'.
+    Arguments as in `tabulate`, but rings and columns may begin with any number. The times of
+    columns without a return are interpolated.
     """
     image, slopes, azimuths, column_times_s = tabulate(
         points, ring - ring.min(), column - column.min(), times_s
@@ -137,9 +135,9 @@ def tabulate(
     """Return range image, slope by ring, azimuth and time by column; nan where nothing came back.
 
     points: (N, 3) metres, lidar frame. ring, column: (N,) from 0 up. times_s: (N,) float64,
-    seconds after the stamp. Whatever the order of the returns, the result is the same: image
-    (R, C) float32, metres; slopes (R,), tangents of elevations; azimuths (C,) radians, lidar
-    frame; times (C,) seconds.
+    seconds after the stamp. Returns the image (R, C) float32, metres; slopes (R,), tangents of
+    elevations; azimuths (C,) radians, lidar frame; times (C,) seconds. They do not depend on the
+    order of the returns.
     """
     rings, columns = ring.max() + 1, column.max() + 1
     image = np.full((rings, columns), np.float32(np.nan))
@@ -172,7 +170,7 @@ def tabulate(
 
 @compiled()
 def _is_before(points: np.ndarray, i: int, k: int) -> bool:
-    """Whether row i comes before row k by x, then y, then z."""
+    """Return whether row i comes before row k by x, then y, then z."""
     for axis in range(3):
         if points[i, axis] != points[k, axis]:
             return bool(points[i, axis] < points[k, axis])
@@ -182,8 +180,8 @@ def _is_before(points: np.ndarray, i: int, k: int) -> bool:
 def evenly(columns: np.ndarray, azimuths: np.ndarray) -> tuple[float, float]:
     """Return azimuth of column 0 and the step of evenly spaced columns, radians, lidar frame.
 
-    columns: (K,) int64, rising, K at least 1, some of them. azimuths: (K,) float64, radians,
-    where each of those looks. The step is 0 where there is but one.
+    columns: (K,) int64, rising, K at least 1: the columns with a return. azimuths: (K,) float64,
+    radians, of these columns. With a single column the step is 0.
     """
     first = float(azimuths[0])
     if len(columns) < 2:
@@ -195,18 +193,19 @@ def evenly(columns: np.ndarray, azimuths: np.ndarray) -> tuple[float, float]:
 
 
 NOISE_SAMPLES, NOISE_ROUNDS = 600, 4
-"""Most threes of neighbours from which the range noise is estimated, and how often those on an
-edge are left out anew."""
+"""The range noise is estimated from at most so many triples of neighbours; triples on edges are
+removed in so many rounds."""
 NOISE_LEAST, NOISE_LEAST_M, NOISE_USUAL_M = 30, 0.005, 0.02
-"""With fewer threes the noise is taken for a usual one; and it is no less than this, metres."""
+"""With fewer triples than `NOISE_LEAST` the noise is assumed to be `NOISE_USUAL_M`; an estimate is
+at least `NOISE_LEAST_M`."""
 
 
 @compiled()
 def range_noise_of(image: np.ndarray) -> float:
-    """Return the standard deviation of the range noise, metres, as a range image (R, C) shows it.
+    """Return the standard deviation of the range noise, metres, from a range image (R, C).
 
-    Of three neighbours on a smooth surface the middle one lies half way between the others. Those
-    on edges are left out, as lying beyond three standard deviations of the rest.
+    Of three neighbours on a smooth surface the middle one lies half way between the others. Triples
+    on edges are left out: they lie beyond three standard deviations of the rest.
     """
     bends, count = np.empty(NOISE_SAMPLES), 0
     every = 1 + image.size // NOISE_SAMPLES
@@ -261,26 +260,28 @@ def carried(points: np.ndarray, matrix: np.ndarray) -> np.ndarray:
 # What scans show of places.
 
 OCCUPIED_M = 0.5
-"""A return this near in range says that the place was taken: three standard deviations of range
-noise on either scan, slanted surfaces, and one second of the odometry's error."""
+"""A return this near in range says that the place was occupied. It allows for three standard
+deviations of range noise in both scans, for slanted surfaces, and for one second of odometry
+error."""
 BEYOND_M = 1.0
 """A return this much farther says that the place was free."""
 PASS_M = 0.1
-"""Rays that pass this much above or below the visible part of an object still show whether it was
-there. A guard rail is low and thin: between two beams it is missed, and the place where a beam hits
-it travels along with the sensor, as a vehicle would."""
+"""Rays that pass at most this much above or below the visible part of an object show whether it was
+there. More would be wrong for a guard rail, which is low and thin: rays between two beams miss it,
+and the place where a beam hits it moves along with the sensor, as a vehicle would."""
 BODY_LOW_M, BODY_HIGH_M = 0.8, 1.2
 """Heights at which any vehicle stops a ray."""
 BEHIND_M = 5.5
-"""What a ray over the bonnet hits this far behind is not the same vehicle."""
+"""What a ray hits this far behind a place is not the same vehicle, even if it went over a
+bonnet."""
 
 
 @compiled()
 def thinned(points: np.ndarray, cell_m: float, slab_m: float) -> tuple[np.ndarray, np.ndarray]:
-    """Return one row a voxel of (N, 3) points, (V,), and which voxel each point lies in, (N,).
+    """Return one row for each voxel of (N, 3) points, (V,), and the voxel of each point, (N,).
 
-    It is the row of the first by x, y, z; voxels are sorted by x, y, z too. cell_m, slab_m: sides
-    of a voxel in x and y, and in z, the unit of the points.
+    The row is that of the voxel's first point by x, y, z. Voxels are sorted by x, y, z too.
+    points, cell_m, slab_m: metres; a voxel has the side cell_m in x and y, and slab_m in z.
     """
     size = 1
     while size < 2 * len(points):
@@ -307,9 +308,9 @@ def thinned(points: np.ndarray, cell_m: float, slab_m: float) -> tuple[np.ndarra
 
 @compiled()
 def height_spans(points: np.ndarray, cell_m: float) -> np.ndarray:
-    """Return (N, 2) lowest and highest z among the places (N, 3) in the cells around each.
+    """Return for each of (N, 3) points the lowest and highest z of the points around it, (N, 2).
 
-    points, cell_m: metres, N at least 1. A place's own cell and the eight beside it count.
+    points, cell_m: metres, N at least 1. A point's own cell and the eight beside it count.
     """
     low_x, low_y = points[:, 0].min(), points[:, 1].min()
     wide = int((points[:, 0].max() - low_x) / cell_m) + 3
@@ -328,40 +329,41 @@ def height_spans(points: np.ndarray, cell_m: float) -> np.ndarray:
 
 
 @compiled()
-def count_free_and_taken(
+def count_free_and_occupied(
     points: np.ndarray, heights: np.ndarray, image: PolarImage, counts: np.ndarray
 ) -> None:
-    """Add one, in place, for places (N, 3) that a scan shows free, and for those it shows taken.
+    """Count, in place, for each of (N, 3) places whether a scan shows it free or occupied.
 
     points: metres, the scan's ego frame. heights: (N, 2) metres, lowest and highest return of the
-    object at the place. counts: (2, N) int64, free and taken.
+    object at the place. counts: (2, N) int64, how many scans showed it free, and occupied.
     """
     ranges, slopes = image.ranges, image.slopes
     for i in range(len(points)):
         column, flat, reach, slope = _ray_to(points[i], image)
         if column < 0:
             continue
-        free_rays, taken, above = 0, False, np.searchsorted(slopes, slope)
+        free_rays, occupied, above = 0, False, np.searchsorted(slopes, slope)
         for row in range(max(int(above) - 1, 0), min(int(above) + 1, len(slopes))):
             height = points[i, 2] + (slopes[row] - slope) * flat
             relevant = heights[i, 0] - PASS_M < height < heights[i, 1] + PASS_M
             for beside in range(max(column - 1, 0), min(column + 2, ranges.shape[1])):
                 measured = ranges[row, beside]
                 if abs(measured - reach) < OCCUPIED_M:
-                    taken = True
+                    occupied = True
                 elif relevant:
-                    # No return means that the ray hit nothing within its reach.
+                    # No return means that the ray hit nothing within its reach. A ray that ends
+                    # before the place says that it may be hidden: then it does not count as free.
                     beyond = np.isnan(measured) or measured > reach + BEYOND_M
                     free_rays += 1 if beyond else -99
-        counts[0, i] += 1 if free_rays >= 3 and not taken else 0
-        counts[1, i] += 1 if taken else 0
+        counts[0, i] += 1 if free_rays >= 3 and not occupied else 0
+        counts[1, i] += 1 if occupied else 0
 
 
 @compiled()
 def is_seen_through(points: np.ndarray, image: PolarImage) -> np.ndarray:
     """Return (N,) whether a ray crosses a place at a body's height above the road and goes on.
 
-    points: (N, 3) metres, the scan's ego frame.
+    points: (N, 3) metres, the scan's ego frame. No vehicle stands at such a place.
     """
     ranges, slopes = image.ranges, image.slopes
     through = np.zeros(len(points), np.bool_)
@@ -381,7 +383,8 @@ def is_seen_through(points: np.ndarray, image: PolarImage) -> np.ndarray:
 def _ray_to(point: np.ndarray, image: PolarImage) -> tuple[int, float, float, float]:
     """Return column, distance, range and slope of the ray to a place; column -1 if there is none.
 
-    The sensor moves while it turns: where it was depends on the column, which depends on that.
+    The sensor moves while it turns: its position depends on the column, and the column on its
+    position. So the column is computed twice.
     """
     twist, m, time = image.twist, image.lidar_from_ego, 0.0
     turn, column, flat, w = 2 * np.pi / abs(image.step), -1, 0.0, 0.0
@@ -396,7 +399,7 @@ def _ray_to(point: np.ndarray, image: PolarImage) -> tuple[int, float, float, fl
         place = (np.arctan2(v, u) - image.azimuth) / image.step
         place -= turn * np.floor((place + 0.5) / turn)
         column = int(np.floor(place + 0.5))
-        # Negative where a view has no columns, or one: their step is 0 and no place lies in any.
+        # A view with no column or a single one has a step of 0: no place lies in any column.
         if not 0 <= column < len(image.column_times_s) or flat == 0.0:
             return -1, 0.0, 0.0, 0.0
         time = image.column_times_s[column]
@@ -407,8 +410,9 @@ def _ray_to(point: np.ndarray, image: PolarImage) -> tuple[int, float, float, fl
 # The scans of the last second, each with the transform from now to then.
 
 AGES_S = (0.1, 0.2, 0.3, 0.5, 0.7, 1.0)
-"""Ages of earlier scans: a slow car needs long to leave its place, a fast one is soon far off."""
+"""Ages of earlier scans: a slow car leaves its place late, a fast one is soon far away."""
 SLACK_S = 0.05
+"""Greatest difference of a scan's age from one of `AGES_S`."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -424,19 +428,19 @@ class EarlierView:
 
 
 class Memory:
-    """Keeps the scans of the last second, and where the ego was at each by its own estimate.
+    """Keeps the scans of the last second, and the estimated pose of the ego at each.
 
-    A frame that brings no estimate is taken as the sensor standing still since the last one:
-    so it is with a sensor by the road. On a moving sensor without odometry the roadside then
-    appears to move. The first frame of a drive brings none either; its scan is read again when
-    the second one says how fast the ego goes.
+    A frame without an estimate of the ego's motion means that the sensor stood still since the last
+    one, as a sensor by the road does. On a moving sensor without odometry the roadside then appears
+    to move. The first frame of a drive has no estimate either: its scan is corrected again when the
+    second frame tells the ego's speed.
     """
 
     def __init__(self) -> None:
         self.reset()
 
     def reset(self) -> None:
-        """Forget all scans; the drive's frame, `drive_from_ego`, begins anew."""
+        """Forget all scans; the drive's coordinate frame begins at the next ego pose."""
         self.now: View | None = None
         self.stamp_s = float("nan")
         self.drive_from_ego = Pose.identity()
@@ -444,7 +448,7 @@ class Memory:
         self._first: tuple[LidarScan, Pose] | None = None
 
     def add(self, frame: Frame) -> None:
-        """Take the next frame; its scan becomes `now` (None when it has none)."""
+        """Take the next frame; its scan becomes `now`, None if it has none."""
         if frame.stamp_s <= self.stamp_s:
             self.reset()
         motion = frame.previous_from_ego
@@ -458,7 +462,7 @@ class Memory:
             self.now = View.of(frame.lidar, mount, twist)
             self._first = (frame.lidar, mount) if motion is None and not self._kept else None
 
-    def back(self) -> list[EarlierView]:
+    def earlier_views(self) -> list[EarlierView]:
         """Return the earlier scans nearest to `AGES_S`, the youngest first."""
         ages_s = np.array([self.stamp_s - stamp_s for stamp_s, _, _ in self._kept])
         if not len(ages_s):
@@ -476,7 +480,7 @@ class Memory:
         ]
 
     def _keep(self, twist: np.ndarray) -> None:
-        """Put the last scan with the earlier ones, and drop the old."""
+        """Add the last scan to the earlier ones, and drop those that are too old."""
         if self.now is None:
             return
         now = self.now if self._first is None else View.of(*self._first, twist)

@@ -1,4 +1,4 @@
-"""A vehicle's pose from one scan: every ray counts, those that passed it by too."""
+"""A vehicle's pose from all rays of one scan, also from those that pass beside it."""
 
 from __future__ import annotations
 
@@ -30,27 +30,29 @@ from roadscope.envs.sensors.lidar_spec import LidarSpec
 POSE = np.arange(YAW + 1)
 """Indices of x, y and yaw in a state and in a vector."""
 NEAR_SLACKS_M = (0.04, 0.01, 0.005, 0.0)
-"""Added to the noise in the second search, see `descend`."""
+"""Added to the noise in successive rounds of the second search, see `descend`."""
 COARSE_RAYS, FINE_RAYS = 60, 400
 """Rays of the first and of the second search."""
 CLOSE = 15.0
-"""How much more than the best of the first searches another may cost to be continued, too."""
+"""A search is continued if it costs at most this much more than the best one."""
 SAME_STEPS = 3.0
-"""Steps of a search within which two answers are the same."""
+"""Two results of a search are the same if all their values differ by at most so many steps."""
 WRONG_HEADING = 1e3
 """Added to the cost of a heading that is known to be wrong."""
 VELOCITY_SD, TURN_SD = 1.0, 0.7
-"""Standard deviations of a speed that a tracker knows before the scan, m/s, and of a turn rate that
-nobody knows, rad/s: a vehicle is measured up to half a sweep from the stamp that is answered."""
+"""Prior standard deviations of the speed that a tracker reports, m/s, and of the turn rate, which
+nobody reports, rad/s. They matter because a vehicle is measured up to half a sweep from the
+stamp."""
 QUARTER_TURN, ALONG = 0.0, math.cos(math.radians(50.0))
-"""Least cosine between the heading and a course that is known up to a quarter turn, or from a
-velocity well above its standard deviation: vehicles go where they head."""
+"""Least cosine of the angle between heading and course: if the course is known up to a quarter
+turn, and if it comes from a velocity well above its standard deviation."""
 
 
 class BodyCourse(NamedTuple):
-    """A direction in which the vehicle heads, radians, and the least cosine of its heading to it.
+    """What is known of a vehicle's heading and speed before the scan.
 
-    speed: m/s along it while the sweep passes, None where it is not known.
+    heading: radians, world frame. least_cosine: least cosine of the angle between this heading and
+    that of the fit. speed: m/s along the heading, None if unknown.
     """
 
     heading: float
@@ -59,7 +61,7 @@ class BodyCourse(NamedTuple):
 
 
 class Answer(NamedTuple):
-    """A posterior, one of several answers, and the log of how likely it is."""
+    """One of several likely results: its posterior, and the logarithm of its weight."""
 
     log_weight: float
     posterior: Posterior
@@ -70,7 +72,7 @@ class BodyFit:
     """Fits a body of roughly known size to the rays of one scan.
 
     spec: the LiDAR, for its beam directions, noise and detection limit. model: the body.
-    tolerance: how exactly it is drawn, `ROUGHLY_DRAWN` or `EXACTLY_DRAWN`.
+    tolerance: how exactly the body has its model's shape, `ROUGHLY_DRAWN` or `EXACTLY_DRAWN`.
     """
 
     spec: LidarSpec
@@ -88,12 +90,12 @@ class BodyFit:
         towards: float | None = None,
         velocity: np.ndarray | None = None,
     ) -> VehiclePose | None:
-        """Return the pose in the world frame, None without a return of the body.
+        """Return the pose in the world frame, None without a return from the body.
 
-        towards: heading known up to a quarter turn, as a tracker knows it, radians; left out, the
-        better of the two ways round is taken. velocity: (2,) of the body as a tracker knows it,
-        metres per second, world frame: the body heads that way, and moves while it is swept; left
-        out, it is taken to stand.
+        towards: a heading that is right up to a quarter turn, radians, world frame, for example a
+        tracker's. If it is None, the better one of both directions is returned.
+        velocity: (2,) of the body, metres per second, world frame, for example a tracker's. The
+        body heads that way, and moves during the sweep. If it is None, the body stands.
         Other arguments as in `body_scan`.
         """
         if towards is not None and not math.isfinite(towards):
@@ -137,8 +139,8 @@ class BodyFit:
         starts = np.tile(centre[free], (len(poses), 1))
         starts[:, POSE] = poses
         if body.cut and speed is not None:
-            # A body that is measured when a sweep begins and again when it ends has moved on, and
-            # may have turned to the right, not, or to the left.
+            # A body that is measured when the sweep begins and again when it ends has moved
+            # meanwhile: straight on, or with a turn to the right or to the left.
             starts = np.repeat(starts, 3, axis=0)
             starts[:, TURN_RATE] += np.tile([-TURN_SD, 0.0, TURN_SD], len(poses))
 
@@ -153,11 +155,11 @@ class BodyFit:
 
 
 def with_glass(model: BodyModel, rays: BodyRays) -> BodyRays:
-    """Return the rays of one scan, those at the windows' height with what glass needs.
+    """Return the rays of one scan; those at the height of the windows get the `need` of glass.
 
-    A window that is seen at a slant sends nothing back where paint still would; taken for paint,
-    a silent ray would tell for certain that the body does not reach there. Rays without a return
-    of the body have the height that they have at its mean distance.
+    At a slant a window sends nothing back where paint still would. Without this, a ray without a
+    return would mean that the body does not extend to there. The height of rays without a return
+    from the body is taken at its mean distance.
     """
     hits = rays.kind == HIT
     if model.glass_m is None or not hits.any():
@@ -175,10 +177,11 @@ def likely_answers(
     slacks_m: tuple[float, ...] = SLACKS_M,
     coarse_rays: int = COARSE_RAYS,
 ) -> list[Answer]:
-    """Return up to three posteriors, one for each likely answer of a problem.
+    """Return up to three posteriors, one for each likely result of a problem.
 
-    starts: (S, D) vectors that are searched from, first with few rays. state_cost: what states
-    (K, 11) cost, beside what the rays say of them. slacks_m: as in `descend`, of the first search.
+    starts: (S, D) vectors from which the search begins, first with few rays. state_cost: the prior
+    cost of states (K, 11), which is added to that of the rays. slacks_m: as in `descend`, for the
+    first search.
     """
 
     def searched(problem: BodyProblem, vectors: np.ndarray, slacks: tuple[float, ...]) -> Descent:
@@ -197,7 +200,7 @@ def likely_answers(
 
 
 def _likely_ends(ends: Descent, problem: BodyProblem) -> list[int]:
-    """Return which ends of a search cost hardly more than the best, at most three, and differ."""
+    """Return the rows of the best different ends of a search, at most three; see `CLOSE`."""
     chosen: list[int] = []
     for k in np.argsort(ends.costs):
         steps = np.abs(ends.vectors[chosen] - ends.vectors[k]) / STEPS[problem.free]
@@ -207,10 +210,11 @@ def _likely_ends(ends: Descent, problem: BodyProblem) -> list[int]:
 
 
 def pose_of(answers: Sequence[Answer], problem: BodyProblem) -> VehiclePose:
-    """Return the mean of the likeliest posterior, its score the log of the evidence.
+    """Return the mean of the likeliest posterior; its score is the logarithm of the evidence.
 
-    The covariance is that of all answers around it, each as likely as it is: a vehicle seen from
-    the side may face either way, and its middle is not the same. Headings count up to half a turn.
+    The covariance is that of all results around this mean, weighted by their probability: a vehicle
+    that is seen from the side may face either way, with another centre. Headings that differ by
+    half a turn count as equal.
     """
     best = max(answers, key=lambda answer: answer.log_weight)
     mean = best.posterior.mean

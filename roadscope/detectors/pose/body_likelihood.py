@@ -1,8 +1,8 @@
-"""The likelihood of rays under bodies in motion, and by how much rays disagree with them.
+"""The likelihood of rays under bodies in motion, and the misfit of each ray.
 
 A body is a stack of upright parts with convex outlines. A ray that meets a part returns from its
-surface, with Gaussian noise; a ray that meets none brings no return of the body. Edges are soft
-by a few centimetres, because no body is exactly as drawn.
+surface, with Gaussian noise; a ray that meets none has no return from the body. Edges are soft by
+a few centimetres, because no body has exactly the shape of its model.
 """
 
 from __future__ import annotations
@@ -31,35 +31,38 @@ from roadscope.detectors.pose.body_rays import HIT, PASSED, ROUGHNESS_M, BodyRay
 SOFT_SD = 2.2
 """A soft edge reaches so many standard deviations to either side."""
 NOISE_SD = 6.0
-"""Returns farther than so many standard deviations from a surface are none of it."""
+"""Returns farther than so many standard deviations from a surface did not come from it."""
 GRAZING_COSINE = 0.3
 """Cosine of incidence where a ray meets a part only because its silhouette is soft."""
 FAINTEST = 0.01
-"""Least chance that a surface which did send a return sends enough light."""
+"""Least probability that a surface from which a return came sends enough light back."""
 STEEP = 4
-"""How steeply surfaces fall silent where paints differ, see `Tolerance`."""
+"""Default of `Tolerance.steep`, for bodies whose paints differ."""
 AMPLE = 16.0
-"""How many times the light that is needed is as good as any more."""
-MOST_SURPRISE = 3.5
-"""Most that a ray that passed disagrees: one in 500 is lost on a body, or goes through a window."""
+"""More than so many times the light that is needed makes no difference."""
+MOST_MISFIT = 3.5
+"""Greatest misfit of a ray that passed: one ray in 500 is lost on a body or goes through a
+window."""
 EDGE_M = 0.006
-"""How exactly silhouettes are drawn, unless known better: with a harder edge a search feels no
-slope."""
+"""Default uncertainty of silhouettes: with a harder edge the likelihood has no slope for a
+search."""
 NO_PART = 100.0
-"""Disagreement of a return at a height where the body has no part."""
+"""Misfit of a return at a height where the body has no part."""
 HEIGHT_SLACK_M = 0.02
-"""A return may lie so far above or below the part that sent it."""
+"""A return may lie so far above or below the part from which it came."""
 
 
 class Tolerance(NamedTuple):
     """What the likelihood assumes about errors.
 
-    edge_m, height_m: how exactly silhouettes and the heights of parts are as drawn.
-    rough_m: departure of surfaces from the drawn ones; it is in the rays' noise already.
-    outlier, outlier_m: share of returns that fit nothing, spread evenly over a depth.
-    lost, through: chance that a ray that meets the body brings nothing, or a return from behind.
-    steep: how alike its paints are; the light that a surface sends back, as a share of what is
-    needed, is taken to this power, so that it falls silent within about 1.8 / steep of the share.
+    edge_m, height_m: errors of the model's silhouettes and of the heights of its parts.
+    rough_m: departure of real surfaces from the model's; the rays' noise already includes it.
+    outlier, outlier_m: share of returns that fit nothing, and the depth in metres over which they
+    are spread evenly.
+    lost, through: probability that a ray that meets the body has no return, or one from behind it.
+    steep: how alike the body's paints are. The ratio of the light that a surface sends back to the
+    light that is needed is taken to this power. The probability of a return then falls from high to
+    low while the ratio changes by about 1.8 / steep.
     """
 
     edge_m: float
@@ -73,11 +76,11 @@ class Tolerance(NamedTuple):
 
 
 ROUGHLY_DRAWN = Tolerance(edge_m=EDGE_M, height_m=0.012, rough_m=ROUGHNESS_M)
-"""Of a body that is only roughly as drawn, as real ones are."""
+"""For real bodies, which have only roughly the shape of their model."""
 EXACTLY_DRAWN = Tolerance(edge_m=0.0013, height_m=0.0025, rough_m=0.0, steep=32)
-"""Of a body that is exactly as drawn; samples need an edge of some width, and meet the posterior
-worse with a sharper one. It is of one paint, whose brightest return tells within 3 to 6 % how much
-light it sends back."""
+"""For bodies with exactly the shape of their model. Edges still have some width, because samples
+represent the posterior worse with sharper ones. The body has one paint; its brightest return tells
+within 3 to 6 % how much light it sends back."""
 
 
 class Ray2D(NamedTuple):
@@ -96,7 +99,10 @@ class Ray2D(NamedTuple):
 
 
 class Place(NamedTuple):
-    """Where a body is at a time: x, y, cosine and sine of the yaw, world frame; seconds."""
+    """Pose of a body at a time, world frame.
+
+    x, y: metres. cosine, sine: of the yaw. time: seconds.
+    """
 
     x: float
     y: float
@@ -108,9 +114,9 @@ class Place(NamedTuple):
 class Intersection(NamedTuple):
     """Where a ray meets a part.
 
-    depth: how far inside the silhouette the ray passes, negative outside. margin: how far from
-    bottom and top, inside, it meets the part, negative outside. distance: along the ray.
-    cosine: of incidence. All lengths in metres.
+    depth: how far inside the silhouette the ray passes, negative outside. margin: distance from
+    the nearer of bottom and top to the height at which it meets the part, negative outside.
+    distance: along the ray. cosine: of incidence. All lengths in metres.
     """
 
     depth: float
@@ -120,9 +126,10 @@ class Intersection(NamedTuple):
 
 
 class PartsOnRay(NamedTuple):
-    """The parts that a ray may meet: distance, chance to meet it, chance that it is bright enough.
+    """The parts that a ray may meet, in arrays (P,); the first entries are filled, one for a part.
 
-    Each of these is an array (P,), filled as far as there are such parts.
+    distances: metres along the ray. chances: probability that the ray meets the part. bright:
+    probability that the part sends enough light back.
     """
 
     distances: np.ndarray
@@ -133,9 +140,9 @@ class PartsOnRay(NamedTuple):
 class RayFits(NamedTuple):
     """How M rays fit K states.
 
-    likelihoods: (K, M) density of a return (per metre), or chance of none. misfits: (K, M) by how
-    many standard deviations a return lies beside the surface, or a ray that passed inside the
-    silhouette.
+    likelihoods: (K, M) density of a return (per metre), or probability of none. misfits: (K, M) in
+    standard deviations: how far a return lies from the surface, or how far inside the silhouette a
+    ray without a return from the body passes.
     """
 
     likelihoods: np.ndarray
@@ -146,7 +153,7 @@ class RayFits(NamedTuple):
 def pose_after(state: np.ndarray, time: float) -> tuple[float, float, float]:
     """Return x, y and yaw of a state (11,) after a time: constant turn rate and acceleration.
 
-    The path is taken along the chord, exact for a constant speed.
+    The path is replaced by its chord, which is exact at a constant speed. time: seconds.
     """
     path = (state[SPEED] + 0.5 * state[ACCELERATION] * time) * time
     half = 0.5 * state[TURN_RATE] * time
@@ -162,10 +169,10 @@ def intersection(
 ) -> Intersection:
     """Return where a ray meets a part.
 
-    edge_m: a ray that passes the silhouette by less than this meets the part where it is nearest.
+    edge_m: a ray that misses the silhouette by less than this meets the part at its nearest point.
     """
     x, y, inverse = outlines.x, outlines.y, outlines.inverse
-    # The outline is symmetric: half of its points tell how far it reaches to either side.
+    # The outline is symmetric: half of its points give its extent to either side.
     left, right, offset = -np.inf, -np.inf, ray.dx * ray.y - ray.dy * ray.x
     for i in range(OUTLINE_POINTS // 2):
         up, along = abs(ray.dx) * y[p, i], ray.dy * x[p, i]
@@ -207,14 +214,14 @@ def intersection(
 
 @compiled(borrowing=True)
 def soft_step(z: float) -> float:
-    """Return about the chance that a standard normal is below z; 0 and 1 beyond 2.2."""
+    """Return about the probability that a standard normal is below z: 0 below -2.2, 1 above 2.2."""
     share = min(max(z, -SOFT_SD), SOFT_SD) / (2.0 * SOFT_SD) + 0.5
     return share * share * (3.0 - 2.0 * share)
 
 
 @compiled(borrowing=True)
 def brightness(need: float, crossing: Intersection, steep: int) -> float:
-    """Return the chance that the surface where a ray meets a part sends enough light back."""
+    """Return the probability that the surface where a ray meets a part sends enough light back."""
     if need == 0.0:
         return 1.0
     ratio = max(min(crossing.cosine / (need * crossing.distance**2), AMPLE), 0.0) ** steep
@@ -226,7 +233,7 @@ def ray_fits(
 ) -> RayFits:
     """Return how each ray fits each state (K, 11).
 
-    slack_m: added for misfits to the noise of ranges and the softness of silhouettes.
+    slack_m: for misfits, added to the noise of ranges and to the softness of silhouettes.
     """
     size, parts = (len(states), len(rays.slope)), len(shape.sections)
     fits = RayFits(np.empty(size), np.empty(size))
@@ -246,7 +253,7 @@ def _fill_fits(
     outlines: Outlines,
     on_ray: PartsOnRay,
 ) -> None:
-    """Fill in how each ray fits each state; outlines and on_ray: written over again and again.
+    """Fill in how each ray fits each state; outlines and on_ray are work space.
 
     A kernel that made them itself would count references to all arrays, and take 1.3 times as long.
     """
@@ -281,7 +288,7 @@ def _fill_fits(
                     count_on_ray += 1
                 if not is_hit and 0.0 < crossing.distance <= reach:
                     depth = min(crossing.depth, crossing.margin) / (tolerance.edge_m + slack_m)
-                    misfit = max(misfit, min(depth, most_surprise(kind, light)))
+                    misfit = max(misfit, min(depth, greatest_misfit(kind, light)))
                 elif is_hit and bottom - HEIGHT_SLACK_M <= height <= top + HEIGHT_SLACK_M:
                     off = return_misfit(
                         reach, crossing, math.hypot(sigma, slack_m), tolerance.edge_m + slack_m
@@ -302,29 +309,30 @@ def likelihood_of(
     count_on_ray: int,
     tolerance: Tolerance,
 ) -> float:
-    """Return the density of a return, or the chance of none, of a ray that may meet some parts."""
+    """Return the density of a ray's return, or the probability of none."""
     is_hit = kind == HIT
     value, missed = (tolerance.outlier / tolerance.outlier_m, 0.0) if is_hit else (0.0, 1.0)
     silent = tolerance.through if kind == PASSED else tolerance.lost
     for i in range(count_on_ray):
-        # The ray meets the nearest part with its chance, else the next one.
-        first, distance = on_ray.chances[i], on_ray.distances[i]
+        # Probability that the ray meets this part and no nearer one.
+        meets_first, distance = on_ray.chances[i], on_ray.distances[i]
         for j in range(count_on_ray):
             if on_ray.distances[j] < distance:
-                first *= 1.0 - on_ray.chances[j]
+                meets_first *= 1.0 - on_ray.chances[j]
         z = (reach - distance) / sigma
         if not is_hit and distance < reach:
-            value += first * max(1.0 - on_ray.bright[i], silent)
+            value += meets_first * max(1.0 - on_ray.bright[i], silent)
             missed *= 1.0 - on_ray.chances[i]
         elif is_hit and abs(z) < NOISE_SD:
             density = math.exp(-0.5 * z * z) / (math.sqrt(2.0 * math.pi) * sigma)
-            value += first * (1.0 - tolerance.outlier) * density * max(on_ray.bright[i], FAINTEST)
+            bright = max(on_ray.bright[i], FAINTEST)
+            value += meets_first * (1.0 - tolerance.outlier) * density * bright
     return value + missed
 
 
 @compiled(borrowing=True)
 def return_misfit(reach: float, crossing: Intersection, sigma: float, edge_m: float) -> float:
-    """Return the misfit of a return: of its reach or, of one beside the silhouette, to this."""
+    """Return the misfit of a return: of its range or, beside the silhouette, of its direction."""
     off, cosine = crossing.distance - reach, crossing.cosine
     if crossing.depth > 0.0:
         return off * cosine / math.sqrt((sigma * cosine) ** 2 + edge_m**2 * (1.0 - cosine**2))
@@ -332,16 +340,20 @@ def return_misfit(reach: float, crossing: Intersection, sigma: float, edge_m: fl
 
 
 @compiled(borrowing=True)
-def most_surprise(kind: int, light: float) -> float:
-    """Return the greatest misfit of a ray that passed: less where a surface would be too dark."""
+def greatest_misfit(kind: int, light: float) -> float:
+    """Return the greatest misfit of a ray that passed or has no return.
+
+    Without a return it is less if the surface is perhaps too dark. light: probability that it is
+    bright enough.
+    """
     if kind == PASSED:
-        return MOST_SURPRISE
-    return min(MOST_SURPRISE, math.sqrt(-2.0 * math.log(max(1.0 - light, 1e-30))))
+        return MOST_MISFIT
+    return min(MOST_MISFIT, math.sqrt(-2.0 * math.log(max(1.0 - light, 1e-30))))
 
 
 @compiled(borrowing=True)
 def place_after(states: np.ndarray, k: int, time: float) -> Place:
-    """Return where the body of one of the states (K, 11) is after a time."""
+    """Return the pose of the body of state k of (K, 11) after a time in seconds."""
     x, y, yaw = pose_after(states[k], time)
     return Place(x, y, math.cos(yaw), math.sin(yaw), time)
 
@@ -365,8 +377,7 @@ def ray_in_body(place: Place, rays: BodyRays, m: int) -> Ray2D:
 def heights_at_body(ray: Ray2D, outlines: Outlines, edge_m: float) -> tuple[float, float]:
     """Return the least and the greatest height of a ray over the rectangle around the body.
 
-    A ray that passes beside this rectangle, farther than an edge, has none: infinite and minus
-    infinite.
+    For a ray that misses this rectangle by more than `edge_m` they are infinity and minus infinity.
     """
     half_length, half_width = outlines.size
     aside = abs(ray.dy) * half_length + abs(ray.dx) * half_width

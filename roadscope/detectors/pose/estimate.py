@@ -1,4 +1,4 @@
-"""What a pose fit returns, and what every fit asks of its points."""
+"""The pose that a fit returns, and checks of the points that it gets."""
 
 from __future__ import annotations
 
@@ -11,7 +11,8 @@ from roadscope.core.checks import require, settle_arrays
 from roadscope.core.record import Record
 
 SPREAD_M = 200.0
-"""Returns of a vehicle lie no farther apart; a search is as long as they do."""
+"""Most that returns of one vehicle may lie apart along x or y; a search takes time in
+proportion."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -44,7 +45,7 @@ class VehiclePose(Record):
 
     @property
     def centre(self) -> np.ndarray:
-        """(2,) metres."""
+        """The centre of the rectangle, (2,) metres."""
         return np.array([self.x, self.y])
 
     @property
@@ -58,7 +59,7 @@ class VehiclePose(Record):
 
 
 def axis_difference(yaw: np.ndarray | float, reference: np.ndarray | float) -> np.ndarray:
-    """Angles from a reference to the axis along yaw, radians in [-pi/2, pi/2).
+    """Return angles from a reference to the axis along yaw, radians in [-pi/2, pi/2).
 
     A rectangle has no front: yaw and yaw + pi are the same axis.
     """
@@ -72,7 +73,7 @@ def pointing_away(angle: float, sight: np.ndarray) -> float:
 
 
 def settled_points(points_xy: np.ndarray, *, least: int = 1) -> np.ndarray:
-    """Return (N, 2) float64 points; ValueError when they are no finite points in the plane."""
+    """Return points as (N, 2) float64; `ValueError` unless they are finite points in the plane."""
     points = np.ascontiguousarray(points_xy, dtype=np.float64)
     if points.ndim != 2 or points.shape[1] != 2:
         raise ValueError(f"points must be (N, 2) x and y in metres, got shape {points.shape}")
@@ -85,7 +86,7 @@ def settled_points(points_xy: np.ndarray, *, least: int = 1) -> np.ndarray:
 
 
 def check_spread(points_xy: np.ndarray) -> None:
-    """Refuse returns (N, 2), metres, that no vehicle is long enough for; N at least 1."""
+    """Raise `ValueError` for returns (N, 2), metres, farther apart than any vehicle is long."""
     spread = float(np.ptp(points_xy, axis=0).max())
     if spread > SPREAD_M:
         raise ValueError(
@@ -94,7 +95,7 @@ def check_spread(points_xy: np.ndarray) -> None:
 
 
 def settled_origin(origin: np.ndarray) -> np.ndarray:
-    """Return the sensor's (2,) float64 position; ValueError when it is no finite one."""
+    """Return the sensor's position as (2,) float64; `ValueError` unless it is finite x and y."""
     place = np.ascontiguousarray(origin, dtype=np.float64)
     if place.shape != (2,) or not np.isfinite(place).all():
         raise ValueError(f"origin must be finite x and y of the sensor in metres, got {origin!r}")

@@ -1,12 +1,12 @@
-"""What road users measure: the size prior that completes a body seen in part.
+"""The sizes of road users: the prior that completes a body of which only a part was measured.
 
-Means and standard deviations over the outer dimensions that makers publish, without mirrors: small
-to large cars, small and large vans, rigid trucks of 6 to 9 m, rigid trucks and articulated ones
-at the length that Directive 96/53/EC allows, city buses, and two-wheelers with their riders.
+The figures are means and standard deviations over the outer dimensions that makers publish, without
+mirrors: small to large cars, small and large vans, rigid trucks of 6 to 9 m, rigid and articulated
+trucks at the length that Directive 96/53/EC allows, city buses, and two-wheelers with their riders.
 
-Shares sum to one. They are our guess at mixed European traffic, taken from no statistics. Only
-their ratios count, and only where sizes leave a doubt: a body twice as common makes up for 1.2
-standard deviations of one dimension.
+Shares sum to one. They are our guess at mixed European traffic, not statistics. Only their ratios
+count, and only where sizes leave a doubt: if a body is twice as common, that outweighs 1.2 standard
+deviations of one dimension.
 """
 
 from __future__ import annotations
@@ -47,12 +47,12 @@ _WEIGHED = (
 _TOTAL = sum(body.share for body in _WEIGHED)
 BODIES = tuple(body._replace(share=body.share / _TOTAL) for body in _WEIGHED)
 
-BRICKS = (Category.CAR, Category.VAN, Category.TRUCK, Category.BUS)
-"""What shows two straight faces, as a person or a cyclist does not."""
+BOX_SHAPED = (Category.CAR, Category.VAN, Category.TRUCK, Category.BUS)
+"""Categories with straight faces; people and cyclists have none."""
 LONGEST_M = 18.5
-"""The longest vehicle that needs no permit, and a little for noise."""
+"""Length of the longest vehicle that needs no permit, and a little for noise."""
 WIDEST_M = 3.0
-"""The widest with mirrors and noise."""
+"""Width of the widest vehicle, with mirrors and noise."""
 
 
 class BodyTable(NamedTuple):

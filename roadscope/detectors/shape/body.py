@@ -1,4 +1,4 @@
-"""A rounded body fitted to a cluster's outline and to the free sight past its ends, as a shape."""
+"""A shape: a rounded body fitted to a cluster's outline and to the rays that pass beside it."""
 
 from __future__ import annotations
 
@@ -13,32 +13,32 @@ from roadscope.detectors.horizon import Horizon
 from roadscope.detectors.pose.body_model import BodyModel, BodySection
 from roadscope.detectors.pose.body_rays import EMPTY, HIT, PASSED, BodyRays
 from roadscope.detectors.pose.body_search import BodyProblem, descend, first_poses
-from roadscope.detectors.shape.bodies import BODIES, BRICKS, Body
+from roadscope.detectors.shape.bodies import BODIES, BOX_SHAPED, Body
 from roadscope.detectors.shape.cluster import Cluster
 from roadscope.detectors.shape.l_shape import vehicles_by_l_shape
 from roadscope.detectors.shape.recognition import Vehicle
 
 SLACKS_M = (0.15, 0.05, 0.02, 0.0, 0.0)
-"""Added to noise and edges, see `descend`."""
+"""Added, in successive rounds, to the noise of ranges and to the width of edges, see `descend`."""
 MOVED_M = 2.0
-"""A fit that ends farther from its first guess has run away."""
+"""A fit that ends farther than this from the L-shape has diverged; then the L-shape is returned."""
 MOST_POINTS = 32
-"""Outline points that are used."""
+"""Most points of an outline that are used."""
 BESIDE = 3
 """Columns beyond either end of the outline whose rays are used."""
 NOISE_M = (0.02, 0.15)
-"""Least and greatest noise of an outline that is believed."""
+"""The estimated noise of an outline is clipped to these bounds."""
 
 
 def vehicles_by_body(cluster: Cluster, horizon: Horizon) -> list[Vehicle]:
     """Return the road users of a cluster, cars to buses fitted as bodies with rounded corners.
 
-    Which kind of road user it is comes from the search-based L-shape; its sizes are the prior
-    of length and width. Free sight past the ends of the outline bounds the body; what stands
-    nearer there does not.
+    The search-based L-shape decides which kind of road user it is; the sizes of that kind are the
+    prior of length and width. Rays that pass beside the ends of the outline bound the body; rays
+    that end nearer do not.
     """
     vehicles = vehicles_by_l_shape(cluster, horizon)
-    if len(vehicles) != 1 or vehicles[0].category not in BRICKS or len(cluster.outline) < 3:
+    if len(vehicles) != 1 or vehicles[0].category not in BOX_SHAPED or len(cluster.outline) < 3:
         return vehicles
     return [_fitted(vehicles[0], cluster, horizon)]
 
@@ -61,10 +61,10 @@ def _fitted(vehicle: Vehicle, cluster: Cluster, horizon: Horizon) -> Vehicle:
 
 
 def outline_rays(outline: np.ndarray, origin: np.ndarray, horizon: Horizon) -> BodyRays:
-    """Return the level rays to an outline (M, 2), metres, and those that pass beside it.
+    """Return level rays to the points of an outline (M, 2), metres, and rays beside its ends.
 
-    origin: (2,) metres, the sensor. A ray that meets something nearer says nothing, for its reach
-    ends there.
+    origin: (2,) metres, the sensor. A ray beside the outline that ends at something nearer says
+    nothing about the body.
     """
     offsets = outline[:: -(-len(outline) // MOST_POINTS)] - origin
     reach, azimuths = np.hypot(*offsets.T), np.arctan2(offsets[:, 1], offsets[:, 0])
@@ -100,7 +100,10 @@ def _reach_towards(azimuth: float, horizon: Horizon) -> float:
 
 
 def _noise(reach: np.ndarray) -> float:
-    """Return the noise of ranges in order, from how far each is from its neighbours' mean."""
+    """Return the noise of ranges along an outline, from each one's offset from its neighbours.
+
+    reach: (M,) metres. Returns a standard deviation in metres.
+    """
     if len(reach) < 3:
         return NOISE_M[1]
     bends = np.abs(reach[1:-1] - (reach[:-2] + reach[2:]) / 2)

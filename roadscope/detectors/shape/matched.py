@@ -7,26 +7,27 @@ from functools import partial
 
 from roadscope.detectors.horizon import Horizon
 from roadscope.detectors.pose.matched_filter import fit_single
-from roadscope.detectors.shape.bodies import BRICKS
+from roadscope.detectors.shape.bodies import BOX_SHAPED
 from roadscope.detectors.shape.cluster import Cluster
 from roadscope.detectors.shape.completion import bodies_in, completed, shown_by
 from roadscope.detectors.shape.l_shape import hull_heading
 from roadscope.detectors.shape.recognition import Vehicle
 
 LEAST = 8
-"""Returns below which the filter has nothing on the rectangle."""
+"""With fewer returns the filter is no better than the minimum-area rectangle."""
 STEP_DEG = 2.0
-"""Twice the paper's: a parabola finds the angle between two steps as well."""
+"""Twice the paper's step: a parabola through the scores gives the angle between two steps."""
 
 
 def vehicles_by_matched_filter(
     cluster: Cluster, horizon: Horizon, *, sigma_m: float = 0.04
 ) -> list[Vehicle]:
-    """Return the road user whose rectangle answers best to a cluster's returns.
+    """Return the road user whose rectangle matches a cluster's returns best.
 
-    sigma_m: of the template's smoothed edges, metres; twice the range noise of the HDL-32E.
-    The paper knows the car that it looks for; here its size is that of the body that completes
-    the cluster's minimum-area rectangle.
+    sigma_m: standard deviation of the template's smoothed edges, metres; twice the range noise of
+        the HDL-32E.
+    The paper knows the size of the car. Here it is the size of the body that completes the
+    cluster's minimum-area rectangle.
     """
     return bodies_in(cluster, horizon, partial(_filtered, sigma_m=sigma_m))
 
@@ -34,7 +35,7 @@ def vehicles_by_matched_filter(
 def _filtered(cluster: Cluster, horizon: Horizon, *, sigma_m: float) -> Vehicle | None:
     shown = shown_by(cluster, horizon)
     (first,) = completed(shown, [hull_heading(cluster.points)])
-    if first is None or first.category not in BRICKS or len(cluster.points) < LEAST:
+    if first is None or first.category not in BOX_SHAPED or len(cluster.points) < LEAST:
         return first
     length, width, _ = first.size
     pose = fit_single(
@@ -43,7 +44,7 @@ def _filtered(cluster: Cluster, horizon: Horizon, *, sigma_m: float) -> Vehicle 
         length_m=max(length, width),
         width_m=min(length, width),
         sigma_m=sigma_m,
-        # Half as wide, as in the paper's setting, costs half as much again and is no nearer.
+        # Bins half as wide, as in the paper, take 1.5 times as long and are not more accurate.
         bin_m=sigma_m,
         step_deg=STEP_DEG,
     )
