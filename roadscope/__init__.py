@@ -1,9 +1,9 @@
 """Evaluation of driving perception on synthetic LiDAR, camera and IMU data.
 
-This is the public face. Its names are loaded when they are first used: `_PLACES` says where each is
-defined. More is offered by `roadscope.metrics`, `formats`, `testing` and the rooms
-`roadscope.envs`, `detectors`, `odometry`, `trackers`, `fusion` and `benchmarks`. Modules below
-those are private: they may change in any version.
+These names are public. They are loaded when they are first used: `_PLACES` says where each is
+defined. More public names are in `roadscope.metrics`, `formats` and `testing`, and in the packages
+`roadscope.envs`, `detectors`, `odometry`, `trackers`, `fusion` and `benchmarks`. Modules inside
+those packages are private: they may change in any version.
 
 Importing the package makes its environments known to Gymnasium.
 """

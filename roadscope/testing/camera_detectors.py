@@ -38,7 +38,8 @@ REFERENCE, MARK = "network", "colour-blobs"
 SHARE_OF_MARK = 0.5
 """A detector with a smaller share of the lower mark's average precision is broken.
 
-Chosen by hand: the mark has 0.009, so this refuses detectors that find nobody, and other units.
+Chosen by hand: the mark has 0.009. This refuses detectors that find nobody, and boxes in other
+units.
 """
 
 
@@ -66,7 +67,7 @@ def answers(subject: Subject) -> str:
 
 
 def black_image(subject: Subject) -> str:
-    """Refuse detections in an image that is black all over, as of a covered lens."""
+    """Refuse detections in an image that is black all over, like that of a covered lens."""
     with subject.started() as instance:
         detections = detect(instance, _with_pixels(np.zeros((480, 640, 3), np.uint8)))
     if len(detections):

@@ -100,7 +100,7 @@ class Report:
 class ContractItem:
     """One promise of one plug-in, for a test suite.
 
-    spec: of the plug-in, resolved.
+    spec: the resolved spec of the plug-in. deadline_s, trust: as in `check`.
     """
 
     spec: Spec
@@ -216,7 +216,7 @@ def _verify(promise: Promise, subject: Subject) -> str:
 
 
 def _resolved(text: str, kind: str | None) -> tuple[Spec, Kind]:
-    """Return the spec of a plug-in and its kind; raise `SpecError` for what is no plug-in."""
+    """Return the spec of a plug-in and its kind; raise `SpecError` if it is no plug-in."""
     spec = Spec.parse(text).plain
     if spec.name == FUSED:
         raise SpecError(f"'{text}' joins two detectors by a fusion; check each of the three")

@@ -53,7 +53,7 @@ CATEGORIES = np.array([Category.CAR, Category.PEDESTRIAN, Category.CAR, Category
 SCENE, EVERY_S = Episode("street", 0, "wide", 2.0), 0.2
 """Traffic, one of the training seeds, sensors, seconds; and the seconds from scan to scan."""
 LIDAR, CAMERA = "noisy-misses", "noisy-camera"
-"""Detectors whose detections are fused there: noise models, which take no time."""
+"""Detectors whose detections are fused in the scene: noise models, which are fast."""
 REFERENCE = "consistent"
 SHARE_OF_BETTER_SENSOR = 0.45
 """A fusion with a smaller share of the better sensor's average precision is broken.
@@ -71,7 +71,7 @@ class FusionInput:
 
 
 @lru_cache(maxsize=1)
-def both() -> FusionInput:
+def of_both_sensors() -> FusionInput:
     """Return two cars, a cyclist and a pedestrian as both sensors detect them."""
     lidar = Detections(CENTRES, SIZES, np.zeros(4), CATEGORIES, np.full(4, 0.8), "ego", SCAN_S)
     boxes, _ = projected_boxes(lidar, PROJECTION)
@@ -81,10 +81,10 @@ def both() -> FusionInput:
 @lru_cache(maxsize=1)
 def moments() -> tuple[FusionInput, ...]:
     """Return all cases: both sensors, one of them, and either or both without detections."""
-    lidar, camera = both().lidar, both().camera
+    lidar, camera = of_both_sensors().lidar, of_both_sensors().camera
     no_lidar, no_camera = Detections.empty(SCAN_S), ImageDetections.empty(IMAGE_S)
     return (
-        both(),
+        of_both_sensors(),
         FusionInput(lidar, None),
         FusionInput(None, camera),
         FusionInput(no_lidar, camera),
@@ -107,7 +107,7 @@ def fuse_all(instance: Instance) -> list[FusedDetections]:
 def answers(subject: Subject) -> str:
     """Fuse a moment at which both sensors detect the same four."""
     with subject.started() as instance:
-        targets = fuse(instance, both())
+        targets = fuse(instance, of_both_sensors())
     of_both = int((targets.by_lidar & targets.by_camera).sum())
     return f"{len(targets)} targets of 4, {of_both} of both sensors"
 
@@ -128,7 +128,7 @@ def one_sensor(subject: Subject) -> str:
 
 def order(subject: Subject) -> str:
     """Refuse a fusion whose targets depend on the order of detections."""
-    lidar, camera = both().lidar, both().camera
+    lidar, camera = of_both_sensors().lidar, of_both_sensors().camera
     assert lidar is not None
     assert camera is not None
     backwards = np.arange(len(lidar))[::-1]
@@ -142,7 +142,7 @@ def order(subject: Subject) -> str:
         ),
     )
     distances = []
-    for moment in (both(), reordered):
+    for moment in (of_both_sensors(), reordered):
         with subject.started() as instance:
             distances.append(np.sort(fuse(instance, moment).distances_m))
     one, other = distances
@@ -152,14 +152,14 @@ def order(subject: Subject) -> str:
 
 
 def compare(subject: Subject) -> str:
-    """Fuse two seconds of a street; refuse a fusion that finds much less than one sensor alone."""
+    """Fuse two seconds of a street; refuse a fusion much worse than the better sensor alone."""
     precision = _average_precision(subject.spec, subject.options)
     sensors = _sensors()
     words = figure_in_words(
         "average precision in a street", precision, beside=[_reference(), *sensors]
     )
     if precision < SHARE_OF_BETTER_SENSOR * max(sensor.value for sensor in sensors):
-        raise PromiseError(f"{words}: it loses much of what one sensor finds")
+        raise PromiseError(f"{words}: it detects much less than one sensor alone")
     return words
 
 

@@ -29,7 +29,7 @@ from roadscope.testing.subject import Instance, Promise, PromiseError, Subject
 SCENE = Episode("two-way", 0, "vlp16-imu", 2.0)
 """Traffic, one of the training seeds, sensors, seconds."""
 FEW = 8
-"""Number of scans, the first of the scene, that most promises use."""
+"""Most promises use the first scans of the scene, so many."""
 EVERY_EMPTY = 3
 """One scan in this many has no returns where empty scans are tested."""
 START_TOLERANCE = 1e-6
@@ -96,7 +96,7 @@ def empty_scans(subject: Subject) -> str:
     with subject.started() as instance:
         estimates = estimate(instance, scans)[::EVERY_EMPTY]
     good = all(each.status is OdometryStatus.DEGRADED for each in estimates)
-    return "" if good else "a scan without returns is not called degraded"
+    return "" if good else "the status of scans without returns is not DEGRADED"
 
 
 def compare(subject: Subject) -> str:

@@ -1,4 +1,4 @@
-"""The further promises of offline trackers, about `rescored`, which gets a whole episode."""
+"""More promises of offline trackers, about `rescored`, which gets the tracks of a whole episode."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def rescore(instance: Instance, history: Sequence[Tracks]) -> tuple[Tracks, ...]
 
 
 def has_rescored(subject: Subject) -> str:
-    """Look for the method."""
+    """Refuse a class without the method."""
     if "rescored" not in subject.traits.methods:
         raise PromiseError("there is no method rescored; the contract has def rescored(history)")
     return ""
@@ -76,9 +76,9 @@ def update_goes_on(subject: Subject) -> str:
 
 
 PROMISES = (
-    Promise("has rescored, being offline", has_rescored),
+    Promise("has rescored, because it is offline", has_rescored),
     Promise("rescores every frame at its moment", same_moments),
     Promise("leaves the history alone", history_left_alone),
     Promise("rescores the same history in the same way", repeats),
-    Promise("updates go on as if nothing had been rescored", update_goes_on),
+    Promise("updates as before after rescored was called", update_goes_on),
 )

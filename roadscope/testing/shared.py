@@ -18,8 +18,8 @@ def start_promises(
 ) -> tuple[Promise, ...]:
     """Return the first promises of every plug-in: it can be made, and it has its methods.
 
-    method: that the benchmark calls. signature: its parameters, for error messages.
-    resets: the arguments of each call of `reset`.
+    method: the method that the benchmark calls. signature: its parameters, for error messages.
+    resets: the arguments of each call of `reset` that is tried.
     """
 
     def has_methods(subject: Subject) -> str:
@@ -34,12 +34,12 @@ def start_promises(
         return ""
 
     return (
-        Promise("is made by its name alone", made_by_name),
+        Promise("can be made without arguments", made_without_arguments),
         Promise(f"has reset and {method}", has_methods),
     )
 
 
-def made_by_name(subject: Subject) -> str:
+def made_without_arguments(subject: Subject) -> str:
     """Refuse a constructor with arguments that have no default or can be given by position."""
     traits = traits_of(resolved(subject.spec.name, subject.kind))
     if traits.problem:
@@ -68,7 +68,7 @@ def input_promise(run: Run) -> Promise:
 
 @dataclass(frozen=True, slots=True)
 class Words:
-    """Words for what a kind of plug-in gets and answers, in the plural."""
+    """Names of what a kind of plug-in gets and answers, in the plural, for messages."""
 
     inputs: str
     answers: str
@@ -108,7 +108,7 @@ def memory_promises(run: Run, words: Words) -> tuple[Promise, ...]:
 
 @dataclass(frozen=True, slots=True)
 class Standard:
-    """A figure that a plug-in's is compared with: that of a method of roadscope or of a mark."""
+    """The figure of a method of roadscope or of a mark, with which a plug-in's is compared."""
 
     name: str
     value: float

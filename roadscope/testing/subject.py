@@ -39,15 +39,15 @@ class PromiseError(AssertionError):
 class Subject:
     """A plug-in under test.
 
-    spec: resolved. logs: what it printed, two texts for each time that it was opened.
-    deadline_s: for loading it and all its calls, if it runs in a process of its own.
-    spent_s: how much of the deadline it has used.
+    spec: its resolved spec. logs: what it printed, two texts for each time that it was opened.
+    deadline_s: most seconds for loading it and for all its calls, if it runs in a process of its
+        own. spent_s: how much of that it has used.
     """
 
     def __init__(
         self, spec: Spec, kind: Kind, *, deadline_s: float = DEADLINE_S, trust: bool = False
     ) -> None:
-        """Take the plug-in; trust: run it in this process."""
+        """Take the plug-in; trust: whether it runs in this process in any case."""
         self.spec, self.kind, self.deadline_s, self._trust = spec, kind, deadline_s, trust
         self.logs: list[str] = []
         self.spent_s = 0.0
@@ -130,7 +130,7 @@ class Instance:
 class Promise:
     """One promise of all plug-ins of a kind.
 
-    words: the promise, after the name of the plug-in.
+    words: the promise, as a sentence whose subject is the plug-in.
     verify: returns a remark; raises `PromiseError`, or what the plug-in's calls and the validators
         of `core.answers` raise.
     """

@@ -30,13 +30,13 @@ from roadscope.testing.subject import Instance, Promise, PromiseError, Subject
 PERIOD_S = 0.1
 FRAMES = 20
 FAR_M = 20.0
-"""No road user moves so far from one frame to the next."""
+"""Greater than any road user's motion from one frame to the next."""
 NEAR_M = 1.0
 """A track within this distance of a car is that of the car; chosen by hand."""
 RING_M, RING_AT_M = 6.0, (20.0, 0.0)
 """Radius and middle of the circle on which cars drive."""
 FRESH_INSTANCES = 5
-"""Fresh instances whose ids are compared: random ids would not have one order in all of them."""
+"""Fresh instances whose ids are compared: random ids do not have the same order in all of them."""
 FIELDS = ("centres", "sizes", "yaws", "velocities", "covariances", "categories", "scores")
 SCENE = Episode("motorway", 0, "lux", 2.0)
 """Traffic, one of the training seeds, sensors, seconds."""
@@ -120,7 +120,7 @@ def update_all(instance: Instance, ticks: Iterable[TrackerInput]) -> list[Tracks
     return [update(instance, tick) for tick in ticks]
 
 
-def answer_anew(subject: Subject, ticks: Sequence[TrackerInput]) -> list[Tracks]:
+def tracks_of_fresh_instance(subject: Subject, ticks: Sequence[TrackerInput]) -> list[Tracks]:
     """Return the tracks of a fresh instance."""
     with subject.started() as instance:
         return update_all(instance, ticks)
@@ -129,7 +129,7 @@ def answer_anew(subject: Subject, ticks: Sequence[TrackerInput]) -> list[Tracks]
 def answers(subject: Subject) -> str:
     """Run it with the ego's pose and without, and have every answer checked."""
     for posed in (False, True):
-        answer_anew(subject, parallel_cars(posed=posed))
+        tracks_of_fresh_instance(subject, parallel_cars(posed=posed))
     if "rescored" in subject.traits.methods and not subject.traits.offline:
         return "its rescored is never called: the class does not say offline = True"
     return ""
@@ -147,7 +147,7 @@ def no_detections(subject: Subject) -> str:
 
 
 def unique_ids(subject: Subject) -> str:
-    """Refuse ids that pass to another object: cars appear for a frame, far from each other."""
+    """Refuse ids that pass to another object: each car appears for one frame, far from the last."""
     last: dict[int, np.ndarray] = {}
     with subject.started() as instance:
         for k in range(FRAMES):
@@ -189,7 +189,9 @@ def order(subject: Subject) -> str:
         replace(tick, detections=tick.detections.select(rng.permutation(len(tick.detections))))
         for tick in ticks
     ]
-    if words := difference(answer_anew(subject, ticks), answer_anew(subject, mixed)):
+    if words := difference(
+        tracks_of_fresh_instance(subject, ticks), tracks_of_fresh_instance(subject, mixed)
+    ):
         raise PromiseError(f"the order of detections matters: in another order {words}")
     return ""
 
@@ -197,7 +199,9 @@ def order(subject: Subject) -> str:
 def repeats(subject: Subject) -> str:
     """Refuse a tracker that answers the same input differently the second time."""
     ticks = parallel_cars(posed=True)
-    if words := difference(answer_anew(subject, ticks), answer_anew(subject, ticks)):
+    if words := difference(
+        tracks_of_fresh_instance(subject, ticks), tracks_of_fresh_instance(subject, ticks)
+    ):
         raise PromiseError(f"the same input gives other tracks the second time: {words}")
     return ""
 
@@ -218,12 +222,12 @@ def forgets(subject: Subject) -> str:
             earlier = update_all(instance, before)
             instance.call("reset")
             answered = update_all(instance, after)
-        expected = answer_anew(subject, after)
+        expected = tracks_of_fresh_instance(subject, after)
         words = difference(expected, answered) or repeated_ids(
             earlier, expected=expected, answered=answered
         )
         if not words and not in_order(expected, answered):
-            fresh = (answer_anew(subject, after) for _ in range(FRESH_INSTANCES))
+            fresh = (tracks_of_fresh_instance(subject, after) for _ in range(FRESH_INSTANCES))
             if all(in_order(expected, again) for again in fresh):
                 words = "ids are given in another order"
         if words:
@@ -260,7 +264,9 @@ def compare(subject: Subject) -> str:
         "HOTA on perfect detections of a motorway", hota, beside=[_reference(), mark]
     )
     if hota < LEAST_OF_UNLINKED * mark.value:
-        raise PromiseError(f"{words}: tracks do not follow objects; rows are no identities")
+        raise PromiseError(
+            f"{words}: ids do not stay with objects; the row of a detection is no identity"
+        )
     return words
 
 
@@ -357,6 +363,6 @@ PROMISES = (
     input_promise(lambda instance: update_all(instance, parallel_cars(posed=True))),
     Promise("gives the same tracks for the same input", repeats),
     Promise("forgets everything at a reset", forgets),
-    Promise("tracks what stands while the ego moves", moving_ego),
+    Promise("tracks a parked car while the ego moves", moving_ego),
     Promise("tracks two seconds of traffic", compare),
 )
