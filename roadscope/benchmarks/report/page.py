@@ -36,7 +36,7 @@ from roadscope.benchmarks.results import Results, Row
 from roadscope.benchmarks.results.results import entry_results
 from roadscope.benchmarks.results.rows import blocks, samples_of
 from roadscope.benchmarks.results.statistics import paired_interval
-from roadscope.core.text import lines, one_line
+from roadscope.core.text import last_lines, one_line
 
 PAGE = "report.html"
 MOST_BYTES = 1_500_000
@@ -309,7 +309,7 @@ def _failures(results: Results, board: str) -> list[dict[str, Any]]:
             {"entry": one_line(failure.entry), "reason": reason, "episodes": [], "log": ""},
         )
         item["episodes"].append(f"{failure.scenario}, seed {failure.seed}, {failure.condition}")
-        item["log"] = item["log"] or lines(failure.log, LOG_CHARACTERS)
+        item["log"] = item["log"] or last_lines(failure.log, LOG_CHARACTERS)
     return list(items.values())[:MOST_FAILURES]
 
 
