@@ -10,6 +10,7 @@ import time
 import numpy as np
 import pytest
 from interrupts import heed_interrupts
+from toy_bags import cloud, imu, write_bag
 from toy_drive import Drive, driven
 from typer.testing import CliRunner
 
@@ -43,6 +44,33 @@ def test_poses_are_written(folder, form):
     found = read_trajectory(out, form)
     truth = driven(6)[0].pose(0.55)
     assert np.linalg.norm(found.poses[-1].translation - truth[:3, 3]) < 0.1
+
+
+@pytest.mark.parametrize("mcap", [False, True])
+def test_a_bag_of_ros_has_scans_and_imu(folder, mcap):
+    messages = []
+    for scan, inertial in driven(6)[1]:
+        names = {"t": scan.time_offset_s + np.float32(0.05), "intensity": scan.intensity}
+        fields = {**dict(zip("xyz", scan.points.T, strict=True)), **names}
+        start_s = scan.stamp_s - 0.05
+        messages.append((start_s, "/points", cloud(start_s, fields)))
+        samples = zip(
+            inertial.stamps_s, inertial.angular_velocity, inertial.specific_force, strict=True
+        )
+        messages += [(s, "/imu", imu(s, rate, force)) for s, rate, force in samples]
+    bag = write_bag(folder / "bag", messages, mcap=mcap)
+    done, out = follow(bag, "--format", "tum")
+    assert done.exit_code == 0, done.output
+    assert f"with {40 * 6} inertial samples of {bag}" in done.stderr
+    found = read_trajectory(out, "tum")
+    assert np.diff(found.stamps_s) == pytest.approx(np.full(5, 0.1), abs=1e-3)
+    truth = driven(6)[0].pose(0.55)
+    assert np.linalg.norm(found.poses[-1].translation - truth[:3, 3]) < 0.1
+    done, _ = follow(bag, "--imu", "none", "--odometry", "still")
+    assert done.exit_code == 0, done.output
+    assert "inertial samples" not in done.stderr
+    done, _ = follow(bag, "--topic", "/odom")
+    assert "no topic '/odom'" in str(done.exception)
 
 
 def test_after_an_interrupt_poses_are_kept(folder, monkeypatch):

@@ -1,16 +1,20 @@
 """`roadscope detect` on folders of scans."""
 
 import json
+from io import BytesIO
 from pathlib import Path
 
 import numpy as np
 import pytest
+from PIL import Image
+from toy_bags import cloud, jpeg, write_bag
 from toy_lidar import FRONT_M, HEIGHT_M, scan
 from typer.testing import CliRunner
 
 from roadscope.__main__ import app
 from roadscope.benchmarks.formats import bottoms_from_centres, read_kitti_object_results
 from roadscope.benchmarks.isolation import PluginError
+from roadscope.formats import FormatError
 
 SCANS = 3
 CARS = ((17.0, 3.5, 4.4, 1.8, 1.5, 0.0), (25.0, -3.5, 4.4, 1.8, 1.5, 0.0))
@@ -77,9 +81,8 @@ def run(folder: Path, *options: str, detector: str = "", out: str = "out"):
     """The finished command, and what `detections.json` says if it is there."""
     spec = f"{folder.parent}/stranger.py:{detector}" if detector else "distance-l-shape"
     place = folder.parent / out
-    done = CliRunner().invoke(
-        app, ["detect", str(folder), "--out", str(place), "--detector", spec, *options]
-    )
+    named = [] if "--detector" in options else ["--detector", spec]
+    done = CliRunner().invoke(app, ["detect", str(folder), "--out", str(place), *named, *options])
     file = place / "detections.json"
     return done, json.loads(file.read_text()) if file.is_file() else {}
 
@@ -216,3 +219,261 @@ def test_json_is_the_only_output(folder):
     told = json.loads(done.stdout)
     assert told["frames"] == SCANS
     assert told["detections"] == {"car": SCANS}
+
+
+# --------------------------------------------------------------------------------------------------
+# Images, and both sensors.
+
+CAMERA = """
+import numpy as np
+from roadscope.core import FusedDetections, ImageDetections
+
+class Eye:
+    '''A box around the brightest pixels, whose score tells the focal length.'''
+
+    kind = "camera detector"
+
+    def reset(self):
+        pass
+
+    def detect(self, frame):
+        image = frame.camera
+        rows, columns = np.nonzero(image.pixels[..., 0] > 200)
+        box = [columns.min(), rows.min(), columns.max() + 1, rows.max() + 1]
+        score = image.intrinsics[0, 0] / 1000
+        return ImageDetections([box], [6], [score], image.stamp_s, size_px=image.size_px)
+
+class Join:
+    def reset(self):
+        pass
+
+    def fuse(self, lidar, camera, projection):
+        pairs = [[0, 0]] if lidar is not None and camera is not None else None
+        return FusedDetections.of(lidar, camera, pairs=pairs)
+"""
+WIDTH, HEIGHT = 640, 480
+P2 = np.array([[500.0, 0, 320, 0], [0, 500, 240, 0], [0, 0, 1, 0]])
+CAMERA_FROM_LIDAR = np.array([[0.0, -1, 0, 0.1], [0, 0, -1, -0.2], [1, 0, 0, -0.3]])
+SPOT = (300, 200, 340, 260)
+
+
+def write_images(place: Path, count: int = SCANS, ending: str = "png") -> None:
+    place.mkdir(parents=True, exist_ok=True)
+    for k in range(count):
+        pixels = np.zeros((HEIGHT, WIDTH, 3), np.uint8)
+        left, top, right, bottom = SPOT
+        pixels[top:bottom, left + k : right + k] = 255
+        Image.fromarray(pixels).save(place / f"{k:06d}.{ending}", quality=95)
+
+
+@pytest.fixture
+def both(folder) -> Path:
+    """A sequence of KITTI: velodyne, image_2 and calib.txt."""
+    root = folder.parent / "sequence"
+    root.mkdir()
+    folder.rename(root / "velodyne")
+    write_images(root / "image_2")
+    (root.parent / "camera.py").write_text(CAMERA)
+    rows = {"P2": P2, "Tr": CAMERA_FROM_LIDAR}
+    lines = (f"{key}: {' '.join(map(str, matrix.ravel()))}\n" for key, matrix in rows.items())
+    (root / "calib.txt").write_text("".join(lines))
+    return root
+
+
+def fused_spec(folder: Path) -> str:
+    camera, stranger = folder.parent / "camera.py", folder.parent / "stranger.py"
+    return f"fused?lidar={stranger}:Echo&camera={camera}:Eye&fusion={camera}:Join"
+
+
+@pytest.mark.parametrize("ending", ["png", "jpg"])
+def test_images_alone(folder, ending):
+    place = folder.parent / "images"
+    write_images(place, ending=ending)
+    (folder.parent / "camera.py").write_text(CAMERA)
+    pictures = folder.parent / "pictures"
+    done, found = run(
+        place, "--detector", f"{folder.parent}/camera.py:Eye", "--pictures", str(pictures)
+    )
+    assert done.exit_code == 0, done.output
+    assert [frame["name"] for frame in found["frames"]] == ["000000", "000001", "000002"]
+    slack = 0 if ending == "png" else 1
+    for k, frame in enumerate(found["frames"]):
+        (box,) = frame["detections"]
+        moved = np.add(SPOT, [k, 0, k, 0])
+        assert box["image_box_px"] == pytest.approx(moved, abs=slack)
+        assert box["category"] == "pedestrian"
+        assert "centre_m" not in box
+        rows = labels(folder, frame["name"])
+        assert rows.boxes[0] == pytest.approx(moved, abs=slack)
+        assert not rows.has_3d_box.any()
+    assert "lidar_height_m" not in found
+    names = sorted(path.name for path in pictures.iterdir())
+    assert names == [f"00000{k}_image.png" for k in range(SCANS)]
+
+
+def test_the_shipped_network_is_the_default_for_images(folder):
+    place = folder.parent / "images"
+    write_images(place, 1)
+    done = CliRunner().invoke(app, ["detect", str(place), "--out", str(folder.parent / "out")])
+    assert done.exit_code == 0, done.output
+    assert json.loads((folder.parent / "out" / "detections.json").read_text())["detectors"] == {
+        "camera": "network"
+    }
+
+
+def test_a_fusion_gets_both_and_the_calibration(both):
+    pictures = both.parent / "pictures"
+    done, found = run(both, "--detector", fused_spec(both), "--pictures", str(pictures))
+    assert done.exit_code == 0, done.output
+    for k, frame in enumerate(found["frames"]):
+        (target,) = frame["detections"]
+        assert target["sensors"] == ["lidar", "camera"]
+        assert target["image_box_px"] == [300 + k, 200, 340 + k, 260]
+        rows = labels(both, frame["name"])
+        place = CAMERA_FROM_LIDAR @ [*target["centre_m"], 1]
+        assert rows.bottoms[0] == pytest.approx(np.add(place, [0, 0.75, 0]), abs=1e-5)
+    names = {path.name for path in pictures.iterdir()}
+    assert names == {f"00000{k}_{kind}.png" for k in range(SCANS) for kind in ("scan", "image")}
+
+
+def test_the_default_for_both_is_a_fusion(both):
+    done = CliRunner().invoke(app, ["detect", str(both), "--out", str(both.parent / "out")])
+    assert done.exit_code == 0, done.output
+    told = json.loads((both.parent / "out" / "detections.json").read_text())
+    assert set(told["detectors"]) == {"lidar", "camera", "fusion"}
+    placed = [box for frame in told["frames"] for box in frame["detections"] if "centre_m" in box]
+    ahead = {round(box["centre_m"][0]) for box in placed if box["category"] == "car"}
+    assert any(abs(x - (CARS[0][0] - FRONT_M)) <= 1 for x in ahead)
+
+
+def test_labels_of_a_lidar_alone_have_boxes_in_the_image(both):
+    done, found = run(both)
+    assert done.exit_code == 0, done.output
+    rows = labels(both, "000000")
+    assert len(rows) == len(CARS)
+    for box, centre in zip(rows.boxes, found["frames"][0]["detections"], strict=True):
+        x, y, z = CAMERA_FROM_LIDAR @ [*centre["centre_m"], 1]
+        middle = [320 + 500 * x / z, 240 + 500 * y / z]
+        assert (box[:2] < middle).all()
+        assert (box[2:] > middle).all()
+        assert (box >= 0).all()
+        assert (box <= [WIDTH, HEIGHT, WIDTH, HEIGHT]).all()
+
+
+def test_without_a_calibration_images_are_not_used_and_that_is_told(both):
+    (both / "calib.txt").unlink()
+    done = CliRunner().invoke(app, ["detect", str(both), "--out", str(both.parent / "out")])
+    assert done.exit_code == 0, done.output
+    assert "the images are not used: no calibration" in done.stderr
+    refused, _ = run(both, "--detector", fused_spec(both))
+    assert "no calibration" in str(refused.exception)
+
+
+def test_a_calibration_that_cannot_be_read_is_told_or_refused(both):
+    (both / "calib.txt").write_text("nothing\n")
+    done, _ = run(both, detector="Nothing")
+    assert done.exit_code == 0, done.output
+    assert "a calibration is not used" in done.stderr
+    refused, _ = run(both, "--calibration", str(both / "calib.txt"), detector="Nothing")
+    assert isinstance(refused.exception, FormatError)
+
+
+def test_each_scan_may_have_a_calibration(both):
+    text = (both / "calib.txt").read_text()
+    (both / "calib.txt").unlink()
+    (both / "calib").mkdir()
+    for k in range(SCANS):
+        focal = f"P2: {500.0 + k}"
+        (both / "calib" / f"00000{k}.txt").write_text(text.replace("P2: 500.0", focal))
+    done, found = run(both, "--detector", fused_spec(both), "--height", "1")
+    assert done.exit_code == 0, done.output
+    # `Eye` tells the focal length by its score, where it is the greater one.
+    scores = [frame["detections"][0]["score"] for frame in found["frames"]]
+    assert scores == [0.5, 0.501, 0.502]
+
+
+def test_lost_images_and_scans_are_told_and_the_other_sensor_is_used(both):
+    (both / "image_2" / "000001.png").write_bytes(b"damaged")
+    (both / "velodyne" / "000002.bin").write_bytes(b"damaged")
+    done, found = run(both, "--detector", fused_spec(both))
+    assert done.exit_code == 0, done.output
+    sensors = [[box["sensors"] for box in frame["detections"]] for frame in found["frames"]]
+    assert sensors == [[["lidar", "camera"]], [["lidar"]], [["camera"]]]
+    assert [bool(frame.get("problem")) for frame in found["frames"]] == [False, True, True]
+    assert "1 image cannot be read" in done.stderr
+    assert "1 scan is taken as empty" in done.stderr
+
+
+def test_images_of_other_names_belong_to_scans_by_time(both):
+    for k, path in enumerate(sorted((both / "image_2").iterdir())):
+        path.rename(path.with_name(f"{k + 7:010d}.png"))
+    refused, _ = run(both, "--detector", fused_spec(both))
+    assert "nothing says when they were taken" in str(refused.exception)
+    (both / "velodyne" / "times.txt").write_text("0.0\n0.1\n0.2\n")
+    (both / "image_2" / "times.txt").write_text("0.11\n0.21\n0.9\n")
+    done, found = run(both, "--detector", fused_spec(both))
+    assert done.exit_code == 0, done.output
+    left = [
+        [box["image_box_px"][0] for box in frame["detections"] if "image_box_px" in box]
+        for frame in found["frames"]
+    ]
+    assert left == [[], [300], [301]]
+
+
+def test_pictures_are_not_written_among_the_images(both):
+    done, _ = run(both, "--pictures", str(both / "image_2"), detector="Nothing")
+    assert "name another folder" in str(done.exception)
+
+
+def test_a_bird_s_eye_view_shows_returns_and_boxes(folder):
+    shots = {}
+    for detector in ("Nothing", ""):
+        place = folder.parent / f"pictures{detector}"
+        done, _ = run(folder, "--pictures", str(place), detector=detector, out=f"out{detector}")
+        assert done.exit_code == 0, done.output
+        shots[detector] = np.asarray(Image.open(place / "000000_scan.png")).astype(int)
+    # Cars at 12 and 20 m, the way ahead is upwards.
+    changed = np.argwhere((shots[""] != shots["Nothing"]).any(axis=2))
+    assert len(changed) > 100
+    rows, columns = changed.T
+    assert rows.max() < shots[""].shape[0] * 0.6
+    assert columns.min() < shots[""].shape[1] / 2 < columns.max()
+
+
+def test_an_empty_folder_is_refused(tmp_path):
+    done, _ = run(tmp_path)
+    assert "expected scans .bin" in str(done.exception)
+    assert "images .png" in str(done.exception)
+    done, _ = run(tmp_path / "missing")
+    assert "no such folder" in str(done.exception)
+
+
+# --------------------------------------------------------------------------------------------------
+# Bags.
+
+
+def test_a_bag_with_both_sensors(folder):
+    pixels = np.zeros((HEIGHT, WIDTH, 3), np.uint8)
+    pixels[200:260, 300:340] = 255
+    rows, content = rows_of(), BytesIO()
+    Image.fromarray(pixels).save(content, format="png")
+    messages = []
+    for k in range(SCANS):
+        fields = dict(zip(("x", "y", "z", "intensity"), rows.T, strict=True))
+        messages.append((0.1 * k, "/points", cloud(0.1 * k, fields)))
+        messages.append((0.1 * k + 0.01, "/image", jpeg(0.1 * k + 0.01, content.getvalue())))
+    bag = write_bag(folder.parent / "bag", messages, mcap=True)
+    (folder.parent / "camera.py").write_text(CAMERA)
+    calibration = folder.parent / "mine.txt"
+    numbers = {"P2": P2, "Tr": CAMERA_FROM_LIDAR}
+    calibration.write_text(
+        "".join(f"{key}: {' '.join(map(str, each.ravel()))}\n" for key, each in numbers.items())
+    )
+    done, found = run(bag, "--detector", fused_spec(bag), "--calibration", str(calibration))
+    assert done.exit_code == 0, done.output
+    targets = [frame["detections"] for frame in found["frames"]]
+    assert [[box["sensors"] for box in each] for each in targets] == [[["lidar", "camera"]]] * SCANS
+    assert [each[0]["image_box_px"] for each in targets] == [[300, 200, 340, 260]] * SCANS
+    done, found = run(bag, out="scans-alone")
+    assert done.exit_code == 0, done.output
+    assert [len(frame["detections"]) for frame in found["frames"]] == [len(CARS)] * SCANS
