@@ -5,6 +5,7 @@ detections, regions without labels, the scores at which recall is sampled, 40 re
 taken from roadscope. An object is a dictionary with the fields of a line of a file.
 """
 
+import itertools
 import math
 
 MIN_HEIGHT = {"easy": 40, "moderate": 25, "hard": 25}
@@ -176,3 +177,39 @@ def average_precision(frames, name, level, kind):
         precision[i] = right / (right + false) if right + false else 0.0
     best = [max(precision[i:]) for i in range(41)]
     return sum(best[1:]) / 40
+
+
+def inverse(pose):
+    """The inverse of a rigid motion, 4 x 4 as nested lists."""
+    turned = [[pose[j][i] for j in range(3)] for i in range(3)]
+    moved = [-sum(turned[i][k] * pose[k][3] for k in range(3)) for i in range(3)]
+    return [[*turned[i], moved[i]] for i in range(3)] + [[0.0, 0.0, 0.0, 1.0]]
+
+
+def product(one, other):
+    return [[sum(one[i][k] * other[k][j] for k in range(4)) for j in range(4)] for i in range(4)]
+
+
+def odometry_errors(truth, estimate):
+    """Errors per metre of each stretch: its length, of translation, of rotation in radians.
+
+    truth, estimate: poses of the camera, 4 x 4. A stretch begins at every tenth frame and ends with
+    the first frame that is farther along the true way.
+    """
+    along = [0.0]
+    for before, after in itertools.pairwise(truth):
+        along.append(along[-1] + math.dist([r[3] for r in before[:3]], [r[3] for r in after[:3]]))
+    errors = []
+    for first in range(0, len(truth), 10):
+        for length in (100, 200, 300, 400, 500, 600, 700, 800):
+            far = [k for k in range(first, len(truth)) if along[k] > along[first] + length]
+            if not far:
+                continue
+            last = far[0]
+            true = product(inverse(truth[first]), truth[last])
+            found = product(inverse(estimate[first]), estimate[last])
+            error = product(inverse(found), true)
+            trace = sum(error[i][i] for i in range(3))
+            angle = math.acos(max(min(0.5 * (trace - 1), 1.0), -1.0))
+            errors.append((length, math.hypot(*(r[3] for r in error[:3])) / length, angle / length))
+    return errors

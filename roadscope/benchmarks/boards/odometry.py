@@ -138,7 +138,7 @@ class OdometryBoard(Board):
 
     def jobs(self, suite: Suite, entries: Sequence[Spec], options: JobOptions) -> list[Job]:
         """Return every odometry on all episodes, and on scans without moving objects as marks."""
-        ranked = [entry for entry in entries if _mark(entry) is None]
+        ranked = [entry for entry in entries if entry_mark(entry) is None]
         oracles = [pose_source(f"{ORACLE}?odometry={entry}") for entry in ranked]
         sources = dict.fromkeys([*entries, *(oracles if options.marks else [])])
         return [
@@ -147,9 +147,9 @@ class OdometryBoard(Board):
                 _entry_name(source),
                 episode,
                 PoseNode(source, episode),
-                mark=_mark(source),
+                mark=entry_mark(source),
                 settings=suite.settings(self.name, OdometrySettings).lengths_m,
-                missing=_missing(source),
+                missing=missing_part(source),
             )
             for episode in episodes(suite)
             for source in sources
@@ -198,7 +198,8 @@ def pose_scores(
     }
 
 
-def _mark(source: Spec) -> str | None:
+def entry_mark(source: Spec) -> str | None:
+    """Return the mark of a source of poses; None if it has a rank."""
     if source.kind == ORACLE:
         return UPPER_MARK
     if is_noise(source):
@@ -211,7 +212,8 @@ def _entry_name(source: Spec) -> str:
     return str(source) if odometry is None else f"{odometry} on {ORACLE}"
 
 
-def _missing(source: Spec) -> str:
+def missing_part(source: Spec) -> str:
+    """Return what a source of poses needs and is not installed; empty if nothing."""
     if is_noise(source):
         return ""
     return traits_of(source.parts.get(ODOMETRY.name, source)).requires

@@ -248,8 +248,8 @@ def _hint(folder: Path) -> str:
     return "" if place is None else f"; name {place}"
 
 
-def _numbers(folder: Path, ending: str) -> dict[int, Path]:
-    """Return the files NNNNNN.ENDING of a folder by number; other names are refused."""
+def numbered_files(folder: Path, ending: str) -> dict[int, Path]:
+    """Return the files NNNNNN.ENDING of a folder by number, rising; other names are refused."""
     files = visible(folder, f"*.{ending}")
     wrong = next((p for p in files if len(p.stem) != 6 or not p.stem.isdecimal()), None)
     if wrong is not None:
@@ -259,7 +259,7 @@ def _numbers(folder: Path, ending: str) -> dict[int, Path]:
 
 def _parts(root: Path, sensors: Sequence[str]) -> FoundFrames:
     """Return the object data of a folder in parts of `PART` frames."""
-    by_sensor = [_numbers(root / OBJECT.folder(s), ENDINGS[s]) for s in sensors]
+    by_sensor = [numbered_files(root / OBJECT.folder(s), ENDINGS[s]) for s in sensors]
     filled, notes = _with_content(by_sensor, "")
     whole = KittiFrames(str(root), "", OBJECT, tuple(filled))
     if not filled:
@@ -273,7 +273,7 @@ def _parts(root: Path, sensors: Sequence[str]) -> FoundFrames:
                 f"{path_of(missing[0])}: missing; {by_sensor[0][missing[0]]} needs it "
                 f"({len(missing)} of {len(filled)} frames have none)"
             )
-    labelled = len(_numbers(root / OBJECT.labels, "txt"))
+    labelled = len(numbered_files(root / OBJECT.labels, "txt"))
     if labelled > len(filled):
         notes.append(
             f"{labelled - len(filled)} of {labelled} labelled frames are left out: no file."
@@ -296,7 +296,7 @@ def _sequences(root: Path, sensors: Sequence[str]) -> FoundFrames:
     frames, notes, without = [], [], []
     for name in labelled:
         folders = [root / TRACKING.folder(sensor) / name for sensor in sensors]
-        by_sensor = [_numbers(f, ENDINGS[s]) for f, s in zip(folders, sensors, strict=True)]
+        by_sensor = [numbered_files(f, ENDINGS[s]) for f, s in zip(folders, sensors, strict=True)]
         filled, lost = _with_content(by_sensor, f" of sequence {name}")
         if not filled:
             without.append(name)
@@ -343,13 +343,17 @@ def check_frames(frames: KittiFrames, sensors: Sequence[str]) -> None:
         read()
     if SCANS not in sensors:
         return
-    for path in (frames.file(SCANS, number) for number in frames.numbers):
+    check_scan_files([frames.file(SCANS, number) for number in frames.numbers])
+
+
+def check_scan_files(files: Sequence[Path]) -> None:
+    """Raise `FormatError` for a size that does not fit, or a first scan of another layout."""
+    for path in files:
         size = path.stat().st_size
         if size % POINT_BYTES:
             raise FormatError(
                 f"{path}: expected {POINTS}, {POINT_BYTES} bytes each, got {size} bytes"
             )
-    first = frames.file(SCANS, frames.numbers[0])
-    columns = layout_of([first], ()).columns
+    columns = layout_of([files[0]], ()).columns
     if len(columns) != len(SCAN_COLUMNS):
-        raise FormatError(f"{first}: expected {POINTS}, got {len(columns)} numbers a point")
+        raise FormatError(f"{files[0]}: expected {POINTS}, got {len(columns)} numbers a point")

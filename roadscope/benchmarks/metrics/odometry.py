@@ -110,18 +110,21 @@ MARKS_M = (10, 20, 50, 100, 200, 400, 800)
 """Distances at which curves are read, metres."""
 
 
-def by_distance(trajectories: Trajectories) -> dict[str, Score]:
-    """Return the scores of one episode at `MARKS_M`, by `part_name`.
+def by_distance(
+    trajectories: Trajectories, marks_m: Sequence[float] = MARKS_M, *, every: int = 1
+) -> dict[str, Score]:
+    """Return the scores of one episode at distances, metres, by `part_name`.
 
     t_rel, r_rel: drift over all stretches of that length. position_error: error of the first
     position farther than that along the true trajectory, metres, first pose on first pose. Beyond
     the end of the trajectory they are nan, with n = 0.
+    every: of how many frames one begins a stretch.
     """
-    stretches = drift(trajectories, MARKS_M, every=1)
+    stretches = drift(trajectories, marks_m, every=every)
     errors = absolute_errors(trajectories, "origin")
     scores = {}
-    for mark_m in MARKS_M:
-        part, band = stretches.over(mark_m), str(mark_m)
+    for mark_m in marks_m:
+        part, band = stretches.over(mark_m), f"{mark_m:g}"
         n, rotations_deg = len(part), np.rad2deg(part.rotations)
         row = int(np.searchsorted(errors.distances_m, mark_m, side="right"))
         error_m = float(errors.positions_m[row]) if n else math.nan

@@ -6,11 +6,14 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
+from roadscope.benchmarks.drive import Step
 from roadscope.benchmarks.graph import Node
 from roadscope.benchmarks.loop import RunOptions
 from roadscope.benchmarks.nodes.detections import DetectionNode
+from roadscope.benchmarks.nodes.poses import PoseNode
 from roadscope.benchmarks.recorded.kitti_drive import KittiDrive
-from roadscope.core import Frame, Truth
+from roadscope.benchmarks.recorded.kitti_odometry import KittiOdometryDrive
+from roadscope.core import Frame, Pose, Truth
 
 
 @dataclass(frozen=True)
@@ -26,6 +29,25 @@ class KittiDetectionNode(DetectionNode):
     def frames(self) -> Iterable[tuple[Frame, Truth]]:
         """Return the scans, and the labels as truth."""
         return self.episode.scans()
+
+
+@dataclass(frozen=True)
+class KittiPoseNode(PoseNode):
+    """The poses of an odometry on the scans of a sequence."""
+
+    episode: KittiOdometryDrive
+
+    def sources(self) -> tuple[Node, ...]:
+        """Return nothing: scans are files."""
+        return ()
+
+    def steps(self) -> Iterable[Step]:
+        """Return the scans and the true poses."""
+        return self.episode.steps()
+
+    def mounting(self) -> Pose | None:
+        """Return nothing: KITTI's odometry data have no IMU."""
+        return None
 
 
 @dataclass(frozen=True)

@@ -45,9 +45,9 @@ class PoseNode(Node):
 
     def compute(self, options: RunOptions) -> EpisodePoses:
         """Run the odometry over the scans that arrive."""
+        steps = self.steps()
         if is_noise(self.source):
-            return _from_truth(self.source, self.episode)
-        steps: Iterable[Step] = drive(self.episode)
+            return _from_truth(self.source, list(steps), self.episode.seed)
         if self.source.kind == ORACLE:
             steps = (step.without_moving() for step in steps)
         replies = run_plugin(
@@ -55,7 +55,7 @@ class PoseNode(Node):
             ODOMETRY,
             _inputs(steps),
             _check,
-            reset=(imu_mounting(self.episode),),
+            reset=(self.mounting(),),
             options=options,
         )
         if not replies.contexts:
@@ -70,6 +70,14 @@ class PoseNode(Node):
             tuple(each.moving for each in replies.contexts),
             replies.times,
         )
+
+    def steps(self) -> Iterable[Step]:
+        """Return the scans of the episode that arrive."""
+        return drive(self.episode)
+
+    def mounting(self) -> Pose | None:
+        """Return `lidar_from_imu` as the user believes it to be; None without an IMU."""
+        return imu_mounting(self.episode)
 
 
 def start_from_ego(poses: EpisodePoses, episode: Episode, stamps_s: Sequence[float]) -> list[Pose]:
@@ -108,11 +116,10 @@ def _check(answer: Any, call_input: CallInput[_ScanTruth]) -> OdometryEstimate:
     return check_estimate(answer, stamp_s=truth.stamp_s, returns=len(truth.moving))
 
 
-def _from_truth(source: Spec, episode: Episode) -> EpisodePoses:
+def _from_truth(source: Spec, steps: Sequence[Step], seed: int) -> EpisodePoses:
     """Return the poses that a noise model makes from the true ones."""
-    steps = list(drive(episode))
     truth = [step.world_from_lidar for step in steps]
-    noisy = noisy_poses(source.make(), truth, episode.seed)
+    noisy = noisy_poses(source.make(), truth, seed)
     return EpisodePoses(
         np.array([orthonormal(pose.matrix) for pose in noisy]),
         np.array([pose.matrix for pose in truth]),

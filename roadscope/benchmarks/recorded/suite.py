@@ -15,6 +15,7 @@ from roadscope.benchmarks.formats.kitti_labels import (
     TYPE_NAMES,
     read_kitti_labels,
 )
+from roadscope.benchmarks.formats.kitti_odometry import find_kitti_odometry
 from roadscope.benchmarks.formats.kitti_scans import SCANS, find_kitti_frames
 from roadscope.benchmarks.formats.kitti_sequence import (
     DETECTOR_PREFIX,
@@ -22,7 +23,12 @@ from roadscope.benchmarks.formats.kitti_sequence import (
     other_classes_remark,
 )
 from roadscope.benchmarks.formats.table import FormatError, visible
+from roadscope.benchmarks.metrics.trajectory_errors import KITTI_M
 from roadscope.benchmarks.recorded.kitti_drive import LIDAR_HEIGHT_M, KittiDrive
+from roadscope.benchmarks.recorded.kitti_odometry import (
+    KittiOdometryDrive,
+    KittiOdometrySettings,
+)
 from roadscope.benchmarks.recorded.recording import RecordedSettings, Recording
 from roadscope.benchmarks.recorded.settings import KittiSettings
 from roadscope.benchmarks.suite import BoardSettings, Suite
@@ -58,8 +64,8 @@ class _Place(NamedTuple):
     lidar_height_m: float
 
     def has(self, patterns: Sequence[str]) -> bool:
-        """Return whether the folder, or its `training`, has anything of these names."""
-        places = (self.folder, self.folder / "training")
+        """Return whether anything of these names is in the folder, `training` or `dataset`."""
+        places = (self.folder, self.folder / "training", self.folder / "dataset")
         return any(visible(place, pattern) for place in places for pattern in patterns)
 
 
@@ -137,15 +143,47 @@ def _frames_in_words(drives: Sequence[KittiDrive], place: _Place, sensors: Seque
     )
 
 
+def _odometry(place: _Place) -> dict[str, BoardSettings]:
+    """Return the settings of the board of odometries."""
+    found = find_kitti_odometry(place.folder)
+    drives = [KittiOdometryDrive.of(each, k) for k, each in enumerate(found.sequences)]
+    for drive in drives:
+        drive.check()
+    settings = KittiOdometrySettings(
+        entries=recorded_table(KITTI).entries("odometry"),
+        drives=tuple(drives),
+        remark=" ".join([_stretches_in_words(drives), *found.notes]),
+    )
+    return {f"{KITTI} odometry": settings}
+
+
+def _stretches_in_words(drives: Sequence[KittiOdometryDrive]) -> str:
+    """Return over which stretches drift is measured, and which sequences lack some."""
+    text = (
+        f"t_rel and r_rel are over stretches of {KITTI_M[0]:g} to {KITTI_M[-1]:g} m from every "
+        "tenth frame, as KITTI has them."
+    )
+    lengths_m = {drive.sequence.name: drive.sequence.length_m() for drive in drives}
+    for name, length_m in lengths_m.items():
+        fitting = [each for each in KITTI_M if each < length_m]
+        if not fitting:
+            text += f" Sequence {name} is {length_m:.0f} m long, too short for any of these."
+        elif len(fitting) < len(KITTI_M):
+            text += f" Sequence {name} is {length_m:.0f} m long: up to {fitting[-1]:g} m."
+    return text
+
+
 TRACKING_BOARD = "tracking"
 MAKERS: Mapping[str, Callable[[_Place], dict[str, BoardSettings]]] = {
     TRACKING_BOARD: _tracking,
     "detection": _detection,
+    "odometry": _odometry,
 }
 """What makes the settings of the boards that a board's name stands for."""
 MARKERS: Mapping[str, Sequence[str]] = {
     TRACKING_BOARD: (f"{DETECTOR_PREFIX}*",),
     "detection": (SCANS,),
+    "odometry": ("sequences",),
 }
 """Names by which a folder shows that it has files for the boards."""
 
@@ -175,7 +213,7 @@ def suite_of(name: str, boards: Mapping[str, BoardSettings]) -> Suite:
     for settings in boards.values():
         if isinstance(settings, RecordedSettings):
             numbers |= dict.fromkeys(recording.seed for recording in settings.recordings)
-        if isinstance(settings, KittiSettings):
+        if isinstance(settings, KittiSettings | KittiOdometrySettings):
             numbers |= dict.fromkeys(drive.seed for drive in settings.drives)
     return Suite(
         name=table.name,
@@ -205,6 +243,7 @@ class RecordedTable(Struct, frozen=True, forbid_unknown_fields=True):
     remark: str
     tracking: RecordedEntries
     detection: RecordedEntries = RecordedEntries()
+    odometry: RecordedEntries = RecordedEntries()
 
     def entries(self, board: str) -> tuple[str, ...]:
         """Return the entries that every run compares on the boards of a kind."""

@@ -1,0 +1,110 @@
+"""The board of KITTI's odometry data: odometries on recorded scans."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from roadscope.benchmarks.boards.board import (
+    Breakdown,
+    Column,
+    Condition,
+    JobOptions,
+    Scores,
+    call_cost,
+)
+from roadscope.benchmarks.boards.odometry import OdometryBoard, entry_mark, missing_part
+from roadscope.benchmarks.graph import Job
+from roadscope.benchmarks.loop import RunOptions
+from roadscope.benchmarks.metrics.odometry import (
+    DISTANCE,
+    by_distance,
+    score_odometry,
+    score_standing,
+)
+from roadscope.benchmarks.metrics.score import ratio
+from roadscope.benchmarks.metrics.trajectory_errors import KITTI_EVERY, KITTI_M
+from roadscope.benchmarks.nodes.kitti import KittiPoseNode
+from roadscope.benchmarks.recorded.kitti_odometry import KittiOdometryDrive, KittiOdometrySettings
+from roadscope.benchmarks.records import EpisodePoses
+from roadscope.benchmarks.suite import Suite
+from roadscope.core import Spec, SpecError
+from roadscope.core.spec import ORACLE
+
+UNKNOWN = ("dynamic_recall", "dynamic_precision")
+"""Metrics that need to know which returns come from moving objects."""
+
+
+def _columns() -> tuple[Column, ...]:
+    """Return the columns of simulated traffic that have figures here, r_rel behind t_rel."""
+    columns = [each for each in OdometryBoard.columns if each.metric not in UNKNOWN]
+    (turn,) = (each for each in columns if each.metric == "r_rel")
+    columns.remove(turn)
+    note = "t_rel: drift as KITTI defines it, over all stretches of all sequences."
+    return (replace(columns[0], note=note), turn, *columns[1:])
+
+
+class KittiOdometryBoard(OdometryBoard):
+    """Ranks odometries on KITTI's sequences by translational drift."""
+
+    name = "kitti odometry"
+    settings_type = KittiOdometrySettings
+    columns = _columns()
+    breakdowns = (
+        Breakdown(DISTANCE, "distance, m", "t_rel, r_rel: over all stretches of that length."),
+        Breakdown("sequence"),
+    )
+    by_condition = ("t_rel", "r_rel", "ate", "end", "failed", "degraded")
+    shown_parts = (
+        Column("t_rel", "t_rel (%)"),
+        Column("r_rel", "r_rel (degrees in 100 m)"),
+        Column("end", "error of the last position (m)"),
+    )
+    conditions: Mapping[str, Condition] = {"sequence": lambda drive: drive.sequence.name}
+    marks_note = ""
+    sample = "sequences"
+    compared_with = OdometryBoard.name
+
+    def check_entry(self, spec: Spec) -> Spec:
+        """Return an odometry's resolved spec; which returns move is not known here."""
+        resolved = super().check_entry(spec)
+        if resolved.kind == ORACLE:
+            raise SpecError(f"'{spec}': KITTI does not say which returns come from moving objects")
+        return resolved
+
+    def jobs(self, suite: Suite, entries: Sequence[Spec], options: JobOptions) -> list[Job]:
+        """Return every odometry on all sequences."""
+        return [
+            Job(
+                self,
+                str(source),
+                drive,
+                KittiPoseNode(source, drive),
+                mark=entry_mark(source),
+                missing=missing_part(source),
+            )
+            for drive in suite.settings(self.name, KittiOdometrySettings).drives
+            for source in dict.fromkeys(entries)
+        ]
+
+    def score(self, job: Job, answers: EpisodePoses, options: RunOptions) -> Scores:
+        """Return the scores of the camera's poses, as KITTI's evaluation takes them."""
+        assert isinstance(job.episode, KittiOdometryDrive)
+        both = job.episode.of_camera(answers.trajectories)
+        timed = len(answers.times.wall_ms) > 0
+        return {
+            **score_odometry(both, lengths_m=KITTI_M, every=KITTI_EVERY).named(),
+            **score_standing(both, answers.stamps_s).named(),
+            "degraded": ratio(int(np.sum(answers.degraded)), len(answers.degraded), "lower"),
+            **(call_cost(answers.times, (50, 90, 99)) if timed else {}),
+            **by_distance(both, KITTI_M, every=KITTI_EVERY),
+        }
+
+    def explanation(self, suite: Suite) -> str:
+        """Return as text which sequences there are, and which stretches they have."""
+        return suite.settings(self.name, KittiOdometrySettings).remark
+
+
+KITTI_ODOMETRY_BOARD = KittiOdometryBoard()
