@@ -9,7 +9,7 @@ from roadscope.benchmarks.boards.board import Board
 from roadscope.benchmarks.boards.camera import CameraBoard
 from roadscope.benchmarks.boards.detection import DetectionBoard
 from roadscope.benchmarks.boards.fusion import FusionBoard
-from roadscope.benchmarks.boards.kitti_objects import KITTI_DETECTION_BOARDS
+from roadscope.benchmarks.boards.kitti_objects import KITTI_OBJECT_BOARDS
 from roadscope.benchmarks.boards.kitti_odometry import KITTI_ODOMETRY_BOARD
 from roadscope.benchmarks.boards.odometry import OdometryBoard
 from roadscope.benchmarks.boards.recorded import KITTI_BOARDS, MOT_BOARDS
@@ -31,7 +31,7 @@ BOARDS: Mapping[str, Board] = {
 """Boards of simulated traffic, by name: a new board needs a file and its line here."""
 RECORDED_BOARDS: Mapping[str, Board] = {
     board.name: board
-    for board in (*KITTI_BOARDS, *KITTI_DETECTION_BOARDS, KITTI_ODOMETRY_BOARD, *MOT_BOARDS)
+    for board in (*KITTI_BOARDS, *KITTI_OBJECT_BOARDS, KITTI_ODOMETRY_BOARD, *MOT_BOARDS)
 }
 
 __all__ = ["BOARDS", "RECORDED_BOARDS", "Board", "board_named", "boards_of", "chosen_boards"]

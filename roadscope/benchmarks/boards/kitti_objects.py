@@ -1,8 +1,10 @@
-"""The boards of KITTI's objects: LiDAR detectors on recorded scans, by KITTI's rules."""
+"""The boards of KITTI's objects: detectors and fusions on recorded data, by KITTI's rules."""
 
 from __future__ import annotations
 
+from abc import abstractmethod
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 
@@ -17,21 +19,47 @@ from roadscope.benchmarks.boards.board import (
     slow_calls_column,
     time_columns,
 )
+from roadscope.benchmarks.boards.camera import CameraBoard
 from roadscope.benchmarks.boards.detection import DetectionBoard
+from roadscope.benchmarks.boards.fusion import INPUTS, PASSED_ON, FusionBoard
 from roadscope.benchmarks.eligibility import Eligibility
 from roadscope.benchmarks.formats.kitti_labels import DETECTED_TYPES, KittiObjects, KittiType
-from roadscope.benchmarks.graph import Job
-from roadscope.benchmarks.kinds import DETECTOR
+from roadscope.benchmarks.graph import Job, Node
+from roadscope.benchmarks.kinds import CAMERA_DETECTOR, DETECTOR, FUSION
 from roadscope.benchmarks.loop import RunOptions
 from roadscope.benchmarks.metrics.breakdown import part_name
 from roadscope.benchmarks.metrics.score import mean
-from roadscope.benchmarks.nodes.kitti import AllDrives, KittiDetectionNode
-from roadscope.benchmarks.recorded.kitti_drive import KittiDrive, KittiDrives, labels_of
+from roadscope.benchmarks.nodes.kitti import (
+    AllDrives,
+    KittiDetectionNode,
+    KittiFusionNode,
+    KittiImageNode,
+)
+from roadscope.benchmarks.recorded.kitti_drive import (
+    KittiDrive,
+    KittiDrives,
+    image_rows,
+    labels_of,
+    places_of,
+)
 from roadscope.benchmarks.recorded.object_rules import object_precisions
 from roadscope.benchmarks.recorded.recording import KITTI_CLASSES
 from roadscope.benchmarks.recorded.settings import KittiSettings
-from roadscope.benchmarks.records import CallTimes, EpisodeDetections
-from roadscope.benchmarks.references import NAMED_BY_SUITES, UPPER_MARK, detection_source
+from roadscope.benchmarks.records import (
+    CallTimes,
+    EpisodeDetections,
+    EpisodeFusions,
+    EpisodeImageDetections,
+)
+from roadscope.benchmarks.references import (
+    CAMERA_ALONE,
+    LIDAR_ALONE,
+    NAMED_BY_SUITES,
+    ONE_SENSOR,
+    UPPER_MARK,
+    detection_source,
+    image_source,
+)
 from roadscope.benchmarks.suite import Suite
 from roadscope.core import Category, Family, Spec
 from roadscope.core.spec import ORACLE
@@ -43,42 +71,103 @@ AP_NOTE = (
     "AP: by KITTI's rules at 40 recalls, 0 to 1, from an IoU of 0.7 (cars) or 0.5; moderate: from "
     "25 px high, at most partly hidden and 30 % outside of the image."
 )
-FEW_NOTE = "Of fewer than 41 objects AP is at most (number - 1) / 40: see the labels' own."
+FEW_NOTE = "Of fewer than 41 objects AP is at most (number - 1) / 40."
+HEADINGS = {"2d": "AP image", "3d": "AP 3-D", "bev": "AP from above"}
+"""Headings of average precision by overlap, a key of `OVERLAPS`."""
 
 
-def precision_columns(overlaps: Sequence[tuple[str, str]]) -> tuple[Column, ...]:
-    """Return columns of AP by overlap and difficulty. overlaps: key of `OVERLAPS` and heading."""
+def precision_columns(*overlaps: str) -> tuple[Column, ...]:
+    """Return the columns of average precision by overlap and difficulty."""
     return tuple(
-        Column(f"ap_{overlap}_{name}", f"{heading} {name}", 3, f"{AP_NOTE} {FEW_NOTE}")
-        for overlap, heading in overlaps
+        Column(f"ap_{overlap}_{name}", f"{HEADINGS[overlap]} {name}", 3, f"{AP_NOTE} {FEW_NOTE}")
+        for overlap in overlaps
         for name in ("moderate", "easy", "hard")
     )
 
 
-class KittiDetectionBoard(Board):
-    """Ranks LiDAR detectors on one class of KITTI's objects by AP of 3-D boxes."""
+class KittiObjectsBoard(Board):
+    """Ranks plug-ins on one class of KITTI's objects by average precision."""
 
-    kind = DETECTOR
     settings_type = KittiSettings
-    headline = "ap_3d_moderate"
-    columns = (
-        *precision_columns([("3d", "AP 3-D"), ("bev", "AP from above")]),
-        *time_columns(2, "frame"),
-        Column("boxes_per_frame", "boxes per frame", 2, "boxes: of the class, in the image."),
-        slow_calls_column(2),
-    )
-    breakdowns = (Breakdown(SEQUENCE, note=FEW_NOTE),)
+    breakdowns: Sequence[Breakdown] = (Breakdown(SEQUENCE, note=FEW_NOTE),)
     by_condition = ()
-    shown_parts = (Column("ap_3d_moderate", "AP 3-D moderate"),)
     conditions: Mapping[str, Condition] = {}
-    object_metric = "ap_3d_hard"
     sample = ""
-    compared_with = DetectionBoard.name
+    overlaps: Sequence[str]
+    """By which overlaps precision is measured, keys of `OVERLAPS`; the first ranks."""
 
     def __init__(self, category: Category) -> None:
         """Take the class: car, pedestrian or cyclist."""
+        first = self.overlaps[0]
         self.category = category
-        self.name = f"kitti detection {category.name.lower()}"
+        self.name = f"kitti {self.compared_with} {category.name.lower()}"
+        self.headline, self.object_metric = f"ap_{first}_moderate", f"ap_{first}_hard"
+        self.shown_parts = (Column(self.headline, f"{HEADINGS[first]} moderate"),)
+        self.columns = (
+            *precision_columns(*self.overlaps),
+            *time_columns(2, "frame"),
+            Column("boxes_per_frame", "boxes per frame", 2, "boxes: of the class, in the image."),
+            slow_calls_column(2),
+        )
+
+    @abstractmethod
+    def rows(self, drive: KittiDrive, answers: Any) -> list[KittiObjects]:
+        """Return the answers to each frame of a drive as KITTI's rows, with image boxes."""
+
+    def score(self, job: Job, answers: Sequence[Any], options: RunOptions) -> Scores:
+        """Return average precisions, the number of boxes, and times of calls."""
+        assert isinstance(job.episode, KittiDrives)
+        kind, drives = DETECTED_TYPES[self.category], job.episode.drives
+        labels = [rows for drive in drives for rows in labels_of(drive)]
+        boxes = [
+            rows
+            for drive, each in zip(drives, answers, strict=True)
+            for rows in self.rows(drive, each)
+        ]
+        shown = sum(int((rows.types == kind).sum()) for rows in boxes)
+        in_space = [rows.select(rows.has_3d_box) for rows in boxes]
+        scores = {
+            f"ap_{overlap}_{name}": precision.score
+            for overlap in self.overlaps
+            for name, precision in object_precisions(
+                labels, boxes if overlap == "2d" else in_space, kind, overlap
+            ).items()
+        }
+        scores["boxes_per_frame"] = mean(shown, len(boxes), "1/frame")
+        scores |= self._by_sequence(drives, labels, boxes, kind)
+        if job.mark:
+            return scores
+        return scores | call_cost(_joined([each.times for each in answers]))
+
+    def explanation(self, suite: Suite) -> str:
+        """Return as text which frames there are, and what plug-ins get."""
+        return suite.settings(self.name, KittiSettings).remark
+
+    def _by_sequence(
+        self,
+        drives: Sequence[KittiDrive],
+        labels: Sequence[KittiObjects],
+        boxes: Sequence[KittiObjects],
+        kind: KittiType,
+    ) -> Scores:
+        """Return the average precision of each sequence; parts of the object data are none."""
+        scores, end, first = {}, 0, self.overlaps[0]
+        for drive in drives if drives[0].files.layout.by_sequence else ():
+            begin, end = end, end + len(drive.files.numbers)
+            found = object_precisions(labels[begin:end], boxes[begin:end], kind, first)
+            scores |= {
+                part_name(f"ap_{first}_{name}", SEQUENCE, drive.name): precision.score
+                for name, precision in found.items()
+            }
+        return scores
+
+
+class KittiDetectionBoard(KittiObjectsBoard):
+    """Ranks LiDAR detectors on one class of KITTI's objects by AP of 3-D boxes."""
+
+    kind = DETECTOR
+    compared_with = DetectionBoard.name
+    overlaps = ("3d", "bev")
 
     def check_entry(self, spec: Spec) -> Spec:
         """Return a detector's resolved spec; those that only suites name are entries here too."""
@@ -91,60 +180,121 @@ class KittiDetectionBoard(Board):
         if options.marks:
             sources[ORACLE] = detection_source(ORACLE)
         return [
-            Job(
+            _job(
                 self,
                 name,
-                KittiDrives(drives),
-                AllDrives(tuple(KittiDetectionNode(source, drive, EVERYTHING) for drive in drives)),
+                [KittiDetectionNode(source, drive, EVERYTHING) for drive in drives],
+                drives,
                 mark=UPPER_MARK if source.kind == ORACLE else None,
             )
             for name, source in sources.items()
         ]
 
-    def score(self, job: Job, answers: Sequence[EpisodeDetections], options: RunOptions) -> Scores:
-        """Return average precisions, the number of boxes, and times of calls."""
-        assert isinstance(job.episode, KittiDrives)
-        kind = DETECTED_TYPES[self.category]
-        drives = job.episode.drives
-        labels = [rows for drive in drives for rows in labels_of(drive)]
-        boxes = [
-            rows
-            for drive, each in zip(drives, answers, strict=True)
-            for rows in drive.rows(each.detections)
+    def rows(self, drive: KittiDrive, answers: EpisodeDetections) -> list[KittiObjects]:
+        """Return the boxes in space, with the image boxes around them."""
+        return drive.rows(answers.detections)
+
+
+class KittiCameraBoard(KittiObjectsBoard):
+    """Ranks camera detectors on one class of KITTI's objects by AP of image boxes."""
+
+    kind = CAMERA_DETECTOR
+    compared_with = CameraBoard.name
+    overlaps = ("2d",)
+
+    def jobs(self, suite: Suite, entries: Sequence[Spec], options: JobOptions) -> list[Job]:
+        """Return every detector on all drives, and the labels as a mark."""
+        drives = suite.settings(self.name, KittiSettings).drives
+        sources = {str(entry): entry for entry in entries}
+        if options.marks:
+            sources[ORACLE] = image_source(ORACLE)
+        return [
+            _job(
+                self,
+                name,
+                [KittiImageNode(source, drive, 0.0) for drive in drives],
+                drives,
+                mark=UPPER_MARK if source.kind == ORACLE else None,
+            )
+            for name, source in sources.items()
         ]
-        shown = sum(int((rows.types == kind).sum()) for rows in boxes)
-        scores = {
-            f"ap_{overlap}_{name}": precision.score
-            for overlap in ("3d", "bev")
-            for name, precision in object_precisions(labels, boxes, kind, overlap).items()
-        }
-        scores["boxes_per_frame"] = mean(shown, len(boxes), "1/frame")
-        scores |= _by_sequence(drives, labels, boxes, kind)
-        if job.mark:
-            return scores
-        return scores | call_cost(_joined([each.times for each in answers]))
+
+    def rows(self, drive: KittiDrive, answers: EpisodeImageDetections) -> list[KittiObjects]:
+        """Return the image boxes."""
+        return [image_rows(d.boxes, d.categories, d.scores) for d in answers.filled]
+
+
+class KittiFusionBoard(KittiObjectsBoard):
+    """Ranks fusions on one class of KITTI's objects by AP of image boxes."""
+
+    kind = FUSION
+    compared_with = FusionBoard.name
+    overlaps = ("2d", "3d", "bev")
+    inputs_name = INPUTS
+    breakdowns = (
+        *KittiObjectsBoard.breakdowns,
+        Breakdown(INPUTS, note="In brackets: the rank on these detections."),
+    )
+
+    def jobs(self, suite: Suite, entries: Sequence[Spec], options: JobOptions) -> list[Job]:
+        """Return every fusion on all pairs of detectors, and each sensor alone as marks."""
+        settings = suite.settings(self.name, KittiSettings)
+        passed_on = FUSION.registry.resolve(PASSED_ON)
+        rows = [(str(entry), entry, "") for entry in dict.fromkeys(entries)]
+        if options.marks:
+            rows += [(alone, passed_on, alone) for alone in (LIDAR_ALONE, CAMERA_ALONE)]
+        return [
+            _job(
+                self,
+                name,
+                nodes := [
+                    KittiFusionNode(
+                        KittiDetectionNode(detection_source(lidar), drive, EVERYTHING),
+                        KittiImageNode(image_source(camera), drive, 0.0),
+                        fusion,
+                        alone=alone,
+                    )
+                    for drive in settings.drives
+                ],
+                settings.drives,
+                mark=ONE_SENSOR if alone else None,
+                inputs=nodes[0].inputs,
+            )
+            for lidar in settings.lidar
+            for camera in settings.camera
+            for name, fusion, alone in rows
+        ]
+
+    def rows(self, drive: KittiDrive, answers: EpisodeFusions) -> list[KittiObjects]:
+        """Return the targets: image boxes of their own, else those around their boxes in space."""
+        pairs = zip(answers.fused, places_of(drive), strict=True)
+        return [place.fused_rows(fused) for fused, place in pairs]
 
     def explanation(self, suite: Suite) -> str:
-        """Return as text which frames there are, and what detectors get."""
-        return suite.settings(self.name, KittiSettings).remark
+        """Return as text which frames there are, and which detections fusions get."""
+        settings = suite.settings(self.name, KittiSettings)
+        lidar, camera = " and ".join(settings.lidar), " and ".join(settings.camera)
+        return f"{settings.remark} Fusions get the detections of {lidar} with those of {camera}."
 
 
-def _by_sequence(
+def _job(
+    board: Board,
+    name: str,
+    nodes: Sequence[Node],
     drives: Sequence[KittiDrive],
-    labels: Sequence[KittiObjects],
-    boxes: Sequence[KittiObjects],
-    kind: KittiType,
-) -> Scores:
-    """Return the average precision of each sequence; parts of the object data are none."""
-    scores, end = {}, 0
-    for drive in drives if drives[0].files.layout.by_sequence else ():
-        begin, end = end, end + len(drive.files.numbers)
-        found = object_precisions(labels[begin:end], boxes[begin:end], kind)
-        scores |= {
-            part_name(f"ap_3d_{name}", SEQUENCE, drive.name): precision.score
-            for name, precision in found.items()
-        }
-    return scores
+    *,
+    mark: str | None,
+    inputs: str = "",
+) -> Job:
+    """Return the job of an entry on all drives."""
+    return Job(
+        board,
+        name,
+        KittiDrives(tuple(drives)),
+        AllDrives(tuple(nodes)),
+        mark=mark,
+        inputs=inputs,
+    )
 
 
 def _joined(times: Sequence[CallTimes]) -> CallTimes:
@@ -161,6 +311,8 @@ def _joined(times: Sequence[CallTimes]) -> CallTimes:
     )
 
 
-KITTI_DETECTION_BOARDS = tuple(
-    KittiDetectionBoard(Category[name.upper()]) for name in KITTI_CLASSES
+KITTI_OBJECT_BOARDS = tuple(
+    board(Category[name.upper()])
+    for board in (KittiDetectionBoard, KittiCameraBoard, KittiFusionBoard)
+    for name in KITTI_CLASSES
 )

@@ -172,10 +172,7 @@ class KittiFrames:
     def _view(self, number: int) -> KittiView:
         calibration, image, size = self.calibration(number), self.file(IMAGES, number), IMAGE_SIZE
         if image.is_file():
-            from PIL import Image
-
-            with Image.open(image) as opened:
-                size = ImageSize(*opened.size)
+            size = _size_of(image)
         projection = read_kitti_calibration(calibration).projection
         return KittiView(projection, read_camera_from_lidar(calibration), size)
 
@@ -341,9 +338,11 @@ def check_frames(frames: KittiFrames, sensors: Sequence[str]) -> None:
     reads: list[Callable[[], object]] = [frames.labels, frames.poses, frames.views]
     for read in reads:
         read()
-    if SCANS not in sensors:
-        return
-    check_scan_files([frames.file(SCANS, number) for number in frames.numbers])
+    if IMAGES in sensors:
+        for number in frames.numbers:
+            _size_of(frames.file(IMAGES, number))
+    if SCANS in sensors:
+        check_scan_files([frames.file(SCANS, number) for number in frames.numbers])
 
 
 def check_scan_files(files: Sequence[Path]) -> None:
@@ -357,3 +356,25 @@ def check_scan_files(files: Sequence[Path]) -> None:
     columns = layout_of([files[0]], ()).columns
     if len(columns) != len(SCAN_COLUMNS):
         raise FormatError(f"{files[0]}: expected {POINTS}, got {len(columns)} numbers a point")
+
+
+def read_image(path: Path) -> np.ndarray:
+    """Read an image as (H, W, 3) uint8 RGB; one that is damaged raises `FormatError`."""
+    from PIL import Image
+
+    try:
+        with Image.open(path) as opened:
+            return np.array(opened.convert("RGB"))
+    except OSError as error:
+        raise FormatError(f"{path}: expected a PNG image: {error}") from error
+
+
+def _size_of(path: Path) -> ImageSize:
+    """Return the size of an image from the head of its file."""
+    from PIL import Image
+
+    try:
+        with Image.open(path) as opened:
+            return ImageSize(*opened.size)
+    except OSError as error:
+        raise FormatError(f"{path}: expected a PNG image, got another file") from error

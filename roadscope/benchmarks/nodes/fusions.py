@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -34,6 +34,13 @@ NEAREST_M = 3.0
 """Least distance of eligible objects; the next four limits are explained in `targets_of`."""
 LEAST_RETURNS, LEAST_PIXELS, LEAST_HEIGHT_PX = 5, 60, 12.0
 MOST_HIDDEN = 0.9
+
+
+class Lost(NamedTuple):
+    """Of each scan and of each image, whether it is lost."""
+
+    scans: Sequence[bool]
+    images: Sequence[bool]
 
 
 @dataclass(frozen=True)
@@ -98,7 +105,7 @@ class FusionNode(Node):
         """
         lidar: EpisodeDetections = self.lidar.read(options)
         camera: EpisodeImageDetections = self.camera.read(options)
-        rows = scan_rows(self.episode, len(lidar.truths), self.every_s)
+        rows = self.scan_rows(len(lidar.truths))
         columns: set[int] = set()
 
         def check(answer: Any, call_input: CallInput[float]) -> FusedDetections:
@@ -114,27 +121,50 @@ class FusionNode(Node):
             else replace(answer, stamp_s=stamp_s)
             for answer, stamp_s in zip(replies.answers, replies.contexts, strict=True)
         )
-        targets = _targets(self.episode, lidar, camera, rows)
-        return EpisodeFusions(rows, fused, targets, replies.times)
+        return EpisodeFusions(rows, fused, self.targets(lidar, camera, rows), replies.times)
+
+    def scan_rows(self, scans: int) -> np.ndarray:
+        """Return (K,) int64, which of the scans are fused."""
+        return scan_rows(self.episode, scans, self.every_s)
+
+    def lost(self, rows: Sequence[int], images: Sequence[int]) -> Lost:
+        """Return which scans and images are lost by a fault."""
+        sensing = sensing_of(self.episode)
+        return Lost(
+            [sensing.scan_lost(row) is not None for row in rows],
+            [sensing.image_lost(image) is not None for image in images],
+        )
+
+    def projections(self, rows: Sequence[int]) -> Sequence[Projection]:
+        """Return the projection that the user believes, at the stamp of an image, of each scan."""
+        return [self._believed_projection()] * len(rows)
+
+    def targets(
+        self, lidar: EpisodeDetections, camera: EpisodeImageDetections, rows: np.ndarray
+    ) -> tuple[FusionTargets, ...]:
+        """Return the objects at each scan that is fused."""
+        return _targets(self.episode, lidar, camera, rows)
 
     def _inputs(
         self, lidar: EpisodeDetections, camera: EpisodeImageDetections, rows: np.ndarray
     ) -> Iterator[CallInput[float]]:
         """Yield the detections of scans paired with those of images, with the projection."""
-        sensing = sensing_of(self.episode)
-        believed = self._believed_projection()
+        lost = self.lost(rows.tolist(), camera.rows.tolist())
         # Detections in a lost (black) image say nothing about the scene.
         usable = [
             detections
-            for detections, image in zip(camera.detections, camera.rows.tolist(), strict=True)
-            if detections is not None and sensing.image_lost(image) is None
+            for detections, image_lost in zip(camera.detections, lost.images, strict=True)
+            if detections is not None and not image_lost
         ]
         scan_s = np.array([lidar.truths[row].stamp_s for row in rows])
         nearest = _nearest_images(scan_s, np.array([d.stamp_s for d in usable]))
-        for row, image in zip(rows.tolist(), nearest.tolist(), strict=True):
+        projections = self.projections(rows.tolist())
+        for row, image, scan_lost, believed in zip(
+            rows.tolist(), nearest.tolist(), lost.scans, projections, strict=True
+        ):
             truth = lidar.truths[row]
             boxes = None if image == ALONE or self.alone == LIDAR_ALONE else usable[image]
-            no_scan = sensing.scan_lost(row) or self.alone == CAMERA_ALONE
+            no_scan = scan_lost or self.alone == CAMERA_ALONE
             points = lidar.detections[row].moved(truth.world_from_ego.inverse(), "ego")
             gap_s = 0.0 if boxes is None else boxes.stamp_s - truth.stamp_s
             projection = _moved(believed, lidar, row, gap_s)

@@ -70,26 +70,38 @@ class ImageNode(Node):
 
     def compute(self, options: RunOptions) -> EpisodeImageDetections:
         """Run the detector over the images; a missing image has no detections."""
-        choose = image_rows_of_scans if self.of_scans else image_rows
-        rows = tuple(choose(self.episode, self.every_s))
+        rows = self.image_rows()
         contexts: Sequence[_ImageTruth]
         detections: tuple[ImageDetections | None, ...]
         if made_from_truth(self.source):
-            detect = image_detections_from_truth(self.source, self.episode)
-            without_pixels = list(pictures(self.episode, rows, pixels=False))
+            detect = self.from_truth()
+            without_pixels = list(self.pictures(rows, pixels=False))
             contexts = [_ImageTruth.of(picture) for picture in without_pixels]
             detections = tuple(
                 None if p.frame.camera is None else detect(p) for p in without_pixels
             )
             times = CallTimes.zero(len(rows))
         else:
-            inputs = _inputs(pictures(self.episode, rows))
+            inputs = _inputs(self.pictures(rows))
             check = partial(_check, set())
             replies = run_plugin(self.source, CAMERA_DETECTOR, inputs, check, options=options)
             contexts, detections, times = replies.contexts, replies.answers, replies.times
         truths = tuple(context.truth for context in contexts)
         parked = tuple(context.parked for context in contexts)
         return EpisodeImageDetections(detections, truths, parked, times, np.array(rows, np.int64))
+
+    def image_rows(self) -> tuple[int, ...]:
+        """Return the numbers of the images that are used."""
+        choose = image_rows_of_scans if self.of_scans else image_rows
+        return tuple(choose(self.episode, self.every_s))
+
+    def pictures(self, rows: tuple[int, ...], *, pixels: bool = True) -> Iterable[Picture]:
+        """Return images by number, with their truth. pixels: whether they are needed."""
+        return pictures(self.episode, rows, pixels=pixels)
+
+    def from_truth(self) -> PictureDetector:
+        """Return a function that makes the detections of consecutive images from their truth."""
+        return image_detections_from_truth(self.source, self.episode)
 
 
 def detect_in_picture(source: Spec, episode: Episode, picture: Picture) -> ImageDetections:

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -14,13 +14,31 @@ from roadscope.benchmarks.fingerprint import code_hash
 from roadscope.benchmarks.formats.kitti_frames import (
     EGO_FROM_CAMERA,
     NOT_COUNTED,
+    TYPE_FROM_CATEGORY,
     centres_from_bottoms,
     kitti_objects,
     yaws_from_rotations,
 )
 from roadscope.benchmarks.formats.kitti_labels import KittiObjects, KittiType
-from roadscope.benchmarks.formats.kitti_scans import KittiFrames, KittiView, check_frames
-from roadscope.core import Calibration, Category, Detections, Frame, Pose, Tracks, Truth
+from roadscope.benchmarks.formats.kitti_scans import (
+    IMAGES,
+    KittiFrames,
+    KittiView,
+    check_frames,
+    read_image,
+)
+from roadscope.core import (
+    Calibration,
+    CameraImage,
+    Category,
+    Detections,
+    Frame,
+    Pose,
+    Tracks,
+    Truth,
+)
+from roadscope.core.fused import FusedDetections
+from roadscope.core.projection import Projection
 
 LIDAR_HEIGHT_M = 1.73
 """Of KITTI's Velodyne above the road (Geiger et al. 2013, figure 3)."""
@@ -101,6 +119,16 @@ class KittiDrive(Episode):
             yield Frame(scan.stamp_s, place.calibration, scan, previous_from_ego=motion), truth
             previous = place.world_from_ego
 
+    def images(self, *, pixels: bool = True) -> Iterator[tuple[Frame, Truth]]:
+        """Yield the frames with images and their truth; without pixels, one grey one stands in."""
+        grey = np.full((1, 1, 3), 128, np.uint8)
+        for number, place, truth in zip(
+            self.files.numbers, places_of(self), truths_of(self), strict=True
+        ):
+            seen = read_image(self.files.file(IMAGES, number)) if pixels else grey
+            image = CameraImage(seen, place.view.projection[:, :3], truth.stamp_s, "camera")
+            yield Frame(truth.stamp_s, place.calibration, camera=image), truth
+
     def rows(self, detections: Sequence[Detections]) -> list[KittiObjects]:
         """Return detections of each frame, world frame, as KITTI's rows: those in the image."""
         pairs = zip(detections, places_of(self), strict=True)
@@ -142,6 +170,12 @@ class _Place(NamedTuple):
         return self.world_from_ego @ self.ego_from_camera @ EGO_FROM_CAMERA.inverse()
 
     @property
+    def projection(self) -> Projection:
+        """Pixels of the image from metres in the ego frame."""
+        matrix = self.view.projection @ self.ego_from_camera.inverse().matrix
+        return Projection(matrix, *self.view.image_size)
+
+    @property
     def calibration(self) -> Calibration:
         """Where the sensors are."""
         return Calibration((("lidar", self.ego_from_lidar), ("camera", self.ego_from_camera)))
@@ -152,11 +186,35 @@ class _Place(NamedTuple):
             return None
         return world_from_previous.inverse() @ self.world_from_ego
 
-    def rows(self, tracks: Tracks) -> KittiObjects:
-        """Return tracks, world frame, as rows; those outside of the image are left out."""
+    def rows(self, tracks: Tracks, *, all_around: bool = False) -> KittiObjects:
+        """Return tracks, world frame, as rows.
+
+        all_around: whether those outside of the image stay, with empty image boxes.
+        """
         return kitti_objects(
-            tracks, 0, self.world_from_turned, self.view.projection, self.view.image_size
+            tracks,
+            0,
+            self.world_from_turned,
+            self.view.projection,
+            self.view.image_size,
+            all_around=all_around,
         )
+
+    def fused_rows(self, fused: FusedDetections) -> KittiObjects:
+        """Return fused targets as rows, those in the image.
+
+        Their image boxes are their own, or those around their boxes in space.
+        """
+        boxes = fused.detections().moved(self.world_from_ego, "world")
+        in_space = self.rows(Tracks.of(boxes, np.arange(len(boxes))), all_around=True)
+        rows = image_rows(fused.image_boxes, fused.categories, fused.scores)
+        filled: dict[str, Any] = {}
+        for name in ("boxes", "sizes", "bottoms", "rotations_y"):
+            filled[name] = getattr(rows, name).copy()
+            filled[name][fused.has_box] = getattr(in_space, name)
+        filled["boxes"][fused.has_image_box] = fused.image_boxes[fused.has_image_box]
+        rows = replace(rows, **filled)
+        return rows.select(np.all(rows.boxes[:, 2:] > rows.boxes[:, :2], axis=1))
 
 
 @lru_cache(maxsize=64)
@@ -174,6 +232,25 @@ def places_of(drive: KittiDrive) -> tuple[_Place, ...]:
             posed=True,
         )
         for view, pose in zip(views, poses, strict=True)
+    )
+
+
+def image_rows(boxes: np.ndarray, categories: np.ndarray, scores: np.ndarray) -> KittiObjects:
+    """Return (N, 4) image boxes without a box in space as KITTI's rows."""
+    n = len(boxes)
+    unknown = np.full(n, -1)
+    return KittiObjects(
+        frames=np.zeros(n),
+        ids=unknown,
+        types=np.array([TYPE_FROM_CATEGORY[Category(c)] for c in categories], np.int8),
+        truncated=unknown,
+        occluded=unknown,
+        alphas=np.full(n, -10.0),
+        boxes=boxes,
+        sizes=np.full((n, 3), -1.0),
+        bottoms=np.full((n, 3), -1000.0),
+        rotations_y=np.full(n, -10.0),
+        scores=scores,
     )
 
 

@@ -16,7 +16,7 @@ from roadscope.benchmarks.formats.kitti_labels import (
     read_kitti_labels,
 )
 from roadscope.benchmarks.formats.kitti_odometry import find_kitti_odometry
-from roadscope.benchmarks.formats.kitti_scans import SCANS, find_kitti_frames
+from roadscope.benchmarks.formats.kitti_scans import IMAGES, SCANS, find_kitti_frames
 from roadscope.benchmarks.formats.kitti_sequence import (
     DETECTOR_PREFIX,
     KittiFolder,
@@ -52,7 +52,8 @@ def kitti_suite(
     place = _Place(Path(folder), lidar_height_m)
     names = MAKERS if boards is None else [name for name in boards if name in MAKERS]
     if boards is None:
-        names = [name for name in MAKERS if place.has(MARKERS[name])] or [TRACKING_BOARD]
+        names = [name for name in MARKERS if place.has(MARKERS[name])] or [TRACKING_BOARD]
+        names += ["fusion"] * ({"detection", "camera"} <= set(names))
     settings = {k: v for name in names for k, v in MAKERS[name](place).items()}
     return suite_of(KITTI, settings)
 
@@ -102,6 +103,16 @@ def _detection(place: _Place) -> dict[str, BoardSettings]:
     return _object_settings(place, "detection", (SCANS,))
 
 
+def _camera(place: _Place) -> dict[str, BoardSettings]:
+    """Return the settings of the boards of camera detectors."""
+    return _object_settings(place, "camera", (IMAGES,))
+
+
+def _fusion(place: _Place) -> dict[str, BoardSettings]:
+    """Return the settings of the boards of fusions."""
+    return _object_settings(place, "fusion", (SCANS, IMAGES))
+
+
 def _object_settings(place: _Place, board: str, sensors: Sequence[str]) -> dict[str, BoardSettings]:
     """Return the settings of a board of each class that has labels."""
     found = find_kitti_frames(place.folder, sensors)
@@ -118,8 +129,11 @@ def _object_settings(place: _Place, board: str, sensors: Sequence[str]) -> dict[
             f"{drives[0].files.label_file(drives[0].files.numbers[0]).parent}: expected labels of "
             f"{', '.join(names)}, got none"
         )
+    table = recorded_table(KITTI)
     settings = KittiSettings(
-        entries=recorded_table(KITTI).entries(board),
+        entries=table.entries(board),
+        lidar=table.fusion.lidar,
+        camera=table.fusion.camera,
         drives=drives,
         remark=" ".join([_frames_in_words(drives, place, sensors), *found.notes]),
     )
@@ -177,12 +191,15 @@ TRACKING_BOARD = "tracking"
 MAKERS: Mapping[str, Callable[[_Place], dict[str, BoardSettings]]] = {
     TRACKING_BOARD: _tracking,
     "detection": _detection,
+    "camera": _camera,
+    "fusion": _fusion,
     "odometry": _odometry,
 }
 """What makes the settings of the boards that a board's name stands for."""
 MARKERS: Mapping[str, Sequence[str]] = {
     TRACKING_BOARD: (f"{DETECTOR_PREFIX}*",),
     "detection": (SCANS,),
+    "camera": ("image_2", "image_02"),
     "odometry": ("sequences",),
 }
 """Names by which a folder shows that it has files for the boards."""
@@ -234,6 +251,13 @@ class RecordedEntries(Struct, frozen=True, forbid_unknown_fields=True):
     entries: tuple[str, ...] = ()
 
 
+class FusedEntries(RecordedEntries, frozen=True, forbid_unknown_fields=True):
+    """The table `[fusion]`; lidar, camera: detectors whose detections are fused."""
+
+    lidar: tuple[str, ...] = ()
+    camera: tuple[str, ...] = ()
+
+
 class RecordedTable(Struct, frozen=True, forbid_unknown_fields=True):
     """The file of a suite of recorded data, which is the same for every folder."""
 
@@ -243,6 +267,8 @@ class RecordedTable(Struct, frozen=True, forbid_unknown_fields=True):
     remark: str
     tracking: RecordedEntries
     detection: RecordedEntries = RecordedEntries()
+    camera: RecordedEntries = RecordedEntries()
+    fusion: FusedEntries = FusedEntries()
     odometry: RecordedEntries = RecordedEntries()
 
     def entries(self, board: str) -> tuple[str, ...]:
