@@ -89,8 +89,8 @@ Kitti = Annotated[
     Path | None,
     typer.Option(
         help="Rank plug-ins on your folder of KITTI's data (docs/recorded-data.md). Detectors: "
-        "velodyne (image_2 or image_02), calib, and label_2 or label_02. Odometries: sequences and poses. Trackers: "
-        "SEQ.txt in label_02, calib, "
+        "velodyne (image_2 or image_02), calib, and label_2 or label_02. Odometries: sequences and "
+        "poses. Trackers: SEQ.txt in label_02, calib, "
         "ego_pose (12 numbers a line) or oxts, and det_NAME/Car (Pedestrian, Cyclist), whose "
         "lines are, with commas, frame class left top right bottom score height width length "
         "x y z rotation_y alpha; class 1 pedestrian, 2 car, 3 cyclist."
