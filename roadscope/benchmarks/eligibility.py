@@ -39,7 +39,8 @@ class Eligibility(Record):
 
     def of(self, truth: Truth) -> np.ndarray:
         """Return (M,) bool, which objects of a frame are eligible."""
-        return self._in_scope(truth) & ~self._invisible(truth)
+        eligible: np.ndarray = self._in_scope(truth) & ~self._invisible(truth)
+        return eligible
 
     def unseen(self, truth: Truth) -> int:
         """Return how many objects are not eligible only because they have too few returns."""

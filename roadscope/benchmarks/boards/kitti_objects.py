@@ -28,7 +28,7 @@ from roadscope.benchmarks.graph import Job, Node
 from roadscope.benchmarks.kinds import CAMERA_DETECTOR, DETECTOR, FUSION
 from roadscope.benchmarks.loop import RunOptions
 from roadscope.benchmarks.metrics.breakdown import part_name
-from roadscope.benchmarks.metrics.score import mean
+from roadscope.benchmarks.metrics.score import Score, mean
 from roadscope.benchmarks.nodes.kitti import (
     AllDrives,
     KittiDetectionNode,
@@ -151,7 +151,8 @@ class KittiObjectsBoard(Board):
         kind: KittiType,
     ) -> Scores:
         """Return the average precision of each sequence; parts of the object data are none."""
-        scores, end, first = {}, 0, self.overlaps[0]
+        scores: dict[str, Score] = {}
+        end, first = 0, self.overlaps[0]
         for drive in drives if drives[0].files.layout.by_sequence else ():
             begin, end = end, end + len(drive.files.numbers)
             found = object_precisions(labels[begin:end], boxes[begin:end], kind, first)

@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from roadscope.benchmarks.boards.board import (
+    Board,
     Breakdown,
     Column,
     Condition,
@@ -17,6 +18,7 @@ from roadscope.benchmarks.boards.board import (
 )
 from roadscope.benchmarks.boards.odometry import OdometryBoard, entry_mark, missing_part
 from roadscope.benchmarks.graph import Job
+from roadscope.benchmarks.kinds import ODOMETRY
 from roadscope.benchmarks.loop import RunOptions
 from roadscope.benchmarks.metrics.odometry import (
     DISTANCE,
@@ -29,6 +31,7 @@ from roadscope.benchmarks.metrics.trajectory_errors import KITTI_EVERY, KITTI_M
 from roadscope.benchmarks.nodes.kitti import KittiPoseNode
 from roadscope.benchmarks.recorded.kitti_odometry import KittiOdometryDrive, KittiOdometrySettings
 from roadscope.benchmarks.records import EpisodePoses
+from roadscope.benchmarks.references import check_pose_source
 from roadscope.benchmarks.suite import Suite
 from roadscope.core import Spec, SpecError
 from roadscope.core.spec import ORACLE
@@ -46,10 +49,14 @@ def _columns() -> tuple[Column, ...]:
     return (replace(columns[0], note=note), turn, *columns[1:])
 
 
-class KittiOdometryBoard(OdometryBoard):
+class KittiOdometryBoard(Board):
     """Ranks odometries on KITTI's sequences by translational drift."""
 
     name = "kitti odometry"
+    kind = ODOMETRY
+    headline = OdometryBoard.headline
+    medians = OdometryBoard.medians
+    three_digits = True
     settings_type = KittiOdometrySettings
     columns = _columns()
     breakdowns = (
@@ -63,13 +70,12 @@ class KittiOdometryBoard(OdometryBoard):
         Column("end", "error of the last position (m)"),
     )
     conditions: Mapping[str, Condition] = {"sequence": lambda drive: drive.sequence.name}
-    marks_note = ""
     sample = "sequences"
     compared_with = OdometryBoard.name
 
     def check_entry(self, spec: Spec) -> Spec:
         """Return an odometry's resolved spec; which returns move is not known here."""
-        resolved = super().check_entry(spec)
+        resolved = check_pose_source(spec)
         if resolved.kind == ORACLE:
             raise SpecError(f"'{spec}': KITTI does not say which returns come from moving objects")
         return resolved

@@ -138,7 +138,8 @@ class _Frame:
         objects = labels.select(np.isin(labels.types, [kind, *KITTI_DISTRACTORS[kind]]))
         heights_px = np.abs(detections.boxes[:, 3] - detections.boxes[:, 1])
         boxes = detections.select((detections.types == kind) | (heights_px < HIGHEST_PX))
-        least, pairs = LEAST_OVERLAPS[kind], [()] * len(objects)
+        least = LEAST_OVERLAPS[kind]
+        pairs: list[tuple[tuple[int, float], ...]] = [()] * len(objects)
         if len(objects) and len(boxes):
             overlaps = OVERLAPS[overlap](objects, boxes)
             pairs = [
