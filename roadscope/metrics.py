@@ -148,7 +148,11 @@ def nees(
     count = len(errors)
     velocities = np.zeros((count, 2)) if velocity_errors is None else np.asarray(velocity_errors)
     states = _StateErrors(
-        np.asarray(errors, float), velocities, np.zeros(count), np.asarray(covariances, float)
+        np.asarray(errors, float),
+        velocities,
+        np.zeros(count),
+        np.zeros(count, bool),
+        np.asarray(covariances, float),
     )
     return _nees(states, velocity=velocity_errors is not None)
 

@@ -16,6 +16,7 @@ from roadscope.trackers._existence_targets import (
     hidden_shares,
 )
 from roadscope.trackers._gating import pairs_by_distance, pairs_that_overlap
+from roadscope.trackers._headings import facing_ahead, travel_directions
 from roadscope.trackers._kalman import Gaussians
 from roadscope.trackers._settings import check_positive
 from roadscope.trackers._ticks import TrackerTick
@@ -182,7 +183,7 @@ class ExistenceTracker:
         covariances = beliefs.covariances.copy()
         surplus = self._traits.surplus[targets.categories, None, None]
         covariances[:, :2, :2] = surplus * (covariances[:, :2, :2] + targets.offsets)
-        return Tracks(
+        tracks = Tracks(
             ids=targets.ids,
             centres=np.column_stack([beliefs.means[:, :2], targets.heights[:, 0]]),
             sizes=targets.sizes,
@@ -195,6 +196,9 @@ class ExistenceTracker:
             frame=tick.frame,
             stamp_s=tick.stamp_s,
         )
+        travels = travel_directions(tracks, targets.travels)
+        self._targets = replace(targets, travels=travels)
+        return facing_ahead(tracks, travels)
 
 
 def _limited(log_odds: np.ndarray) -> np.ndarray:

@@ -95,6 +95,7 @@ class BernoulliTargets(ArrayTable):
     offsets: (N, 2, 2) covariances of the difference between that and the true position.
     heights, yaws: (N, 2) mean and variance.
     fronts: (N,) sum of votes that the heading is not half a turn off, positive.
+    travels: (N, 2) unit vectors, the directions of travel, 0 where targets never moved.
     sizes: (N, 3) length width height; size_weights: (N,) detections at range 0 they rest on.
     votes: (N, 7) sum of scores of each category; categories: (N,) int8, that of most votes.
     existence: (N,) log odds of existence, from scores; assured: (N,) after the last detection.
@@ -109,6 +110,7 @@ class BernoulliTargets(ArrayTable):
     heights: np.ndarray
     yaws: np.ndarray
     fronts: np.ndarray
+    travels: np.ndarray
     sizes: np.ndarray
     size_weights: np.ndarray
     votes: np.ndarray
@@ -156,6 +158,7 @@ class BernoulliTargets(ArrayTable):
             heights=np.column_stack([boxes[:, 2], height_variances]),
             yaws=np.column_stack([boxes[:, 6], new.turns]),
             fronts=new.scores,
+            travels=np.zeros((n, 2)),
             sizes=boxes[:, 3:6],
             size_weights=new.growths**-2,
             votes=votes,

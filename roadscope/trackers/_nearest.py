@@ -10,6 +10,7 @@ import numpy as np
 from filterpy.kalman import KalmanFilter
 
 from roadscope.core import Detections, Pose, Tracks, TrackState
+from roadscope.trackers._headings import facing_ahead
 from roadscope.trackers._settings import check_counts, check_not_negative, check_positive
 from roadscope.trackers._ticks import TrackerTick
 
@@ -128,23 +129,23 @@ class NearestTracker:
     def _report(self, tick: TrackerTick) -> Tracks:
         if not self._tracks:
             return Tracks.empty(tick.stamp_s, tick.frame)
-        tracks = self._tracks
-        last = [track.detection for track in tracks]
+        last = [track.detection for track in self._tracks]
         heights = [detection.centres[0, 2] for detection in last]
-        positions = np.array([track.filter.position for track in tracks])
-        return Tracks(
-            ids=np.array([track.id for track in tracks]),
+        positions = np.array([track.filter.position for track in self._tracks])
+        tracks = Tracks(
+            ids=np.array([track.id for track in self._tracks]),
             centres=np.column_stack([positions, heights]),
             sizes=np.concatenate([detection.sizes for detection in last]),
             yaws=np.concatenate([detection.yaws for detection in last]),
-            velocities=np.array([track.filter.velocity for track in tracks]),
-            covariances=np.array([track.filter.covariance for track in tracks]),
+            velocities=np.array([track.filter.velocity for track in self._tracks]),
+            covariances=np.array([track.filter.covariance for track in self._tracks]),
             categories=np.concatenate([detection.categories for detection in last]),
             scores=np.concatenate([detection.scores for detection in last]),
-            states=np.array([self._state(track) for track in tracks], np.int8),
+            states=np.array([self._state(track) for track in self._tracks], np.int8),
             frame=tick.frame,
             stamp_s=tick.stamp_s,
         )
+        return facing_ahead(tracks)
 
     def _state(self, track: Track) -> TrackState:
         if track.hits < self._confirm_hits:

@@ -17,6 +17,7 @@ from roadscope.trackers._assignment import assign_greedily
 from roadscope.trackers._existence import ExistenceTracker
 from roadscope.trackers._existence_targets import predicted_states
 from roadscope.trackers._gating import chi_square_gate
+from roadscope.trackers._headings import facing_ahead
 from roadscope.trackers._motion import ConstantVelocity
 
 # Chosen by hand: bodies and gaps that no tracker would join are not joined.
@@ -380,7 +381,7 @@ def _record(rows: Sequence[tuple[TargetTrajectory, int]], like: Tracks) -> Track
     covariances = np.array([t.covariances[k] for t, k in rows])
     covariances[:, :2, :2] += np.array([t.offsets[k] for t, k in rows])
     states = [TrackState.CONFIRMED if t.detected[k] else TrackState.COASTING for t, k in rows]
-    return Tracks(
+    tracks = Tracks(
         ids=np.array([t.id for t, _ in rows]),
         centres=np.column_stack([means[:, :2], [t.heights[k] for t, k in rows]]),
         sizes=np.array([t.sizes[k] for t, k in rows]),
@@ -393,3 +394,4 @@ def _record(rows: Sequence[tuple[TargetTrajectory, int]], like: Tracks) -> Track
         frame=like.frame,
         stamp_s=like.stamp_s,
     )
+    return facing_ahead(tracks)

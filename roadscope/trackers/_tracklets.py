@@ -8,6 +8,7 @@ import numpy as np
 
 from roadscope.core import Detections, Pose, Tracks, TrackState
 from roadscope.trackers._assignment import Pairs, unassigned
+from roadscope.trackers._headings import facing_ahead
 from roadscope.trackers._kalman import Gaussians
 from roadscope.trackers._motion import PositionFilter, planar
 from roadscope.trackers._settings import check_counts
@@ -107,7 +108,7 @@ class Tracklets(ArrayTable):
         states: (N,) values of `TrackState`. Beliefs must begin with x, y, vx, vy.
         """
         belief = planar(self.beliefs)
-        return Tracks(
+        tracks = Tracks(
             ids=self.ids,
             centres=np.column_stack([self.positions, self.heights]),
             sizes=self.sizes,
@@ -120,6 +121,7 @@ class Tracklets(ArrayTable):
             frame=tick.frame,
             stamp_s=tick.stamp_s,
         )
+        return facing_ahead(tracks)
 
 
 @dataclass(frozen=True, slots=True)

@@ -20,7 +20,7 @@ from roadscope.benchmarks.boards.board import (
 from roadscope.benchmarks.boards.tracking import (
     ALPHA_BREAKDOWN,
     ALPHA_METRICS,
-    HEADING,
+    HEADINGS,
     NEES,
     OFFLINE,
     TrackingBoard,
@@ -197,7 +197,7 @@ class KittiBoard(RecordedBoard):
         Column("fragmentations", "frag.", 0, SUMS_NOTE),
         Column("mota_3d", "MOTA 3-D", 3),
         slow_calls_column(2),
-        HEADING,
+        *HEADINGS,
         Column("wrong_associations", "wrong assoc", 0, SUMS_NOTE),
     )
     breakdowns = (

@@ -57,11 +57,19 @@ NEES = Column(
     "NEES: of positions, over its degrees of freedom; 1 when consistent, more when the tracks' "
     "covariances are too small.",
 )
-HEADING = Column(
-    "heading_rmse_deg",
-    "head. deg",
-    1,
-    "head.: RMSE of matched headings, front and rear distinguished.",
+HEADINGS = (
+    Column(
+        "heading_rmse_deg",
+        "head. deg",
+        1,
+        "head.: RMSE of matched headings; of objects that stand, modulo half a turn.",
+    ),
+    Column(
+        "heading_reversed",
+        "rev.",
+        3,
+        "rev.: share of matches with moving objects (from 1 m/s) whose heading is reversed.",
+    ),
 )
 ALPHA_BREAKDOWN = Breakdown(
     BY_ALPHA,
@@ -127,7 +135,7 @@ class TrackingBoard(Board):
         Column(
             "inside_state", "in 95 %", 2, "in 95 %: objects within their tracks' 95 % ellipses."
         ),
-        HEADING,
+        *HEADINGS,
         NEES,
         Column(
             "nees_in_band",

@@ -6,7 +6,7 @@ Metrics that boards show are returned as a `Score`, by name: see `score_detectio
 
 from roadscope._lazy import lazy_names
 
-METRIC_VERSION = 4
+METRIC_VERSION = 5
 """Raised whenever the meaning of a score changes; results of different versions are never mixed."""
 
 _PARTS = {

@@ -54,8 +54,10 @@ class TrackingScores(ScoreFamily):
     kept_through_occlusion: share of the gaps of `Recovery` after which an object has the same
         track as before.
     reassociation_frames: mean frames from an object's return until any track is matched with it.
-    position_rmse_m, velocity_rmse_m_s, heading_rmse_deg: root mean square errors of matched tracks.
-    heading_reversed: share of matches whose heading is off by more than a right angle.
+    position_rmse_m, velocity_rmse_m_s, heading_rmse_deg: root mean square errors of matched tracks;
+        headings of objects that stand (below 1 m/s) modulo half a turn, see `StateErrors`.
+    heading_reversed: share of matches with a moving object whose heading is off by more than a
+        right angle.
     nees_position, nees_state: mean `Nees` over its degrees of freedom, of position, and of
         position and velocity: 1 if consistent, more if covariances are too small.
     nees_in_band: 1 if the mean NEES of position lies in its 95 % band, with one independent value
@@ -274,13 +276,13 @@ def _recovery_scores(sequence: TrackedSequence, matched: TrackPairs) -> dict[str
 
 def state_scores(errors: StateErrors) -> dict[str, Score]:
     """Return errors of position, velocity and heading of matched tracks."""
-    n = len(errors)
+    n, moving = len(errors), int(errors.moving.sum())
     squares = float((np.degrees(errors.headings) ** 2).sum())
     return {
         "position_rmse_m": rms(float((errors.positions**2).sum()), n, "m"),
         "velocity_rmse_m_s": rms(float((errors.velocities**2).sum()), n, "m/s"),
         "heading_rmse_deg": rms(squares, n, "deg"),
-        "heading_reversed": ratio(float(errors.reversed.sum()), n, "lower"),
+        "heading_reversed": ratio(float(errors.reversed.sum()), moving, "lower"),
     }
 
 

@@ -14,13 +14,15 @@ from roadscope.benchmarks.metrics.tracking.state_errors import state_errors
 FIRST = np.array([0])
 
 
-def errors(yaw: float = 0.0, covariance: np.ndarray | None = None) -> StateErrors:
+def errors(
+    yaw: float = 0.0, covariance: np.ndarray | None = None, speed_m_s: float = 10.0
+) -> StateErrors:
     """One track 0.6 m to the right, 5 m/s too fast."""
     found = tracks([[10.0, 0.6]], [7], velocities=np.array([[13.0, 4.0]]))
     found = replace(found, yaws=np.array([yaw]))
     if covariance is not None:
         found = replace(found, covariances=covariance[None])
-    there = truth([[10.0, 0.0]], velocities=np.array([[10.0, 0.0]]))
+    there = truth([[10.0, 0.0]], velocities=np.array([[speed_m_s, 0.0]]))
     return state_errors([found], [there], [FrameRows(FIRST, FIRST)])
 
 
@@ -35,6 +37,14 @@ def test_headings_are_errors_around_the_circle() -> None:
     assert errors(yaw=2 * math.pi - 0.2).headings == pytest.approx([-0.2])
     assert errors(yaw=math.pi - 0.1).reversed.tolist() == [True]
     assert errors(yaw=0.1).reversed.tolist() == [False]
+
+
+def test_of_standing_objects_front_and_rear_are_the_same() -> None:
+    standing = errors(yaw=math.pi - 0.1, speed_m_s=0.9)
+    assert standing.headings == pytest.approx([-0.1])
+    assert (standing.moving.tolist(), standing.reversed.tolist()) == ([False], [False])
+    assert errors(yaw=1.5, speed_m_s=0.0).headings == pytest.approx([1.5])
+    assert errors(yaw=math.pi - 0.1, speed_m_s=1.1).moving.tolist() == [True]
 
 
 def test_no_pairs_no_errors() -> None:
@@ -65,7 +75,7 @@ def drawn(n: int, scale: float) -> StateErrors:
     roots = rng.normal(size=(n, 4, 4))
     draws = np.einsum("kij,kj->ki", roots, rng.normal(size=(n, 4)))
     claimed = scale * roots @ roots.transpose(0, 2, 1)
-    return StateErrors(draws[:, :2], draws[:, 2:], np.zeros(n), claimed)
+    return StateErrors(draws[:, :2], draws[:, 2:], np.zeros(n), np.zeros(n, bool), claimed)
 
 
 @pytest.mark.parametrize("velocity", [False, True])

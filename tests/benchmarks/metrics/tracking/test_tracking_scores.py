@@ -129,12 +129,12 @@ def test_perfect_tracks_in_all_other_scores() -> None:
         "gospa_m",
         "partially_tracked",
         "heading_rmse_deg",
-        "heading_reversed",
         "nees_position",
         "nees_state",
         "amotp_nuscenes_m",
     )
     assert [s[name].value for name in none] == [0.0] * len(none)
+    assert math.isnan(s["heading_reversed"].value)  # Nothing moves.
     assert math.isnan(s["kept_through_occlusion"].value)
     assert math.isnan(s["reassociation_frames"].value)
 
