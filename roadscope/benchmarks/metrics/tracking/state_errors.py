@@ -12,8 +12,7 @@ from roadscope.core import Tracks, Truth, wrap_angle
 from roadscope.core.record import Record
 
 MOVING_M_S = 1.0
-"""Speed from which on an object moves, chosen by hand: 9 of 10 labels of KITTI's standing cars jump by
-less."""
+"""Speed from which on an object moves; chosen by hand, labels of standing cars jump less."""
 LEVEL = 0.95
 
 
