@@ -149,7 +149,7 @@ def leaderboard(
     results = save_logs(results, folder)
     if out_dir is None and page is None:
         return results
-    latest = Run(results, worst_moments(run_plan.jobs, results))
+    latest = Run(results, worst_moments(run_plan.jobs, results, progress or silent))
     if out_dir is not None:
         save_all(results, folder)
         save_moments(latest.moments, folder)

@@ -34,6 +34,7 @@ from roadscope.benchmarks.metrics.trajectory_errors import (
 )
 from roadscope.benchmarks.nodes.tracks import TrackNode
 from roadscope.benchmarks.nodes.traffic import TrafficNode
+from roadscope.benchmarks.progress import Progress, silent
 from roadscope.benchmarks.records import EpisodeDetections, EpisodePoses, EpisodeTracks
 from roadscope.benchmarks.results import JobScores, Results
 from roadscope.core import Category, Detections, RecordError, Tracks, Truth
@@ -138,7 +139,9 @@ KINDS: Mapping[type, Mapping[str, Severity]] = {
 """What can be wrong with answers, by their record."""
 
 
-def worst_moments(jobs: Sequence[Job], results: Results) -> list[Moment]:
+def worst_moments(
+    jobs: Sequence[Job], results: Results, progress: Progress = silent
+) -> list[Moment]:
     """Return moments of each ranked entry, the worst ones of all entries first.
 
     jobs: those of the results, in the same order. Of each kind, moments are those of the episode
@@ -148,11 +151,12 @@ def worst_moments(jobs: Sequence[Job], results: Results) -> list[Moment]:
     for job, scored in zip(jobs, results.jobs, strict=True):
         if scored.reason is None and job.mark is None and job.answers.record in KINDS:
             of_entry.setdefault((job.board.name, job.entry), []).append((job, scored))
-    queues = []
-    for pairs in of_entry.values():
+    queues: list[list[Moment]] = []
+    for done, pairs in enumerate(of_entry.values(), start=1):
         for kind, severity in KINDS[pairs[0][0].answers.record].items():
             chosen = _worst(pairs, severity)
             queues.append([] if chosen is None else _read(chosen, kind))
+        progress("worst moments", done, len(of_entry))
     turns = zip_longest(*queues)
     return [moment for turn in turns for moment in turn if moment is not None]
 

@@ -1,0 +1,157 @@
+"""The page of a folder of boards: what it holds, its size, and texts that are never HTML."""
+
+import json
+import re
+from html.parser import HTMLParser
+
+import msgspec
+import pytest
+from made_up_pages import HOSTILE, moment, results
+
+from roadscope.benchmarks import FolderError
+from roadscope.benchmarks.report import (
+    MOST_BYTES,
+    PAGE,
+    Run,
+    read_runs,
+    save_all,
+    save_moments,
+    save_page,
+)
+
+
+class Reader(HTMLParser):
+    """Collects elements, attributes and texts."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.elements: list[tuple[str, dict[str, str | None]]] = []
+        self.texts: list[str] = []
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.elements.append((tag, dict(attrs)))
+
+    def handle_data(self, data: str) -> None:
+        self.texts.append(data)
+
+
+def read(text: str) -> Reader:
+    reader = Reader()
+    reader.feed(text)
+    return reader
+
+
+def content(text: str) -> list[dict[str, object]]:
+    found = re.search(r'<script type="application/json" id="content">(.*?)</script>', text, re.S)
+    assert found is not None
+    boards: list[dict[str, object]] = json.loads(found[1])
+    return boards
+
+
+def test_a_page_has_every_entry_failure_and_moment(tmp_path) -> None:
+    path = tmp_path / PAGE
+    assert save_page([Run(results(), [moment("good")])], path) == []
+    texts = " ".join(read(path.read_text()).texts)
+    for wanted in ("good", "poor", "ZeroDivisionError: too small", "last words", "tiny 1"):
+        assert wanted in texts
+    (board,) = content(path.read_text())
+    assert [each["kind"] for each in board["moments"]] == ["misses"]
+    pairs = next(each for each in board["differences"] if each["metric"] == "hota")["pairs"]
+    names = [entry["name"] for entry in board["entries"]]
+    i, j, difference, low, high = pairs[0]
+    assert {names[i], names[j]} == {"good", "poor"}
+    assert (difference > 0) == (names[i] == "good")
+    assert low <= difference <= high
+
+
+@pytest.mark.parametrize("name", HOSTILE)
+def test_a_hostile_name_is_text(tmp_path, name) -> None:
+    path = tmp_path / PAGE
+    save_page([Run(results(entry=name, reason=name, log=name), [moment(name)])], path)
+    reader = read(path.read_text())
+    assert not [tag for tag, _ in reader.elements if tag in ("img", "iframe", "b2")]
+    assert not [key for _, named in reader.elements for key in named if key.startswith("on")]
+    assert len([tag for tag, _ in reader.elements if tag == "script"]) == 2
+    (board,) = content(path.read_text())
+    shown = " ".join(name.split())
+    assert shown in [entry["name"] for entry in board["entries"]]
+    assert board["moments"][0]["entry"] == shown
+
+
+def test_a_page_names_nothing_outside_of_it(tmp_path) -> None:
+    path = tmp_path / PAGE
+    save_page([Run(results(), [moment("good")])], path)
+    reader = read(path.read_text())
+    links = [
+        value
+        for tag, named in reader.elements
+        for key, value in named.items()
+        if key in ("src", "href", "action", "data", "srcset")
+    ]
+    assert links
+    assert all(link.startswith(("#", "data:")) for link in links)
+    assert "@import" not in path.read_text()
+    policy = next(named for _, named in reader.elements if "http-equiv" in named)
+    assert "default-src 'none'" in policy["content"]
+
+
+def test_moments_that_do_not_fit_are_left_out_and_it_says_so(tmp_path) -> None:
+    path = tmp_path / PAGE
+    long = [moment("good", text=f"{k} " + 20_000 * "x") for k in range(100)]
+    (told,) = save_page([Run(results(), long)], path)
+    assert path.stat().st_size <= MOST_BYTES
+    (board,) = content(path.read_text())
+    kept = len(board["moments"])
+    assert 60 < kept < 100
+    assert f"{100 - kept} of 100" in told
+    assert told in " ".join(read(path.read_text()).texts)
+    assert [each["text"].split()[0] for each in board["moments"]] == [str(k) for k in range(kept)]
+
+
+def test_what_was_saved_is_read(tmp_path) -> None:
+    saved = results()
+    save_all(saved, tmp_path)
+    save_moments([moment("good")], tmp_path)
+    other = results(suite="other", entry="third")
+    save_all(other, tmp_path)
+    save_moments([], tmp_path)
+    latest, before = read_runs(tmp_path)
+    assert (latest.results.manifest["suite"], before.results.manifest["suite"]) == ("other", "tiny")
+    assert before.moments == [moment("good")]
+    assert latest.moments == []
+    assert before.results.rows == saved.rows
+    assert before.results.standings == saved.standings
+    assert before.results.failures == saved.failures
+    save_page([latest, before], tmp_path / PAGE)
+    assert len(content((tmp_path / PAGE).read_text())) == 2
+
+
+def test_a_replay_that_cannot_be_read_is_told(tmp_path) -> None:
+    save_all(results(), tmp_path)
+    (tmp_path / "replay.json").write_text('[{"board": 1}]')
+    (run,) = read_runs(tmp_path)
+    (told,) = save_page([run], tmp_path / PAGE)
+    assert "replay.json" in told
+    assert msgspec.json.decode((tmp_path / "replay.json").read_bytes())
+
+
+@pytest.mark.parametrize("text", ["", "[]", '{"manifest": 1}', '{"manifest": {}, "rows": [1]}'])
+def test_a_folder_without_boards_is_refused(tmp_path, text) -> None:
+    with pytest.raises(FolderError, match="leaderboard --out"):
+        read_runs(tmp_path)
+    (tmp_path / "leaderboard.json").write_text(text)
+    with pytest.raises(FolderError, match=r"leaderboard\.json"):
+        read_runs(tmp_path)
+
+
+def test_the_command_writes_the_page(tmp_path, answer) -> None:
+    save_all(results(), tmp_path)
+    status, out, errors = answer("report", tmp_path)
+    assert (status, errors) == (0, "")
+    assert str(tmp_path / PAGE) in out
+    assert (tmp_path / PAGE).is_file()
+    elsewhere = tmp_path / "new" / "mine.html"
+    assert answer("report", tmp_path, "--out", elsewhere, "--quiet") == (0, "", "")
+    assert elsewhere.is_file()
+    assert answer("report", tmp_path / "nothing")[0] == 1
+    assert answer("report", tmp_path, "--out", tmp_path / "page.txt")[0] == 1

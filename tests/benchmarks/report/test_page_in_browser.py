@@ -1,0 +1,250 @@
+"""The page in a real browser: Debian's Chromium, driven by playwright."""
+
+import shutil
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from made_up_pages import HOSTILE, moment, results
+
+from roadscope.benchmarks.report import Run, save_page
+
+CHROMIUM = shutil.which("chromium")
+OPTIONS = (
+    "--headless",
+    "--no-sandbox",
+    "--disable-gpu",
+    "--disable-quic",
+    "--no-first-run",
+    "--disable-background-networking",
+    "--disable-component-update",
+    "--disable-sync",
+)
+
+pytestmark = [
+    pytest.mark.slow,
+    pytest.mark.skipif(CHROMIUM is None, reason="no program chromium is installed"),
+]
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Any]:
+    api = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
+    with api.sync_playwright() as playwright:
+        opened = playwright.chromium.launch(executable_path=CHROMIUM, args=OPTIONS)
+        yield opened
+        opened.close()
+
+
+@pytest.fixture
+def visit(browser, tmp_path) -> Iterator[Any]:
+    """Open the page of some runs; afterwards nothing may have gone wrong or left the page."""
+    wrong: list[str] = []
+    contexts = []
+
+    def show(*runs: Run, **settings: Any) -> Any:
+        path = tmp_path / "report.html"
+        save_page(runs, path)
+        contexts.append(browser.new_context(**settings))
+        page = contexts[-1].new_page()
+        page.on("console", lambda message: wrong.append(f"console: {message.text}"))
+        page.on("pageerror", lambda error: wrong.append(f"error: {error}"))
+        page.on("dialog", lambda dialog: wrong.append(f"dialog: {dialog.message}"))
+        page.on("request", lambda request: _note(wrong, request.url, path))
+        page.goto(path.as_uri())
+        return page
+
+    yield show
+    for context in contexts:
+        context.close()
+    assert wrong == []
+
+
+def _note(wrong: list[str], url: str, path: Path) -> None:
+    if url.partition("#")[0] != path.as_uri() and not url.startswith("data:"):
+        wrong.append(f"request: {url}")
+
+
+def entries(page: Any) -> list[str]:
+    """Return the names in the table that can be seen, from above."""
+    names: list[str] = page.locator(".ranks tbody tr:not([hidden]) .choose").all_inner_texts()
+    return names
+
+
+RUN = Run(results(), [moment("good"), moment("poor", kind="false alarms", event=3)])
+
+
+def test_boards_are_sorted_and_filtered(visit) -> None:
+    page = visit(RUN)
+    assert entries(page) == ["good", "poor", "good on oracle"]
+    heading = page.locator(".ranks thead button", has_text="HOTA")
+    heading.click()
+    assert entries(page) == ["good on oracle", "good", "poor"]
+    heading.press("Enter")
+    assert entries(page) == ["poor", "good", "good on oracle"]
+    page.get_by_label("Show entries with").fill("GOOD")
+    assert entries(page) == ["good", "good on oracle"]
+    page.get_by_label("marks").uncheck()
+    assert entries(page) == ["good"]
+    assert "1 of 3" in page.locator(".count").inner_text()
+
+
+def test_plots_follow_the_chosen_entry(visit) -> None:
+    page = visit(RUN)
+    assert page.locator(".times svg .dot").count() == 3
+    page.locator(".choose", has_text="poor").first.click()
+    assert page.locator(".entry").input_value() == "1"
+    texts = " ".join(page.locator(".differences svg text").all_text_contents())
+    assert "good on oracle" in texts
+    assert "+0.30 better" in texts
+    page.locator(".differences .difference").first.press("Enter")
+    assert page.locator("tr.is-chosen .choose").inner_text() == "good"
+    assert "-0.30 worse" in " ".join(page.locator(".differences svg text").all_text_contents())
+    page.locator(".times .metric").select_option("mota")
+    assert "MOTA" in page.locator(".times svg").get_attribute("aria-label")
+
+
+def test_figures_are_broken_down(visit) -> None:
+    page = visit(RUN)
+    page.locator(".breakdown .by").select_option(label="scenario")
+    headings = page.locator(".breakdown th[scope=col]").all_inner_texts()
+    assert headings == ["entry", "motorway", "merge"]
+    cells = page.locator(".breakdown tbody tr").first.locator("td")
+    assert cells.first.inner_text().split()[0] == "0.83"
+
+
+def test_the_replay_moves_with_its_slider(visit) -> None:
+    page = visit(RUN)
+    page.locator(".choose", has_text="good").first.click()
+    slider, scene = page.get_by_role("slider", name="time"), page.locator(".scene svg")
+    assert slider.input_value() == "5"
+    assert scene.locator("polygon.truth.x").count() == 1
+    assert scene.locator("polygon.answer.s").count() == 1
+    state = page.locator(".state").inner_text()
+    before = scene.locator("polygon.ego").get_attribute("points")
+    slider.press("ArrowRight")
+    assert slider.input_value() == "6"
+    assert page.locator(".state").inner_text() != state
+    assert scene.locator("polygon.ego").get_attribute("points") != before
+    assert scene.locator("polygon.answer.f").count() == 1
+    for _ in range(6):
+        slider.press("ArrowLeft")
+    assert scene.locator("polygon.truth.x, polygon.answer.f").count() == 0
+    wide = scene.get_attribute("viewBox").split()[2]
+    page.get_by_label("zoom").press("ArrowRight")
+    assert float(scene.get_attribute("viewBox").split()[2]) < float(wide)
+    page.get_by_role("button", name="Play").click()
+    page.wait_for_function("document.querySelector('.frame').value === '10'")
+    assert "1 missed" in page.locator(".state").inner_text()
+
+
+def test_moments_are_those_of_the_chosen_entry(visit) -> None:
+    page = visit(RUN)
+    page.locator(".choose", has_text="poor").first.click()
+    assert page.locator(".moments button").count() == 1
+    assert page.locator(".moments button").inner_text().startswith("false alarms")
+    page.locator("select.entry").select_option(label="good on oracle")
+    assert page.locator(".viewer").is_hidden()
+    assert page.locator(".replay .none").is_visible()
+
+
+def test_a_drive_shows_both_paths(visit) -> None:
+    motion = [0, 0, 0, *[8, 0, 0] * 10]
+    drive = moment(
+        "good",
+        kind="jump",
+        ego=motion,
+        estimate=[0, 0, 0, *[8, 1, 0] * 10],
+        errors=[10 * k for k in range(11)],
+        objects=[],
+        answers=[],
+        lanes=[],
+    )
+    page = visit(Run(results(), [drive]))
+    page.locator(".choose", has_text="good").first.click()
+    page.get_by_role("slider", name="time").fill("10")
+    assert page.locator("polyline.estimate-line, polyline.ego-line").count() == 2
+    assert "1.00 m off" in page.locator(".state").inner_text()
+
+
+def test_everything_is_reached_by_keyboard(visit) -> None:
+    page = visit(RUN)
+    reached = set()
+    for _ in range(80):
+        page.keyboard.press("Tab")
+        reached.add(
+            page.evaluate(
+                "(e => e.closest('svg') ? 'plot' : e.type === 'range' ? 'slider' : e.tagName)"
+                "(document.activeElement)"
+            )
+        )
+    assert {"BUTTON", "INPUT", "SELECT", "SUMMARY", "plot", "slider"} <= reached
+
+
+def test_boards_are_shown_one_at_a_time(visit) -> None:
+    page = visit(RUN, Run(results(suite="other"), []))
+    sections = page.locator("section.board")
+    assert [sections.nth(k).is_visible() for k in range(2)] == [True, False]
+    page.locator("#boards a").nth(1).click()
+    assert [sections.nth(k).is_visible() for k in range(2)] == [False, True]
+    assert sections.nth(1).locator(".times svg .dot").count() == 3
+
+
+@pytest.mark.parametrize("width", [320, 375, 1280])
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_the_page_fits_and_is_readable(visit, width, scheme) -> None:
+    page = visit(RUN, viewport={"width": width, "height": 800}, color_scheme=scheme)
+    assert page.evaluate("document.documentElement.scrollWidth") <= width
+    contrasts = page.evaluate(CONTRASTS)
+    assert contrasts
+    assert min(contrasts.values()) >= 4.5, contrasts
+    sizes = page.evaluate(
+        "[...document.querySelectorAll('svg text')].filter(t => t.getBoundingClientRect().height)"
+        ".map(t => t.getBoundingClientRect().height)"
+    )
+    assert min(sizes) >= 10
+    dark = page.evaluate("getComputedStyle(document.body).backgroundColor") != "rgb(255, 255, 255)"
+    assert dark == (scheme == "dark")
+    page.locator("#theme").click()
+    after = page.evaluate("getComputedStyle(document.body).backgroundColor") != "rgb(255, 255, 255)"
+    assert after != dark
+
+
+CONTRASTS = """() => {
+  const canvas = document.createElement("canvas").getContext("2d", {willReadFrequently: true});
+  const luminance = (name) => {
+    canvas.fillStyle = getComputedStyle(document.documentElement).getPropertyValue(name).trim();
+    canvas.fillRect(0, 0, 1, 1);
+    const parts = [...canvas.getImageData(0, 0, 1, 1).data].slice(0, 3).map((part) => {
+      const share = part / 255;
+      return share <= 0.03928 ? share / 12.92 : ((share + 0.055) / 1.055) ** 2.4;
+    });
+    return 0.2126 * parts[0] + 0.7152 * parts[1] + 0.0722 * parts[2];
+  };
+  const pairs = [["--ink", "--paper"], ["--soft", "--paper"], ["--ink", "--raised"],
+    ["--soft", "--raised"], ["--false", "--paper"]];
+  return Object.fromEntries(pairs.map(([a, b]) => {
+    const [x, y] = [luminance(a), luminance(b)];
+    return [`${a} on ${b}`, (Math.max(x, y) + 0.05) / (Math.min(x, y) + 0.05)];
+  }));
+}"""
+"""Contrast of texts as WCAG 2 defines it; 4.5 is its level AA."""
+
+
+@pytest.mark.parametrize("name", HOSTILE)
+def test_a_hostile_name_is_shown_as_text(visit, name) -> None:
+    page = visit(Run(results(entry=name, reason=name, log=name), [moment(name, text=name)]))
+    assert name in entries(page)
+    assert page.locator("img, iframe").count() == 0
+    page.locator("select.entry").select_option(label=name)
+    assert name in page.locator(".event").inner_text()
+    page.locator(".failures summary").click()
+    assert page.locator(".failures pre").inner_text() == name
+
+
+def test_tables_are_there_without_scripts(visit) -> None:
+    page = visit(RUN, java_script_enabled=False)
+    assert entries(page) == ["good", "poor", "good on oracle"]
+    assert page.locator("noscript").inner_text()
+    assert page.locator(".times").is_hidden()
