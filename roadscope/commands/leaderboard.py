@@ -182,7 +182,7 @@ def leaderboard(
     seeds: Seeds = None,
     jobs: Jobs = 0,
     out: Out = None,
-    shown: Open = False,
+    browse: Open = False,
     fresh: Fresh = False,
     kitti: Kitti = None,
     lidar_height: LidarHeight = 1.73,
@@ -224,7 +224,7 @@ def leaderboard(
     _check_calibration(boards, calibration)
     for each in by or ():
         check_breakdown(each, boards)
-    page = (out or cache_dir()) / PAGE if shown else None
+    page = (out or cache_dir()) / PAGE if browse else None
     with progress_bars(quiet=quiet) as progress:
         results = run(
             loaded,

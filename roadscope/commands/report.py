@@ -20,7 +20,7 @@ Out = Annotated[
 Open = Annotated[bool, typer.Option("--open", help="Show the page in a browser.")]
 
 
-def report(folder: Folder, *, out: Out = None, shown: Open = False, quiet: Quiet = False) -> None:
+def report(folder: Folder, *, out: Out = None, browse: Open = False, quiet: Quiet = False) -> None:
     """Write one HTML page of the boards in a folder: tables, plots, replay of the worst moments.
 
     The page is one file that loads nothing from elsewhere. It sorts and filters boards, draws
@@ -37,5 +37,5 @@ def report(folder: Folder, *, out: Out = None, shown: Open = False, quiet: Quiet
         complain(f"warning: {text}")
     if not quiet:
         typer.echo(f"written: {path}")
-    if shown:
+    if browse:
         open_page(path)

@@ -17,6 +17,7 @@ OURS = {
     "papers": f"papers/lu2018-{DIGEST}.cache",
     "sources": f"sources/{DIGEST}.json",
     "camera-training": f"camera-training/street-1-{DIGEST}.npy",
+    "pages": "report.html",
     "results": "results.sqlite",
 }
 FOREIGN = (

@@ -284,8 +284,8 @@ def _events(scene: _Scene, kind: str) -> list[int]:
 def _of_scene(job: Job, kind: str, scene: _Scene, event: int, lanes: Sequence[Any]) -> Moment:
     times_s = np.array([truth.stamp_s for truth in scene.truths])
     near = np.flatnonzero(abs(times_s - times_s[event]) <= AROUND_S + 1e-9)
-    near = near[abs(near - event) <= MOST_AROUND]
-    truths = [scene.truths[t] for t in near]
+    frames: list[int] = near[abs(near - event) <= MOST_AROUND].tolist()
+    truths = [scene.truths[t] for t in frames]
     origin = _planar(scene.truths[event].world_from_ego.matrix[None])[0]
     egos = _planar(np.array([truth.world_from_ego.matrix for truth in truths]))
     letter = {SWITCHES: "s", MISSES: "x", ALARMS: "f"}[kind]
@@ -298,12 +298,12 @@ def _of_scene(job: Job, kind: str, scene: _Scene, event: int, lanes: Sequence[An
         **_named(job),
         kind=kind,
         text=_text(scene, kind, event),
-        event=int(np.searchsorted(near, event)),
+        event=frames.index(event),
         times_s=[round(truth.stamp_s, 2) for truth in truths],
         ego=_motion(_moved(egos, origin)),
         focus=_focus(moved),
-        objects=_series([scene.objects[t] for t in near], origin, egos, scene.reach_m),
-        answers=_series([scene.answers[t] for t in near], origin, egos, scene.reach_m),
+        objects=_series([scene.objects[t] for t in frames], origin, egos, scene.reach_m),
+        answers=_series([scene.answers[t] for t in frames], origin, egos, scene.reach_m),
         lanes=_near_lanes(lanes, origin, egos, scene.reach_m),
     )
 

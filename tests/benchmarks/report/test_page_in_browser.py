@@ -115,6 +115,8 @@ def test_figures_are_broken_down(visit) -> None:
 
 
 def test_the_replay_moves_with_its_slider(visit) -> None:
+    from playwright.sync_api import expect
+
     page = visit(RUN)
     page.locator(".choose", has_text="good").first.click()
     slider, scene = page.get_by_role("slider", name="time"), page.locator(".scene svg")
@@ -135,7 +137,7 @@ def test_the_replay_moves_with_its_slider(visit) -> None:
     page.get_by_label("zoom").press("ArrowRight")
     assert float(scene.get_attribute("viewBox").split()[2]) < float(wide)
     page.get_by_role("button", name="Play").click()
-    page.wait_for_function("document.querySelector('.frame').value === '10'")
+    expect(slider).to_have_value("10")
     assert "1 missed" in page.locator(".state").inner_text()
 
 

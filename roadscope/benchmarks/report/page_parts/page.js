@@ -439,7 +439,7 @@
         if (now.state === "x") {
           const [a, b, c, d] = corners(now.pose, box.length, box.width);
           for (const [p, q] of [[a, c], [b, d]]) group.append(svg("line", { class: "cross", x1: p[0], y1: p[1], x2: q[0], y2: q[1] }));
-          labels.push([now.pose, `object ${box.number}`]);
+          labels.push([0, now.pose, `object ${box.number}`]);
         }
         picture.append(group);
       }
@@ -450,10 +450,23 @@
         if (box.number >= 0) group.append(title(`track ${box.number}`));
         if (now.state === "s") group.append(svg("circle", { class: "halo", cx: now.pose[0], cy: now.pose[1], r: box.length * 0.6 + 6 * unit }));
         picture.append(group);
-        if (box.number >= 0 && now.state !== "i") labels.push([now.pose, String(box.number)]);
+        if (box.number >= 0 && now.state !== "i") labels.push(["sfm".indexOf(now.state), now.pose, String(box.number)]);
       }
       picture.append(egoMarker(scene.ego[frame], "ego"));
-      if (names.checked) for (const [pose, words] of labels) picture.append(text(pose[0] + 8 * unit, pose[1] - 8 * unit, words));
+      if (names.checked) placeLabels(picture, labels, unit, text);
+    };
+    // The most important first; those without room are left out.
+    const placeLabels = (picture, labels, unit, text) => {
+      const taken = [];
+      for (const [, [x, y], words] of labels.sort((a, b) => a[0] - b[0])) {
+        const size = textWidth(words) * unit;
+        const corner = [[8, -8], [8, 16], [-8, -8], [-8, 16]].map(([dx, dy]) => [x + dx * unit - (dx < 0 ? size : 0), y + dy * unit])
+          .find(([left, base]) => taken.every(([a, b, width]) =>
+            left + size < a || left > a + width || Math.abs(base - b) > 13 * unit));
+        if (!corner) continue;
+        taken.push([...corner, size]);
+        picture.append(text(...corner, words));
+      }
     };
     const drawPoses = (picture, frame, unit, text) => {
       picture.append(svg("polyline", { class: "ego-line", points: polygon(scene.ego) }),
