@@ -28,16 +28,17 @@ MOST_POINTS = 150
 FRAMES = 3
 """Sightings that `multi` fits together, as the paper does."""
 BIN_M, STEP_DEG = 0.04, 2.0
-"""Of `multi`: bins as wide as the filter's edges, and a parabola finds the angle between two steps.
-Those of the paper, half as wide, are no more accurate and take twice as long."""
+"""Bins and steps of `multi`. Bins are as wide as the filter's edges, and a parabola gives the angle
+between two steps. The paper's bins and steps, half as wide, are not more accurate and take twice as
+long."""
 
 
 class LongRangeDetector:
-    """Finds vehicles that move, and fits a usual one of their size to each.
+    """Detects moving vehicles, and fits a typical body of their size to each.
 
-    What stands is not found, by design: `moving` says what counts as moving. A vehicle is
-    reported from its second sighting on. The paper's filter knows the vehicle's size; here it is
-    the usual car's, or of the smallest usual body that has room for what is seen.
+    Standing vehicles are not detected, by design; the package `moving` decides what moves. A
+    vehicle is reported from its second sighting on. The paper knows the vehicle's size; here it is
+    that of a typical car, or of the smallest typical body that is as large as the returns.
     """
 
     def __init__(
@@ -51,7 +52,7 @@ class LongRangeDetector:
         range_max_m: float = 100.0,
         detection_limit: float = 0.4,
     ) -> None:
-        """Name the fit.
+        """Choose the fit.
 
         fit: `single` and `ransac` fit one scan, `multi` three in a row, `body` all rays of one.
         late: answer each frame in the next one, `multi` then fits the middle of its three as the

@@ -1,4 +1,4 @@
-"""Our pose fit inside a detector: all rays of a body in one scan, at its most likely pose."""
+"""Our pose fit inside a detector: the most likely pose from all rays of a body in one scan."""
 
 from __future__ import annotations
 
@@ -20,28 +20,30 @@ from roadscope.detectors.shape.bodies import Body
 from roadscope.envs.sensors.lidar_spec import LidarSpec
 
 BUDGET, COARSE_RAYS = 36, 30
-"""Returns of a vehicle beyond which some are left out, and rays of the first search."""
+"""Budget of returns of a vehicle, see `body_scan`, and rays of the first search."""
 COARSE_SLACKS_M, FINE_SLACKS_M = (0.25, 0.1, 0.04, 0.01, 0.0), (0.06, 0.02, 0.0)
-"""Added to the noise in the first search and in the last one, see `descend`."""
+"""Added to the noise in the rounds of the first search and of the last one, see `descend`."""
 AROUND = 4
-"""Places that a search tries around each step's end: twice as many would bring them no nearer."""
-MARK_M = 0.15
-"""Scatter of the mark that a vehicle is followed by; it says how well its course is known."""
+"""Points that a search tries around the end of each step; twice as many are not more accurate."""
+POSITION_M = 0.15
+"""Standard deviation of a sighting's position; it says how well a vehicle's course is known."""
 HEADING_RAD = math.radians(10.0)
-"""By how much a vehicle's heading departs from a course that is known well, in a bend say."""
+"""Standard deviation of a vehicle's heading from a course that is known well, for example in a
+bend."""
 VAGUE_RAD = math.radians(90.0)
-"""A course that is known no better says nothing of the heading."""
+"""A course with a greater standard deviation says nothing about the heading."""
 UNLIKELY = 12.0
-"""First guesses whose squared deviation from the course is so much more than the least are left."""
+"""First guesses are dropped if their squared deviation from the course exceeds the least by
+this."""
 CLOSE = 15.0
-"""First searches whose cost is no more than so much above the best one's are continued."""
+"""First searches are continued if they cost at most this much more than the best one."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class AnsweredScan:
-    """A scan whose vehicles are reported, and where and how it was made.
+    """A scan whose vehicles are reported, with the poses and the LiDAR behind it.
 
-    spec: the LiDAR, None where it is not known or not needed.
+    spec: the LiDAR, None if it is not known or not needed.
     """
 
     scan: LidarScan
@@ -52,7 +54,7 @@ class AnsweredScan:
 
     @property
     def sensor_velocity(self) -> np.ndarray:
-        """(2,) metres per second in the drive's frame."""
+        """Velocity of the sensor, (2,) metres per second, drive's frame."""
         x_s, y_s, turn_s = self.view.twist.tolist()
         x, y = self.ego_from_lidar.matrix[:2, 3]
         velocity = np.array([x_s - turn_s * y, y_s + turn_s * x])
@@ -73,8 +75,8 @@ def body_poses(
 ) -> list[VehiclePose | None]:
     """Return each vehicle's most likely pose at the stamp of a scan in the drive's frame.
 
-    moving: chains, and which sighting of each is of this scan. None without a LiDAR that is known
-    or a ray that counts. There is no covariance: it takes as long again.
+    moving: chains, and for each the sighting of this scan. A pose is None if the LiDAR is not known
+    or the body has no ray. Poses have no covariance, which would take as long again.
     """
     if answered.spec is None:
         return [None] * len(moving)
@@ -96,26 +98,26 @@ def body_poses(
 
 
 def course_of(chain: Chain) -> KnownCourse:
-    """Return how a vehicle moves; an infinite deviation where its course is not known."""
+    """Return how a vehicle moves; the standard deviation is infinite if its course is not known."""
     times_s, (x, y) = np.asarray(chain.times), chain.velocity.tolist()
     spread, speed = float(np.sqrt(((times_s - times_s.mean()) ** 2).sum())), math.hypot(x, y)
     if spread == 0.0 or speed == 0.0:
         return KnownCourse()
-    sd = math.hypot(HEADING_RAD, MARK_M / spread / speed)
+    sd = math.hypot(HEADING_RAD, POSITION_M / spread / speed)
     return KnownCourse(speed, math.atan2(y, x), sd) if sd < VAGUE_RAD else KnownCourse()
 
 
 def likely_pose(scan: BodyScan, model: BodyModel, course: KnownCourse) -> VehiclePose | None:
     """Return the most likely pose of a body in one scan, None without a return.
 
-    Of a few returns of one face any heading of four is likely: the course then decides. Where the
-    rays tell the heading, its standard deviation is far less than the course's.
+    With only a few returns of one face four headings are equally likely, and the course decides.
+    Where the rays determine the heading, they do so far better than the course.
     """
     if not scan.returns:
         return None
     step = course.speed * np.array([math.cos(course.heading), math.sin(course.heading)])
     poses = first_poses(scan.rays.points(step), scan.origin, model)
-    # Headings are turned to within half a turn of the course; unlikely ones are left.
+    # Headings are taken within half a turn of the course; unlikely ones are dropped.
     off = (poses[:, 2] - course.heading + np.pi) % (2 * np.pi) - np.pi
     poses[:, 2] = course.heading + off
     squares = (off / course.sd) ** 2

@@ -121,7 +121,7 @@ def extent_in(
 
 def unsteadiness(chain: Chain) -> float:
     """Return how far a vehicle's positions lie from even motion, root mean square in metres."""
-    return float(unsteady(chain.times, chain.marks, chain.velocity))
+    return float(unsteady(chain.times, chain.positions, chain.velocity))
 
 
 @cache

@@ -1,4 +1,4 @@
-"""From the network's answers to boxes, and what is around a box."""
+"""From the network's outputs to boxes with traits, from which their scores are computed."""
 
 from __future__ import annotations
 
@@ -13,14 +13,15 @@ from roadscope.core.jit import compiled
 from roadscope.core.record import Record
 
 # --------------------------------------------------------------------------------------------------
-# Of boxes that show much the same, the surest.
+# Non-maximum suppression.
 
 
 @compiled()
 def distinct(boxes: np.ndarray, families: np.ndarray, most_iou: float) -> np.ndarray:
-    """Return (K,) rows, of boxes sorted by falling score, that no better one of the family covers.
+    """Return the (K,) rows of boxes that no better box of their family covers.
 
-    boxes: (N, 4) float64. families: (N,) int64. Greedy non-maximum suppression.
+    Greedy non-maximum suppression. boxes: (N, 4) float64, pixels, sorted by falling score.
+    families: (N,) int64. most_iou: greatest intersection over union with a better box.
     """
     kept = np.empty(len(boxes), np.int64)
     count = 0
@@ -38,7 +39,7 @@ def distinct(boxes: np.ndarray, families: np.ndarray, most_iou: float) -> np.nda
 
 @compiled(borrowing=True)
 def iou(one: np.ndarray, other: np.ndarray) -> float:
-    """Intersection over union of two boxes, (4,) each, 0 where both are empty."""
+    """Return the intersection over union of two boxes, (4,) each, 0 if both are empty."""
     width = min(one[2], other[2]) - max(one[0], other[0])
     height = min(one[3], other[3]) - max(one[1], other[1])
     if width <= 0 or height <= 0:
@@ -49,7 +50,7 @@ def iou(one: np.ndarray, other: np.ndarray) -> float:
 
 
 # --------------------------------------------------------------------------------------------------
-# Traits of a box, from which its score is made: other boxes around it, and answers that agree.
+# Traits of a box, from which its score is computed: boxes around it, and outputs that agree.
 
 TRAITS = (
     "heat",
@@ -62,18 +63,24 @@ TRAITS = (
     "agreeing",
     "agreement",
 )
-"""The heat's log odds; overlap with the surer box of the family that covers it most, and how much
-less sure it is times that; the same of the box of another family, which may be less sure; the
-logarithms of height in pixels, of width over height, of one and the chances of all answers that
-agree; and their mean overlap with it."""
+"""Names of a box's traits.
+
+heat: log odds of the heat.
+overlap: greatest overlap with a box of the same family and greater heat.
+behind: difference of the log odds of that box and this one, times the overlap.
+other overlap, other ahead: the same for the box of another family, whose heat may be less.
+height, width over height: logarithms, the height in pixels.
+agreeing: logarithm of one plus the sum of the probabilities of all outputs that agree.
+agreement: mean overlap of these outputs with the box, weighted by probability.
+"""
 VOTING_IOU = 0.65
-"""Answers whose boxes overlap more are averaged."""
+"""Outputs whose boxes overlap more are averaged."""
 AGREEING_IOU = 0.5
-"""Answers whose boxes overlap more agree."""
+"""Outputs whose boxes overlap more agree."""
 
 
 class Answers(NamedTuple):
-    """Boxes that the network suggests for one image, the surest first.
+    """Boxes in the network's outputs for one image, the greatest heat first.
 
     boxes: (N, 4) pixels, inside the image. families: (N,) int64. log_odds: (N,) of the heat.
     """
@@ -85,7 +92,7 @@ class Answers(NamedTuple):
 
 @compiled()
 def averaged(answers: Answers, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return averaged boxes, (K, 4), and their traits, (K, 9), of some rows of answers, (K,)."""
+    """Return the averaged boxes, (K, 4), of (K,) rows of answers, and their traits, (K, 9)."""
     boxes, traits = np.zeros((len(rows), 4)), np.zeros((len(rows), len(TRAITS)))
     for k in range(len(rows)):
         _average(answers, rows[k], boxes[k], traits[k])
@@ -100,7 +107,7 @@ def averaged(answers: Answers, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray
 
 @compiled()
 def _average(answers: Answers, row: int, box: np.ndarray, traits: np.ndarray) -> None:
-    """Write the mean box of the answers about one, and how many agree how well."""
+    """Write the mean of the boxes that overlap one box, and the traits of their agreement."""
     agreeing, agreement, votes = 0.0, 0.0, 0.0
     for other in range(len(answers.boxes)):
         if answers.families[other] != answers.families[row]:
@@ -122,7 +129,7 @@ def _average(answers: Answers, row: int, box: np.ndarray, traits: np.ndarray) ->
 
 @compiled()
 def _compare(means: Answers, k: int, traits: np.ndarray) -> None:
-    """Write how a box lies beside a surer one of its family, and beside one of another."""
+    """Write the traits of a box's overlap with boxes of its own family and of others."""
     for other in range(len(means.boxes)):
         same = means.families[other] == means.families[k]
         if other == k or (same and other > k):
@@ -135,36 +142,35 @@ def _compare(means: Answers, k: int, traits: np.ndarray) -> None:
 
 
 # --------------------------------------------------------------------------------------------------
-# From the network's answers to boxes.
+# From the network's outputs to boxes.
 
 STRIDE = 2
-"""Pixels from one answer to the next."""
+"""Pixels from one output to the next."""
 FINE = 2
-"""Answers along the side of each place of the last layer, so that people who walk side by side,
-a few pixels wide, have answers of their own."""
+"""A position of the last layer has 2 x 2 outputs, so that people side by side, who are a few pixels
+wide, have different ones."""
 UNIT_PX = 4.0
-"""Distances are exponentials in this unit."""
+"""The network gives distances as logarithms, in this unit."""
 LARGEST = 6.0
-"""Of the logarithm of a distance over its unit."""
+"""Greatest logarithm of a distance over its unit."""
 FLOOR = -2.5
-"""Log odds of the heat below which an answer is ignored: hardly any of these is right."""
+"""Log odds of the heat below which an output is ignored: hardly any of these is right."""
 MOST = 2000
-"""Most boxes of an image, the surest first."""
+"""Most boxes of an image; those of greatest heat are used."""
 SAME_IOU = 0.75
-"""Boxes of a family that overlap more are one and the same; between others traits decide."""
+"""Boxes of a family that overlap more are the same object; for others the score decides."""
 FIRST_CATEGORIES = (Category.CAR, Category.CYCLIST, Category.PEDESTRIAN)
-"""By family; the network's log odds choose among the categories of vehicles."""
+"""The first category of each family; the network's log odds choose among those of vehicles."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Peaks(Record):
-    """Boxes of each family, the surest by heat first.
+    """Boxes of each family, the greatest heat first, after non-maximum suppression.
 
-    No surer one covered much the same before answers were averaged; afterwards it may, and traits
-    tell of it.
+    Boxes are averaged afterwards, so they may still overlap; the traits say how much.
 
-    boxes: (N, 4) float64, pixels, left top right bottom. families: (N,) int64, places among
-        vehicle, cyclist, pedestrian. categories: (N,) int64, values of `Category`.
+    boxes: (N, 4) float64, pixels: left, top, right, bottom. families: (N,) int64, 0 vehicle, 1
+        cyclist, 2 pedestrian. categories: (N,) int64, values of `Category`.
     traits: (N, 9) float64, see `TRAITS`.
     """
 
@@ -187,19 +193,19 @@ class Peaks(Record):
 
     @property
     def log_odds(self) -> np.ndarray:
-        """(N,) of the heat."""
+        """(N,) log odds of the heat."""
         return self.traits[:, 0]
 
 
 def decode(answers: np.ndarray, size: tuple[int, int], least_log_odds: float = FLOOR) -> Peaks:
-    """Read the answers of one image, (h, w, 4, 12), at four parts of each place, row by row.
+    """Return the boxes in the network's outputs for one image.
 
-    Log odds of a centre of each family, logarithms of the distances to left, top, right and bottom
-    over their unit, log odds among the categories of vehicles. Every part may name a box, not the
-    highest among its neighbours alone: centres of people who stand close together lie beside each
-    other.
-
+    answers: (h, w, 4, 12) outputs; the four parts of a position are row by row. An output has 3 log
+        odds of a centre of each family, 4 logarithms of the distances to left, top, right and
+        bottom over their unit, and 5 log odds among the categories of vehicles.
     size: height and width of the image, pixels; boxes end at its edges.
+    least_log_odds: every output of more heat gives a box, not only the greatest among its
+        neighbours, because the centres of people who stand close together lie side by side.
     """
     heat = answers[..., : len(FIRST_CATEGORIES)]
     places = np.nonzero(heat >= least_log_odds)

@@ -1,4 +1,4 @@
-"""Weights of the network in files: tensors and text alone, nothing that runs when it is read."""
+"""Files of the network's weights. They hold tensors and text only, so reading them runs no code."""
 
 from __future__ import annotations
 
@@ -20,18 +20,18 @@ FOLDER = Path(__file__).parent / "weights"
 SHIPPED = FOLDER / "network.safetensors"
 ABOUT = "roadscope"
 """Entry of the file's metadata that holds everything but tensors."""
-WORTH = ("middles", "spreads", "weights")
-"""Fields of a calibration, beside the architecture."""
+CALIBRATION = ("middles", "spreads", "weights")
+"""Fields of a `BoxCalibration` in that entry, beside the architecture."""
 PICKLED = (b"PK\x03\x04", b"\x80")
 """How the files of `torch.save` and plain pickles begin."""
 
 
 class WeightsError(ValueError):
-    """A file has no weights of this network."""
+    """A file cannot be read, or has no weights of this network."""
 
 
 def save(path: Path, network: CentreNetwork, calibration: BoxCalibration) -> None:
-    """Write a network and what its scores are worth."""
+    """Write a network and the calibration of its scores."""
     from safetensors.torch import save as packed
 
     from roadscope.detectors.camera.network import ARCHITECTURE
@@ -39,9 +39,9 @@ def save(path: Path, network: CentreNetwork, calibration: BoxCalibration) -> Non
     tensors = {k: v.detach().cpu().contiguous() for k, v in network.state_dict().items()}
     about = {
         "architecture": ARCHITECTURE,
-        **{name: getattr(calibration, name).tolist() for name in WORTH},
+        **{name: getattr(calibration, name).tolist() for name in CALIBRATION},
     }
-    # One entry: several come in an order of their own each time, and so other bytes.
+    # A single entry: the order of several entries would change from file to file.
     path.write_bytes(packed(tensors, {ABOUT: json.dumps(about)}))
 
 
@@ -86,8 +86,7 @@ def _check_beginning(path: Path) -> None:
         raise WeightsError(f"cannot read weights {path}: {error.strerror or error}") from error
     if start.startswith(PICKLED):
         raise WeightsError(
-            f"{path} is a pickle, which can run anything when it is read; weights come as "
-            ".safetensors"
+            f"{path} is a pickle, and reading it could run any code; expected a .safetensors file"
         )
 
 
@@ -107,11 +106,11 @@ def _kind(tensor: Tensor) -> str:
 
 def _calibration(path: Path, about: Mapping[str, Any]) -> BoxCalibration:
     try:
-        return BoxCalibration(**{name: np.array(about[name], float) for name in WORTH})
+        return BoxCalibration(**{name: np.array(about[name], float) for name in CALIBRATION})
     except KeyError as error:
         raise WeightsError(
-            f"{path} does not say what its scores are worth: no {error}; weights of an older "
-            "version have to be trained again"
+            f"{path} has no calibration of its scores: no {error}; weights of an older version "
+            "have to be trained again"
         ) from error
     except (TypeError, ValueError) as error:
-        raise WeightsError(f"{path}: what its scores are worth cannot be read: {error}") from error
+        raise WeightsError(f"{path}: cannot read the calibration of its scores: {error}") from error

@@ -1,4 +1,4 @@
-"""Which returns belong together, by name."""
+"""Clusterings by name: which returns belong together."""
 
 from collections.abc import Callable, Mapping
 
@@ -22,7 +22,7 @@ Clustering = Callable[[Cloud], np.ndarray]
 
 
 def cluster_one(cloud: Cloud) -> np.ndarray:
-    """All returns are one cluster: the lower mark of a comparison.
+    """Put all returns into one cluster, as a lower mark.
 
     Returns (N,) int64 labels, all 0.
     """

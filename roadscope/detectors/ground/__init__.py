@@ -1,4 +1,4 @@
-"""Which returns are not the ground, by name."""
+"""Ground removals by name: which returns are not the ground."""
 
 from collections.abc import Callable, Mapping
 
@@ -9,11 +9,11 @@ from roadscope.detectors.ground.grid import grid_above_ground
 from roadscope.detectors.ground.polar import PolarRule, polar_above_ground
 
 Ground = Callable[[Cloud], np.ndarray]
-"""Cloud of N returns -> (N,) bool, what stands on the ground rather than being it."""
+"""Cloud of N returns -> (N,) bool, whether each is from something above the ground."""
 
 
 def keep_all(cloud: Cloud) -> np.ndarray:
-    """Keep every return, for scans that have no ground in them.
+    """Keep every return, for scans without ground.
 
     Returns (N,) bool, all true.
     """

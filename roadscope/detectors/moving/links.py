@@ -1,4 +1,4 @@
-"""Which candidates of successive scans are one vehicle, and how large it is."""
+"""Links candidates of successive scans to vehicles, and estimates the vehicles' sizes."""
 
 from __future__ import annotations
 
@@ -24,24 +24,24 @@ MISSED = 2
 """Scans in a row without the vehicle after which it is forgotten."""
 FASTEST_M_S = 45.0
 NEAR_M = 2.0
-"""Gate about the predicted place of a vehicle: its visible part changes."""
+"""Gate around the predicted position of a vehicle: its visible part changes."""
 FACE_M = 1.0
-"""Depth of the part nearest to the sensor whose mean stands for the vehicle."""
+"""A vehicle's position is the mean of its returns down to this depth behind the nearest one."""
 SLOWEST_M_S = 1.5
-"""What moves less than this has come into view rather than moved."""
+"""An object slower than this does not move: a new part of it has come into view."""
 SURE = 3
-"""Sightings from which a speed says something."""
+"""Least number of sightings from which the speed is used."""
 
 
 @compiled()
 def in_drive_frame(
     points: np.ndarray, origin: np.ndarray, drive_from_ego: np.ndarray, face_m: float
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return points (N, 3), sensor (2,) and mark (2,) of a vehicle in the drive's frame.
+    """Return points (N, 3), sensor (2,) and position (2,) of a vehicle in the drive's frame.
 
-    points (N, 3), N at least 1, origin (2,): metres, ego frame. drive_from_ego: (4, 4). The mark
-    is the mean of what lies no deeper than `face_m` behind the point nearest along the line of
-    sight.
+    points: (N, 3), N at least 1, metres, ego frame. origin: (2,) metres, ego frame, the sensor.
+    drive_from_ego: (4, 4). The position is the mean of the points that lie at most `face_m` behind
+    the nearest one along the line of sight.
     """
     m = drive_from_ego
     out, count = np.empty((len(points), 3)), len(points)
@@ -60,50 +60,54 @@ def in_drive_frame(
     for i in range(count):
         depths[i] = ((out[i, 0] - place[0]) * sx + (out[i, 1] - place[1]) * sy) / away
         nearest = min(nearest, depths[i])
-    mark, at_face = np.zeros(2), 0
+    position, at_face = np.zeros(2), 0
     for i in range(count):
         if depths[i] <= nearest + face_m:
-            mark[0], mark[1], at_face = mark[0] + out[i, 0], mark[1] + out[i, 1], at_face + 1
-    return out, place, mark / at_face
+            position[0], position[1], at_face = (
+                position[0] + out[i, 0],
+                position[1] + out[i, 1],
+                at_face + 1,
+            )
+    return out, place, position / at_face
 
 
-def rate(times: np.ndarray, marks: np.ndarray) -> np.ndarray:
-    """Return the (2,) slope of marks (K, 2) over times (K,) by least squares, 0 of one."""
+def rate(times: np.ndarray, positions: np.ndarray) -> np.ndarray:
+    """Return the velocity (2,) of positions (K, 2) at times (K,) by least squares; 0 if K is 1."""
     off = times - times.mean()
     spread = (off * off).sum()
-    slope: np.ndarray = (off[:, None] * marks).sum(axis=0)
+    slope: np.ndarray = (off[:, None] * positions).sum(axis=0)
     return slope / spread if spread > 0.0 else np.zeros(2)
 
 
-def unsteady(times: np.ndarray, marks: np.ndarray, velocity: np.ndarray) -> float:
-    """Return the root mean square distance of marks (K, 2) from even motion, (2,) velocity."""
-    middle, (x, y) = times.mean(), marks.mean(axis=0)
-    dx = marks[:, 0] - x - (times - middle) * velocity[0]
-    dy = marks[:, 1] - y - (times - middle) * velocity[1]
+def unsteady(times: np.ndarray, positions: np.ndarray, velocity: np.ndarray) -> float:
+    """Return the root mean square distance of positions (K, 2) from motion at a velocity (2,)."""
+    middle, (x, y) = times.mean(), positions.mean(axis=0)
+    dx = positions[:, 0] - x - (times - middle) * velocity[0]
+    dy = positions[:, 1] - y - (times - middle) * velocity[1]
     return math.sqrt((dx * dx + dy * dy).sum() / len(times))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Sighting:
-    """A candidate in the drive's frame, which stays put while the ego moves.
+    """A candidate in the drive's frame, which does not move with the ego.
 
-    stamp_s: of its scan. met_s: when the sweep met the vehicle.
-    points: (N, 3) metres. origin: (2,) metres, the sensor then. mark: (2,) metres, the point
-        that stands for the vehicle.
+    stamp_s: of its scan. measured_s: when the sweep measured the vehicle.
+    points: (N, 3) metres. origin: (2,) metres, the sensor at that time. position: (2,) metres, of
+        the vehicle, see `FACE_M`.
     """
 
     stamp_s: float
-    met_s: float
+    measured_s: float
     points: np.ndarray
     origin: np.ndarray
-    mark: np.ndarray
+    position: np.ndarray
     candidate: Candidate
 
     def at_stamp(self, velocity: np.ndarray, most: int) -> np.ndarray:
-        """Return at most so many points, (N, 2), where they were at the stamp.
+        """Return at most `most` points, (N, 2), moved to where they were at the stamp.
 
-        velocity: (2,) m/s, of the body. The sweep meets one across its seam at its beginning and at
-        its end.
+        velocity: (2,) m/s, of the body. Without this, a body across the seam of the sweep, measured
+        at its beginning and at its end, would be torn apart.
         """
         step = -(-len(self.points) // most)
         moved = self.candidate.times_s[::step, None] * velocity
@@ -112,37 +116,37 @@ class Sighting:
 
     @staticmethod
     def of(candidate: Candidate, stamp_s: float, drive_from_ego: Pose) -> Sighting:
-        """Bring a candidate into the drive's frame."""
-        points, origin, mark = in_drive_frame(
+        """Return a candidate in the drive's frame."""
+        points, origin, position = in_drive_frame(
             candidate.points, candidate.origin, drive_from_ego.matrix, FACE_M
         )
-        return Sighting(stamp_s, stamp_s + candidate.time_s, points, origin, mark, candidate)
+        return Sighting(stamp_s, stamp_s + candidate.time_s, points, origin, position, candidate)
 
 
 class Chain:
     """The latest sightings of one vehicle.
 
-    sightings: oldest first. count: of all of them, with those that are forgotten. times: (K,)
-    seconds, when the sweep met it in each, marks: (K, 2) metres, where. velocity: (2,) m/s, zero
-    after one sighting. All in the drive's frame.
+    sightings: oldest first. count: how many there were, with those that are forgotten. times: (K,)
+    seconds, when each was measured. positions: (K, 2) metres. velocity: (2,) m/s, zero after one
+    sighting. All are in the drive's frame.
     """
 
     def __init__(self) -> None:
         self.sightings: list[Sighting] = []
         self.count = 0
-        self.times, self.marks, self.velocity = np.empty(0), np.empty((0, 2)), np.zeros(2)
+        self.times, self.positions, self.velocity = np.empty(0), np.empty((0, 2)), np.zeros(2)
 
     def add(self, sighting: Sighting) -> None:
         """Append a sighting and forget the oldest beyond `KEPT`."""
         self.sightings = [*self.sightings, sighting][-KEPT:]
         self.count += 1
-        self.times = np.array([s.met_s for s in self.sightings])
-        self.marks = np.array([s.mark for s in self.sightings])
-        self.velocity = rate(self.times, self.marks)
+        self.times = np.array([s.measured_s for s in self.sightings])
+        self.positions = np.array([s.position for s in self.sightings])
+        self.velocity = rate(self.times, self.positions)
 
     @property
     def moves(self) -> bool:
-        """Whether it was sighted again and, as far as its speed is known, elsewhere."""
+        """Whether there are several sightings and, once its speed is known, it is fast enough."""
         if len(self.sightings) < SURE:
             return len(self.sightings) > 1
         return math.hypot(*self.velocity.tolist()) >= SLOWEST_M_S
@@ -155,7 +159,7 @@ class Links:
         self.chains: list[Chain] = []
 
     def update(self, stamp_s: float, candidates: Sequence[Candidate], drive_from_ego: Pose) -> None:
-        """Take the candidates of the next scan in."""
+        """Link the candidates of the next scan to the chains; the others begin new chains."""
         sightings = [Sighting.of(candidate, stamp_s, drive_from_ego) for candidate in candidates]
         free_chains, free = list(range(len(self.chains))), list(range(len(sightings)))
         for _, row, column in sorted(self._pairs(sightings)):
@@ -166,20 +170,20 @@ class Links:
         stamps = sorted({s.stamp_s for c in self.chains for s in c.sightings} | {stamp_s})
         oldest_s = stamps[-min(len(stamps), MISSED + 1)]
         recent = [c for c in self.chains if c.sightings[-1].stamp_s >= oldest_s]
-        self.chains = recent + [_begun(sightings[column]) for column in free]
+        self.chains = recent + [_new_chain(sightings[column]) for column in free]
 
     def _pairs(self, sightings: Sequence[Sighting]) -> list[tuple[float, int, int]]:
-        """Return distance over gate, chain and sighting of all pairs that can be one vehicle."""
+        """Return all pairs inside the gate: distance over gate, chain, sighting."""
         if not sightings or not self.chains:
             return []
-        met_s = np.array([sighting.met_s for sighting in sightings])
-        marks = np.array([sighting.mark for sighting in sightings])
+        measured_s = np.array([sighting.measured_s for sighting in sightings])
+        positions = np.array([sighting.position for sighting in sightings])
         last_s = np.array([chain.times[-1] for chain in self.chains])
-        last = np.array([chain.marks[-1] for chain in self.chains])
+        last = np.array([chain.positions[-1] for chain in self.chains])
         velocities = np.array([chain.velocity for chain in self.chains])
         known = np.array([len(chain.sightings) > 1 for chain in self.chains])
-        elapsed_s = met_s - last_s[:, None]
-        off = marks - (last[:, None] + elapsed_s[..., None] * velocities[:, None])
+        elapsed_s = measured_s - last_s[:, None]
+        off = positions - (last[:, None] + elapsed_s[..., None] * velocities[:, None])
         distances = np.hypot(off[..., 0], off[..., 1])
         gate = np.where(known[:, None], NEAR_M, FASTEST_M_S * elapsed_s)
         rows, columns = np.nonzero(distances <= gate)
@@ -187,7 +191,7 @@ class Links:
         return list(zip(shares.tolist(), rows.tolist(), columns.tolist(), strict=True))
 
 
-def _begun(sighting: Sighting) -> Chain:
+def _new_chain(sighting: Sighting) -> Chain:
     chain = Chain()
     chain.add(sighting)
     return chain
@@ -203,11 +207,11 @@ TRIED = TWO_WHEELERS + [b for b in BODIES if b.category in VEHICLES]
 LIMITS_M = np.array(
     [[mean + 2 * spread for mean, spread in (b.length, b.width, b.height)] for b in TRIED]
 )
-"""(B, 3) length, width and height that a body of each kind hardly exceeds."""
+"""(B, 3) length, width and height, two standard deviations above the means of each kind of body."""
 RIDER_M = 1.3
-"""Height that a rider reaches and a corner of a car does not."""
+"""A rider on a two-wheeler is higher than this, a corner of a car lower."""
 TURNS = np.radians(np.arange(-24.0, 25.0, 4.0))
-"""By which a body may be turned from the direction in which it goes."""
+"""Angles between a body's heading and its direction of motion that are tried, radians."""
 
 
 class BodySize(NamedTuple):
@@ -219,10 +223,10 @@ class BodySize(NamedTuple):
 
 
 def usual(chains: Sequence[Chain]) -> list[tuple[Body, BodySize]]:
-    """Return for each chain the first usual body that is as large as its returns, and its size.
+    """Return for each chain the first kind of body that is as large as its returns, and its size.
 
-    Two-wheelers come first, and only for what is as high as a rider: as narrow a part of a car is
-    low.
+    Two-wheelers come first, but only for returns as high as a rider: a part of a car that is as
+    narrow is lower.
     """
     if not any(chain.sightings for chain in chains):
         return []
@@ -234,7 +238,7 @@ def usual(chains: Sequence[Chain]) -> list[tuple[Body, BodySize]]:
         top = max(extent[2] for extent in own)
         fits: np.ndarray = np.all(np.array([long, wide, top]) <= LIMITS_M, axis=1)
         fits[: len(TWO_WHEELERS)] &= top > RIDER_M
-        # The last one is taken for whatever is larger.
+        # Whatever is larger than all of them counts as the last one.
         body = TRIED[int(fits.argmax()) if fits.any() else -1]
         size = BodySize(max(body.length[0], long), body.width[0], body.height[0])
         bodies.append((body, size))
@@ -242,10 +246,10 @@ def usual(chains: Sequence[Chain]) -> list[tuple[Body, BodySize]]:
 
 
 def _extents(chains: Sequence[Chain]) -> np.ndarray:
-    """Return how far the returns of all sightings, (S, 3), reach along and across the body, and up.
+    """Return the extents of the returns of all sightings, (S, 3) metres: along, across, highest z.
 
-    Each return is carried back to the stamp with the chain's velocity. Of the headings near the
-    direction of motion that of the least rectangle counts. In metres.
+    The returns are moved to the stamp with the chain's velocity. The heading is the one near the
+    direction of motion that gives the least rectangle.
     """
     sightings = [(s, chain.velocity.tolist()) for chain in chains for s in chain.sightings]
     counts = [len(s.points) for s, _ in sightings]

@@ -1,4 +1,4 @@
-"""What is known of a vehicle's body before it is measured, and its outline seen from above."""
+"""The model of a vehicle's body, with its prior, and the body's outline seen from above."""
 
 from __future__ import annotations
 
@@ -14,33 +14,34 @@ from roadscope.core.jit import compiled
 
 MOST_SECTIONS = 8
 CORNER_X = tuple(math.cos(math.radians(angle)) for angle in (0.0, 30.0, 60.0, 90.0))
-"""A rounded corner is cut into three facets, as in the mesh of a simulated car: x of its points at
-a radius of 1; y is the same from the other end."""
+"""A rounded corner consists of three facets, as in the mesh of a simulated car: the x of its four
+points at a radius of 1. Their y are the same numbers in reverse order."""
 OUTLINE_POINTS = 20
-"""Of a part: four corners of four points, and four points where the flanks begin to narrow."""
+"""Points of a part's outline: four for each corner, and four where the flanks begin to narrow."""
 LEAST_SHARE = 0.3
 """No body is shorter or narrower than this share of its mean size."""
 GLASS = 6.0
-"""By how much less a window sends back than light paint: two surfaces of refractive index 1.5
-reflect 4 % each (Fresnel), light paint half of the light."""
+"""Light paint sends back so many times the light of a window: the two surfaces of glass with a
+refractive index of 1.5 reflect 4 % each (Fresnel), light paint half of the light."""
 
 
 STATE = (
     *("x", "y", "yaw", "speed", "turn_rate", "acceleration"),
     *("length", "width", "radius", "nose", "tail"),
 )
-"""The values of a body in motion. At a reference time, world frame: x, y of the centre, yaw, speed
-and acceleration along the heading, turn rate; metres, radians, seconds. Then standard normal
-unknowns of its shape: length, width, corner radius, set-backs of nose and tail."""
+"""The values of the state of a body in motion. The first six are its motion at a reference time, in
+the world frame: x and y of the centre, yaw, speed and acceleration along the heading, and turn
+rate; metres, radians, seconds. The others are standard normal variables of its shape: length,
+width, corner radius, set-backs of nose and tail."""
 X, Y, YAW, SPEED, TURN_RATE, ACCELERATION, LENGTH, WIDTH, RADIUS, NOSE, TAIL = range(len(STATE))
 VALUES, MOTION = len(STATE), LENGTH
-"""How many values there are, and how many of them describe the motion."""
+"""How many values a state has, and how many of them describe the motion."""
 
 
 class BodySection(NamedTuple):
     """A horizontal section of a body: heights above the road and set-backs from the ends, metres.
 
-    nose_sd_m, tail_sd_m: how well the set-backs are known. breadth: share of the body's width.
+    nose_sd_m, tail_sd_m: standard deviations of the set-backs. breadth: share of the body's width.
     """
 
     bottom_m: float
@@ -53,7 +54,7 @@ class BodySection(NamedTuple):
 
 
 class BodyPart(NamedTuple):
-    """One section of a certain body, metres, body frame: x ahead of the centre, y left.
+    """One section of the body of a state, metres, body frame: x ahead of the centre, y left.
 
     rear, front: x of the ends. half, tail_half, nose_half: half the width between the axles, at
     the rear end and at the front end. aft, fore: x from which the flanks narrow. radius: of the
@@ -87,14 +88,14 @@ class BodyShape(NamedTuple):
 class BodyModel:
     """A stack of sections with rounded corners, symmetric about its long axis.
 
-    length_m, width_m: mean and standard deviation. radius_m: least and greatest corner radius,
-    small ones as likely as middling ones and the greatest half as likely; it is cut to half of
-    the narrowest end.
-    axles: rear and front axle as shares of the length from the centre; narrowing: width at the
-    tail and at the nose as shares of the width between the axles. drawn_m: standard deviation,
-    along and across, of where the visible surface lies on the body; one for all returns, so that
-    no number of them makes the pose surer than that.
-    glass_m: heights from and up to which the body is of glass, metres above the road.
+    length_m, width_m: mean and standard deviation.
+    radius_m: least and greatest corner radius. Radii up to the middle are about equally likely, the
+        greatest half as likely. A radius is at most half the width of the narrower end.
+    axles: rear and front axle, from the centre, as shares of the length.
+    narrowing: width at the tail and at the nose as shares of the width between the axles.
+    drawn_m: standard deviation, along and across, of the model's surface from the real one. It is
+        common to all returns, so the pose is never more certain than that.
+    glass_m: lowest and highest height of the windows, metres above the road.
     """
 
     length_m: tuple[float, float]
@@ -128,7 +129,7 @@ class BodyModel:
 
     @cached_property
     def uncertain(self) -> np.ndarray:
-        """Indices of those values of the shape in a state that are not known exactly."""
+        """Indices in a state of the values of the shape that are not known exactly."""
         spreads = (
             self.length_m[1],
             self.width_m[1],
@@ -157,7 +158,7 @@ def part_of(shape: BodyShape, p: int, state: np.ndarray) -> BodyPart:
         shape.length_m[0] + shape.length_m[1] * state[LENGTH], LEAST_SHARE * shape.length_m[0]
     )
     width = max(shape.width_m[0] + shape.width_m[1] * state[WIDTH], LEAST_SHARE * shape.width_m[0])
-    # Folded at the least radius, so that a search does not run along a wall.
+    # Mirrored at the least radius, so that a search is not stopped there.
     share = min(0.5 * abs(1.0 + state[RADIUS]), 1.0)
     radius = shape.radius_m[0] + (shape.radius_m[1] - shape.radius_m[0]) * share
     bottom, top, tail, nose, breadth, tail_sd, nose_sd = shape.sections[p]
@@ -171,7 +172,8 @@ def part_of(shape: BodyShape, p: int, state: np.ndarray) -> BodyPart:
     tail_half = half * (1.0 - (1.0 - shape.narrowing[0]) * behind)
     nose_half = half * (1.0 - (1.0 - shape.narrowing[1]) * ahead)
     radius = min(radius, 0.499 * min(front - rear, 2.0 * min(tail_half, nose_half)))
-    # A flank narrows from its axle to the corner, or from the middle where the corner is there.
+    # A flank narrows from its axle to the corner. If the corner reaches the axle, it narrows from
+    # the middle.
     middle = 0.5 * (front + rear)
     if aft <= rear + radius:
         aft = min(middle, rear + radius) if tail_half == half else middle
@@ -183,8 +185,8 @@ def part_of(shape: BodyShape, p: int, state: np.ndarray) -> BodyPart:
 class Outlines(NamedTuple):
     """The outlines of P parts seen from above, counter-clockwise, each of 20 points.
 
-    x, y: (P, 20) metres, body frame. inverse: (P, 20) 1 over the distance to the next point, 0
-    where this is the same point. size: (2,) half the length and half the width, metres.
+    x, y: (P, 20) metres, body frame. inverse: (P, 20) 1 over the distance to the next point, 0 for
+    equal points. size: (2,) half the length and half the width, metres.
     """
 
     x: np.ndarray
@@ -224,10 +226,11 @@ def fill_outlines(shape: BodyShape, state: np.ndarray, outlines: Outlines) -> No
 
 
 def saloon(length_m: tuple[float, float], width_m: tuple[float, float]) -> BodyModel:
-    """Return a usual three-box car: bumpers and doors, bonnet and boot, glass and roof.
+    """Return the model of a three-box car: bumpers and doors, bonnet and boot, glass and roof.
 
-    Heights and set-backs are drawn by eye after one mid-size saloon, a Ford Fusion, rounded; their
-    spread is guessed, as is that bumpers and flanks are drawn to 3 cm. They are no statistics.
+    length_m, width_m: mean and standard deviation. Heights and set-backs are drawn by eye after one
+    mid-size saloon, a Ford Fusion, and rounded. Their standard deviations are guesses, also that of
+    3 cm for the surface of bumpers and flanks.
     """
     return BodyModel(
         length_m,

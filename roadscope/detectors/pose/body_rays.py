@@ -1,4 +1,4 @@
-"""The rays of a scan that say something about one body: its returns and the rays beside them."""
+"""The rays of a scan that tell about one body: those of its returns, and rays beside them."""
 
 from __future__ import annotations
 
@@ -11,19 +11,20 @@ from roadscope.core import LidarScan, Pose
 from roadscope.envs.sensors.lidar_spec import LidarSpec
 
 HIT, PASSED, EMPTY = 0, 1, 2
-"""A return of the body, a return of something else, no return."""
+"""Kinds of rays: with a return from the body, with a return from something else, without a
+return."""
 BUDGET = 400
-"""Returns inside long runs of neighbours, beyond which some are left out, unless said otherwise."""
+"""Default of `body_scan`: so many returns inside long runs of neighbours are used."""
 BESIDE = 4
 """Columns beyond the first and the last return of each beam whose rays are used."""
 ROUGHNESS_M = 0.004
-"""Departure of real surfaces from a drawn body, added to the range noise; chosen by hand."""
+"""Departure of real surfaces from a body model, added to the range noise; chosen by hand."""
 LEAST_BRIGHTNESS = 0.05
 """Intensity of the darkest body."""
 SEAM_COLUMNS = 3
-"""Columns at either end of a sweep: a body there may have been measured in part."""
+"""Columns at either end of a sweep; a body in them may have been measured only in part."""
 SEAM_S = 0.05
-"""Time within which a sweep measures a body, unless the seam of the sweep goes through it."""
+"""A sweep measures a body within this time, unless the seam of the sweep goes through the body."""
 
 
 class BodyRays(NamedTuple):
@@ -31,9 +32,9 @@ class BodyRays(NamedTuple):
 
     origin: (M, 3) metres, world frame, z above the road. direction: (M, 2) unit vectors.
     slope: (M,) rise per horizontal metre. reach: (M,) horizontal metres to the return, inf for
-    none. kind: (M,) int64, `HIT`, `PASSED` or `EMPTY`. sigma: (M,) metres, of the reach.
-    time: (M,) seconds from the reference time. need: (M,) cosine of incidence that a surface
-    needs to send a return at one metre; it grows with the range squared.
+    none. kind: (M,) int64, `HIT`, `PASSED` or `EMPTY`. sigma: (M,) metres, noise of the reach.
+    time: (M,) seconds from the reference time. need: (M,) least cosine of incidence at which the
+    body would send a return from a range of one metre; it grows with the range squared.
     """
 
     origin: np.ndarray
@@ -50,7 +51,7 @@ class BodyRays(NamedTuple):
         return BodyRays(*(np.ascontiguousarray(column[index]) for column in self))
 
     def thinned(self, most: int) -> BodyRays:
-        """Return at most so many rays: those at the silhouette first, evenly chosen."""
+        """Return at most `most` rays, evenly chosen, those at the silhouette first."""
         changes = np.diff(self.kind == HIT, prepend=False, append=False)
         is_edge = changes[1:] | changes[:-1]
         edges, others = np.flatnonzero(is_edge), np.flatnonzero(~is_edge)
@@ -70,10 +71,10 @@ class BodyRays(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class BodyScan:
-    """What one scan says about one body.
+    """What one scan tells about one body.
 
-    rays: times in seconds from the scan's stamp.
-    origin: (2,) of the sensor, metres, world frame. returns: how many the body sent back.
+    rays: with times in seconds from the scan's stamp.
+    origin: (2,) of the sensor, metres, world frame. returns: number of the body's returns.
     cut: whether the sweep begins or ends on the body, so that only a part may have been measured.
     """
 
@@ -84,7 +85,7 @@ class BodyScan:
 
     @property
     def times(self) -> np.ndarray:
-        """(N,) when the returns of the body were measured, seconds from the stamp."""
+        """(N,) times at which the returns of the body were measured, seconds from the stamp."""
         return np.asarray(self.rays.time[self.rays.kind == HIT])
 
     @property
@@ -106,14 +107,17 @@ def body_scan(
     budget: int = BUDGET,
     rough_m: float = ROUGHNESS_M,
 ) -> BodyScan:
-    """Return the rays of a scan that say something about a body.
+    """Return the rays of a scan that tell about a body.
 
-    target: (N,) bool, which returns of the scan are the body's. world_from_lidar: at the stamp,
-    z = 0 on the road. sensor_velocity: (2,) metres per second, world frame; sensor_turn: radians
-    per second about its z axis. rolling: whether columns were measured one after the other, as a
-    real sweep is, or all at the stamp.
-    budget: returns inside long runs of neighbours, beyond which some are left out. rough_m:
-    departure of the body's surface from the drawn one, metres.
+    target: (N,) bool, whether each return of the scan is from the body.
+    world_from_lidar: at the stamp; z = 0 is the road.
+    sensor_velocity: (2,) metres per second, world frame. sensor_turn: radians per second about its
+        z axis.
+    rolling: whether columns were measured one after the other, as in a real sweep, or all at the
+        stamp.
+    budget: most returns inside long runs of neighbours; if there are more, they are thinned out.
+    rough_m: departure of the body's surface from its model, metres.
+
     Of several returns of one ray the nearest counts, so duplicates and order change nothing.
     """
     target = np.asarray(target)
@@ -151,7 +155,7 @@ def body_scan(
 
 
 def checked_velocity(name: str, velocity: np.ndarray) -> np.ndarray:
-    """Return a (2,) float64 velocity, m/s; ValueError when it is no finite one."""
+    """Return a velocity as (2,) float64, m/s; `ValueError` unless it is finite x and y."""
     checked = np.ascontiguousarray(velocity, dtype=np.float64)
     if checked.shape != (2,) or not np.isfinite(checked).all():
         raise ValueError(f"{name} must be finite x and y in metres per second, got {velocity!r}")
@@ -163,7 +167,8 @@ def _grid(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Return ring, column, range in metres (inf for none) and kind of the rays, beam after beam.
 
-    They are those of the beams that met the body, from beside its first return to its last.
+    They are rays of the beams with a return from the body, from `BESIDE` columns before the first
+    such return to `BESIDE` columns behind the last.
     """
     if not target.any():
         none = np.empty(0, np.int64)
@@ -197,9 +202,9 @@ def _grid(
 
 
 def _need(spec: LidarSpec, scan: LidarScan, target: np.ndarray) -> float:
-    """Return the cosine that a return needs at one metre, from the body's brightest return."""
+    """Return `BodyRays.need`, from the body's brightest return."""
     ranges = np.linalg.norm(scan.points[target].astype(np.float64), axis=1)
-    # The receiver makes up for the range squared in the far field alone.
+    # The receiver compensates for the range squared only in the far field.
     near = 4.0 * ranges / spec.range_max_m
     bright = scan.intensity[target] * (1.0 + near * near)
     brightest = max(LEAST_BRIGHTNESS, float(bright.max(initial=0.0)))

@@ -1,4 +1,4 @@
-"""From a cluster to the vehicles that show it, by name."""
+"""Shapes by name: from a cluster to the vehicles in it."""
 
 from collections.abc import Callable, Mapping
 
@@ -11,7 +11,7 @@ from roadscope.detectors.shape.matched import vehicles_by_matched_filter
 from roadscope.detectors.shape.recognition import Segment, Vehicle, fit_iepf, vehicles_by_lines
 
 Shape = Callable[[Cluster, Horizon], list[Vehicle]]
-"""Returns the vehicles that a cluster shows, none where it shows something else."""
+"""Returns the vehicles in a cluster; none if it is something else."""
 
 SHAPES: Mapping[str, Callable[..., list[Vehicle]]] = {
     "iepf": vehicles_by_lines,

@@ -1,4 +1,4 @@
-"""The whole body, from a rectangle's heading and the faces that are turned to the sensor."""
+"""Completes a cluster to a whole body, given its heading and the faces turned to the sensor."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from roadscope.detectors.shape.cluster import Cluster, diagonal
 from roadscope.detectors.shape.recognition import Vehicle
 
 # --------------------------------------------------------------------------------------------------
-# The bodies in a cluster: it is cut where its outline jumps if it holds more than one.
+# The bodies in a cluster; one that holds several is cut where its outline jumps.
 
 MIN_POINTS = 3
 LEAST_M = 0.25
@@ -25,13 +25,13 @@ LEAST_M = 0.25
 FIT_MIN = -18.0
 """Least log likelihood of the best kind of body; far below that of any road user in our scans."""
 JUMP_M = 0.6
-"""Neighbouring outline points farther apart may lie on two bodies; more than the rounding of a
-corner and range noise make of one."""
+"""Neighbouring outline points farther apart may lie on two bodies. Round corners and range noise
+give smaller gaps on one body."""
 RAGGED_M = 0.3
-"""Outlines farther from their faces (root mean square) are rather those of two bodies: three times
-the range noise of the LUX."""
+"""Greatest root mean square distance of an outline from its faces; above it the outline is probably
+that of two bodies. It is three times the range noise of the LUX."""
 CUTS = 3
-"""How often a cluster is cut in two and its parts again."""
+"""A cluster is cut in two, and its parts again, at most so often."""
 
 Fit = Callable[[Cluster, Horizon], Vehicle | None]
 """Returns the road user that fits a cluster, None if none does."""
@@ -52,14 +52,14 @@ def bodies_in(cluster: Cluster, horizon: Horizon, fit: Fit, *, cuts: int = CUTS)
 
 
 def is_body_sized(cluster: Cluster) -> bool:
-    """Whether a cluster has enough returns and may be a road user by its extent."""
+    """Return whether a cluster has enough returns and the extent of a road user."""
     if len(cluster.points) < MIN_POINTS:
         return False
     return bool(LEAST_M <= diagonal(cluster.points) <= LONGEST_M + WIDEST_M)
 
 
 def cut(cluster: Cluster) -> list[Cluster]:
-    """Return both sides of the widest jump of the outline, nothing where there is no jump."""
+    """Return the parts on either side of the widest jump of the outline; none without a jump."""
     steps = np.diff(cluster.outline, axis=0)
     gaps = np.hypot(steps[:, 0], steps[:, 1])
     if not len(gaps) or gaps.max() < JUMP_M:
@@ -79,7 +79,7 @@ def cut(cluster: Cluster) -> list[Cluster]:
 
 
 def _azimuths(points: np.ndarray, origin: np.ndarray, middle: float) -> np.ndarray:
-    """Return directions of (N, 2) points from the sensor, from the middle one on, radians."""
+    """Return the azimuths of (N, 2) points from the sensor, relative to `middle`, radians."""
     x, y = (points - origin).T
     return np.asarray(wrap_angle(np.arctan2(y, x) - middle))
 
@@ -89,11 +89,11 @@ def _azimuths(points: np.ndarray, origin: np.ndarray, middle: float) -> np.ndarr
 
 
 class ShownCluster(NamedTuple):
-    """A cluster, and at which ends the body behind it may be hidden.
+    """A cluster, and whether more of its body may be hidden beyond the ends of its outline.
 
     outline: (M, 2) metres. points: (N, 3) metres. ring: (N,) int64. origin: (2,) metres, the
-    sensor. hidden_right, hidden_left: whether a body may go on unseen beyond the right and the
-    left end of the outline. step: radians from column to column.
+    sensor. hidden_right, hidden_left: whether something nearer may hide a part of the body beyond
+    the right and the left end of the outline. step: radians from column to column.
     """
 
     outline: np.ndarray
@@ -117,7 +117,7 @@ def completions(cluster: Cluster, yaws: Sequence[float], horizon: Horizon) -> li
 
 
 def shown_by(cluster: Cluster, horizon: Horizon) -> ShownCluster:
-    """Return a cluster with the ends at which the body behind it may be hidden."""
+    """Return a cluster with the ends beyond which a part of its body may be hidden."""
     return ShownCluster(
         cluster.outline,
         cluster.points,
@@ -129,13 +129,13 @@ def shown_by(cluster: Cluster, horizon: Horizon) -> ShownCluster:
 
 
 def completed(shown: ShownCluster, yaws: Sequence[float]) -> list[Vehicle | None]:
-    """Return the same as `completions` for a cluster whose hidden ends are known."""
+    """Return the same as `completions`, for a `ShownCluster`."""
     rows = whole_bodies(shown, np.array(yaws), _table())
     return [_vehicle(row, len(shown.outline)) for row in rows.tolist()]
 
 
 def _vehicle(row: list[float], points: int) -> Vehicle | None:
-    """Return the vehicle that a row of `whole_bodies` describes, None for none that fits."""
+    """Return the vehicle that a row of `whole_bodies` describes, None if no body fits."""
     body, x, y, length, width, height, yaw, residual_m, fit = row
     if body < 0 or fit < FIT_MIN:
         return None
@@ -147,29 +147,33 @@ def _vehicle(row: list[float], points: int) -> Vehicle | None:
 # Kernels: the likeliest body whose visible sides are those of a cluster.
 
 FACE_M = 0.4
-"""How deep a face is taken to be: range noise, and corners of 0.35 m."""
+"""Outline points up to this far behind the nearest one belong to a face: range noise, and corners
+of 0.35 m."""
 SLACK_M = 0.1
-"""Uncertainty of an edge beside the spacing of the returns: noise and rounding."""
+"""Standard deviation of an edge, besides the spacing of the returns: noise and round corners."""
 LOST, GRAZING = 0.1, 0.2
-"""Chance that the far end of a face returns nothing, and the cosine of incidence at which it has
-grown by most of the rest: what is hit at a grazing angle returns too little to be detected."""
+"""Probability that the far end of a face has no returns, and how it grows at grazing incidence,
+where too little light comes back: the excess over `LOST` falls by a factor e for each `GRAZING` of
+the cosine of incidence."""
 CORNER_M, NO_FACE = 0.5, 0.6
-"""As much of a side as a rounded corner and noise show of it; no more than that is rather a side
-that returns nothing than a short one."""
+"""If less than `CORNER_M` of a side is visible, which a round corner and noise can show of any
+side, the probability is at least `NO_FACE` that the rest of the side has no returns."""
 UNSEEN = 0.25
-"""Density per metre of how much shows of a side that no light falls on."""
+"""Density, per metre, of the visible length of a side whose far part has no returns."""
 LEVELS = 5
-"""Beams on a body from which on its highest return tells its height."""
+"""With at least so many beams on a body, its highest return tells its height."""
 CLIPPED_M = 2.2
-"""From here up the highest return tells a least height only: above, returns are dropped."""
+"""A highest return above this only bounds the height from below: ground removal drops higher
+ones."""
 
 
 class BodySide(NamedTuple):
-    """A body along one axis of its heading; places along the axis in metres.
+    """A body along one of its axes; coordinates along the axis in metres.
 
-    low, high: lowest and highest return. facing: which side faces the sensor: -1, 1, or 0 when the
-    sensor is in between. face: place of that side. sensor: place of the sensor. open_low,
-    open_high: whether the body may go on unseen below and above.
+    low, high: lowest and highest return. facing: side that faces the sensor, -1 for the low one, 1
+    for the high one, 0 if the sensor is in between. face: coordinate of that side. sensor:
+    coordinate of the sensor. open_low, open_high: whether a part of the body may be hidden beyond
+    the low and the high end.
     """
 
     low: float
@@ -210,10 +214,10 @@ def whole_bodies(shown: ShownCluster, yaws: np.ndarray, bodies: BodyTable) -> np
         row[3], row[4] = (second, first) if across else (first, second)
         row[5] = max(mean[2], top)
         if gap >= 0.0:
-            # Drawn from the usual height to where its returns end.
-            doubt = SLACK_M * SLACK_M + gap * gap / 12.0
-            drawn = mean[2] * doubt + (top + 0.5 * gap) * spread[2] * spread[2]
-            row[5] = max(drawn / (doubt + spread[2] * spread[2]), top)
+            # Mean of the prior height and of where the returns end, weighted by their variances.
+            variance = SLACK_M * SLACK_M + gap * gap / 12.0
+            weighted = mean[2] * variance + (top + 0.5 * gap) * spread[2] * spread[2]
+            row[5] = max(weighted / (variance + spread[2] * spread[2]), top)
         row[6] = np.arctan(np.tan(yaw + (0.5 * np.pi if across else 0.0)))
         row[7], row[8] = residual, fit
     return out
@@ -221,7 +225,7 @@ def whole_bodies(shown: ShownCluster, yaws: np.ndarray, bodies: BodyTable) -> np
 
 @compiled()
 def _top_and_gap(points: np.ndarray, ring: np.ndarray) -> tuple[float, float]:
-    """Return the highest return, and how far above it the body may end; -1 if that is unknown."""
+    """Return the highest z, and how far above it the body may end, metres; -1 if unknown."""
     top, bottom = points[0, 2], points[0, 2]
     has_return = np.zeros(ring.max() + 1, np.bool_)
     for i in range(len(points)):
@@ -237,7 +241,7 @@ def _top_and_gap(points: np.ndarray, ring: np.ndarray) -> tuple[float, float]:
 def _visible_sides(shown: ShownCluster, yaw: float) -> tuple[BodySide, BodySide, float]:
     """Return a body along its heading and across it, and the misfit of the outline.
 
-    That is the root mean square distance of the outline from the faces, metres.
+    The misfit is the root mean square distance of the outline from the faces, metres.
     """
     cos, sin = np.cos(yaw), np.sin(yaw)
     one, other = _side_along(shown, cos, sin), _side_along(shown, -sin, cos)
@@ -251,7 +255,7 @@ def _visible_sides(shown: ShownCluster, yaw: float) -> tuple[BodySide, BodySide,
         if shown.hidden_left if end else shown.hidden_right:
             x, y = outline[-end]
             u, v = x * cos + y * sin, y * cos - x * sin
-            # On a face across one axis the body goes on along the other.
+            # If the outline ends on a face across one axis, its body goes on along the other axis.
             if _distance(one, u) <= _distance(other, v):
                 open_other[1 if v > (other.low + other.high) / 2 else 0] = True
             else:
@@ -273,7 +277,7 @@ def _visible_sides(shown: ShownCluster, yaw: float) -> tuple[BodySide, BodySide,
 
 @compiled()
 def _side_along(shown: ShownCluster, x: float, y: float) -> BodySide:
-    """Return a body along the axis (x, y), a unit vector, not yet open at either end.
+    """Return a body along the axis (x, y), a unit vector; `open_low` and `open_high` are False.
 
     Its face is at the mean of the outline's points on the side that is turned to the sensor.
     """
@@ -295,9 +299,9 @@ def _side_along(shown: ShownCluster, x: float, y: float) -> BodySide:
 
 
 @compiled(borrowing=True)
-def _distance(side: BodySide, place: float) -> float:
-    """Return the distance of a place along the axis from the face; inf where no side faces."""
-    return abs(place - side.face) if side.facing != 0.0 else np.inf
+def _distance(side: BodySide, coordinate: float) -> float:
+    """Return the distance of a coordinate from the face; inf if no side faces the sensor."""
+    return abs(coordinate - side.face) if side.facing != 0.0 else np.inf
 
 
 @compiled()
@@ -306,8 +310,7 @@ def _likeliest_body(
 ) -> tuple[int, bool, float]:
     """Return the kind of body, whether its length is along the other axis, and log likelihood.
 
-    top, gap: highest return and how far above it the body may end, metres; a negative gap: any
-    height above. step: radians from column to column.
+    top, gap: as from `_top_and_gap`. step: radians from column to column.
     """
     best, body, across = -np.inf, -1, False
     for b in range(len(bodies.log_shares)):
@@ -330,7 +333,7 @@ def _likeliest_body(
 
 @compiled()
 def _centre_along(side: BodySide, extent: float) -> float:
-    """Return the middle of a body of this extent along one axis, metres."""
+    """Return the coordinate of the centre of a body of this extent along one axis, metres."""
     middle: float = 0.5 * (side.low + side.high)
     if side.open_low and not side.open_high:
         middle = (side.face if side.facing > 0.0 else side.high) - 0.5 * extent
@@ -345,11 +348,11 @@ def _centre_along(side: BodySide, extent: float) -> float:
 def _side_fits(
     side: BodySide, other: BodySide, step: float, mean: float, spread: float
 ) -> tuple[float, float]:
-    """Return the log likelihood of what is visible along an axis, and the expected extent, metres.
+    """Return the log likelihood of the visible extent along an axis, and the expected extent.
 
-    What is visible is either the whole, less up to a spacing of returns, or any part of it. other:
-    the other axis. step: radians from column to column. mean, spread: mean and standard deviation
-    of the extent, metres.
+    The visible extent is either the whole one, less up to a spacing of returns, or any part of it.
+    other: the other axis. step: radians from column to column. mean, spread: prior mean and
+    standard deviation of the extent, metres.
     """
     across = abs(other.face - other.sensor) if other.facing != 0.0 else 0.0
     if side.facing == 0.0:
@@ -361,7 +364,7 @@ def _side_fits(
     reach = np.sqrt(far * far + across * across)
     hidden = side.open_low or side.open_high
     part, spacing = 1.0, 0.0
-    # Something in front cuts a side anywhere; grazing light leaves nothing of it.
+    # Something in front may cut a side anywhere; at grazing incidence any part may have no returns.
     cut_density = 1.0 / max(mean, 0.5) if hidden else UNSEEN
     if not hidden and across > 0.0:
         cosine = across / reach

@@ -23,19 +23,19 @@ AREA, CLOSENESS, VARIANCE = 0, 1, 2
 Criterion = Literal["area", "closeness", "variance"]
 CRITERIA: dict[Criterion, int] = {"area": AREA, "closeness": CLOSENESS, "variance": VARIANCE}
 COARSE, FINE = 60, 6
-"""Headings tried over a right angle, and to either side of the best of them."""
+"""Headings that are tried over a right angle, and then to either side of the best one."""
 EQUAL = 1e-9
-"""Values that differ by this share differ by the order of a sum only."""
+"""Values with a smaller relative difference are equal but for the order of a sum."""
 NEAR_M = 0.05
 """Points nearer to a side than this count as on it; the paper has 0.01 m, less than any noise."""
-TELLING, LEAST_M = 30, 0.03
-"""Most outline points whose noise is taken to be independent, and the least noise believed in."""
+MOST_INDEPENDENT, LEAST_M = 30, 0.03
+"""An outline counts as at most so many independent measurements, with at least so much noise."""
 MOST = 96
-"""Outline points that are looked at: more of them say nothing new of the heading."""
+"""Most outline points that are used; more of them do not improve the heading."""
 
 
 def vehicles_by_rectangle(cluster: Cluster, horizon: Horizon) -> list[Vehicle]:
-    """Return the road user whose footprint is turned like a cluster's minimum-area rectangle."""
+    """Return the road user whose heading is that of a cluster's minimum-area rectangle."""
     return bodies_in(cluster, horizon, _by_rectangle)
 
 
@@ -47,10 +47,10 @@ def _by_rectangle(cluster: Cluster, horizon: Horizon) -> Vehicle | None:
 def vehicles_by_l_shape(
     cluster: Cluster, horizon: Horizon, *, criterion: Criterion = "closeness"
 ) -> list[Vehicle]:
-    """Return the road user whose two faces the outline of a cluster shows best.
+    """Return the road user whose two faces fit the outline of a cluster best.
 
-    criterion: what the rectangle's heading is chosen by: `area` (least), `closeness` of the
-    points to the sides, or `variance` (least) of their distances from the nearer side.
+    criterion: decides the rectangle's heading: least `area`, greatest `closeness` of the points to
+        the sides, or least `variance` of their distances from the nearer side.
     """
     return bodies_in(cluster, horizon, partial(_by_l_shape, criterion=CRITERIA[criterion]))
 
@@ -65,7 +65,7 @@ def _by_l_shape(cluster: Cluster, horizon: Horizon, *, criterion: int) -> Vehicl
 
 
 def _thinned(outline: np.ndarray) -> np.ndarray:
-    """Take every so many points, the same ones counted from either end."""
+    """Return at most about `MOST` points of an outline, the same ones from either end."""
     count = len(outline)
     if count <= MOST:
         return outline
@@ -75,11 +75,13 @@ def _thinned(outline: np.ndarray) -> np.ndarray:
 
 
 def _misfit(vehicle: Vehicle) -> float:
-    """Return the negative log likelihood of an outline of unknown noise and of the body.
+    """Return the negative log likelihood of the body and of an outline of unknown noise.
 
-    The search tilts one noisy face until it looks like two; its line is the other candidate.
+    The search may tilt a single noisy face until it looks like two. So the heading of the outline's
+    line is the other candidate.
     """
-    return min(vehicle.points, TELLING) * math.log(max(vehicle.residual_m, LEAST_M)) - vehicle.fit
+    count = min(vehicle.points, MOST_INDEPENDENT)
+    return count * math.log(max(vehicle.residual_m, LEAST_M)) - vehicle.fit
 
 
 # --------------------------------------------------------------------------------------------------
@@ -88,13 +90,12 @@ def _misfit(vehicle: Vehicle) -> float:
 
 @compiled()
 def searched_heading(points: np.ndarray, criterion: int, near_m: float) -> float:
-    """Return the heading in [0, pi/2), radians, whose rectangle suits (M, 2) points best.
+    """Return the heading in [0, pi/2), radians, whose rectangle fits (M, 2) points best.
 
-    criterion: `AREA`, `CLOSENESS` or `VARIANCE`. near_m: points nearer to a side count as on it,
-    metres like the points.
-    The paper (algorithm 2) tries every degree; here the best of steps of 1.5 degrees is refined
-    to a quarter degree. Of headings equally good in a row the middle is taken, so that a mirrored
-    outline has the mirrored heading.
+    points, near_m: metres; points nearer to a side than near_m count as on it. criterion: `AREA`,
+    `CLOSENESS` or `VARIANCE`. The paper (algorithm 2) tries every degree. Here the best of steps of
+    1.5 degrees is refined to a quarter degree. Of several neighbouring headings that are equally
+    good the middle one is taken, so that a mirrored outline has the mirrored heading.
     """
     first, second = np.empty(len(points)), np.empty(len(points))
     step, values = 0.5 * np.pi / COARSE, np.empty(COARSE)
@@ -163,7 +164,7 @@ def _suits(
 
 @compiled()
 def _fill_distances(points: np.ndarray, x: float, y: float, out: np.ndarray) -> None:
-    """Fill in distances from that side across the axis (x, y) which is nearer on the whole."""
+    """Fill in distances along the axis (x, y) from that end which is nearer to the points."""
     low, high = np.inf, -np.inf
     for i in range(len(points)):
         out[i] = points[i, 0] * x + points[i, 1] * y
@@ -188,9 +189,9 @@ def _area(points: np.ndarray, x: float, y: float) -> float:
 
 @compiled()
 def line_heading(points: np.ndarray) -> float:
-    """Return the heading in [0, pi/2) along or across the line of (M, 2) points.
+    """Return the heading in [0, pi/2), radians, along or across the line through (M, 2) points.
 
-    The line of least squares of the distances from it.
+    The line has the least sum of squared distances from the points.
     """
     x, y = points[:, 0].mean(), points[:, 1].mean()
     xx, xy, yy = 0.0, 0.0, 0.0
@@ -203,7 +204,7 @@ def line_heading(points: np.ndarray) -> float:
 
 @compiled()
 def hull_heading(points: np.ndarray) -> float:
-    """Return the heading in [0, pi/2) of the least rectangle around points (N, 2 or 3), N > 0.
+    """Return the heading in [0, pi/2) of the smallest rectangle around (N, 2 or 3) points, N > 0.
 
     One side of that rectangle lies on a side of the convex hull (Freeman and Shapira 1975).
     """
