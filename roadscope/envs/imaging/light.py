@@ -27,8 +27,8 @@ class Light(Record):
     clouds: share of the sky that is covered, 0 to 1.
     lamps: whether street lamps, headlights and windows are lit.
     flare: stray light of the lens, as a multiple of that of a clean one.
-    gain: of the camera's exposure. iso: the sensor's part of it, which adds noise: white light
-        fills 1 / iso of a pixel's well.
+    gain: factor of the camera's exposure. iso: the part of it that the sensor amplifies, which adds
+        noise: white light fills 1 / iso of a pixel's well.
     """
 
     sun_azimuth: float = 0.9
@@ -58,7 +58,7 @@ class Light(Record):
 
     @property
     def towards_sun(self) -> np.ndarray:
-        """(3,) unit vector towards the sun."""
+        """The (3,) unit vector towards the sun, world frame."""
         flat = np.cos(self.sun_elevation)
         return np.array(
             [

@@ -16,7 +16,7 @@ from roadscope.envs.world.prisms import MAX_EDGES
 # Light of lamps at night: a map of the ground around, and the ego's headlights.
 
 POOL_SIDE, POOL_M = 256, 0.75
-"""Cells along a side of the map and their edge."""
+"""Cells along a side of the map, and the side of a cell."""
 LANTERN_LIGHT, HEADLIGHT = 0.85, 1.3
 """Light below a lantern at a height of 6 m, and 6 m ahead of headlights; chosen by hand."""
 HEADLIGHT_HEIGHT_M = 0.65
@@ -53,19 +53,22 @@ def light_pools(
 
 @compiled(borrowing=True)
 def _lantern(frame: np.ndarray, height: float, origin: Point, pools: np.ndarray) -> None:
+    """Add the light of a street lamp at a height in metres to the map."""
     x, y = (frame[0] - origin.x) / POOL_M, (frame[1] - origin.y) / POOL_M
     reach = 22.0 / POOL_M
     for i in range(max(0, int(y - reach)), min(POOL_SIDE, int(y + reach))):
         for j in range(max(0, int(x - reach)), min(POOL_SIDE, int(x + reach))):
             dx, dy = (j + 0.5 - x) * POOL_M, (i + 0.5 - y) * POOL_M
             square = dx * dx + dy * dy
-            away = square + height * height
+            from_lamp = square + height * height
             edge = max(0.0, 1.0 - square / 484.0)
-            pools[i, j, 0] += LANTERN_LIGHT * edge * 36.0 * height / (away * np.sqrt(away))
+            light = LANTERN_LIGHT * edge * 36.0 * height / (from_lamp * np.sqrt(from_lamp))
+            pools[i, j, 0] += light
 
 
 @compiled(borrowing=True)
 def _headlights(frame: np.ndarray, origin: Point, pools: np.ndarray) -> None:
+    """Add the light of a vehicle's headlights to the map."""
     cosine, sine = frame[2], frame[3]
     x, y = frame[0] + frame[4] * cosine, frame[1] + frame[4] * sine
     column, row = (x - origin.x) / POOL_M, (y - origin.y) / POOL_M
@@ -80,7 +83,7 @@ def _headlights(frame: np.ndarray, origin: Point, pools: np.ndarray) -> None:
 
 @compiled(forceinline=True, borrowing=True)
 def beam(along: float, across: float) -> float:
-    """Return the light of dipped headlights on the ground ahead of them."""
+    """Return the light of dipped headlights on the ground, metres ahead of and beside them."""
     wide = 0.30 * along + 1.0
     side = across / wide
     value: float = (
@@ -135,7 +138,8 @@ def own_beam(lens: Lens, x: float, y: float, z: float, upright: bool) -> float:
 # Shadows.
 
 LOW_M, UNDERNEATH = 0.5, 200
-"""Things that end below this height hide this much, of 255, of the sky from the ground below."""
+"""Things whose underside is below this height hide this much, of 255, of the sky from the
+ground."""
 REACH_M = 150.0
 """Shadows that begin farther from the camera are not drawn."""
 
@@ -151,8 +155,8 @@ def cast_shadows(
 ) -> None:
     """Darken, in place, the ground pixels of lit and open_sky (H, W) uint8.
 
-    lit is 255 in full sun. open_sky is 255 where the sky is visible, and less directly under
-    things that end close above the ground.
+    lit is 255 in full sun. open_sky is 255 under the open sky, and less below things whose
+    underside is close to the ground.
     """
     points, hull = np.empty((2 * MAX_EDGES, 2)), np.empty((4 * MAX_EDGES + 2, 2))
     world, polygon = np.empty((4 * MAX_EDGES + 2, 3)), np.empty((8 * MAX_EDGES, 2))
@@ -328,7 +332,8 @@ BLOCK = 8
 class Air(NamedTuple):
     """Light and air, see `light.Light`; all light is multiplied by the exposure's gain.
 
-    towards: (3,). sun, zenith, horizon, ground: (3,). clouds, lamps: as there.
+    towards: (3,) unit vector towards the sun. sun, zenith, horizon, ground: (3,) colours. clouds,
+    lamps: as in `Light`.
     extinction: 1/m. veil: (3,) brightness of thick fog. wet: 0 to 1, how wet the ground is.
     sky: (3,) light of the open sky on level ground.
     """
@@ -419,14 +424,14 @@ GREATEST_DEPTH = 12.0
 
 
 class ShadingTables(NamedTuple):
-    """All that shading needs beside lens, air and appearance.
+    """All that shading needs besides lens, air and appearance.
 
     footprints: (P, 12, 2), corners: (P,) of the prisms. normals, glow: (P, 14, 3) of the faces:
-    outward unit vector, and light that falls on it. lit, open_sky: (H, W) uint8, see
-    `cast_shadows`. cells: (3, SIDE, SIDE + PADDING) uint32, middles: (3, 2) of the ground.
-    noise: see `noise_tile`. pools: (256, 256, 2), origin: see `light_pools`. blocks: see
-    `sky_blocks`.
-    heights: (W,), see `skyline`. fades: (1025,) share of transmitted light, by optical depth.
+    outward unit vector, and the light that falls on the face, by colour. lit, open_sky: (H, W)
+    uint8, see `cast_shadows`. cells: (3, SIDE, SIDE + PADDING) uint32, middles: (3, 2) of the
+    ground. noise: see `noise_tile`. pools: (256, 256, 2), origin: see `light_pools`. blocks: see
+    `sky_blocks`. heights: (W,), see `skyline`. transmittances: (1025,) share of transmitted light,
+    by optical depth.
     """
 
     footprints: np.ndarray
@@ -448,8 +453,8 @@ class ShadingTables(NamedTuple):
 @compiled(forceinline=True, borrowing=True)
 def transmitted(transmittances: np.ndarray, thickness: float) -> float:
     """Return the transmittance of an optical depth, exp(-thickness), from the table."""
-    at = min(thickness, 0.999 * GREATEST_DEPTH) * (TRANSMITTANCE_STEPS / GREATEST_DEPTH)
-    step = int(at)
+    place = min(thickness, 0.999 * GREATEST_DEPTH) * (TRANSMITTANCE_STEPS / GREATEST_DEPTH)
+    step = int(place)
     low: float = transmittances[step]
-    share: float = low + (at - step) * (transmittances[step + 1] - low)
+    share: float = low + (place - step) * (transmittances[step + 1] - low)
     return share

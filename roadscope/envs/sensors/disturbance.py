@@ -129,16 +129,18 @@ def _scaled(colour: object, share: float) -> tuple[float, float, float]:
 
 SCANS_PER_BURST = (1, 1, 2, 3, 5)
 SECONDS_PER_BLACKOUT = (0.1, 0.25, 0.5, 1.0, 2.0)
+"""Length of bursts of lost scans and of blackouts by severity; chosen by hand."""
 METRES_PER_DEGREE = 0.04
-"""Shift of a bent mount for each degree; chosen by hand."""
+"""Shift of a bent mount for each degree of its turn; chosen by hand."""
 
 
 @dataclass(frozen=True, slots=True)
 class Disturbance:
     """The faults of an episode with a seed; without faults, nothing changes.
 
-    Every fault has its own random numbers, so that another fault does not change them.
-    Severities of a kind share their draws: the same direction; the same bursts and more.
+    Every fault has its own random numbers, which do not depend on other faults. All severities of a
+    kind use the same ones: errors have the same direction, and a higher severity has the bursts of
+    the lower ones and more.
     """
 
     faults: Mapping[str, Fault]
@@ -209,8 +211,8 @@ class Disturbance:
 
     def idle_on(self, rig: Rig) -> tuple[Fault, ...]:
         """Return the faults that do not affect a rig, since it lacks their sensor."""
-        there = {"lidar", *(("camera",) if rig.camera is not None else ())}
-        return tuple(f for f in self.faults.values() if not there & set(FAULTS[f.kind].sensors))
+        sensors = {"lidar", *(("camera",) if rig.camera is not None else ())}
+        return tuple(f for f in self.faults.values() if not sensors & set(FAULTS[f.kind].sensors))
 
     def _gaps(self, fault: Fault, lengths: tuple[int, ...]) -> Gaps:
         shares = [figure / 100 for figure in FAULTS[fault.kind].figures]

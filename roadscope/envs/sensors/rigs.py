@@ -28,7 +28,7 @@ ANGLES = ("yaw", "pitch", "roll")
 MOUNT_KEYS = ("x_m", "y_m", "z_m", *(f"{angle}_deg" for angle in ANGLES))
 
 
-def known_keys(table: Mapping[str, Any], keys: Sequence[str]) -> None:
+def check_keys(table: Mapping[str, Any], keys: Sequence[str]) -> None:
     """Raise `RecordError` if a table has any other key."""
     for key in table:
         if key not in keys:
@@ -38,7 +38,7 @@ def known_keys(table: Mapping[str, Any], keys: Sequence[str]) -> None:
 
 
 def name_of(key: str, value: object, kind: str, names: Iterable[str]) -> str:
-    """Return the name of a sensor of that kind."""
+    """Return the value of a key if it names a sensor of that kind; raise `RecordError` if not."""
     if value is None:
         raise RecordError(f"no key '{key}'; it names one of: {', '.join(names)}")
     if not isinstance(value, str) or value not in names:
@@ -47,7 +47,7 @@ def name_of(key: str, value: object, kind: str, names: Iterable[str]) -> str:
 
 
 def number(key: str, value: object) -> float:
-    """Return a finite number."""
+    """Return the value of a key as a finite number; raise `RecordError` if it is none."""
     if isinstance(value, bool) or not isinstance(value, int | float):
         raise RecordError(f"{key}: expected a number, got {value!r}")
     try:
@@ -60,7 +60,7 @@ def number(key: str, value: object) -> float:
 
 
 def switch(key: str, value: object) -> bool:
-    """Return true or false."""
+    """Return the value of a key if it is true or false; raise `RecordError` if not."""
     if not isinstance(value, bool):
         raise RecordError(f"{key}: expected true or false, got {value!r}")
     return value
@@ -97,7 +97,7 @@ def preset(sensor: str) -> CameraMount:
 
 
 def _mount(table: Mapping[str, Any]) -> CameraMount:
-    known_keys(table, CAMERA_KEYS)
+    check_keys(table, CAMERA_KEYS)
     spec = _spec(CAMERAS[name_of("sensor", table.get("sensor"), "camera", CAMERAS)], table)
     at = {key: number(key, table[key]) for key in MOUNT_KEYS if key in table}
     z_m = at.get("z_m", CAMERA_Z_M)
@@ -156,9 +156,10 @@ IMU_X_M, IMU_Z_M = 1.3, 0.6
 
 @dataclass(frozen=True)
 class PresetPlace:
-    """Place of the LiDAR of a preset, metres, ego frame (rear axle on the ground).
+    """The LiDAR of a preset rig and where it sits, and the names of its other sensors.
 
-    imu: its inertial unit; a rig with one also has wheel speeds and sway.
+    x_m, z_m: metres, ego frame (origin on the ground below the rear axle). imu: its inertial unit;
+    a rig with one also has wheel speeds and sway.
     """
 
     sensor: str
@@ -189,9 +190,10 @@ def rig(name_or_path: str | Path) -> Rig:
     text = str(name_or_path)
     if text in RIGS:
         place = RIGS[text]
-        made = _rig(text, place.sensor, {"x_m": place.x_m, "z_m": place.z_m})
-        made = replace(made, camera=None if place.camera is None else preset(place.camera))
-        return made if place.imu is None else _inertial(made, place.imu)
+        lidar_rig = _rig(text, place.sensor, {"x_m": place.x_m, "z_m": place.z_m})
+        camera = None if place.camera is None else preset(place.camera)
+        camera_rig = replace(lidar_rig, camera=camera)
+        return camera_rig if place.imu is None else _with_imu(camera_rig, place.imu)
     if text.endswith(".toml"):
         return load_rig(Path(text))
     raise RecordError(f"{unknown('rig', text, RIGS)}; or a path ending in .toml")
@@ -231,15 +233,15 @@ def scaled_noise(rig: Rig, factor: float) -> Rig:
 
 
 def _from_table(table: Mapping[str, Any], stem: str) -> Rig:
-    known_keys(table, KEYS)
+    check_keys(table, KEYS)
     sensor = name_of("lidar", table.get("lidar"), "LiDAR", SPECS)
     name = table.get("name", stem)
     if not isinstance(name, str) or not name:
         raise RecordError(f"name: expected text, got {name!r}")
     numbers = {k: number(k, table[k]) for k in (*MOUNT_KEYS, *SPEC_KEYS) if k in table}
     place = RIGS.get(sensor)
-    preset = {} if place is None else {"x_m": place.x_m, "z_m": place.z_m}
-    return _with_extras(_rig(name, sensor, {**preset, **numbers}), table)
+    usual = {} if place is None else {"x_m": place.x_m, "z_m": place.z_m}
+    return _with_extras(_rig(name, sensor, {**usual, **numbers}), table)
 
 
 def _with_extras(rig: Rig, table: Mapping[str, Any]) -> Rig:
@@ -255,7 +257,8 @@ def _with_extras(rig: Rig, table: Mapping[str, Any]) -> Rig:
     )
 
 
-def _inertial(rig: Rig, unit: str) -> Rig:
+def _with_imu(rig: Rig, unit: str) -> Rig:
+    """Return the rig with an inertial unit, wheel speeds and sway."""
     return replace(rig, imu=_imu(unit), wheels=WheelSpec(), sway=BodySway())
 
 

@@ -1,4 +1,4 @@
-"""Vehicles that come and go at the ends of roads."""
+"""Vehicles that appear at the starts of lanes and are removed at the ends of roads."""
 
 from __future__ import annotations
 
@@ -26,6 +26,7 @@ class Inflow:
     sources: lanes on which vehicles appear.
     choose: draws the destination node for a source lane and a body length in metres; None to go
         to the end of the source lane.
+    mix: name of the mix of bodies, see `mix.draw_body`.
     desired_speed: mean speed of these drivers on a free road, m/s.
     headway_s: mean time between two vehicles of one source.
     ego: the ego, which never vanishes.

@@ -85,7 +85,7 @@ def _halves(slab: SaloonSlab, radius_m: float) -> tuple[np.ndarray, np.ndarray]:
 def _half(
     reach_m: float, axle_m: float, side_m: float, narrowing: float, radius_m: float
 ) -> np.ndarray:
-    """(K, 2) outline ahead of x = 0: straight up to the axle, narrower from there, arcs at the end.
+    """Return the (K, 2) outline ahead of x = 0: straight to the axle, then narrowing, then arcs.
 
     The first and the last corner are at x = 0.
     """
