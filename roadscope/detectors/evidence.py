@@ -1,4 +1,4 @@
-"""Features of a box in a scan, of which scores are made."""
+"""Features of a box in a scan, from which its score is computed."""
 
 from __future__ import annotations
 
@@ -14,19 +14,20 @@ from roadscope.detectors.horizon import Horizon
 from roadscope.detectors.shape.recognition import Vehicle
 
 # --------------------------------------------------------------------------------------------------
-# What the returns in and around a box say about it, box by box: compiled.
+# Kernels: counts of the returns and of the rays in and around each box.
 
 CELL_M = 4.0
-"""Side of the cells that returns are sorted into."""
+"""Side of the cells into which returns are sorted."""
 EDGE_M = 0.25
-"""Returns this far outside a box still belong to it: noise."""
+"""Returns up to this far outside a box still belong to it, because of noise."""
 DEEP_M = 0.5
-"""Returns this far inside of every side are within the body."""
+"""Returns at least this far inside every side of a box are deep within it."""
 AROUND_M = 1.5
-"""How far from a box its neighbourhood reaches."""
+"""Width of the neighbourhood around a box."""
 FLOOR_M, LOW_M, DECK_M, CEILING_M = 0.12, 0.3, 0.8, 2.5
-"""Heights: ground below the first; a body stands from the second; below the third nothing of a
-closed body is seen inside of its sides; above the fourth are crowns and buildings, and lorries."""
+"""Heights above the road. Below `FLOOR_M` returns are of the ground. Above `LOW_M` they are of
+something that stands. Below `DECK_M` a closed body has returns at its sides only. Above `CEILING_M`
+they are of crowns, buildings and lorries."""
 
 COUNTS = (
     "body",
@@ -53,7 +54,7 @@ class ReturnCells(NamedTuple):
     """Points sorted into square cells seen from above.
 
     order: (N,) int64 rows, cell by cell. starts: (X * Y + 1,) int64, where each cell begins in it.
-    low_x, low_y: metres, where the cells begin. count_x, count_y: numbers of cells.
+    low_x, low_y: least coordinates of the cells, metres. count_x, count_y: numbers of cells.
     """
 
     order: np.ndarray
@@ -102,14 +103,15 @@ def count_returns(
 ) -> np.ndarray:
     """Return (B, 13) `COUNTS` of boxes (B, 5): centre x and y, length, width, yaw.
 
-    body: standing returns within the box; ground: returns of the ground deep within it; deep:
-    share of the low returns that lie deep within it, of `low` returns; top, bottom: heights,
-    metres; levels: beams; depth: mean distance of the low returns from the sides, metres; above:
-    returns over the ceiling; top_level: highest beam; ends, sides: standing returns beyond its
-    ends and beside it; overhang: returns over the ceiling around it.
+    body: returns within the box, between floor and ceiling. ground: returns of the ground deep
+    within it. low: returns within it below the deck. deep: how many of these lie deep within it.
+    depth: their mean distance from the sides, metres. top, bottom: greatest and least height of the
+    body's returns, metres. levels: number of their beams. top_level: highest of their beams. above:
+    returns within the box above the ceiling. ends, sides: standing returns beyond its ends and
+    beside it. overhang: returns above the ceiling around it.
 
     boxes, points (N, 3): metres and radians, ego frame. ring: (N,) int64, beams, lowest first.
-    cells: of `sort_to_cells` for the points.
+    cells: result of `sort_to_cells` for the points.
     """
     out, has_return = np.zeros((len(boxes), len(COUNTS))), np.empty(int(ring.max()) + 1, np.bool_)
     for b in range(len(boxes)):
@@ -136,7 +138,7 @@ def count_returns(
 
 @compiled(borrowing=True)
 def _count(x: float, y: float, z: float, box: BoxAxes, row: np.ndarray) -> bool:
-    """Count a return in the row of a box; return whether it is a standing one within it."""
+    """Count a return in the row of a box; return whether it is one of the body's."""
     dx, dy = x - box.x, y - box.y
     u = abs(box.cos * dx + box.sin * dy) - box.half_length
     v = abs(box.cos * dy - box.sin * dx) - box.half_width
@@ -174,12 +176,13 @@ def _span(centre: float, reach: float, low: float, cells: int) -> tuple[int, int
 def shares_of_rays(
     boxes: np.ndarray, azimuths: np.ndarray, ranges: np.ndarray, origin: np.ndarray, step: float
 ) -> np.ndarray:
-    """Return (B, 4) shares of the columns towards boxes: blocked before, hit, passing beyond.
+    """Return for each box shares of the columns towards it, and the number of those that hit it.
 
-    The fourth is the number of columns that hit. boxes: (B, 5) as in `count_returns`.
-    azimuths: (C,) radians, increasing, of the nearest standing return a column; ranges: (C,)
-    metres; both from the origin, (2,) metres, of the sensor. step: radians from column to column.
-    Columns without a return pass beyond.
+    (B, 4): share of columns whose nearest return is before the box, share of those that hit it,
+    share of those that pass beyond it or have no return, and number of those that hit it.
+    boxes: (B, 5) as in `count_returns`. azimuths, ranges: (C,) radians, increasing, and metres, of
+    the nearest return above the ground in each column, seen from the origin. origin: (2,) metres,
+    the sensor. step: radians from column to column.
     """
     out = np.zeros((len(boxes), 4))
     for b in range(len(boxes)):
@@ -230,7 +233,7 @@ def _crossing(box: np.ndarray, origin: np.ndarray, azimuth: float) -> tuple[floa
 
 
 # --------------------------------------------------------------------------------------------------
-# Features of a box, whichever method proposed it.
+# Features of a box, for boxes of any method.
 
 FEATURES = (
     "log_returns",
@@ -271,9 +274,9 @@ def features(
 ) -> np.ndarray:
     """Return (B, F) `FEATURES` of the boxes of vehicles.
 
-    cloud: the whole scan with its ground; height_m: of the sensor above the ground. What is
-    counted is compared to what the box itself returned, so that beams and range fall out as far
-    as they can; logarithms are natural.
+    cloud: the whole scan with its ground. height_m: height of the sensor above the ground. Counts
+    are divided by the number of the body's returns, so that they depend as little as possible on
+    range and number of beams. Logarithms are natural.
     """
     boxes = boxes_of(vehicles)
     if not len(boxes) or not len(cloud):
@@ -319,13 +322,13 @@ def features(
 
 
 def _steepest(cloud: Cloud, height_m: float) -> float:
-    """Return the slope of the highest beam that returned anything."""
+    """Return the slope, rise per metre, of the highest beam with a return."""
     top = cloud.ring == cloud.ring.max()
     return float(np.median((cloud.points[top, 2] - height_m) / np.maximum(cloud.ranges[top], 0.1)))
 
 
 def _without_copies(cloud: Cloud) -> Cloud:
-    """Keep one of equal returns: clouds are sorted, so copies are neighbours."""
+    """Return the cloud with one of equal returns; it is sorted, so equal ones are neighbours."""
     same = (np.diff(cloud.column) == 0) & (np.diff(cloud.ring) == 0)
     rows = np.flatnonzero(same)
     copies = rows[(cloud.points[rows + 1] == cloud.points[rows]).all(axis=1)] + 1

@@ -1,4 +1,4 @@
-"""The nearest return in every direction: what can hide the end of an outline."""
+"""The nearest return in every direction: it may hide a part of a body beyond its outline."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from roadscope.detectors.cloud import Cloud
 from roadscope.detectors.sorting import order_by, order_within, starts_of
 
 NEARER_M = 0.6
-"""What lies this much nearer than an end hides what is beyond it; three standard deviations of
-the LUX's range noise to either side."""
+"""A return this much nearer than the end of an outline hides what is beyond the end; three standard
+deviations of the LUX's range noise to either side."""
 
 
 class HorizonArrays(NamedTuple):
-    """A `Horizon` for kernels; ends: of its view, infinite for a full turn."""
+    """A `Horizon` for kernels. ends: right and left end of its view, infinite for a full turn."""
 
     azimuths: np.ndarray
     ranges: np.ndarray
@@ -28,7 +28,7 @@ class HorizonArrays(NamedTuple):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Horizon:
-    """What stands around the sensor, one entry a column.
+    """The nearest returns above the ground around the sensor, one for each column.
 
     azimuths: (C,) radians; ranges: (C,) metres of the nearest return above the ground.
     step: radians from column to column.
@@ -47,8 +47,8 @@ class Horizon:
         """Return the horizon of a scan.
 
         standing: (N,) mask of returns above the ground.
-        view: right and left end of the field of view; taken for a full turn when returns lie
-            outside.
+        view: right and left end of the field of view, radians. If returns lie outside, the sensor
+            sees a full turn.
         """
         rows = np.flatnonzero(standing)
         rows = rows[order_by(cloud.column[rows])]
@@ -61,9 +61,10 @@ class Horizon:
         return Horizon(azimuths, ranges[nearest], step, view if limited else None, cloud.origin)
 
     def hides_beyond(self, point: np.ndarray, side: int) -> bool:
-        """Whether a surface could go on unseen beyond a (2,) point, to the left (1) or right (-1).
+        """Return whether a surface may go on unseen beyond a (2,) point.
 
-        It could where the field of view ends and where something nearer stands.
+        It may where the field of view ends and where something nearer stands. side: 1 for the left
+        of the point, -1 for the right.
         """
         return bool(_hides(point, side, self.origin, self.around))
 
@@ -77,7 +78,7 @@ class Horizon:
 
     @property
     def around(self) -> HorizonArrays:
-        """What kernels need of a horizon."""
+        """The horizon as kernels take it."""
         ends = (-np.inf, np.inf) if self.view is None else self.view
         return HorizonArrays(self.azimuths, self.ranges, self.step, ends)
 
@@ -88,19 +89,19 @@ def _sweep(cloud: Cloud, view: tuple[float, float]) -> tuple[float, bool]:
     first = cloud.select(order[starts_of(cloud.column[order])[:-1]])
     step = _step(first.azimuths, first.column)
     limit = view[1] - (view[0] + view[1]) / 2 + step
-    # A sensor that turns fully shows it at once; only otherwise every return must be looked at.
+    # One return of each column usually shows a full turn; only otherwise all returns are checked.
     limited = all(_farthest(part, view) <= limit for part in (first, cloud))
     return step, limited
 
 
 def _farthest(cloud: Cloud, view: tuple[float, float]) -> float:
-    """Greatest angle in radians between a return and the middle of the view."""
+    """Return the greatest angle in radians between a return and the middle of the view."""
     off = np.abs(wrap_angle(cloud.azimuths - (view[0] + view[1]) / 2))
     return float(off.max(initial=0.0))
 
 
 def _step(azimuths: np.ndarray, columns: np.ndarray) -> float:
-    """Radians from column to column, from one return of each column in order."""
+    """Return the radians from column to column, given one return of each column in order."""
     turns = np.abs(wrap_angle(np.diff(azimuths)))
     return float(np.median(turns / np.diff(columns))) if len(turns) else 0.0
 
@@ -114,9 +115,9 @@ def _hides_ends(
 
 @compiled()
 def _hides(point: np.ndarray, side: int, origin: np.ndarray, around: HorizonArrays) -> bool:
-    """Whether a surface could go on unseen beyond a (2,) point on one side.
+    """Return whether a surface may go on unseen beyond a (2,) point on one side.
 
-    It could where the view ends and where a return is nearer, one or two columns beside it.
+    It may where the view ends, and where a return one or two columns beside the point is nearer.
     """
     step, azimuths = around.step, around.azimuths
     x, y = point[0] - origin[0], point[1] - origin[1]

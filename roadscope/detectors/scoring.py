@@ -120,12 +120,13 @@ CURVES: dict[str, tuple[tuple[float, ...], tuple[float, ...]]] = {
 # The model.
 
 Curve = tuple[tuple[float, ...], tuple[float, ...]]
-"""Knots, increasing, and the log odds at each; beyond the ends the curve goes on level."""
+"""Increasing knots and the log odds at each; beyond the first and last knot the curve is
+constant."""
 
 
 @dataclass(frozen=True, slots=True)
 class ScoreModel:
-    """Log odds that a detection is right: a constant and one curve a feature.
+    """Log odds that a detection is right: a constant and one curve for each feature.
 
     names: of the features, in their order.
     """
@@ -147,9 +148,9 @@ class ScoreModel:
 def scores(
     vehicles: Sequence[Vehicle], cloud: Cloud, horizon: Horizon, height_m: float
 ) -> np.ndarray:
-    """Return (B,) probabilities that vehicles are road users within 2 m of where they are said.
+    """Return the (B,) probabilities that there is a road user within 2 m of each vehicle.
 
-    cloud: the whole scan; height_m: of the sensor above the ground.
+    cloud: the whole scan. height_m: height of the sensor above the ground.
     """
     return shipped_model().probabilities(features(vehicles, cloud, horizon, height_m))
 

@@ -63,28 +63,28 @@ def estimate(method: Method, run: SensedDrive) -> tuple[Poses, np.ndarray]:
 # The paper's methods: single frame, multi frame, and RANSAC to compare with.
 
 
-def single(run: SensedDrive, **reading: Any) -> Iterator[Poses]:
+def single(run: SensedDrive, **options: Any) -> Iterator[Poses]:
     """Fit each frame alone; reading: options of `fit_single`."""
     for sweep in run.sweeps:
         points = sweep.points_xy
         yield [
-            fit_single(points, sweep.origin_xy, length_m=LENGTH_M, width_m=WIDTH_M, **reading)
+            fit_single(points, sweep.origin_xy, length_m=LENGTH_M, width_m=WIDTH_M, **options)
             if len(points)
             else None
         ]
 
 
-def multi(run: SensedDrive, **reading: Any) -> Iterator[Poses]:
+def multi(run: SensedDrive, **options: Any) -> Iterator[Poses]:
     """Fit three frames in a row, the middle one's pose; at the ends the two that there are.
 
     reading: options of `fit_multi`.
     """
     yield []
     for k in range(len(run.sweeps)):
-        yield [_middle_of_three(run, k, **reading)]
+        yield [_middle_of_three(run, k, **options)]
 
 
-def _middle_of_three(run: SensedDrive, k: int, **reading: Any) -> VehiclePose | None:
+def _middle_of_three(run: SensedDrive, k: int, **options: Any) -> VehiclePose | None:
     window = [j for j in (k - 1, k, k + 1) if 0 <= j < len(run.sweeps)]
     with_returns = [j for j in window if run.sweeps[j].target.any()]
     if k not in with_returns:
@@ -97,16 +97,16 @@ def _middle_of_three(run: SensedDrive, k: int, **reading: Any) -> VehiclePose | 
         length_m=LENGTH_M,
         width_m=WIDTH_M,
         at=with_returns.index(k),
-        **reading,
+        **options,
     )
 
 
-def ransac(run: SensedDrive, **reading: Any) -> Iterator[Poses]:
+def ransac(run: SensedDrive, **options: Any) -> Iterator[Poses]:
     """Fit each frame alone; reading: options of `fit_ransac`."""
     for k, sweep in enumerate(run.sweeps):
         points, rng = sweep.points_xy, np.random.default_rng([run.seed, k])
         yield [
-            fit_ransac(points, sweep.origin_xy, rng, length_m=LENGTH_M, width_m=WIDTH_M, **reading)
+            fit_ransac(points, sweep.origin_xy, rng, length_m=LENGTH_M, width_m=WIDTH_M, **options)
             if len(points)
             else None
         ]

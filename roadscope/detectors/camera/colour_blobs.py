@@ -1,4 +1,4 @@
-"""Boxes from colours alone: the low end of any comparison of camera detectors."""
+"""Boxes from colours alone: the lower mark of camera detectors."""
 
 from __future__ import annotations
 
@@ -8,19 +8,20 @@ from roadscope.core import CameraImage, Category, Frame, ImageDetections, Record
 from roadscope.detectors.camera.detector import no_detections
 
 SQUARE = 4
-"""Pixels are averaged over squares of so many by so many."""
+"""Side of the squares over which pixels are averaged."""
 LEAST_SQUARES = 6
+"""Least number of squares of a blob."""
 TALL = 1.6
-"""Blobs higher than this many widths are taken for people."""
+"""Blobs higher than this many widths count as people."""
 FILLED = 0.35
 """Least share of its box that a blob fills."""
 
 
 class ColourBlobs:
-    """Boxes around patches whose colour is not that of their row of the image.
+    """Boxes around patches whose colour differs from that of their row of the image.
 
-    Nothing is learned: most of what is level with the eye or below is road and grass, whose
-    colour hardly changes along a row. Scores grow with how much stands out; they are no chances.
+    Nothing is learned. Below the horizon most of an image is road and grass, whose colour hardly
+    changes along a row. Scores grow with the contrast; they are not probabilities.
     """
 
     def __init__(self, *, contrast: float = 0.14, horizon: float = 0.42) -> None:
@@ -37,7 +38,7 @@ class ColourBlobs:
         self.horizon = horizon
 
     def reset(self) -> None:
-        """Do nothing: every image is taken alone."""
+        """Do nothing: each image is treated by itself."""
 
     def detect(self, frame: Frame) -> ImageDetections:
         """Return a box for each patch."""
@@ -69,7 +70,7 @@ class ColourBlobs:
 
 
 def _detections(patches: np.ndarray, image: CameraImage) -> ImageDetections:
-    """Turn (N, 5) boxes in squares and contrasts into detections."""
+    """Return the detections of (N, 5) patches: left, top, right, bottom in squares, contrast."""
     boxes = patches[:, :4] * SQUARE
     tall = (boxes[:, 3] - boxes[:, 1]) > TALL * (boxes[:, 2] - boxes[:, 0])
     categories = np.where(tall, Category.PEDESTRIAN, Category.CAR).astype(np.int8)

@@ -11,9 +11,9 @@ from roadscope.detectors.cloud import Cloud
 from roadscope.detectors.sorting import order_by, order_within, starts_of
 
 INCIDENCE_RAD = np.radians(10.0)
-"""Smallest angle between beam and surface still believed in, as in the paper."""
+"""Smallest angle between a beam and a surface that is allowed for, as in the paper."""
 MAX_STEPS = 3.5
-"""Columns between neighbours of a beam; two lost returns are bridged, a hole is not."""
+"""Most columns between linked neighbours of a beam: two lost returns are bridged, not more."""
 
 
 def cluster_breakpoint(cloud: Cloud, *, range_noise_m: float = 0.1) -> np.ndarray:
@@ -22,11 +22,11 @@ def cluster_breakpoint(cloud: Cloud, *, range_noise_m: float = 0.1) -> np.ndarra
     Returns (N,) int64 labels, none negative.
 
     Neighbouring returns of a beam are linked unless they are farther apart than
-    D = r sin(step) / sin(incidence - step) + 3 sigma, the spacing on a surface met at the
-    smallest incidence. The paper has one beam; here neighbouring beams of a column are linked
-    too, up to the D of one step between columns. The paper's r is the earlier of the two
-    ranges; the lesser one is the same law read towards either side. `range_noise_m` is the
-    LUX's data sheet figure.
+    D = r sin(step) / sin(incidence - step) + 3 sigma, the spacing on a surface at the smallest
+    incidence. The paper has one beam. Here neighbouring beams of a column are linked too, up to the
+    D of one step between columns. The paper's r is the earlier of the two ranges. Here it is the
+    lesser one, so that the direction of the sweep does not matter. The default of `range_noise_m`
+    is from the LUX's data sheet.
     """
     if len(cloud) < 2:
         return np.zeros(len(cloud), np.int64)
@@ -48,7 +48,7 @@ def reach(ranges: np.ndarray, steps: np.ndarray) -> np.ndarray:
 
     ranges: (N,) metres, of the nearer one. steps: (N,) radians between the two.
     """
-    # Towards the incidence angle the spacing grows without bound; wider steps are refused.
+    # The spacing grows without bound as the step approaches the incidence angle.
     steps = np.minimum(steps, 0.9 * INCIDENCE_RAD)
     spacing: np.ndarray = ranges * np.sin(steps) / np.sin(INCIDENCE_RAD - steps)
     return spacing
@@ -61,7 +61,7 @@ def _resolution(steps: np.ndarray, columns: np.ndarray) -> float:
 
 
 def _along_rings(ring: np.ndarray, azimuths: np.ndarray) -> np.ndarray:
-    """Return pairs of neighbouring returns of a beam, around the circle too, (2, P)."""
+    """Return pairs of neighbouring returns of a beam, the last and the first one too, (2, P)."""
     order = order_by(ring)
     starts = starts_of(ring[order])
     order = order[order_within(azimuths[order], starts)]

@@ -72,7 +72,7 @@ def pointing_away(angle: float, sight: np.ndarray) -> float:
     return float(angle if is_away else angle + np.pi)
 
 
-def settled_points(points_xy: np.ndarray, *, least: int = 1) -> np.ndarray:
+def checked_points(points_xy: np.ndarray, *, least: int = 1) -> np.ndarray:
     """Return points as (N, 2) float64; `ValueError` unless they are finite points in the plane."""
     points = np.ascontiguousarray(points_xy, dtype=np.float64)
     if points.ndim != 2 or points.shape[1] != 2:
@@ -94,7 +94,7 @@ def check_spread(points_xy: np.ndarray) -> None:
         )
 
 
-def settled_origin(origin: np.ndarray) -> np.ndarray:
+def checked_origin(origin: np.ndarray) -> np.ndarray:
     """Return the sensor's position as (2,) float64; `ValueError` unless it is finite x and y."""
     place = np.ascontiguousarray(origin, dtype=np.float64)
     if place.shape != (2,) or not np.isfinite(place).all():
@@ -102,7 +102,7 @@ def settled_origin(origin: np.ndarray) -> np.ndarray:
     return place
 
 
-def positive(**values: float) -> None:
+def check_positive(**values: float) -> None:
     """Raise ValueError naming the first value that is not a positive finite number."""
     for name, value in values.items():
         if not 0 < value < np.inf:

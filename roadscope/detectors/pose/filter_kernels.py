@@ -10,9 +10,9 @@ import numpy as np
 from roadscope.core.jit import compiled
 
 CUT_OFF_SD = 4.0
-"""Standard deviations after which the Gaussian of a smoothed edge is cut off; chosen by hand."""
+"""The Gaussian of a smoothed edge is cut off after so many standard deviations; chosen by hand."""
 LAG_M = 0.5
-"""How far the common velocity may move a frame from its own best place; chosen by hand."""
+"""The common velocity may move a frame this far from its own best position; chosen by hand."""
 
 
 class Frames(NamedTuple):
@@ -54,8 +54,9 @@ class FilterSettings(NamedTuple):
 class Placement(NamedTuple):
     """The best place of the body at one angle.
 
-    along, across: (F,) and one place of the body's centre in metres along the two axes from the
-    reference point. velocity: along the long axis, metres per second.
+    along: (F,) positions of the body's centre along the long axis, one for each frame. across: its
+    position along the other axis. Both are in metres from the reference point. velocity: along the
+    long axis, metres per second.
     """
 
     score: float
@@ -67,8 +68,8 @@ class Placement(NamedTuple):
 class Line(NamedTuple):
     """One line of the pair.
 
-    x, y: its unit vector. offset: place of the points' origin along it, metres. leads_away:
-    whether it leads away from the sensor.
+    x, y: its unit vector. offset: coordinate of the points' origin along it, metres. leads_away:
+    whether it points away from the sensor.
     """
 
     x: float
@@ -157,10 +158,10 @@ def _template_energy(share: float, extent: float, sigma: float) -> float:
 
 @compiled()
 def peak(response: np.ndarray, tie: float) -> float:
-    """Return the place of the greatest response, in bins from the middle.
+    """Return the position of the greatest response, in bins from the middle.
 
-    Equal responses (within `tie`) are a plateau, whose middle counts. A single peak is placed by
-    the parabola through its neighbours.
+    Of equal responses (within `tie`) the middle one counts. A single peak is interpolated by the
+    parabola through its neighbours.
     """
     best = int(response.argmax())
     first = last = best
@@ -181,8 +182,8 @@ def pair_responses(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return the responses along (F, K) and across (M,) of a line pair at an angle.
 
-    Along the long axis each frame is placed from its own mean; across it all frames share one
-    place, from the reference point. A frame counts as its share of the returns.
+    Along the long axis each frame has responses of its own, from its own mean. Across it all frames
+    share one response, from the reference point. A frame's weight is its share of the returns.
     """
     length, width = settings.length_m, settings.width_m
     x, y = math.cos(angle), math.sin(angle)
@@ -204,14 +205,14 @@ def pair_responses(
 
 @compiled()
 def _bins(reach_m: float, settings: FilterSettings) -> int:
-    """Return how many bins hold all places of the body and the smoothed returns: an odd number."""
+    """Return how many bins, an odd number, hold all positions of the body and smoothed returns."""
     half = math.ceil((reach_m + CUT_OFF_SD * settings.sigma_m) / settings.bin_m) + 3
     return 2 * half + 1
 
 
 @compiled()
 def free_scores(frames: Frames, angles: np.ndarray, settings: FilterSettings) -> np.ndarray:
-    """Return the scores (A,) of angles when each frame has its own best place along the body."""
+    """Return the scores (A,) of angles if each frame has its own best position along the body."""
     scores = np.empty(len(angles))
     for a in range(len(angles)):
         along, across = pair_responses(frames, angles[a], settings)
@@ -225,8 +226,8 @@ def free_scores(frames: Frames, angles: np.ndarray, settings: FilterSettings) ->
 def place_at(frames: Frames, angle: float, settings: FilterSettings, tied: bool) -> Placement:
     """Return the best placement at an angle.
 
-    tied: one velocity moves all frames; otherwise each frame has its own place, and the velocity
-    is the slope of these places.
+    tied: whether one velocity moves all frames. Otherwise each frame has its own position, and the
+    velocity is the slope of these positions over time.
     """
     along, across = pair_responses(frames, angle, settings)
     stamps, bin_m, tie = frames.stamps, settings.bin_m, settings.tie

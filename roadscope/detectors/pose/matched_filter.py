@@ -12,30 +12,31 @@ import numpy as np
 
 from roadscope.detectors.pose.estimate import (
     VehiclePose,
+    check_positive,
     check_spread,
-    positive,
-    settled_origin,
-    settled_points,
+    checked_origin,
+    checked_points,
 )
 from roadscope.detectors.pose.filter_kernels import FilterSettings, Frames, free_scores, place_at
 
 Template = Literal["echo", "extent", "plateau"]
 POWERS: dict[Template, int] = {"echo": 2, "extent": 1, "plateau": 0}
 TIE = 1e-3
-"""Responses that differ by less are equal: a side that is seen whole fits within its slack."""
+"""Responses that differ by less are equal: a side that is wholly visible fits anywhere in its
+slack."""
 MOVING_M_S = 1.0
-"""From this speed on, the direction of motion says which end is the front; chosen by hand."""
+"""Above this speed the direction of motion decides which end is the front; chosen by hand."""
 
 
-class Reading(TypedDict, total=False):
-    """How the paper is read: options of its fits, with the defaults of `settled_reading`.
+class FilterOptions(TypedDict, total=False):
+    """Options of the matched filter; `filter_options` has the defaults.
 
-    sigma_m: of the smoothed edges, twice the range noise. alpha: penalty of a return outside the
-    body. bin_m, step_deg: of places and angles. search_deg: the paper turns the pair through
-    90 deg; this cannot tell length from width, so 180 deg are searched here. template: the share
-    of a face is its extent times the cosine of incidence ("extent") or times the square of it,
-    since echoes fade with incidence ("echo"); "plateau" leaves the near edge out, which is the
-    step function taken literally.
+    sigma_m: standard deviation of the smoothed edges, twice the range noise. alpha: penalty of a
+    return outside the body. bin_m, step_deg: steps of positions and angles. search_deg: range of
+    angles; the paper has 90 deg, which cannot tell length from width, so the default is 180 deg.
+    template: with "extent" the share of returns of a face is its extent times the cosine of
+    incidence; with "echo" it is the extent times the square of the cosine, because echoes fade with
+    incidence; "plateau" has no near edge, which is the paper's step function taken literally.
     """
 
     bin_m: float
@@ -59,20 +60,21 @@ def fit_single(
     *,
     length_m: float,
     width_m: float,
-    **reading: Unpack[Reading],
+    **options: Unpack[FilterOptions],
 ) -> VehiclePose:
     """Return the rectangle of known size that fits one frame best (Zhang 2017, eq. 1-9).
 
-    points_xy: (N, 2) metres, returns of one vehicle, at least one. origin: (2,) of the sensor in
-    the same frame. yaw points away from the sensor: a rectangle has no front.
+    points_xy: (N, 2) metres, returns of one vehicle, at least one. origin: (2,) metres, the sensor
+    in the same frame. yaw points away from the sensor, because a rectangle has no front. options:
+    see `FilterOptions`.
 
-    The bodies of eq. 1-9 are lost. Reading taken: along each axis a body shows an edge at its
-    near end and a plateau as long as itself, weighed by the shares of returns of the two visible
-    faces under the viewing angle, smoothed so that the edges are erf, minus alpha outside, at
-    unit energy.
+    The bodies of eq. 1-9 are not known to us. Here the template along each axis has an edge at the
+    near end of the body and a plateau as long as the body. They are weighted by the shares of
+    returns of the two visible faces under the viewing angle, and smoothed, so that the edges are
+    error functions. The template has unit energy, and alpha is subtracted outside.
     """
-    points, place = settled_points(points_xy), settled_origin(origin)
-    return fit_multi([points], [place], np.zeros(1), length_m=length_m, width_m=width_m, **reading)
+    points, place = checked_points(points_xy), checked_origin(origin)
+    return fit_multi([points], [place], np.zeros(1), length_m=length_m, width_m=width_m, **options)
 
 
 def fit_multi(
@@ -84,28 +86,28 @@ def fit_multi(
     width_m: float,
     at: int | None = None,
     tied: bool = True,
-    **reading: Unpack[Reading],
+    **options: Unpack[FilterOptions],
 ) -> VehiclePose:
     """Return the rectangle of known size in one of F frames, fitted to all (Zhang 2017, eq. 10-12).
 
-    frames: F arrays (N, 2) of one vehicle's returns in metres, one fixed frame for all, at least
-    one return in each. origins: F (2,) places of the sensor in it. stamps_s: F stamps, rising.
-    at: index of the frame whose pose is returned, the middle one if left out; -1, the newest, is
-    the causal use. The rest as in `fit_single`. yaw points in the direction of motion, or away
-    from the sensor where the body hardly moved.
+    frames: F arrays (N, 2) of one vehicle's returns in metres, all in one fixed coordinate frame,
+    at least one return in each. origins: F (2,) positions of the sensor in it. stamps_s: F stamps,
+    rising. at: index of the frame whose pose is returned, by default the middle one; -1 is the
+    newest. tied: see below. The rest as in `fit_single`. yaw points in the direction of motion, or
+    away from the sensor if the body hardly moved.
 
-    All frames share heading and place across it; along it they are moved by v * ds with one v
-    that is searched. Not tied, each frame has its own shift, which is the weaker assumption of
-    figure 4: then the velocity is the slope of the shifts.
+    All frames share the heading and the position across it. Along it they are moved by one
+    velocity, which is searched. With `tied=False` each frame has its own shift, which is the weaker
+    assumption of figure 4; the velocity is then the slope of the shifts over time.
     """
     stamps = _checked_stamps(stamps_s, len(frames), len(origins))
     reference = _checked_index(at, len(frames))
-    settings, angles = settled_reading(length_m, width_m, **reading)
+    settings, angles = filter_options(length_m, width_m, **options)
     if not all(len(points) for points in frames):
         raise ValueError("a pose needs at least 1 point in each frame, got none in one")
     for points in frames:
-        check_spread(settled_points(points))
-    sensors = np.array([settled_origin(o) for o in origins])
+        check_spread(checked_points(points))
+    sensors = np.array([checked_origin(o) for o in origins])
     centred, point = _centred(frames, sensors, stamps, reference)
     angle = _best_angle(centred, settings, angles, tied)
     best = place_at(centred, angle, settings, tied)
@@ -144,8 +146,8 @@ def _centred(
 def _best_angle(frames: Frames, settings: FilterSettings, angles: _Angles, tied: bool) -> float:
     """Return the angle of the greatest score, between the steps of the search.
 
-    Frames with places of their own score at least as much as tied frames. So an angle whose free
-    score is below the best tied score is not looked at more closely.
+    Frames with shifts of their own score at least as much as tied frames. So a tied score is
+    computed only for angles whose free score is not below the best tied score so far.
     """
     start = initial_angle(frames)
     tried = start + angles.step * np.arange(angles.number)
@@ -172,7 +174,7 @@ def _best_angle(frames: Frames, settings: FilterSettings, angles: _Angles, tied:
 def initial_angle(frames: Frames) -> float:
     """Return the direction of the line that fits the points best, radians.
 
-    Reading taken: least squares of the distances from the line, since a slope of y over x has no
+    It minimises the squared distances from the line; the paper's slope of y over x cannot describe
     vertical lines. Points without a direction give the line of sight.
     """
     x, y = frames.points.T
@@ -183,7 +185,7 @@ def initial_angle(frames: Frames) -> float:
 
 
 @lru_cache(maxsize=256)
-def settled_reading(
+def filter_options(
     length_m: float,
     width_m: float,
     *,
@@ -194,11 +196,12 @@ def settled_reading(
     search_deg: float = 180.0,
     template: Template = "echo",
 ) -> tuple[FilterSettings, _Angles]:
-    """Return the filter for a body of known size and the angles to try, or refuse an option.
+    """Return the settings of the filter for a body of known size, and the angles to try.
 
-    A step that does not divide the search evenly is shortened.
+    Raises `ValueError` for impossible options. A step that does not divide the search evenly is
+    shortened.
     """
-    positive(length_m=length_m, width_m=width_m, sigma_m=sigma_m, bin_m=bin_m)
+    check_positive(length_m=length_m, width_m=width_m, sigma_m=sigma_m, bin_m=bin_m)
     if not 0 <= alpha < np.inf:
         raise ValueError(f"alpha must be finite and not negative, got {alpha!r}")
     if width_m > length_m:
@@ -230,7 +233,8 @@ def _checked_stamps(
         raise ValueError("a multi-frame fit needs at least 1 frame, got none")
     if stamps.shape != (frames,) or origins != frames:
         raise ValueError(
-            f"frames, origins and stamps must be as many, got {frames}, {origins}, {stamps.shape}"
+            f"frames, origins and stamps must be equally many, got {frames}, {origins}, "
+            f"{stamps.shape}"
         )
     if not np.isfinite(stamps).all() or not all(a < b for a, b in pairwise(stamps)):
         raise ValueError(f"stamps must be finite and rising, got {stamps}")

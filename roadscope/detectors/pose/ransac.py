@@ -8,10 +8,10 @@ import numpy as np
 
 from roadscope.detectors.pose.estimate import (
     VehiclePose,
+    check_positive,
+    checked_origin,
+    checked_points,
     pointing_away,
-    positive,
-    settled_origin,
-    settled_points,
 )
 from roadscope.detectors.pose.ransac_kernels import Sides, agreed, by_range
 
@@ -42,8 +42,8 @@ def fit_ransac(
     "main": it is always the long side, as the paper's introduction has it, which turns what is
     seen from behind by 90 deg.
     """
-    points, place = settled_points(points_xy), settled_origin(origin)
-    positive(length_m=length_m, width_m=width_m, inlier_m=inlier_m, trials=trials)
+    points, place = checked_points(points_xy), checked_origin(origin)
+    check_positive(length_m=length_m, width_m=width_m, inlier_m=inlier_m, trials=trials)
     if long_side not in ("size", "main"):
         raise ValueError(f"no long_side {long_side!r}; known: size, main")
     points = by_range(points, place)

@@ -1,4 +1,4 @@
-"""A vehicle's pose from the scans around it: one motion for all of them, a fixed lag behind."""
+"""A fixed-lag smoother: a vehicle's pose from the scans around it, with one motion for all."""
 
 from __future__ import annotations
 
@@ -32,31 +32,31 @@ from roadscope.detectors.pose.estimate import VehiclePose
 from roadscope.envs.sensors.lidar_spec import LidarSpec
 
 SPEED_SD, ACCELERATION_SD = 30.0, 0.7
-"""Standard deviations of a vehicle's speed (m/s) and acceleration (m/s2) before it is measured."""
+"""Prior standard deviations of a vehicle's speed (m/s) and acceleration (m/s2)."""
 BUDGET, LEAST_BUDGET = 2100, 300
-"""Returns of all scans of a window, and of one, beyond which some are left out."""
+"""Budget of returns of a window, and least budget of one of its scans, see `body_scan`."""
 COARSE_RAYS = 150
 """Rays of the first search in a window."""
 NEAR_SLACKS_M = (0.06, 0.02, 0.0)
-"""Added to the noise on the way from the last answer, see `descend`."""
+"""Added to the noise in the rounds of a search that begins at the last result, see `descend`."""
 LONG = 3
-"""Scans from which the last answer, moved on, is nearly right."""
+"""With at least so many scans in the window, the last result, moved on, is nearly right."""
 FITTING_SD = 2.0
-"""Standard deviations of the cost, above its mean, up to which an answer from the last one is
-taken to be right."""
+"""A result of a search from the last result is accepted if its cost is at most so many standard
+deviations above the mean cost."""
 WORSE = 1.1
-"""By how much the cost must grow for another search with new guesses, after one."""
+"""After a search with new guesses there is no other one until the cost grows by this factor."""
 ENOUGH_RETURNS = 3
-"""Returns from which a scan alone gives a good first guess."""
+"""With so many returns a single scan gives a good first guess."""
 TURN_RATES = (-2 * TURN_SD, 0.0, 2 * TURN_SD)
 """Turn rates of first guesses, rad/s."""
 SLOW_M_S, BACKWARD_SD = 1.0, 0.3
-"""Speed up to which the looks of a vehicle must tell which way round it is, not its motion; and
-standard deviation, m/s, of the speed of what goes backwards."""
+"""Below `SLOW_M_S` a vehicle's motion does not tell its front from its rear, so both headings are
+tried. `BACKWARD_SD`: standard deviation, m/s, of the speed of vehicles that go backwards."""
 
 
 class _WindowScan(NamedTuple):
-    """One scan of the window: its stamp, what it says, and where the sensor was, x, y, yaw."""
+    """One scan of the window: its stamp, its rays, and x, y and yaw of the sensor, world frame."""
 
     stamp_s: float
     body: BodyScan
@@ -64,10 +64,10 @@ class _WindowScan(NamedTuple):
 
 
 class Smoother:
-    """Joins the last scans under constant turn rate and nearly constant speed.
+    """Fits one motion of constant turn rate and nearly constant speed to the last scans.
 
-    The likelihoods of all scans are joined, not their poses, so a scan with one return counts
-    for what it is worth. The sensor may move.
+    It joins the likelihoods of all scans, not their poses, so even a scan with a single return
+    contributes. The sensor may move.
     """
 
     def __init__(
@@ -81,8 +81,8 @@ class Smoother:
     ) -> None:
         """Take the LiDAR, the body and the window.
 
-        frames: scans joined at most. lag: how many scans back the answer is, 0 for the newest;
-        left out, the middle of the window. tolerance: as in `BodyFit`.
+        frames: most scans in the window. lag: the pose is returned for the scan so many scans ago,
+        0 for the newest, by default that in the middle of the window. tolerance: as in `BodyFit`.
         """
         if frames < 1:
             raise ValueError(f"frames must be at least 1, got {frames}")
@@ -103,10 +103,10 @@ class Smoother:
     def update(
         self, scan: LidarScan, target: np.ndarray, world_from_lidar: Pose, *, rolling: bool = True
     ) -> VehiclePose | None:
-        """Take a scan in and return the pose `lag` scans ago, world frame, at its stamp.
+        """Take a scan; return the pose at the stamp of the scan `lag` scans ago, world frame.
 
-        None while there is no such scan, or no return in the window. Arguments as in `body_scan`;
-        stamps that do not increase are a `ValueError`.
+        It is None if there is no such scan yet, or no return in the window. Arguments as in
+        `body_scan`. Stamps have to increase, otherwise `ValueError` is raised.
         """
         if self._window and not scan.stamp_s > self._window[-1].stamp_s:
             last_s = self._window[-1].stamp_s
@@ -129,7 +129,7 @@ class Smoother:
             rough_m=self._tolerance.rough_m,
         )
         if self._first is not None and rolling:
-            # Only now is known how the sensor moved while it took its first scan.
+            # The motion of the sensor during its first scan is known only now.
             self._window[0] = self._window[0]._replace(body=self._body_scan(self._first, twist))
         self._first = None if self._window else read_scan
         body = self._body_scan(read_scan, twist)
@@ -137,17 +137,17 @@ class Smoother:
         return self._pose(len(self._window) - 1 - self._lag)
 
     def flush(self) -> list[VehiclePose | None]:
-        """Return the poses of the last `lag` scans, from the scans that there are."""
+        """Return the poses of the last `lag` scans, when no more scans will come."""
         first = max(len(self._window) - self._lag, 0)
         return [self._pose(at) for at in range(first, len(self._window))]
 
     def _body_scan(self, read_scan: Callable[..., BodyScan], twist: np.ndarray) -> BodyScan:
-        """Return what a scan says; twist: (3,) of the sensor, m/s and rad/s, world frame."""
+        """Return a scan's rays. twist: (3,) of the sensor, m/s and rad/s, world frame."""
         body = read_scan(sensor_velocity=twist[:2], sensor_turn=float(twist[2]))
         return replace(body, rays=with_glass(self._model, body.rays))
 
     def _pose(self, at: int) -> VehiclePose | None:
-        """Return the pose of one scan of the window from all of them."""
+        """Return the pose at the stamp of one scan of the window, from all scans."""
         if at < 0:
             return None
         stamp_s = self._window[at].stamp_s
@@ -159,7 +159,7 @@ class Smoother:
             starts = _moved(self._last_state, stamp_s - self._last_stamp_s)[:, problem.free]
             slacks_m = NEAR_SLACKS_M if len(self._window) >= LONG else SLACKS_M
             answers = answers_from(starts, slacks_m=slacks_m)
-        # Squares of as many returns have this mean and standard deviation.
+        # The mean of so many squared standard normal residuals is 1, with this deviation.
         bound = 1.0 + FITTING_SD * np.sqrt(2 / max(problem.hits, 1))
         if not answers or _cost(problem, answers) > max(bound, WORSE * self._guessed_cost):
             starts = self._guesses(stamp_s)
@@ -172,7 +172,7 @@ class Smoother:
         return pose_of(answers, problem)
 
     def _problem(self, stamp_s: float) -> BodyProblem:
-        """Return the problem of the whole window, the reference time being a stamp."""
+        """Return the problem of the whole window, with a stamp as reference time."""
         rays = [
             scan.body.rays._replace(time=scan.body.rays.time + (scan.stamp_s - stamp_s))
             for scan in self._window
@@ -186,10 +186,10 @@ class Smoother:
         )
 
     def _guesses(self, stamp_s: float) -> np.ndarray:
-        """Return states (S, 11) to search from, the last answer being left aside.
+        """Return states (S, 11) from which to search; they do not depend on the last result.
 
-        The scan nearest to the stamp gives the pose, the returns' means give the velocity, and
-        the turn rate is tried.
+        The pose comes from the scan nearest to the stamp, the velocity from the means of the
+        returns. Three turn rates are tried.
         """
         filled = [scan for scan in self._window if scan.body.returns]
         usable = [scan for scan in filled if scan.body.returns >= ENOUGH_RETURNS] or filled
@@ -210,12 +210,12 @@ def _best(answers: Sequence[Answer]) -> Posterior:
 
 
 def _cost(problem: BodyProblem, answers: Sequence[Answer]) -> float:
-    """Return the cost of the best answer, by return."""
+    """Return the cost of the best result, divided by the number of returns."""
     return float(problem.cost(_best(answers).mean)) / max(problem.hits, 1)
 
 
 def _moved(last: np.ndarray, span_s: float) -> np.ndarray:
-    """Return a state (11,) after a time and, if it is slow, its mirror image: (1 or 2, 11)."""
+    """Return a state (11,) after a time and, if it is slow, the reverse heading: (1 or 2, 11)."""
     state = last.copy()
     state[:3] = pose_after(last, span_s)
     state[SPEED] += state[ACCELERATION] * span_s
@@ -226,15 +226,16 @@ def _moved(last: np.ndarray, span_s: float) -> np.ndarray:
 
 
 def _backward_cost(states: np.ndarray) -> np.ndarray:
-    """Return what it costs (K,) states (K, 11) to go backwards: vehicles rarely do."""
+    """Return the (K,) cost of going backwards of states (K, 11): vehicles rarely do it."""
     return np.asarray((np.minimum(states[:, SPEED], 0.0) / BACKWARD_SD) ** 2)
 
 
 def _velocities(scans: Sequence[_WindowScan]) -> list[np.ndarray]:
-    """Return velocities (2,) that the returns' means may have; none without a scan.
+    """Return the velocities (2,) that the means of the returns may have; none without a scan.
 
-    Of split scans each half counts for itself: its mean may have moved from half to half, or, as
-    the halves measure different sides of a vehicle that stands too, from each half to its like.
+    Split scans have two means, of early and of late returns. One velocity is that of all means. As
+    the halves may be different sides of the vehicle, another one comes from early means among
+    themselves and late means among themselves.
     """
     rows = []
     for scan in scans:

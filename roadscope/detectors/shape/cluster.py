@@ -17,8 +17,8 @@ from roadscope.detectors.sorting import order_by, order_within, starts_of
 # The outline that a cluster shows to the sensor.
 
 DEPTH_M = 0.6
-"""How far behind the nearest return of a column the same face may still be: three standard
-deviations of the LUX's range noise to either side."""
+"""Returns up to this far behind the nearest one of a column may lie on the same face: three
+standard deviations of the LUX's range noise to either side."""
 
 
 def contours(cloud: Cloud, labels: np.ndarray) -> list[np.ndarray]:
@@ -27,10 +27,10 @@ def contours(cloud: Cloud, labels: np.ndarray) -> list[np.ndarray]:
     labels: (N,) int64, negative for none. Outlines are in metres, ego frame, by rising label,
     from right to left as the sensor sees them.
 
-    The paper's points are (x, y) in the order of the scan and it does not say how the four
-    layers are joined. Reading taken: a column gives one point, at the median range of its
-    returns of the cluster that lie on the face nearest to the sensor; what is seen over it, a
-    windscreen or a roof, is no part of the outline.
+    The paper's points are (x, y) in the order of the scan, and it does not say how the four layers
+    are joined. Here a column gives one point, at the median range of the cluster's returns on the
+    face nearest to the sensor. What is behind that face, such as a windscreen or a roof, is no part
+    of the outline.
     """
     return outlines(cloud, labels, by_cluster(cloud, labels))
 
@@ -73,7 +73,8 @@ def _group_starts(label: np.ndarray, column: np.ndarray) -> np.ndarray:
 def _by_azimuth(points: np.ndarray, starts: np.ndarray, origin: np.ndarray) -> list[np.ndarray]:
     """Split into clusters, each sorted by azimuth from the origin, then by x and y.
 
-    Azimuths are counted from the middle of a cluster, so that the seam behind the sensor is none.
+    Azimuths are relative to the middle of a cluster, so that the step from pi to -pi does not
+    matter.
     """
     counts = np.diff(starts)
     x, y = (points - origin).T
@@ -90,7 +91,7 @@ def _by_azimuth(points: np.ndarray, starts: np.ndarray, origin: np.ndarray) -> l
 
 
 # --------------------------------------------------------------------------------------------------
-# Returns that belong together: what a shape is fitted to.
+# Clusters: the returns to which a shape is fitted.
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -112,9 +113,9 @@ class Cluster:
 
 
 def clusters(cloud: Cloud, labels: np.ndarray) -> Iterator[Cluster]:
-    """Split a cloud by its (N,) labels; negative ones are outliers and dropped.
+    """Yield the clusters of a cloud with (N,) labels; negative labels are outliers and dropped.
 
-    One at a time: thousands at once, as fog gives, would set off a long garbage collection.
+    They are made one by one: thousands at once, as in fog, would start a long garbage collection.
     """
     rows = by_cluster(cloud, labels)
     points, ring, column = cloud.points[rows], cloud.ring[rows], cloud.column[rows]

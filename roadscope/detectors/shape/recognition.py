@@ -1,7 +1,7 @@
 """Vehicles from straight lines of an outline.
 
-Lines are found by iterative end point fit, IEPF (Lu 2018, section 2.2); which of them are the faces
-of a vehicle, and where it is, is ours.
+The lines come from an iterative end point fit, IEPF (Lu 2018, section 2.2). The rules by which
+lines become the faces of a vehicle, and give its position, are ours.
 """
 
 from __future__ import annotations
@@ -73,9 +73,9 @@ class Segment:
 class Faces(NamedTuple):
     """When pieces of an outline can be the faces of one body.
 
-    gap_m: neighbours farther apart lie on two bodies. join_m: pieces are one face up to this
-    root mean square distance from one line. least_m: of the diagonal of a body's outline.
-    points: least number of a body, those that two pieces share counted twice. lines: most.
+    gap_m: points farther apart than this lie on two bodies. join_m: pieces are one face up to this
+    root mean square distance from one line. least_m: least diagonal of a body's outline. points:
+    least number of points; those that two pieces share count twice. lines: most lines.
     """
 
     gap_m: float
@@ -87,10 +87,10 @@ class Faces(NamedTuple):
 
 @compiled()
 def split_ends(points: np.ndarray, split_m: float) -> np.ndarray:
-    """Return (S, 2) int64 first and last of the points (N, 2) of each piece, in order.
+    """Return the (S, 2) int64 first and last of the points (N, 2) of each piece, in order.
 
-    A piece is split at the point farthest from its chord, which both parts share, where that is
-    farther than `split_m`. Two equal points have no chord: there it is the distance from them.
+    A piece is split at the point farthest from its chord, if that is farther than `split_m`; both
+    parts share the point. If the ends of the chord are equal, the distance from them counts.
     """
     ends, pending = np.empty((len(points), 2), np.int64), np.empty((len(points), 2), np.int64)
     count, left = 0, 0
@@ -119,10 +119,10 @@ def split_ends(points: np.ndarray, split_m: float) -> np.ndarray:
 
 @compiled()
 def face_ends(points: np.ndarray, ends: np.ndarray, rule: Faces) -> np.ndarray:
-    """Return (K, 3) int64 body, first and last point of the lines of each body that may be one.
+    """Return (K, 3) int64: body, first and last point of the lines of each possible body.
 
-    points: (N, 2) of an outline. ends: (S, 2) of its pieces. An outline is cut where it jumps;
-    then neighbouring pieces on one line are joined: noise at the end of a chord is no corner.
+    points: (N, 2) of an outline. ends: (S, 2) of its pieces. An outline is cut where it jumps. Then
+    neighbouring pieces on one line are joined, because noise at the end of a chord is no corner.
     """
     pieces = _cut(points, ends, rule.gap_m)
     out, count, first = np.empty((len(pieces), 3), np.int64), 0, 0
@@ -167,7 +167,7 @@ def _cut(points: np.ndarray, ends: np.ndarray, gap_m: float) -> np.ndarray:
 
 @compiled()
 def _off_line(points: np.ndarray, first: int, last: int) -> float:
-    """Root mean square distance of points in a row from their line of least squares."""
+    """Return the root mean square distance of consecutive points from their line, metres."""
     count, x, y = last + 1 - first, 0.0, 0.0
     for i in range(first, last + 1):
         x, y = x + points[i, 0], y + points[i, 1]
@@ -185,7 +185,7 @@ def _off_line(points: np.ndarray, first: int, last: int) -> float:
 
 
 # --------------------------------------------------------------------------------------------------
-# Which outlines are vehicles, and where the vehicle is that shows them.
+# Which outlines are vehicles, and the pose and size of each vehicle.
 
 GAP_M = 1.2
 """Neighbouring outline points farther apart lie on two bodies."""
@@ -196,21 +196,21 @@ JOIN_M = 0.15
 """Neighbouring segments are one face when all their points lie this near to one line (root mean
 square): range noise, and the rounded corners that end a face."""
 CORNER_M = 0.8
-"""A piece of this length may be a rounded corner and stand at any angle."""
+"""A piece shorter than this may be a rounded corner, which may have any angle."""
 SQUARE_RAD = np.radians(25.0)
-"""How far two faces may be from parallel or perpendicular."""
+"""Greatest angle of two faces from parallel or perpendicular."""
 SEEN_MIN_M, WIDTH_MAX_M, LENGTH_MAX_M = 1.2, 2.8, 18.0
-"""Least of the longer side of a body seen whole, the widest face with mirrors and noise, and the
-longest lorry."""
+"""Least length of the longer side of a body that is wholly visible, width of the widest face with
+mirrors and noise, and length of the longest lorry."""
 HALF_FACE_M = 0.92
-"""Least that must be seen of a body that may go on unseen: half a usual car's width."""
+"""Least visible length of a body of which a part may be hidden: half the width of a typical car."""
 FACES = Faces(GAP_M, JOIN_M, HALF_FACE_M, MIN_POINTS, MAX_SEGMENTS)
 SIZES = (
     (Category.CAR, 5.3, 2.2, (4.6, 1.85, 1.5)),
     (Category.VAN, 7.5, 2.3, (5.9, 2.05, 2.4)),
     (Category.TRUCK, LENGTH_MAX_M, WIDTH_MAX_M, (10.0, 2.5, 3.4)),
 )
-"""Category, greatest length, greatest width and usual size in metres, in order of size."""
+"""Category, greatest length, greatest width and typical size in metres, in order of size."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -235,7 +235,7 @@ class Vehicle:
 def vehicles_by_lines(cluster: Cluster, horizon: Horizon, *, split_m: float = 0.3) -> list[Vehicle]:
     """Return the vehicles whose faces are the lines of a cluster's outline (Lu 2018, 2.2)."""
     outline = cluster.outline
-    # No part of it is larger: most clusters, drops of fog say, need no lines.
+    # No part of it would be larger. Most clusters end here, for example drops of fog.
     if len(outline) < MIN_POINTS or diagonal(outline) < HALF_FACE_M:
         return []
     return recognise(outline, split_ends(outline, split_m), horizon)
@@ -244,11 +244,11 @@ def vehicles_by_lines(cluster: Cluster, horizon: Horizon, *, split_m: float = 0.
 def fit_iepf(points: np.ndarray, *, split_m: float = 0.3) -> list[Segment]:
     """Split an outline of (N, 2) points, metres, in order into segments.
 
-    The line through the first and the last point represents all points when none lies farther
-    from it than `split_m`; otherwise it is split at the farthest, which both parts then share.
-    0.3 m is three times the range noise of the LUX, so that noise alone splits nothing. Eq. 3-4
-    write the line as kx - y + b = 0, which has no vertical lines; the cross product gives the
-    same distance for every direction.
+    The line through the first and the last point represents all points if none is farther from it
+    than `split_m`. Otherwise it is split at the farthest point, which both parts share. 0.3 m is
+    three times the range noise of the LUX, so that noise alone splits nothing. Eq. 3-4 write the
+    line as kx - y + b = 0, which cannot describe vertical lines. The cross product, used here,
+    gives the same distance for every direction.
     """
     ends = split_ends(np.asarray(points, np.float64), split_m).tolist()
     return [Segment(points[first : last + 1]) for first, last in ends]
@@ -257,8 +257,8 @@ def fit_iepf(points: np.ndarray, *, split_m: float = 0.3) -> list[Segment]:
 def recognise(outline: np.ndarray, ends: np.ndarray, horizon: Horizon) -> list[Vehicle]:
     """Return the vehicles in the outline of one cluster.
 
-    outline: (N, 2) metres. ends: (S, 2) int64, first and last point of each of its pieces, of
-    which neighbours share a point. Where it jumps another body begins.
+    outline: (N, 2) metres. ends: (S, 2) int64, first and last point of each of its pieces;
+    neighbouring pieces share a point. Where the outline jumps, another body begins.
     """
     rows = face_ends(outline, ends, FACES).tolist()
     chains = (
@@ -269,7 +269,7 @@ def recognise(outline: np.ndarray, ends: np.ndarray, horizon: Horizon) -> list[V
 
 
 def _vehicle(chain: list[Segment], horizon: Horizon) -> Vehicle | None:
-    """Complete the body that shows these segments, None when it is no vehicle."""
+    """Return the vehicle whose faces these segments are, None if it is no vehicle."""
     lines = [segment for segment in chain if len(segment) > 1]
     points = np.concatenate([segment.points for segment in chain])
     main = max(lines, key=lambda line: line.length)
@@ -286,7 +286,7 @@ def _vehicle(chain: list[Segment], horizon: Horizon) -> Vehicle | None:
     if any(side.open == (True, True) for side in sides):
         return None
     category, size = _size(length, width)
-    # A face is seen whole or hardly at all; the far part of a flank returns little.
+    # A front or rear is visible wholly or hardly at all; the far part of a flank has few returns.
     x = sides[0].centre(size[0], whole=False)
     y = sides[1].centre(size[1], whole=width > size[1] / 2)
     centre = x * along + y * _left_of(along)
@@ -303,10 +303,10 @@ def _vehicle(chain: list[Segment], horizon: Horizon) -> Vehicle | None:
 
 @dataclass(frozen=True, slots=True)
 class SideExtent:
-    """How much of a body is seen along one of its axes.
+    """The visible extent of a body along one of its axes.
 
-    low, high: where the seen part begins and ends; sensor: where the sensor stands, metres.
-    open: whether the body may go on unseen below and above.
+    low, high: coordinates of its ends. sensor: coordinate of the sensor. All are in metres. open:
+    whether a part of the body may be hidden beyond the low and the high end.
     """
 
     low: float
@@ -318,9 +318,10 @@ class SideExtent:
     def of(
         points: np.ndarray, axis: np.ndarray, ends: list[np.ndarray], origin: np.ndarray
     ) -> SideExtent:
-        """Project (N, 2) points on a (2,) unit axis; `ends` are unit vectors out of open ends.
+        """Return the extent of (N, 2) points along a (2,) unit axis.
 
-        points and origin (2,), the sensor: metres, one frame.
+        ends: unit vectors that point out of the open ends of the outline. points and origin (2,),
+        the sensor: metres, in one frame.
         """
         across = _left_of(axis)
         along = [float(end @ axis) for end in ends if abs(end @ axis) >= abs(end @ across)]
@@ -334,10 +335,10 @@ class SideExtent:
         return self.high - self.low
 
     def centre(self, extent: float, *, whole: bool) -> float:
-        """Return the middle of a body of this extent.
+        """Return the coordinate of the centre of a body of this extent, metres.
 
-        It goes on to where it may. With no such end it is centred on what is seen when that is
-        the whole side, and otherwise begins next to the sensor.
+        With one open end the hidden part is beyond it. Otherwise the body is centred on its visible
+        part, if that is the whole side, or else begins at the end next to the sensor.
         """
         if self.open[0] != self.open[1]:
             return self.high - extent / 2 if self.open[0] else self.low + extent / 2
@@ -347,16 +348,16 @@ class SideExtent:
 
 
 def _square(line: Segment, main: Segment) -> bool:
-    """Whether a line is a corner's rounding or parallel or perpendicular to the main one."""
+    """Return whether a line is short, or nearly parallel or perpendicular to the main one."""
     off = np.arccos(np.clip(abs(line.direction @ main.direction), 0, 1))
     return line.length < CORNER_M or min(off, np.pi / 2 - off) < SQUARE_RAD
 
 
 def _open_ends(lines: list[Segment], horizon: Horizon) -> list[np.ndarray]:
-    """Return unit vectors out of those ends of an outline beyond which it may go on unseen."""
+    """Return unit vectors that point out of the open ends: more of the body may be hidden there."""
     ends = []
     for side, end, ordered in ((-1, 0, lines), (1, -1, lines[::-1])):
-        # The direction of a corner's rounding says nothing of the face that it ends.
+        # A rounded corner does not have the direction of the face at whose end it is.
         face = next((line for line in ordered if line.length >= CORNER_M), ordered[0])
         if horizon.hides_beyond(ordered[0].points[end], side):
             ends.append(side * face.direction)
@@ -366,9 +367,9 @@ def _open_ends(lines: list[Segment], horizon: Horizon) -> list[np.ndarray]:
 def _length_axis(main: Segment, points: np.ndarray, is_open: bool) -> np.ndarray:
     """Return the unit vector along the vehicle, pointing ahead (x not negative).
 
-    The longest segment is a flank when it is too long for a face, and a face when it is seen
-    whole and alone. Otherwise both can be, and traffic is taken to run like the ego rather than
-    across its way.
+    The longest segment is a flank if it is too long for a front or rear. It is a front or rear if
+    it is wholly visible and alone. Otherwise both are possible, and the vehicle is assumed to head
+    along the ego's axis rather than across it.
     """
     axis = main.direction
     across = float(np.ptp(points @ _left_of(axis)))
@@ -384,7 +385,7 @@ def _left_of(axis: np.ndarray) -> np.ndarray:
 
 
 def _size(length: float, width: float) -> tuple[Category, tuple[float, float, float]]:
-    """Category and size of the smallest usual body that shows this much."""
+    """Return category and size of the smallest typical body with this visible extent, metres."""
     fitting = (row for row in SIZES if length <= row[1] and width <= row[2])
     category, _, _, (usual_length, usual_width, height) = next(fitting, SIZES[-1])
     return category, (max(length, usual_length), max(width, usual_width), height)

@@ -4,11 +4,11 @@ import pytest
 from roadscope.detectors.pose import (
     VehiclePose,
     axis_difference,
+    check_positive,
+    checked_origin,
+    checked_points,
     fit_multi,
     fit_single,
-    positive,
-    settled_origin,
-    settled_points,
 )
 
 
@@ -61,14 +61,14 @@ def test_poses_compare_by_content():
 )
 def test_points_are_refused_by_name(points, message):
     with pytest.raises(ValueError, match=message):
-        settled_points(points)
+        checked_points(points)
 
 
 def test_origin_and_lengths_are_refused_by_name():
     with pytest.raises(ValueError, match="origin"):
-        settled_origin(np.array([np.nan, 0]))
+        checked_origin(np.array([np.nan, 0]))
     with pytest.raises(ValueError, match="bin_m"):
-        positive(sigma_m=1.0, bin_m=0.0)
+        check_positive(sigma_m=1.0, bin_m=0.0)
 
 
 @pytest.mark.parametrize("stray", [300.0, 1e9])
