@@ -1,4 +1,4 @@
-"""What a scan becomes once the ground is gone: the input of clustering."""
+"""The returns of a scan in the ego frame: the input of ground removal and clustering."""
 
 from __future__ import annotations
 
@@ -20,8 +20,8 @@ class Cloud(Record):
     points: (N, 3) float64, metres, ego frame.
     ring: (N,) int64, beam number, 0 the lowest.
     column: (N,) int64, azimuth step of the sweep.
-    rows: (N,) int64, which return of the scan each one is.
-    origin: (2,) float64, metres, where the sensor stands in the ego frame.
+    rows: (N,) int64, the returns' rows in the scan.
+    origin: (2,) float64, metres, position of the sensor in the ego frame.
     """
 
     points: np.ndarray
@@ -45,10 +45,10 @@ class Cloud(Record):
 
     @staticmethod
     def of(scan: LidarScan, ego_from_lidar: Pose) -> Cloud:
-        """Bring a scan into the ego frame.
+        """Map a scan into the ego frame.
 
-        Returns are sorted by column, ring and place, so that nothing after this depends on the
-        order in which they were given.
+        Returns are sorted by column, ring and position, so that nothing depends on their order in
+        the scan.
         """
         order = _sweep_order(scan)
         points = _in_ego_frame(scan.points, order, ego_from_lidar.matrix)
@@ -56,7 +56,7 @@ class Cloud(Record):
         return Cloud(points, scan.ring[order], scan.column[order], order, origin)
 
     def select(self, index: np.ndarray) -> Cloud:
-        """Keep the rows that a mask or an index array names."""
+        """Return the rows that a mask or an index array selects."""
         rows = np.flatnonzero(index) if index.dtype == np.bool_ else index
         return Cloud(
             self.points[rows], self.ring[rows], self.column[rows], self.rows[rows], self.origin
@@ -75,11 +75,11 @@ class Cloud(Record):
 
 
 def _sweep_order(scan: LidarScan) -> np.ndarray:
-    """Return the order by column, ring and place, (N,)."""
+    """Return the order by column, ring and position, (N,)."""
     order = order_by(scan.ring)
     order = order[order_by(scan.column[order])]
     ring, column = scan.ring[order], scan.column[order]
-    # A beam sees a column once: places decide for copies and for sensors with several returns.
+    # A beam has one return in a column, unless returns are copies or the sensor reports several.
     if ((ring[1:] == ring[:-1]) & (column[1:] == column[:-1])).any():
         x, y, z = scan.points.T
         order = np.lexsort((z, y, x, scan.ring, scan.column))

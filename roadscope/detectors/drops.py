@@ -1,4 +1,4 @@
-"""Echoes of drops in the air: faint returns close by."""
+"""Removal of the echoes of drops in the air: faint returns close to the sensor."""
 
 from __future__ import annotations
 
@@ -9,21 +9,21 @@ import numpy as np
 from roadscope.core import LidarScan
 
 DROPS_M = 15.0
-"""Echoes of drops fall with the square of the range: farther off, none is above the noise."""
+"""Echoes of drops get weaker with the square of the range: farther away none is above the noise."""
 SCAN_ARRAYS = ("points", "intensity", "ring", "column", "time_offset_s")
 
 
 def check_faint(faint: float) -> float:
-    """Return the least intensity, or refuse it."""
+    """Return the least intensity; raise `ValueError` if it is impossible."""
     if not 0 <= faint < 1:
         raise ValueError(f"faint must be at least 0 and below 1, got {faint!r}")
     return faint
 
 
 def without_faint(scan: LidarScan, intensity: float) -> LidarScan:
-    """Leave out the returns within 15 m that are fainter than this.
+    """Return the scan without the returns within 15 m whose intensity is less than this.
 
-    A scan in which nothing has an intensity says nothing about drops and stays whole.
+    A scan whose intensities are all 0 says nothing about drops and is returned as it is.
     """
     faint = np.flatnonzero(scan.intensity < intensity)
     x, y, _ = scan.points[faint].T

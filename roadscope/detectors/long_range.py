@@ -24,7 +24,7 @@ from roadscope.detectors.shape.bodies import Body
 
 FITS = ("single", "multi", "ransac", "body")
 MOST_POINTS = 150
-"""Returns that a fit is given: more, on a near vehicle, tell it nothing new."""
+"""Most returns for a fit; more returns of a near vehicle do not improve it."""
 FRAMES = 3
 """Sightings that `multi` fits together, as the paper does."""
 BIN_M, STEP_DEG = 0.04, 2.0
@@ -55,13 +55,14 @@ class LongRangeDetector:
         """Choose the fit.
 
         fit: `single` and `ransac` fit one scan, `multi` three in a row, `body` all rays of one.
-        late: answer each frame in the next one, `multi` then fits the middle of its three as the
-            paper does; otherwise it fits the newest.
+        late: whether each frame is answered one frame later. `multi` then fits the middle of its
+            three scans, as the paper does; otherwise it fits the newest.
         min_score: detections that are less probable are left out.
-        faint: returns of less intensity than this within 15 m are taken for drops of fog or
-            rain and left out, as in `ClusterDetector`.
+        faint: returns of less intensity than this within 15 m count as drops of fog or rain and are
+            left out, as in `ClusterDetector`.
         range_noise_m, range_max_m, detection_limit: of the LiDAR, as in `LidarSpec`; only `body`
-            asks for them. None: the noise that each scan shows; the limits are the HDL-32E's.
+            uses them. With None the noise is estimated from each scan. The default limits are the
+            HDL-32E's.
         """
         if fit not in FITS:
             raise ValueError(f"no fit '{fit}'; known: {', '.join(FITS)}")
@@ -88,7 +89,7 @@ class LongRangeDetector:
         return detections([vehicles[k] for k in probable], scores[probable], stamp_s)
 
     def propose(self, frame: Frame) -> tuple[list[MovingVehicle], float]:
-        """Return what moves, not yet scored, and the stamp that it is answered for."""
+        """Return the moving vehicles, before scoring, and the stamp of their scan."""
         if frame.lidar is not None:
             frame = replace(frame, lidar=without_faint(frame.lidar, self._faint))
         memory, scan = self._memory, frame.lidar
@@ -128,7 +129,10 @@ def _lidar_figures(
 
 
 class MovingVehicle(NamedTuple):
-    """A vehicle in the ego frame at the stamp that is answered; features are what is scored."""
+    """A vehicle in the ego frame at the stamp of its scan.
+
+    centre, size: metres. yaw: radians. features: (F,), from which its score is computed.
+    """
 
     centre: tuple[float, float, float]
     yaw: float
@@ -140,13 +144,13 @@ class MovingVehicle(NamedTuple):
 def _moving_vehicles(
     chains: Sequence[Chain], answered: AnsweredScan, fit: str
 ) -> list[MovingVehicle]:
-    """Return the vehicles of those chains that move and have a sighting in a scan."""
+    """Return the vehicles of the chains that move and have a sighting in the answered scan."""
     stamp_s, rings = answered.scan.stamp_s, answered.scan.ring
     places = ((c, k) for c in chains for k, s in enumerate(c.sightings) if s.stamp_s == stamp_s)
     moving = [(chain, at) for chain, at in places if chain.moves]
     usuals = usual([chain for chain, _ in moving])
     poses = _poses(moving, answered, fit, usuals)
-    # As numbers: for one place at a time they are faster than an array.
+    # As Python numbers: for single points they are faster than an array.
     ego_from_drive = inverse_of(answered.drive_from_ego).tolist()
     vehicles = []
     for (chain, at), pose, (body, size) in zip(moving, poses, usuals, strict=True):
@@ -165,7 +169,7 @@ def _poses(
     fit: str,
     usuals: Sequence[tuple[Body, BodySize]],
 ) -> list[VehiclePose]:
-    """Return a pose of each chain at one of its sightings, the drive's frame."""
+    """Return a pose for each chain at one of its sightings, in the drive's frame."""
     if fit == "body":
         fitted = body_poses(moving, answered, [body for body, _ in usuals])
     else:
@@ -179,9 +183,9 @@ def _poses(
 def _in_ego(
     pose: VehiclePose, height: float, ego_from_drive: list[list[float]]
 ) -> tuple[tuple[float, float, float], float]:
-    """Return centre, metres, and yaw, rad, in the ego frame of a pose of the drive's frame.
+    """Map a pose from the drive's frame into the ego frame; return its centre and yaw.
 
-    height: of the vehicle, metres. ego_from_drive: (4, 4).
+    height: height of the vehicle. ego_from_drive: (4, 4). In metres and radians.
     """
     (a, b, _, ahead), (c, d, _, left), *_ = ego_from_drive
     x, y = pose.x * a + pose.y * b + ahead, pose.x * c + pose.y * d + left

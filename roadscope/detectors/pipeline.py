@@ -1,4 +1,4 @@
-"""Ground removal, clustering, shape and score in a row (Lu 2018, figure 3, and a score)."""
+"""Detectors made of ground removal, clustering and shape (Lu 2018, figure 3), and a score."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from roadscope.detectors.stages import Option, chosen_stages, listed
 
 
 class ClusterDetector:
-    """Finds road users as clusters of returns; any ground x clustering x shape."""
+    """Detects road users as clusters of returns, by any ground removal, clustering and shape."""
 
     def __init__(
         self,
@@ -35,20 +35,22 @@ class ClusterDetector:
         view_deg: float = 110.0,
         **options: Option | None,
     ) -> None:
-        """Name the stages and set their options.
+        """Choose the stages and set their options.
 
         ground, clustering, shape: names in `GROUNDS`, `CLUSTERINGS`, `SHAPES`.
         min_score: detections that are less probable are left out.
-        exclusive: of two boxes of which one covers the other's centre only the more probable
-            one is kept: two bodies cannot stand in one place.
-        faint: returns of less intensity than this within 15 m are taken for drops of fog or
-            rain and left out (after Park et al. 2020, low-intensity outlier removal).
-        residual_m: outlines farther from their lines (root mean square) are refused; None
-            refuses none, as in the paper.
-        view_deg: field of view of a sensor that does not turn fully, the LUX's: what touches
+        exclusive: whether only the more probable one of two boxes is kept if one covers the other's
+            centre, because two bodies cannot be in one place.
+        faint: returns of less intensity than this within 15 m count as drops of fog or rain and are
+            left out (after Park et al. 2020, low-intensity outlier removal).
+        residual_m: greatest root mean square distance of an outline from its lines; outlines beyond
+            it are left out. None leaves out none, as in the paper.
+        view_deg: field of view of a sensor that does not turn fully, by default the LUX's. A body
+        at
             its ends may go on outside.
-        options: of the chosen stages, such as `distance_m` of the clustering `distance`; None is
-            the stage's own default, and those of stages that are not chosen are refused.
+        options: of the chosen stages, such as `distance_m` of the clustering `distance`. None is
+        the
+            stage's own default. Options of stages that are not chosen are refused.
         """
         names = {"ground": ground, "clustering": clustering, "shape": shape}
         stages = chosen_stages(names, options, f"; the detector takes {_own_arguments()}")
@@ -66,7 +68,7 @@ class ClusterDetector:
         self._half_view = float(np.radians(view_deg)) / 2
 
     def reset(self) -> None:
-        """Do nothing: every scan is taken alone."""
+        """Do nothing: each scan is treated by itself."""
 
     def detect(self, frame: Frame) -> Detections:
         """Return the road users in the frame's scan, ego frame, at the scan's stamp."""
@@ -84,9 +86,9 @@ class ClusterDetector:
         return _detections([vehicles[k] for k in rows], probabilities[rows], scan.stamp_s)
 
     def propose(self, cloud: Cloud, yaw: float) -> tuple[list[Vehicle], Horizon]:
-        """Return what the shape makes of every cluster, not yet scored, and the horizon.
+        """Return the vehicles in all clusters, before scoring, and the horizon.
 
-        yaw: of the sensor in the ego frame, radians.
+        yaw: yaw of the sensor in the ego frame, radians.
         """
         standing, view = self._ground(cloud), (yaw - self._half_view, yaw + self._half_view)
         horizon, above = Horizon.of(cloud, standing, view), cloud.select(standing)
@@ -100,13 +102,16 @@ class ClusterDetector:
 
 
 def _own_arguments() -> str:
-    """Return what can be set beside the options of stages, with defaults."""
+    """Return the detector's own arguments with their defaults, for an error message."""
     parameters = inspect.signature(ClusterDetector).parameters
     return listed({name: p for name, p in parameters.items() if p.kind is p.KEYWORD_ONLY})
 
 
 def exclusive_rows(vehicles: Sequence[Vehicle], probabilities: np.ndarray) -> np.ndarray:
-    """Return rows of vehicles none of which covers the centre of a more probable one, in order."""
+    """Return the rows, in order, of vehicles that do not collide with a more probable one.
+
+    Two vehicles collide if the footprint of one holds the centre of the other.
+    """
     rows: list[int] = []
     for row in np.argsort(-probabilities, kind="stable"):
         one = vehicles[row]
@@ -116,7 +121,7 @@ def exclusive_rows(vehicles: Sequence[Vehicle], probabilities: np.ndarray) -> np
 
 
 def _covers(one: Vehicle, other: Vehicle) -> bool:
-    """Whether the footprint of one holds the centre of the other."""
+    """Return whether the footprint of one holds the centre of the other."""
     dx, dy = other.centre[0] - one.centre[0], other.centre[1] - one.centre[1]
     cos, sin = np.cos(one.yaw), np.sin(one.yaw)
     inside = abs(cos * dx + sin * dy) < one.size[0] / 2, abs(cos * dy - sin * dx) < one.size[1] / 2

@@ -1,4 +1,4 @@
-"""Which numbers a network computes with."""
+"""The number formats with which a network computes."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ PROCESSOR = Path("/proc/cpuinfo")
 
 
 def has_bfloat16(device: str) -> bool:
-    """Say whether bfloat16 is faster than float32 on a device such as `cpu` or `cuda:0`."""
+    """Return whether bfloat16 is faster than float32 on a device such as `cpu` or `cuda:0`."""
     if device.partition(":")[0] == "cuda":
         return True
     return PROCESSOR.exists() and "avx512_bf16" in PROCESSOR.read_text("utf-8", errors="replace")

@@ -9,16 +9,17 @@ from roadscope.detectors.moving.view import evenly, range_noise_of, tabulate
 from roadscope.envs.sensors.lidar_spec import LidarSpec
 
 SWEEP_LEAST_S = 1e-3
+"""Least duration of a sweep, for scans whose returns have no times."""
 
 
 def lidar_of(
     scan: LidarScan, *, range_noise_m: float | None, range_max_m: float, detection_limit: float
 ) -> LidarSpec | None:
-    """Return the LiDAR whose beams and columns a scan shows, None where it shows too few.
+    """Return the LiDAR that made a scan, estimated; None if the scan has too few beams or columns.
 
-    A frame does not name its LiDAR. Directions and times follow from the returns, and so does the
-    range noise where it is None; the limits do not. A beam without a return is taken to lie evenly
-    between its neighbours.
+    A frame does not name its LiDAR. Directions and times follow from the returns, and also the
+    range noise if it is None. The limits are arguments. Elevations of beams without a return are
+    interpolated.
     """
     if not len(scan) or scan.ring.min() < 0 or scan.column.min() < 0:
         return None
@@ -36,8 +37,8 @@ def lidar_of(
     turn = 2 * np.pi / abs(step)
     count = round(turn) if len(azimuths) > 0.9 * turn else len(azimuths)
     count = max(count, len(azimuths))
-    second_a_column = (times_s[columns[-1]] - times_s[columns[0]]) / (columns[-1] - columns[0])
-    sweep_s = max(float(second_a_column) * count, SWEEP_LEAST_S)
+    seconds_per_column = (times_s[columns[-1]] - times_s[columns[0]]) / (columns[-1] - columns[0])
+    sweep_s = max(float(seconds_per_column) * count, SWEEP_LEAST_S)
     if range_noise_m is None:
         range_noise_m = float(range_noise_of(image))
     return LidarSpec(

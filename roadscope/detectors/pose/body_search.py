@@ -1,7 +1,7 @@
 """From the rays of a body to its most likely states and to their posterior.
 
-First guesses, damped least squares from there, adaptive importance sampling around its end; the
-same every time.
+Damped least squares begin at first guesses. Adaptive importance sampling around their ends gives
+the posterior. Nothing is random: the same rays give the same result.
 """
 
 from __future__ import annotations
@@ -25,7 +25,8 @@ STEPS = np.array([0.01, 0.01, 0.003, 0.05, 0.02, 0.05, 0.2, 0.2, 0.2, 0.2, 0.2])
 """Finite-difference step of each value of a state (m, rad, m/s, ...), about its standard deviation;
 chosen by hand."""
 SLACKS_M = (0.25, 0.15, 0.08, 0.04, 0.02, 0.01, 0.005, 0.0)
-"""Added to noise and edges iteration by iteration: first every ray counts, then the near ones."""
+"""Added to noise and edges in successive iterations: at first all rays matter, later the near
+ones."""
 STEP_FRACTIONS = np.array([1.0, 0.5, 0.2, 0.0])
 """Fractions of a step that are tried."""
 EXTRA_CANDIDATES, EXTRA_SPREAD_SD = 8, 1.5
@@ -34,40 +35,40 @@ deviations."""
 LIMIT = 3.0
 """Misfits beyond so many standard deviations lose weight."""
 LOOSE_STEPS = 30.0
-"""Steps, at a slack of 1 m, by which a value moves that the rays say little of."""
+"""At a slack of 1 m, a value that the rays hardly determine moves by about so many of its steps."""
 WIDER = 2.0
-"""How much wider than the last estimate samples are drawn, as a factor on the covariance: the
-posterior of one scan has corners that narrower samples leave out (1.3 made it a twentieth too
-small)."""
+"""Samples are drawn with the covariance of the last estimate times this: the posterior of one scan
+has corners that narrower samples miss (with 1.3 the covariance was a twentieth too small)."""
 FEW, FLATTER = 0.1, 0.85
-"""Share of a round's samples that must count; where fewer would, the weights are flattened, by
-powers of the second value."""
+"""Least effective share of a round's samples; with less, the weights are flattened by powers of
+`FLATTER`."""
 QUADRATIC_SD, QUADRATIC_ERROR = 2.5, 0.3
-"""A ray is quadratic if its log-likelihood departs from its quadratic form by no more than the
-second value at so many standard deviations along each principal axis."""
+"""A ray is quadratic if its log-likelihood departs from its quadratic form by at most
+`QUADRATIC_ERROR` at `QUADRATIC_SD` standard deviations along each principal axis."""
 WORK, FEWEST, MOST = 24_000, 224, 512
-"""Rays times samples of a round, and bounds on samples: few rays bound a posterior with corners,
-many make it normal."""
+"""Rays times samples of a round, and bounds on the number of samples: with few rays the posterior
+has corners, with many it is nearly normal."""
 MANY_RAYS = WORK // FEWEST
 """Up to so many rays are all sampled; of more, the quadratic ones are merged."""
 ROUNDS, UNBOUND_ROUNDS = 10, 6
 """Most rounds of sampling if the posterior is bounded, and if it is unbounded."""
 MOVED_SD, GROWN = 2.0, 4.0
-"""Standard deviations by which a mean may move, and the factor by which a variance may grow, until
-the quadratic rays are chosen anew: a form says nothing of where its rays were not tried."""
+"""The quadratic rays are chosen anew if the mean moves by more than `MOVED_SD` standard deviations
+or a variance grows by more than the factor `GROWN`, because their form holds only where it was
+tried."""
 LEAST_VARIANCE, LEAST_BEND = 1e-18, 1e-9
-"""Bounds against division by zero, of a variance and of the bend of a log-density."""
+"""Bounds against division by zero, of a variance and of the second difference of a log-density."""
 LOOSE, LOOSE_SD = 0.5, 4.0
-"""Extra standard deviation of the shape's values in the first proposal, as a share of the search's
-steps, and its limit: data limit a corner's radius from one side only, so the covariance of least
-squares is too small."""
+"""Extra standard deviation of the shape's values in the first proposal: `LOOSE` of the search's
+steps, at most `LOOSE_SD` standard deviations. Rays bound a corner's radius from one side only, so
+the covariance of least squares is too small."""
 SETTLED = 0.6
-"""Samples that count, as a share of those that would if the posterior were normal and known, from
-which the estimate is settled."""
+"""The estimate is settled if the effective number of samples is at least this share of the number
+that a known normal posterior would give."""
 ANGLES = np.radians(np.arange(0.0, 90.0, 3.0))
 """Headings that are tried for a first guess."""
 CLOSE_M = 0.2
-"""Distance from a side beyond which a return says nothing about it."""
+"""A return farther than this from a side says nothing about it."""
 SETS = 4
 """Sets of evenly spread points."""
 GUESS_POINTS = 64
@@ -78,8 +79,8 @@ GUESS_POINTS = 64
 class QuadraticRays:
     """Rays whose misfits are linear in the vector: their log-likelihood is one quadratic form.
 
-    at: (D,) vector around which. normal (D, D), pull (D,): the log-likelihood of a departure d is
-    -0.5 d' normal d - pull' d, plus the constant.
+    at: (D,) vector at which it was made. normal (D, D), pull (D,), constant: at a distance d from
+    that vector the log-likelihood is -0.5 d' normal d - pull' d + constant.
     """
 
     at: np.ndarray
@@ -97,8 +98,10 @@ class QuadraticRays:
 class BodyProblem:
     """Rays, a body, and which of the 11 values of its state are searched.
 
-    free: (D,) indices of these values, in the order of a vector. fixed: (11,) the others.
-    centre, sd: (11,) mean and standard deviation of a normal prior, infinite for none.
+    free: (D,) indices of the values that are searched, in the order of a vector.
+    fixed: (11,) the other values.
+    centre, sd: (11,) mean and standard deviation of a normal prior; infinite without a prior.
+    quadratic: rays that are merged into one form, besides `rays`; None for none.
     """
 
     rays: BodyRays
@@ -118,7 +121,7 @@ class BodyProblem:
 
     @property
     def hits(self) -> int:
-        """How many rays brought a return of the body."""
+        """How many rays have a return from the body."""
         return int((self.rays.kind == HIT).sum())
 
     def fits(self, vectors: np.ndarray, slack_m: float = 0.0) -> RayFits:
@@ -140,7 +143,7 @@ class BodyProblem:
         return np.asarray((off * off).sum(axis=-1))
 
     def cost(self, vectors: np.ndarray, slack_m: float = 0.0) -> np.ndarray:
-        """Return the cost (...,): squared misfits, large ones counted less, and the prior."""
+        """Return the cost (...,): squared misfits, large ones with less weight, and the prior."""
         misfits = self.fits(vectors, slack_m).misfits
         return np.asarray(robust_cost(misfits) + self.prior_cost(vectors))
 
@@ -149,7 +152,7 @@ class BodyProblem:
     ) -> tuple[np.ndarray, np.ndarray]:
         """Return misfits (S, M) of vectors (S, D) and their derivatives (S, D, M).
 
-        steps: (D,) by which each value is moved both ways.
+        steps: (D,) of the central differences.
         """
         moves = np.concatenate([np.zeros((1, len(steps))), np.diag(steps), -np.diag(steps)])
         misfits = self.fits(vectors[:, None] + moves, slack_m).misfits
@@ -157,7 +160,7 @@ class BodyProblem:
         return misfits[:, 0], (ahead - back) / (2.0 * steps[:, None])
 
     def thinned(self, most: int) -> BodyProblem:
-        """Return the problem with at most `most` rays, those beside the silhouette first."""
+        """Return the problem with at most `most` rays, those at the silhouette first."""
         return replace(self, rays=self.rays.thinned(most))
 
 
@@ -168,13 +171,13 @@ def prior_sd(**sd: float) -> np.ndarray:
 
 
 def robust_cost(misfits: np.ndarray) -> np.ndarray:
-    """Return the sum (...,) of squared misfits (..., M), large ones counted less."""
+    """Return the sum (...,) of squared misfits (..., M), large ones with less weight."""
     return np.asarray(LIMIT**2 * np.log1p((misfits / LIMIT) ** 2).sum(axis=-1))
 
 
 @dataclass(frozen=True, slots=True)
 class Descent:
-    """Where a search ended: vectors (S, D), their covariances (S, D, D) and costs (S,)."""
+    """The ends of searches: vectors (S, D), their covariances (S, D, D) and costs (S,)."""
 
     vectors: np.ndarray
     covariances: np.ndarray
@@ -188,10 +191,10 @@ def descend(
     *,
     around: int = EXTRA_CANDIDATES,
 ) -> Descent:
-    """Improve vectors (S, D) of a problem, each on its own, by damped least squares.
+    """Improve vectors (S, D) of a problem, independently of each other, by damped least squares.
 
-    slacks_m: added to noise and edges, iteration by iteration. around: places around the end of
-    each step that are tried too, because silhouettes make no parabola.
+    slacks_m: added to noise and edges, one value for each iteration. around: number of vectors
+    around the end of each step that are tried too, because costs at a silhouette are no parabola.
     """
     steps, vectors = STEPS[problem.free], np.array(vectors, np.float64)
     precision, centre = problem.sd[problem.free] ** -2.0, problem.centre[problem.free]
@@ -199,7 +202,7 @@ def descend(
     for slack_m in slacks_m:
         misfits, slopes = problem.slopes(vectors, steps, slack_m)
         weighed = slopes / (1.0 + (misfits / LIMIT) ** 2)[:, None]
-        # The last term keeps values that the rays say little of from running away.
+        # The last term keeps values that the rays hardly determine from diverging.
         damping = precision + ((0.3 + slack_m) * LOOSE_STEPS * steps) ** -2.0
         covariances = np.linalg.inv(weighed @ np.swapaxes(slopes, 1, 2) + np.diag(damping))
         pull = (weighed @ misfits[..., None])[..., 0] + precision * (vectors - centre)
@@ -236,9 +239,8 @@ def normal_points(count: int, dimensions: int) -> np.ndarray:
 class Posterior:
     """Mean (D,) and covariance (D, D) of a posterior.
 
-    evidence: log of the density's integral, up to a constant that depends on D alone.
-    reached: whether samples have the posterior's own weights, not flattened ones; otherwise the
-        evidence is not valid.
+    evidence: logarithm of the density's integral, up to a constant that depends on D alone.
+    reached: whether the last weights were not flattened; otherwise the evidence is not valid.
     """
 
     mean: np.ndarray
@@ -250,16 +252,17 @@ class Posterior:
 def posterior(problem: BodyProblem, vector: np.ndarray, covariance: np.ndarray) -> Posterior:
     """Return the posterior of a problem around the end of a search.
 
-    In each round samples are drawn from a normal distribution around the last estimate of mean
-    and covariance, and weighed by the posterior over what they were drawn from. While too few
-    would count, weights are flattened, so that the estimate moves there in steps.
+    In each round samples are drawn from a normal distribution with the last estimate of mean and
+    covariance. Their weights are the posterior density over the density from which they were drawn.
+    While the effective number of samples is too small, the weights are flattened, so that the
+    estimate moves to the posterior in steps.
     """
     known_sd = LOOSE_SD * np.sqrt(np.diag(covariance))
     loose = np.minimum(LOOSE * STEPS[problem.free], known_sd) * (problem.free >= MOTION)
     mean, covariance = vector, covariance + np.diag(loose**2)
-    # The share of samples that counts where the posterior is a normal one around the mean.
+    # The effective share of samples if the posterior is normal with this mean and covariance.
     of_normal = (2.0 / WIDER - WIDER**-2.0) ** (0.5 * len(mean))
-    # Fewer returns than unknowns leave a posterior without bounds, which samples would follow.
+    # With fewer returns than unknowns the posterior is unbounded, and samples would go on for ever.
     is_bound, was_reached = problem.hits >= len(mean), False
     near, split, is_to_split = problem, None, len(problem.rays.slope) > MANY_RAYS
     for turn in range(ROUNDS if is_bound else UNBOUND_ROUNDS):
@@ -278,7 +281,7 @@ def posterior(problem: BodyProblem, vector: np.ndarray, covariance: np.ndarray) 
         effective = 1.0 / (weights @ weights)
         mean = weights @ samples
         off = samples - mean
-        # A little of the proposal is mixed in where few samples count: it must not collapse.
+        # A little of the proposal is mixed in: with few effective samples it would collapse.
         share = 0.02 * min(0.5, len(mean) / effective / 4)
         covariance = (off.T * weights) @ off + share * (root @ root.T)
         is_to_split = split is not None and _has_left(split, mean, covariance)
@@ -287,18 +290,18 @@ def posterior(problem: BodyProblem, vector: np.ndarray, covariance: np.ndarray) 
             break
         was_reached = power == 1.0
     if not is_bound and power < 1.0:
-        # Their mean says no more than how far they have come.
+        # The samples are still on their way, so their mean is not that of the posterior.
         covariance, mean = covariance + np.outer(mean - vector, mean - vector), vector
-    # What so few evenly spread samples add to the errors, compared with 20 times as many.
+    # The error of so few evenly spread samples, measured against 20 times as many.
     covariance = covariance * (effective + 1.0) / max(effective - 1.0, 1.0)
     return Posterior(mean, covariance, float(evidence), bool(power == 1.0))
 
 
 class SplitRays(NamedTuple):
-    """A problem whose quadratic rays are merged into one form, and where that was tried.
+    """A problem whose quadratic rays are merged into one form.
 
-    mean (D,), covariance (D, D): around which. better_mean: (D,) after a step of Newton's method
-    along each principal axis of the covariance.
+    mean (D,), covariance (D, D): the estimate around which the form was tried. better_mean: (D,)
+    after a step of Newton's method along each principal axis of the covariance.
     """
 
     problem: BodyProblem
@@ -310,7 +313,7 @@ class SplitRays(NamedTuple):
 def split_rays(problem: BodyProblem, mean: np.ndarray, covariance: np.ndarray) -> SplitRays:
     """Merge the quadratic rays of a problem around a mean into one form.
 
-    So the many samples cost only the rays near a silhouette or a corner.
+    Only the other rays, near a silhouette or a corner, are then computed for each sample.
     """
     size = len(mean)
     variances, axes = np.linalg.eigh(covariance)
@@ -337,7 +340,7 @@ def split_rays(problem: BodyProblem, mean: np.ndarray, covariance: np.ndarray) -
 
 
 def _has_left(split: SplitRays, mean: np.ndarray, covariance: np.ndarray) -> bool:
-    """Return whether an estimate reaches beyond where the rays were split."""
+    """Return whether an estimate has left the region in which the quadratic form was tried."""
     off = mean - split.mean
     shares = np.linalg.solve(split.covariance, np.column_stack([off, covariance]))
     growth = np.linalg.eigvals(shares[:, 1:]).real.max()
@@ -345,7 +348,10 @@ def _has_left(split: SplitRays, mean: np.ndarray, covariance: np.ndarray) -> boo
 
 
 def _flattening(logs: np.ndarray, least: float) -> float:
-    """Return the power of the weights, 1 or less, at which at least so many samples count."""
+    """Return the greatest power of the weights, at most 1, with at least `least` effective samples.
+
+    logs: (K,) logarithms of the weights.
+    """
     for power in FLATTER ** np.arange(60.0):
         weights = np.exp(power * (logs - logs.max()))
         if weights.sum() ** 2 >= least * (weights @ weights):
@@ -358,9 +364,9 @@ def first_poses(
 ) -> np.ndarray:
     """Return x, y, yaw (4, 3) for the headings along the sides of an initial rectangle.
 
-    points: (N, 2) metres, N at least 1. origin: (2,) metres, the sensor. cut: the sweep began or
-    ended on the body, so that its near end may be missing; (16, 3) more have each end at one of
-    the points' own.
+    points: (N, 2) metres, N at least 1. origin: (2,) metres, the sensor. cut: whether the sweep
+    began or ended on the body, so that its near end may be missing. Then there are 16 more poses,
+    each with one end of the body at an end of the points.
     """
     points = points[:: -(-len(points) // GUESS_POINTS)]
     first = _side_direction(points, origin)
@@ -383,9 +389,9 @@ def first_poses(
 
 
 def _side_direction(points: np.ndarray, origin: np.ndarray) -> float:
-    """Return the angle at which the sides next to the sensor are nearest to the returns.
+    """Return the heading of the rectangle whose sides near the sensor fit the returns best.
 
-    Fewer than 3 returns say nothing of sides: it is the direction from the sensor to their mean.
+    With fewer than 3 returns it is the direction from the sensor to their mean.
     """
     if len(points) < 3:
         x, y = points.mean(axis=0) - origin

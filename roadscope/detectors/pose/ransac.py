@@ -31,16 +31,16 @@ def fit_ransac(
 ) -> VehiclePose:
     """Return the rectangle of known size at the line, or corner, that most returns agree with.
 
-    points_xy: (N, 2) metres, returns of one vehicle, at least one. origin: (2,) the sensor in
-    the same frame. inlier_m: greatest distance from a face, three times the range noise.
-    trials: pairs of returns that are tried. yaw points away from the sensor. score: share of
-    the returns on the two faces.
+    points_xy: (N, 2) metres, returns of one vehicle, at least one. origin: (2,) metres, the sensor
+    in the same frame. inlier_m: greatest distance of an inlier from a face, three times the range
+    noise. trials: number of pairs of returns that are tried. yaw points away from the sensor. The
+    score is the share of the returns on the two faces.
 
-    Zhang 2017 refers to Morris 2008 for it and gives no numbers. Reading taken: the line with
-    most returns is one face; those off it that agree on a perpendicular line behind its end are
-    the other. long_side "size": the first face is the side whose size it comes nearest to.
-    "main": it is always the long side, as the paper's introduction has it, which turns what is
-    seen from behind by 90 deg.
+    Zhang 2017 refers to Morris 2008 and gives no numbers. Here the line with most inliers is one
+    face. The other face is the perpendicular line with most inliers behind one of its ends. With
+    long_side "size" the first face is the side whose size is nearest to its extent. With "main" it
+    is always the long side, as the paper's introduction says; that turns vehicles seen from behind
+    by 90 deg.
     """
     points, place = checked_points(points_xy), checked_origin(origin)
     check_positive(length_m=length_m, width_m=width_m, inlier_m=inlier_m, trials=trials)

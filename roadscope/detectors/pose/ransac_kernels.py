@@ -1,4 +1,4 @@
-"""Line and corner that most returns of a vehicle agree with, compiled."""
+"""The line and the corner with most inliers among the returns of a vehicle, compiled."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ from roadscope.core.jit import compiled
 from roadscope.core.sorting import stable_order
 
 CORNER_POINTS = 2
-"""Returns off the first face that make a second one."""
+"""Least number of returns on a second face."""
 APART_M = 1e-9
-"""Returns nearer to each other than this draw no line."""
+"""Two returns nearer to each other than this do not determine a line."""
 
 
 class Sides(NamedTuple):
@@ -28,10 +28,10 @@ class Sides(NamedTuple):
 def agreed(
     points: np.ndarray, place: np.ndarray, pairs: np.ndarray, inlier_m: float, sides: Sides
 ) -> tuple[float, float, float, float]:
-    """Return middle x, y, direction of the long side in radians, and share on the two faces.
+    """Return x, y of the centre, direction of the long side in radians, and share of inliers.
 
-    points: (N, 2) metres, sorted by `by_range`. place: (2,) of the sensor. pairs: (2, T) rows
-    that are tried for a line.
+    points: (N, 2) metres, sorted by `by_range`. place: (2,) metres, the sensor. pairs: (2, T) rows
+    of points through which lines are tried.
     """
     mean = _mean(points)
     axis, held = best_line(points, place, pairs, inlier_m)
@@ -58,10 +58,10 @@ def agreed(
 
 @compiled()
 def by_range(points: np.ndarray, place: np.ndarray) -> np.ndarray:
-    """Sort by range, then side: the same pairs are drawn however the points were given."""
+    """Return the points by range, then side, so that their order does not decide the pairs."""
     sights = points - place
     middle = _mean(sights)
-    # Rounded to micrometres, so that a turned scene sorts alike.
+    # Rounded to micrometres, so that a rotated scene has the same order.
     sides = np.rint(1e6 * (middle[0] * sights[:, 1] - middle[1] * sights[:, 0]))
     ranges = np.rint(1e6 * np.hypot(sights[:, 0], sights[:, 1]))
     order = stable_order(sides)
@@ -105,7 +105,7 @@ def _near(points: np.ndarray, line: np.ndarray, inlier_m: float) -> int:
 
 @compiled()
 def _square(points: np.ndarray, place: np.ndarray) -> np.ndarray:
-    """One place has no line: a face square to the line of sight."""
+    """Return the direction across the line of sight, for points that determine no line."""
     sight = _mean(points) - place
     away = math.hypot(sight[0], sight[1])
     return np.array([-sight[1] / away, sight[0] / away]) if away > 0.0 else np.array([1.0, 0.0])
@@ -125,7 +125,7 @@ def with_corner(
     side = (mean[0] - place[0]) * normal[0] + (mean[1] - place[1]) * normal[1]
     depths, along = _along(points, _mean(first), normal), _along(points, mean, axis)
     low, high = along[held].min() + inlier_m, along[held].max() - inlier_m
-    # What is seen between the ends lies over the face: a rear window over a boot.
+    # Returns between the ends are above the face, for example of a rear window above a boot.
     behind = ~held & (depths * side > 0.0) & ((along < low) | (along > high))
     if behind.sum() < CORNER_POINTS:
         return axis, np.nan, none
@@ -137,7 +137,7 @@ def with_corner(
     if second.sum() < CORNER_POINTS:
         return axis, np.nan, none
     xx, xy, yy = _scatter(first)
-    # Turned by a quarter, the second face lies along the first.
+    # Rotated by 90 degrees, the second face is parallel to the first.
     uu, uv, vv = _scatter(points[second])
     turned = _direction(xx + vv, xy - uv, yy + uu)
     if turned[0] * axis[0] + turned[1] * axis[1] < 0.0:
@@ -155,7 +155,7 @@ def _mean(points: np.ndarray) -> np.ndarray:
 
 @compiled()
 def _along(points: np.ndarray, start: np.ndarray, axis: np.ndarray) -> np.ndarray:
-    """Return (N,) places along a unit axis from a start."""
+    """Return the (N,) coordinates of points along a unit axis from a start, metres."""
     out = np.empty(len(points))
     for i in range(len(points)):
         out[i] = (points[i, 0] - start[0]) * axis[0] + (points[i, 1] - start[1]) * axis[1]
@@ -173,7 +173,7 @@ def _scatter(points: np.ndarray) -> tuple[float, float, float]:
 
 @compiled()
 def _direction(xx: float, xy: float, yy: float) -> np.ndarray:
-    """Return the unit vector of the greatest spread, that of y where none is."""
+    """Return the unit vector of the greatest spread; (0, 1) if all directions are equal."""
     if xy == 0.0 and xx == yy:
         return np.array([0.0, 1.0])
     angle = 0.5 * math.atan2(2.0 * xy, xx - yy)
