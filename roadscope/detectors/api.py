@@ -1,4 +1,4 @@
-"""What a detector is."""
+"""The protocol of detectors."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from roadscope.core import Detections, Frame, ImageDetections
 
 @runtime_checkable
 class Detector(Protocol):
-    """Finds road users in one frame.
+    """Detects road users in one frame.
 
     Constructor arguments are keyword-only and all have defaults. 3-D boxes come back in the ego
     frame (rear axle on the ground), image boxes in pixels, both with the stamp of their sensor.
@@ -21,13 +21,13 @@ class Detector(Protocol):
     def detect(self, frame: Frame) -> Detections | ImageDetections:
         """Return the detections of this frame, or of an earlier one that needed later frames.
 
-        The stamp says which frame they are of: one of those since `reset`. Detections in the ego
-        frame are relative to where the ego stood at that stamp. An empty answer leaves its frame
-        open, so a detector that answers late returns one while it has nothing to say; a frame
-        with detections is not answered again.
+        The stamp says to which of the frames since `reset` they belong. Detections in the ego frame
+        are relative to the ego's pose at that stamp. A frame with detections must not be answered
+        again. An empty answer leaves its frame open, so a detector that answers late returns empty
+        answers at first.
 
-        For a frame without a scan a LiDAR detector returns no detections, with the frame's stamp:
-        scans can be lost. A caller that must know the difference looks at `frame.lidar`, and gives
-        a fusion None for that sensor. A camera detector refuses a frame without an image: images
-        have a clock of their own, and frames between them are not for it.
+        For a frame without a scan a LiDAR detector returns no detections, with the frame's stamp,
+        because scans can be lost. A caller that needs the difference checks `frame.lidar`, and
+        gives a fusion None for that sensor. A camera detector refuses a frame without an image:
+        images have their own clock, and it does not get the frames between them.
         """

@@ -8,7 +8,7 @@ from roadscope.core.jit import compiled
 from roadscope.detectors.cloud import Cloud
 
 MOST_CELLS = 4_000_000
-"""A larger grid, 1000 m square at half a metre, is not laid out: its cells are sorted instead."""
+"""A grid with more cells (1000 m square at half a metre) is not stored; its cells are sorted."""
 
 
 def grid_above_ground(
@@ -19,17 +19,17 @@ def grid_above_ground(
     clear_m: float = 0.3,
     ceiling_m: float = 2.5,
 ) -> np.ndarray:
-    """Keep what stands in cells whose returns span some height (Li 2021).
+    """Keep returns above the ground, by the height span of grid cells (Li 2021).
 
     Returns (N,) bool, true for returns that are kept.
 
     Li 2021 keeps the cells whose highest and lowest return differ by more than a threshold
-    (`span_m`). With four layers 0.8 deg apart a cell often holds one layer only, far away
-    always, and its span says nothing; there the calibration decides: whatever lies more than
-    `clear_m` above the plane the wheels stand on is kept. Below that height a return is kept
-    where its cell rises and it is itself half of `span_m` above the lower of that plane and the
-    cell's bottom. Returns above `ceiling_m` (crowns, bridges, upper storeys) tell nothing of a
-    footprint and are dropped.
+    (`span_m`). With four layers 0.8 deg apart a cell often has returns of one layer only, far away
+    always, and then its span is meaningless. So the calibration decides too: every return more than
+    `clear_m` above the plane on which the wheels stand is kept. A lower return is kept if the span
+    of its cell exceeds the threshold and if the return is at least half of `span_m` above the lower
+    of that plane and the cell's bottom. Returns above `ceiling_m` (crowns, bridges, upper floors)
+    do not tell a footprint and are dropped.
     """
     heights = cloud.points[:, 2]
     lowest, highest = _cell_spans(cloud.points, cell_m)

@@ -54,7 +54,7 @@ def polar_above_ground(
     ceiling_m: float = 2.5,
     rule: PolarRule = RULE,
 ) -> np.ndarray:
-    """Keep what stands above lines fitted to polar segments (Himmelsbach 2010).
+    """Keep returns above lines fitted to the ground in polar segments (Himmelsbach 2010).
 
     Returns (N,) bool, true for returns that are kept.
 

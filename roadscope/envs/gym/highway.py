@@ -25,7 +25,7 @@ EGOS = ("agent", "idm")
 """Possible drivers: the agent's action, or the ego's own driver model."""
 
 ACTION_INFO = ("action", "rewards")
-"""Entries that highway-env reports after a reset for an action that it drew without a seed."""
+"""Entries of `info` about an action that highway-env drew without a seed in a reset; left out."""
 
 
 @dataclass(frozen=True)
@@ -61,12 +61,12 @@ class ScenarioEnv(gym.Env[Observation, Any]):
     """A scenario observed through the sensors of a rig.
 
     scenario: a name of `scenarios.SCENARIOS`.
-    ego: `agent`: the action drives the ego, with the action space, the reward and the ends of
-        highway-env's own environment; `idm`: a recorded scenario is played whose ego drives
+    ego: `agent`: the action drives the ego. Action space, reward and termination are those of
+        highway-env's own environment. `idm`: a recorded scenario is played whose ego drives
         itself, and the only action is to continue. None: `agent` if the scenario has a task.
     rig, style, weather, light, faults, records, pixel_truth: as in `SensorWrapper`.
     config: settings of highway-env that an agent's environment should have.
-    duration_s: the episode is truncated there at the latest.
+    duration_s: the episode is truncated after this time at the latest.
     step_s: time from step to step of a played scenario; None for the period of the LiDAR.
     """
 

@@ -28,9 +28,9 @@ NOTHING = SKY
 class Depth(NamedTuple):
     """Nearest hits so far in a block, beam by beam, `WIDTH` columns each.
 
-    q: (B, WIDTH) reciprocal of the ray parameter. far: (B, WIDTH) q at the greatest range.
-    faces: (B, WIDTH) distance of the origin from the plane of the hit.
-    owners, reflectivity: (B, WIDTH) of the surface. floors: (B,) least q of each beam.
+    q: (B, WIDTH) as in `kernels`. far: (B, WIDTH) q at the greatest range. faces: (B, WIDTH)
+    distance of the ray's origin from the plane of the surface, metres. owners, reflectivity:
+    (B, WIDTH) of the surface. floors: (B,) least q of each beam.
     """
 
     q: np.ndarray

@@ -20,7 +20,7 @@ class FaultKind:
     """A fault in its five severities.
 
     figures: value of each severity, in `unit`; comments beside the table explain them.
-    sensors: whose measurements it changes; a rig without them is not affected.
+    sensors: the sensors whose measurements it changes; a rig without them is not affected.
     """
 
     summary: str
@@ -46,7 +46,7 @@ FAULTS: Mapping[str, FaultKind] = MappingProxyType(
         # From above a wide camera's view down to the end of the road; windscreens scatter more
         # the flatter the light comes in.
         "glare": FaultKind(
-            "A low sun ahead of where the ego sets out; at night halos of lamps.",
+            "A low sun ahead of the ego as it starts; at night halos of lamps.",
             (30.0, 20.0, 12.0, 7.0, 4.0),
             "deg",
             ("camera",),
@@ -74,7 +74,7 @@ FAULTS: Mapping[str, FaultKind] = MappingProxyType(
         ),
         # From the error of a careful calibration to a bent mount: at 50 m, 0.2 m to 3.5 m.
         "extrinsic-error": FaultKind(
-            "The calibration is off: so far turned, and 4 cm/deg shifted.",
+            "The calibration is wrong: turned by this angle, and shifted by 4 cm/deg.",
             (0.25, 0.5, 1.0, 2.0, 4.0),
             "deg",
             ("lidar", "camera"),
@@ -145,7 +145,7 @@ def faults_of(faults: Faults) -> tuple[Fault, ...]:
             raise ValueError(f"fault '{kind}' is given {kinds.count(kind)} times: choose one")
     for pair in EXCLUSIVE:
         if set(pair) <= set(kinds):
-            raise ValueError(f"faults {' and '.join(pair)} are never there at once: choose one")
+            raise ValueError(f"faults {' and '.join(pair)} exclude each other: choose one")
     order = list(FAULTS)
     return tuple(sorted(parsed, key=lambda fault: order.index(fault.kind)))
 

@@ -16,7 +16,7 @@ DEFAULT_SEVERITY = 3
 """Severity of `rain` and `fog` without a number."""
 FOG_LIDAR_RATIO_SR = 18.8
 RAIN_LIDAR_RATIO_SR = 50.0
-"""See `fog` and `rain`."""
+"""Default lidar ratios; `fog` and `rain` say where they come from."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,8 +77,8 @@ KOSCHMIEDER = 3.912
 def rain(rate_mm_h: float, severity: int = 0) -> Weather:
     """Return rain of Marshall and Palmer's drops, N(D) = 8000 exp(-4.1 R^-0.21 D) per m3 and mm.
 
-    Drops are far larger than the wavelength, so each extinguishes twice its outline; summed over
-    the distribution that is 0.365e-3 R^0.63 per metre, the law of ITU-R P.1814 for Japan (1.58
+    Drops are far larger than the wavelength, so each extinguishes twice its cross-section. Summed
+    over the distribution that is 0.365e-3 R^0.63 per metre, the law of ITU-R P.1814 for Japan (1.58
     R^0.63 dB/km, from memory). The lidar ratio is Mie theory's for spheres of 0.5 to 2 mm at
     905 nm, 36 to 90 sr by our own computation at 4 to 8 mrad from the beam's axis, as with
     lenses a few centimetres apart; on the axis it would be 3 to 6.
