@@ -47,7 +47,7 @@ class WheeledOdometry(Odometry, Protocol):
 
 
 def takes_wheels(odometry: Odometry) -> bool:
-    """Return whether an odometry uses wheel speeds; one with `wheels` False does not."""
+    """Return whether an odometry uses wheel speeds; its attribute `wheels` can be False."""
     return isinstance(odometry, WheeledOdometry) and getattr(odometry, "wheels", True) is not False
 
 

@@ -1,4 +1,4 @@
-"""Estimates of odometries: records, covariances, and scans that are too poor."""
+"""Estimates of odometries: records, covariances, and scans with too few points."""
 
 from __future__ import annotations
 
@@ -39,13 +39,13 @@ def propagated_covariance(
     return result
 
 
-def poverty(points: int, least: int, rings: np.ndarray) -> str:
-    """Return why a scan is too poor to be matched; empty if it is not.
+def lack_of_points(points: int, least: int, rings: np.ndarray) -> str:
+    """Return why a scan has too few points to be matched; empty if it has enough.
 
     points: number that can be matched. least: number that is needed. rings: (N,) of all returns.
     """
     if points < least:
-        return f"{points} points that can be matched"
+        return f"only {points} points can be matched"
     if rings.min() == rings.max():
-        return "returns of one ring alone"
+        return "all returns are of one ring"
     return ""

@@ -13,7 +13,7 @@ NO_SAMPLES = "no inertial samples"
 
 
 class ImuBuffer:
-    """Stores samples of the last seconds along the LiDAR's axes; others than finite are dropped.
+    """Stores samples of the last seconds along the LiDAR's axes; only finite ones are stored.
 
     stamps_s: (K,) increasing. rates: (K, 3) rad/s. forces: (K, 3) m/s^2, at the IMU.
     """

@@ -15,7 +15,7 @@ from roadscope.odometry.estimates import estimate
 from roadscope.odometry.lego.mapping import REACH_M, LegoMapping, match_two_steps
 from roadscope.odometry.lego.segments import LEAST, features_of, ground_and_objects
 from roadscope.odometry.loam.features import Features
-from roadscope.odometry.loam.progress import ImuPrediction, Progress, ScanReturns, poverty
+from roadscope.odometry.loam.progress import ImuPrediction, Progress, ScanReturns, lack_of_features
 from roadscope.odometry.scatter import excessive_noise
 
 
@@ -57,27 +57,27 @@ class LegoLoamOdometry:
         tick = self._clock.tick(scan.stamp_s)
         if not tick.in_order:
             return self._estimate(scan, tick.reason)
-        lack = self._imu.samples.missing_samples(scan.stamp_s, tick.elapsed_s) or excessive_noise(
-            scan
-        )
+        sensor_problem = self._imu.samples.missing_samples(
+            scan.stamp_s, tick.elapsed_s
+        ) or excessive_noise(scan)
         returns = ground_and_objects(scan, least=self.min_points)
         since_s = self._progress.since(scan.stamp_s)
         predicted = self._progress.predicted(scan.stamp_s)
         if self._before is not None and not self._progress.begun:
             predicted = self._begin(returns, since_s, predicted)
         features = features_of(returns, returns.at_stamp(predicted, since_s))
-        poor = poverty(returns, features)
-        if poor or self._before is None:
-            self._progress.carry_on(predicted, scan.stamp_s, counts=not poor)
-            self._before = self._before if poor else (returns, features)
-            return self._estimate(scan, tick.reason or poor or lack)
+        problem = lack_of_features(returns, features)
+        if problem or self._before is None:
+            self._progress.carry_on(predicted, scan.stamp_s, counts=not problem)
+            self._before = self._before if problem else (returns, features)
+            return self._estimate(scan, tick.reason or problem or sensor_problem)
         feature_match = match_two_steps(features, self._before[1], predicted)
         motion, reason = self._progress.step(predicted, feature_match, scan.stamp_s)
         self._before = returns, features.at(returns.at_stamp(motion, since_s))
         # The features of a rejected scan must not enter the map.
         if not reason:
             self._mapping.take(self._before[1], self._progress.pose)
-        return self._estimate(scan, tick.reason or reason or lack)
+        return self._estimate(scan, tick.reason or reason or sensor_problem)
 
     def _begin(self, returns: ScanReturns, since_s: float, predicted: np.ndarray) -> np.ndarray:
         """Return the first motion, (4, 4), and deskew the first scan by it."""

@@ -10,7 +10,7 @@ from roadscope.core import ImuSamples, LidarScan, OdometryEstimate, Pose, WheelS
 from roadscope.core.names import unknown
 from roadscope.envs.sensors.imu_spec import IMUS
 from roadscope.odometry.clock import Clock, ScanTick
-from roadscope.odometry.estimates import estimate, poverty, propagated_covariance
+from roadscope.odometry.estimates import estimate, lack_of_points, propagated_covariance
 from roadscope.odometry.imu_buffer import ImuBuffer
 from roadscope.odometry.inertial.filter import (
     POSE,
@@ -37,7 +37,9 @@ from roadscope.odometry.voxels.sweep import ThinnedScan
 
 USUAL_UNIT = "adis16448"
 LEAST_POINTS = 60
+"""Least number of points for a match, also of those that lie on known surfaces."""
 LEAST_AGREEMENT = 0.3
+"""Least share of the points on surfaces that must agree with them."""
 SUFFICIENT_INFORMATION, SUFFICIENT_AGREEMENT = 1.0, 0.5
 """Mean information of a point about the forward motion, 1/m^2, that is sufficient: 2 and more on
 streets, less in platoons, tunnels and between barriers. With less information, at least half of
@@ -61,10 +63,10 @@ class LidarInertialOdometry:
 
     The first scans determine the speed: static objects in them coincide at it. From then on the
     inertial prediction is so precise that traffic which moves along cannot pull the pose with it.
-    Returns at places that earlier beams passed have moved there, or along with the sensor if beams
-    ended before them at the same range: they are dynamic and left out. Follows Xu 2022 (FAST-LIO2)
-    in the filter; map, speed search and the detection of dynamic returns are ours. Without an IMU
-    the prediction has constant velocity.
+    Returns at places that earlier beams passed have moved there. Returns that earlier beams could
+    not reach because they ended at the same range before may move along with the sensor. Both are
+    dynamic and left out. The filter follows Xu 2022 (FAST-LIO2); map, speed search and the
+    detection of dynamic returns are ours. Without an IMU the prediction has constant velocity.
     """
 
     def __init__(
@@ -130,19 +132,19 @@ class LidarInertialOdometry:
         self._integrated_speed.predict(interval)
         sweep = ThinnedScan.of(scan, self.insert_m, self.match_m)
         moving = np.zeros(len(sweep.rows), bool)
-        poor = poverty(len(sweep.few), LEAST_POINTS, scan.ring)
+        problem = lack_of_points(len(sweep.few), LEAST_POINTS, scan.ring)
         if self._track is None:
-            poor = self._collect_first_scans(sweep, interval, poor)
+            problem = self._collect_first_scans(sweep, interval, problem)
         else:
-            moving, poor = self._follow(self._track, sweep, interval, poor)
+            moving, problem = self._follow(self._track, sweep, interval, problem)
         self._update_pose_and_covariance(interval)
-        lack = self._imu.missing_samples(scan.stamp_s, tick.elapsed_s)
+        sensor_problem = self._imu.missing_samples(scan.stamp_s, tick.elapsed_s)
         return estimate(
             self._pose,
             self._covariance,
             scan.stamp_s,
             len(scan),
-            tick.reason or poor or lack or excessive_noise(scan),
+            tick.reason or problem or sensor_problem or excessive_noise(scan),
             dynamic=sweep.spread(moving),
         )
 
@@ -156,10 +158,10 @@ class LidarInertialOdometry:
         none = np.empty((0, 3))
         return ImuInterval(tick.elapsed_s, np.empty(0), none, none, rate)
 
-    def _collect_first_scans(self, sweep: ThinnedScan, interval: ImuInterval, poor: str) -> str:
+    def _collect_first_scans(self, sweep: ThinnedScan, interval: ImuInterval, problem: str) -> str:
         """Collect first scans until they determine the speed; return a reason until then."""
-        if poor:
-            return poor
+        if problem:
+            return problem
         self._start.add(sweep, interval, self._imu)
         wheel_speed = self._wheels.at(sweep.scan.stamp_s)
         speed = self._start.speed() if wheel_speed is None else Speed.measured(wheel_speed[0])
@@ -180,7 +182,7 @@ class LidarInertialOdometry:
         )
 
     def _follow(
-        self, track: InertialTrack, sweep: ThinnedScan, interval: ImuInterval, poor: str
+        self, track: InertialTrack, sweep: ThinnedScan, interval: ImuInterval, problem: str
     ) -> tuple[np.ndarray, str]:
         """Predict and correct; return (K,) dynamic returns, and the reason of a degraded pose."""
         track.predict(interval)
@@ -190,15 +192,15 @@ class LidarInertialOdometry:
         rolled = self._use_wheels(track, scan.stamp_s)
         points = track.points_at_stamp(sweep)
         moving = track.moving(points, scan.stamp_s)
-        if poor:
+        if problem:
             self._rest = RestHistory(self.noise)
-            return moving, poor
+            return moving, problem
         scan_match = track.matched(sweep, points, moving)
-        poor = _reason_to_reject(scan_match)
+        problem = _reason_to_reject(scan_match)
         # While fixtures confirm the speed, it is the traffic that does not agree.
-        fits = not poor or rolled or self._check.confirmed(scan.stamp_s)
+        fits = not problem or rolled or self._check.confirmed(scan.stamp_s)
         if not rolled and track.twist()[0] < self._integrated_speed.least_m_s:
-            poor, fits = "the speed is below the integrated acceleration", False
+            problem, fits = "the speed is below the integrated acceleration", False
         self._misfits = 0 if fits else self._misfits + 1
         if fits:
             track.update_by_match(scan_match)
@@ -207,14 +209,14 @@ class LidarInertialOdometry:
             # There is no traffic in a room.
             self._speed_known |= sweep.close
             if not rolled:
-                poor = self._check_by_fixtures(track, scan) or poor
+                problem = self._check_by_fixtures(track, scan) or problem
         else:
             self._rest = RestHistory(self.noise)
         if self._misfits >= LOST:
             self._earlier_state = track.state
             self._begin(self._start_from_map @ track.pose)
-        poor = poor or ("" if self._speed_known else SPEED_UNKNOWN)
-        return moving, poor or _reason_of_vague_speed(track) or _reason_of_missing_information(
+        problem = problem or ("" if self._speed_known else SPEED_UNKNOWN)
+        return moving, problem or _reason_of_vague_speed(track) or _reason_of_missing_information(
             track, scan_match
         )
 
@@ -296,9 +298,9 @@ class LidarInertialOdometry:
 def _reason_to_reject(scan_match: ScanMatch) -> str:
     """Return why a match is rejected; empty if it is accepted."""
     if scan_match.matched_points < LEAST_POINTS:
-        return f"{scan_match.matched_points} points on surfaces that are known"
+        return f"only {scan_match.matched_points} points lie on known surfaces"
     if scan_match.agreement < LEAST_AGREEMENT:
-        return f"{scan_match.agreement:.0%} of the points agree"
+        return f"only {scan_match.agreement:.0%} of the points agree with the map"
     return ""
 
 
@@ -318,4 +320,4 @@ def _reason_of_missing_information(track: InertialTrack, scan_match: ScanMatch) 
     ):
         return ""
     outliers = 1 - scan_match.agreement
-    return f"the points that show forward motion do not agree, {outliers:.0%} of all"
+    return f"too few points show the forward motion; {outliers:.0%} disagree with the map"

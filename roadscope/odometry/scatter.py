@@ -15,7 +15,8 @@ LEAST_TRIPLES = 200
 ENOUGH = 4000
 """Approximate number of used returns: those of every second ring, or third, and so on."""
 MEDIAN_OF_NORMAL = np.sqrt(6.0) * 0.6745
-"""Median of a second difference of independent normal errors, in their standard deviation."""
+"""Median of absolute second differences of independent normal errors, in standard deviations of
+these errors."""
 
 
 def excessive_noise(scan: LidarScan) -> str:

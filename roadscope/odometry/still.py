@@ -12,7 +12,7 @@ from roadscope.odometry.estimates import estimate
 
 
 class StillOdometry:
-    """Always returns the start pose: the lowest mark of a leaderboard."""
+    """Always returns the start pose: the lower mark of a leaderboard."""
 
     takes_imu: ClassVar = False
 

@@ -10,7 +10,7 @@ import numpy as np
 from roadscope.core import ImuSamples, LidarScan, OdometryEstimate, Pose
 from roadscope.odometry.clock import Clock, ScanTick
 from roadscope.odometry.cloud_kernels import deskewed, placed, thinned
-from roadscope.odometry.estimates import estimate, poverty, propagated_covariance
+from roadscope.odometry.estimates import estimate, lack_of_points, propagated_covariance
 from roadscope.odometry.imu_buffer import ImuBuffer
 from roadscope.odometry.rigid import exp_se3, inverse, log_se3
 from roadscope.odometry.scatter import excessive_noise
@@ -20,7 +20,9 @@ from roadscope.odometry.voxels.surfaces import VoxelMap
 BOUNDS_M = (1.5, 120.0)
 """Nearer is the own vehicle; farther, beams are too far apart for surfaces."""
 LEAST_POINTS = 60
+"""Least number of points for a match, also of those that lie on known surfaces."""
 LEAST_AGREEMENT = 0.3
+"""Least share of the points on surfaces that must agree with them."""
 WEAKEST_M = 0.2
 """A pose with a larger standard deviation in some direction is replaced by the prediction."""
 LOST = 5
@@ -59,6 +61,11 @@ class VoxelMapOdometry:
 
     The prediction has constant velocity and the turn of the gyro if there is one; scans are
     deskewed. If the speed is unknown, many speeds are tried.
+
+    memory: `map` keeps the surfaces of all scans within `reach_m`, metres; `scan` keeps those of
+        the last one only.
+    match_m, insert_m: edges, in metres, of the cubes from which one return is matched, or added to
+        the map.
     """
 
     def __init__(
@@ -95,15 +102,15 @@ class VoxelMapOdometry:
             return estimate(self._pose, self._covariance, scan.stamp_s, len(scan), tick.reason)
         twist = self._predicted_twist(scan.stamp_s, tick)
         cloud = self._cloud(scan)
-        poor = poverty(len(cloud.few), LEAST_POINTS, scan.ring)
-        if poor:
+        problem = lack_of_points(len(cloud.few), LEAST_POINTS, scan.ring)
+        if problem:
             self._predict_only(twist, tick)
         elif not self._begun:
             self._begin(cloud, twist, tick)
         else:
-            poor = self._follow(cloud, twist, tick)
-        lack = self._imu.missing_samples(scan.stamp_s, tick.elapsed_s)
-        reason = tick.reason or poor or lack or excessive_noise(scan)
+            problem = self._follow(cloud, twist, tick)
+        sensor_problem = self._imu.missing_samples(scan.stamp_s, tick.elapsed_s)
+        reason = tick.reason or problem or sensor_problem or excessive_noise(scan)
         return estimate(self._pose, self._covariance, scan.stamp_s, len(scan), reason)
 
     def _cloud(self, scan: LidarScan) -> TimedPoints:
@@ -135,12 +142,12 @@ class VoxelMapOdometry:
         self._first = None
         motion = inverse(self._pose) @ scan_match.map_from_sensor
         uncertain = self._uncertainty(scan_match)
-        poor = _reason_to_reject(scan_match, uncertain)
-        if poor:
+        problem = _reason_to_reject(scan_match, uncertain)
+        if problem:
             self._predict_only(twist, tick)
             self._misfits += 1
             self._begun = self._misfits < LOST
-            return poor
+            return problem
         self._misfits = 0
         self._covariance = propagated_covariance(self._covariance, motion, uncertain)
         self._pose, self._twist = scan_match.map_from_sensor, log_se3(motion) / tick.elapsed_s
@@ -225,10 +232,10 @@ def _around(twist: np.ndarray, tick: ScanTick) -> list[np.ndarray]:
 def _reason_to_reject(scan_match: ScanMatch, uncertain: np.ndarray) -> str:
     """Return why a match is rejected; empty if it is accepted."""
     if scan_match.matched_points < LEAST_POINTS:
-        return f"{scan_match.matched_points} points on surfaces that are known"
+        return f"only {scan_match.matched_points} points lie on known surfaces"
     if scan_match.agreement < LEAST_AGREEMENT:
-        return f"{scan_match.agreement:.0%} of the points agree"
+        return f"only {scan_match.agreement:.0%} of the points agree with the map"
     weakest_m = float(np.sqrt(np.linalg.eigvalsh(uncertain[:3, :3])[-1]))
     if weakest_m > WEAKEST_M:
-        return f"the scan leaves {weakest_m:.2g} m open in one direction"
+        return f"in one direction the scan shows the position only to {weakest_m:.2g} m"
     return ""

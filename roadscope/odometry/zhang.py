@@ -28,7 +28,7 @@ from roadscope.odometry.estimates import estimate
 from roadscope.odometry.lego.mapping import REACH_M, LegoMapping
 from roadscope.odometry.loam.feature_match import FeatureMatch, match_features
 from roadscope.odometry.loam.features import Features
-from roadscope.odometry.loam.progress import ImuPrediction, Progress, poverty
+from roadscope.odometry.loam.progress import ImuPrediction, Progress, lack_of_features
 from roadscope.odometry.scatter import excessive_noise
 
 LARGEST_DYNAMIC_SHARE = 0.33
@@ -59,8 +59,9 @@ class DynamicThreshold:
     The paper states no threshold. It is `still_m`, plus `still_m_s` times the time between the
     scans, plus `view` times the ego motion, and at least `sampled` times the range.
 
-    view: the visible part of a whole wall moves with the sensor. None: 1 where the angle bounds
-        only links, so that walls are whole, else 0; with 1, slower objects are not dynamic.
+    view: share of the ego motion that is added. The visible part of a wall moves with the sensor,
+        and its centre too if the wall is one cluster. None: 1 where the angle bounds only links, so
+        that walls are whole, else 0. With 1, objects slower than the sensor are not dynamic.
     sampled: beams diverge, so that a far object has other returns in every scan. A centre rises or
         falls by half the gap between two beams as soon as one of them misses the object: for a
         VLP-16 that is 1.7 % of the range.
@@ -100,9 +101,9 @@ class ZhangSettings:
     roughness: eq. 6 among neighbours on the ring or, as printed, in the whole cluster.
     drop_dynamic, same_cluster: the paper's two additions to LOAM, which can be switched off.
     map_every, loop: scans between two matches with LeGO-LOAM's map, 0 for none, and whether loops
-        are closed. Section 2 goes from scan to scan; section 3 speaks of SLAM, and of the loops
-        that LeGO-LOAM closes as a reason why both systems end near the truth: the chain may have
-        stood before LeGO-LOAM's map.
+        are closed. Section 2 goes from scan to scan. Section 3 speaks of SLAM, and says that both
+        systems end near the truth because LeGO-LOAM closes loops: the authors may have put their
+        method in front of LeGO-LOAM's map.
     """
 
     clustering: Clustering = field(default_factory=Clustering)
@@ -149,9 +150,9 @@ class ZhangOdometry:
         tick = self._clock.tick(scan.stamp_s)
         if not tick.in_order:
             return self._estimate(scan, tick.reason)
-        lack = self._imu.samples.missing_samples(scan.stamp_s, tick.elapsed_s) or excessive_noise(
-            scan
-        )
+        sensor_problem = self._imu.samples.missing_samples(
+            scan.stamp_s, tick.elapsed_s
+        ) or excessive_noise(scan)
         whole = segments_of(scan, self.clustering)  # section 2.1
         since_s = self._progress.since(scan.stamp_s)
         predicted = self._progress.predicted(scan.stamp_s)  # eq. 3
@@ -159,11 +160,11 @@ class ZhangOdometry:
             predicted = self._begin(whole, since_s, predicted)
         segments = self.cut(whole, predicted)
         features = self._features(segments, predicted, since_s)  # eq. 5 and 6
-        poor = poverty(segments, features)
-        if poor or self._before is None:
-            self._progress.carry_on(predicted, scan.stamp_s, counts=not poor)
-            self._before = self._before if poor else self._previous_scan(whole, features)
-            return self._estimate(scan, tick.reason or poor or lack)
+        problem = lack_of_features(segments, features)
+        if problem or self._before is None:
+            self._progress.carry_on(predicted, scan.stamp_s, counts=not problem)
+            self._before = self._before if problem else self._previous_scan(whole, features)
+            return self._estimate(scan, tick.reason or problem or sensor_problem)
         clusters = self.compared(segments, self._before.segments, predicted, since_s)  # eq. 4
         feature_match, dropped = self._matched(
             features, clusters, segments.sizes, predicted
@@ -176,7 +177,7 @@ class ZhangOdometry:
             stays = np.where(dropped, NO_PARTNER, np.arange(len(dropped)))
             self._mapping.take(relabelled(placed, stays), self._progress.pose)
         return self._estimate(
-            scan, tick.reason or reason or lack, returns_of(scan, segments, dropped)
+            scan, tick.reason or reason or sensor_problem, returns_of(scan, segments, dropped)
         )
 
     def cut(self, whole: Segments, before_from_now: np.ndarray) -> Segments:

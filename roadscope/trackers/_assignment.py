@@ -100,7 +100,8 @@ def _optimal_columns(
 ) -> np.ndarray:
     """Return for each of n rows its column, or -1, for the least sum of gains.
 
-    gains: (P,) of pairs, all negative. Connected components of pairs are solved one by one.
+    gains: (P,) costs of pairs minus that of an unassigned row, all negative. Connected components
+        of pairs are solved one by one.
     """
     component, count = components(rows, columns, n, m)
     row_order, first_row = sorted_by(component[:n], count)

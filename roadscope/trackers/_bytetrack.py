@@ -36,10 +36,10 @@ class ByteTracker:
     ) -> None:
         """Set the tracker up; scores are the authors'.
 
-        high_score: detections from here on may go to any track, also to a coasting one.
-        low_score: detections from here on may go to tracks that had a detection in the last tick
-            and have none of high score now.
-        new_score: detections of high score from here on start a track if they belong to none.
+        high_score: detections with at least this score may go to any track, also to a coasting one.
+        low_score: other detections with at least this score may go to tracks that had a detection
+            in the last tick and have none of high score now.
+        new_score: detections with at least this score start a track if they belong to none.
         overlap: `iou` or `giou`, both in space.
         least, least_again: a pair must overlap by more, with a detection of high and of low score;
             the first as in the later code of AB3DMOT's authors, for cars.

@@ -28,9 +28,9 @@ EXTREME_SCORE = 0.98
 FIRST_CLUTTER_M2 = 1e-4
 """Clutter density before anything was detected, per square metre and tick; chosen by hand."""
 FIRST_CLUTTER_WEIGHT_M2 = 2e4
-"""Area times ticks that this density counts for: two false detections."""
+"""Weight of this density in the estimate, as area times ticks: it is worth two false detections."""
 CELL_M = 10.0
-"""Side of the grid cells, around the ego, in which detections are looked for; chosen by hand."""
+"""Side of the grid cells around the ego that `ClutterDensity` counts; chosen by hand."""
 BASE_RATE_RANGE_M = 25.0
 """Range at which the base rate of right detections is taken; chosen by hand."""
 
@@ -180,7 +180,8 @@ class ClutterDensity:
 class ScoreCalibration:
     """Probabilities that detections are right, from their scores and the traits of the detector.
 
-    Traits say them at the base rate of training; here targets are as frequent as clutter.
+    Traits give them for the share of right detections in training. Here they are converted to equal
+    numbers of targets and clutter.
     """
 
     def __init__(self, traits: str) -> None:
@@ -192,7 +193,7 @@ class ScoreCalibration:
         """Forget all scores."""
         self._choice.reset()
         self._traits: DetectorTraits | None = None
-        self._base = np.zeros(len(Category))
+        self._base_log_odds = np.zeros(len(Category))
 
     def probabilities(self, tick: TrackerTick) -> np.ndarray:
         """Return (M,) probabilities of being right if targets are as frequent as clutter."""
@@ -200,9 +201,11 @@ class ScoreCalibration:
         traits = self._choice.update(odds, categories)
         if traits is not self._traits:
             self._traits = traits
-            self._base = self._choice.base_log_odds(BASE_RATE_RANGE_M)
+            self._base_log_odds = self._choice.base_log_odds(BASE_RATE_RANGE_M)
         ranges_m = np.hypot(*(tick.detections.centres[:, :2] - tick.sensor_position[:2]).T)
-        odds = traits.detection_log_odds(odds, categories, ranges_m) - self._base[categories]
+        odds = (
+            traits.detection_log_odds(odds, categories, ranges_m) - self._base_log_odds[categories]
+        )
         probabilities: np.ndarray = 1 / (1 + np.exp(-odds))
         return probabilities
 

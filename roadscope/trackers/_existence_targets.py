@@ -16,7 +16,8 @@ from roadscope.trackers._traits import DetectorTraits, score_log_odds
 
 # Chosen by hand.
 SIZE_MEMORY = 1.0
-"""Detections at range 0 that a size rests on at most: boxes change with what is visible."""
+"""Greatest weight of all earlier detections in the estimate of a size, where one at range 0 has
+the weight 1: it is small because boxes change with what is visible."""
 HEADING_MEMORY = 0.9
 """Weight of a vote for front or rear one tick later."""
 
@@ -47,8 +48,9 @@ class Measurements(ArrayTable):
     def of(
         detections: Detections, eye: np.ndarray, traits: DetectorTraits, noise: float = 1.0
     ) -> Measurements:
-        """Return the measurements of detections, seen from (2,) the eye in their own frame.
+        """Return the measurements of detections.
 
+        eye: (2,) position of the sensor, in the frame of the detections.
         noise: factor of the covariances of positions.
         """
         kinds, boxes = detections.categories, boxes_of(detections)
@@ -96,7 +98,7 @@ class BernoulliTargets(ArrayTable):
     heights, yaws: (N, 2) mean and variance.
     fronts: (N,) sum of votes that the heading is not half a turn off, positive.
     travels: (N, 2) unit vectors, the directions of travel, 0 where targets never moved.
-    sizes: (N, 3) length width height; size_weights: (N,) detections at range 0 they rest on.
+    sizes: (N, 3) length width height; size_weights: (N,) their weight in detections at range 0.
     votes: (N, 7) sum of scores of each category; categories: (N,) int8, that of most votes.
     existence: (N,) log odds of existence, from scores; assured: (N,) after the last detection.
     claims: (N,) evidence of the first detection; hits: (N,) detections so far.
@@ -371,10 +373,10 @@ def _wrapped(angle: float) -> float:
 def hidden_shares(
     boxes: np.ndarray, wanted: np.ndarray, solid: np.ndarray, eye: np.ndarray
 ) -> np.ndarray:
-    """Return (N,) which share of each target's width nearer solid ones cover, seen from the eye.
+    """Return (N,) the share of each target's width that nearer solid targets hide from the sensor.
 
     boxes: (N, 7) as in `BernoulliTargets`. wanted: (N,) bool, whose share is wanted, others have 0.
-    solid: (N,) bool, which are believed to exist. eye: (2,).
+    solid: (N,) bool, which are believed to exist. eye: (2,) position of the sensor.
     """
     n = len(boxes)
     bearings, half_widths, ranges_m = np.empty(n), np.empty(n), np.empty(n)
@@ -408,11 +410,11 @@ def hidden_shares(
 AHEAD_M, ASIDE_M = 40.0, 3.0
 """Standard deviations of the distance over which road users move alike: along and across a lane."""
 ALIKE_M_S = 2.0
-"""Standard deviation between the velocities of those that do."""
+"""Standard deviation between the velocities of road users that move alike."""
 USUAL_WEIGHT = 0.2
 """Weight of the usual speed, relative to that of a neighbour at distance 0."""
 KNOWN_M_S = 2.0
-"""Standard deviation above which a velocity says nothing of others."""
+"""Only velocities with a smaller standard deviation are used to expect those of new targets."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -70,7 +70,7 @@ class ImmTracks(ArrayTable):
 
 
 class ImmTracker:
-    """Constant velocity, constant acceleration and coordinated turn; association as GNN's.
+    """Constant velocity, constant acceleration and coordinated turn; associates like `GnnTracker`.
 
     Each detection also tells which model fits, so a track that drives straight on is smooth, and
     one that brakes or turns follows quickly.
@@ -204,8 +204,8 @@ def mixed(own: Gaussians, planar: Gaussians, weights: np.ndarray, j: int) -> Gau
     """Return what model j starts from: mean and covariance over all models, by (N, 3) weights.
 
     own: the estimates of model j. planar: (3, N, ...) those of all models of x, y, vx, vy.
-    The other models say nothing of the other components of model j: these keep its own estimate,
-    independent of theirs (Granstrom, Willett and Bar-Shalom 2015).
+    The other models say nothing of the remaining components of model j. These keep the estimate of
+    model j, independent of the other models (Granstrom, Willett and Bar-Shalom 2015).
     """
     means, covariances = own.means.copy(), own.covariances.copy()
     means[:, :PLANAR], covariances[:, :PLANAR, :PLANAR] = _moments(

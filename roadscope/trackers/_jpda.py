@@ -98,8 +98,8 @@ class JpdaTracker:
             detections.select(new), free[new] * model.birth_probabilities(scores[new])
         )
         self._model.clutter.add_false_detections(len(new) - len(started.confirmed))
-        kept = self._managed(JpdaTracks(tracks, existence, self._current.confirmed))
-        self._current = kept.joined(started)
+        survivors = self._managed(JpdaTracks(tracks, existence, self._current.confirmed))
+        self._current = survivors.joined(started)
         return self._report(tick)
 
     def _marginals(
@@ -154,7 +154,10 @@ class JpdaTracker:
 
 
 def existence_after(existence: Existence, pairs: CandidatePairs, detection: float) -> Existence:
-    """Return existence, averaged over the joint events: certain with a detection, else doubtful.
+    """Return existence, averaged over the joint events.
+
+    In an event in which a target has a detection it exists for certain; in the others it was
+    missed.
 
     pairs: with association probabilities for costs.
     """
@@ -168,8 +171,9 @@ def mixture_moments(
 ) -> Gaussians:
     """Return mean and covariance of each track's mixture over its detections.
 
-    pairs: of tracks and (M, 2) positions, with probabilities for costs if the track exists; what
-        these lack to 1 is the weight of the prediction. R: covariance of a position.
+    pairs: of tracks and (M, 2) positions; their costs are association probabilities, given that
+        the track exists. The prediction has the weight 1 minus their sum.
+    R: (2, 2) covariance of a measured position.
     """
     residuals = positions[pairs.columns] - beliefs.means[pairs.rows, :2]
     return Gaussians(
@@ -186,7 +190,7 @@ def _mixture_moments(
     probabilities: np.ndarray,
     R: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return means and covariances.
+    """Return means and covariances of the mixtures.
 
     The covariance changes by K (spread of the residuals - their total probability * S) K'.
 

@@ -69,9 +69,9 @@ def association_marginals(
         matrix = np.zeros((len(own_rows), len(own_columns)))
         for k in pairs:
             matrix[index[rows[k]], index[n + columns[k]]] = weights[k]
-        found = _cluster_marginals(matrix, missed[own_rows], free[own_columns], limit)
+        of_cluster = _cluster_marginals(matrix, missed[own_rows], free[own_columns], limit)
         for k in pairs:
-            marginals[k] = found[index[rows[k]], index[n + columns[k]]]
+            marginals[k] = of_cluster[index[rows[k]], index[n + columns[k]]]
     return marginals
 
 

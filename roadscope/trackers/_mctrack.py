@@ -14,10 +14,11 @@ from roadscope.trackers._settings import check_shares
 from roadscope.trackers._tracklets import LifeCycle, Tracklets, TrackManager
 
 FLAT = np.array([1, 1, 0, 1, 1, 0, 1.0])
-"""Of centre x y z, length width height, yaw: what bird's-eye view shows."""
+"""1 for the components of a box (centre x y z, length width height, yaw) that bird's-eye view
+shows."""
 UNIT_HEIGHT = np.array([0, 0, 0, 0, 0, 1, 0.0])
 CORNERS = np.array([[x, y, z] for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)])
-"""Of a box of size 1 around the origin."""
+"""(8, 3) corners of a box of size 1 around the origin."""
 
 
 class McTracker:
@@ -30,8 +31,8 @@ class McTracker:
 
     Our reading: the second view is that of the range image, azimuth and elevation around the ego,
     for detections come without a camera; its overlap is IoU less the distance (DIoU). Sizes
-    and headings are those of the last detection, to which the published noise amounts. The noise of
-    positions is ours, as the published one is per frame and in units of its own.
+    and headings are those of the last detection: the published noise makes the filter follow it.
+    The noise of positions is ours, as the published one is per frame and in units of its own.
     """
 
     def __init__(
@@ -52,9 +53,9 @@ class McTracker:
 
         most_overlap: IoU in space above which the detection of lower score is suppressed.
         least_score: detections with a lower score are ignored.
-        least, least_again: a pair must have a higher Ro_GDIoU, and DIoU in the second view; 1
-            skips the second view, as the authors do on KITTI, where depths are a LiDAR's. Their
-            value elsewhere is -0.3.
+        least, least_again: a pair must have a higher Ro_GDIoU than the first, and in the second
+            view a higher DIoU than the second, where 1 skips the second view. So do the authors
+            on KITTI, where depths are a LiDAR's; their value elsewhere is -0.3.
         confirm_hits, coast_frames, shown_misses: see `LifeCycle`.
         position_m, speed_m_s: see `PositionFilter`.
         acceleration_walk: see `ConstantAcceleration`.
@@ -84,7 +85,7 @@ class McTracker:
         return self._manager.finish_tick(tick, tracks, detections, pairs)
 
     def _assigned(self, tracks: Tracklets, detections: Detections, eye: np.ndarray) -> Pairs:
-        """Return pairs of bird's-eye view, and of the rest those of the ego's view."""
+        """Return pairs assigned in bird's-eye view, and of what is left those of the ego's view."""
         boxes, others = tracks.boxes, boxes_of(detections)
         near = birds_eye_pairs(boxes, others, self._least)
         near = near.within_families(tracks.categories, detections.categories)
@@ -144,7 +145,9 @@ def _relative_distances(
 def ego_view_pairs(
     boxes: np.ndarray, others: np.ndarray, eye: np.ndarray, least: float
 ) -> CandidatePairs:
-    """Return pairs of boxes with a higher DIoU as seen from (3,) the eye; costs: 1 minus it.
+    """Return pairs of boxes with a higher DIoU as seen from a sensor; costs: 1 minus it.
+
+    eye: (3,) position of the sensor.
 
     DIoU = IoU - c2 / d2 of the rectangles of azimuth and elevation that boxes fill; d is the
     diagonal of the rectangle around both.

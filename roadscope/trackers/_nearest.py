@@ -88,8 +88,7 @@ class NearestTracker:
     def update(self, detections: Detections, ego_pose: Pose | None = None) -> Tracks:
         """Return the tracks after the detections of one tick, coasting ones included.
 
-        Raises `ValueError` if stamps do not increase, or if the pose is missing that earlier ticks
-        had.
+        Raises `ValueError` if stamps do not increase, or if the pose is given at some updates only.
         """
         last = self._tick
         pose = ego_pose if self._frame == "world" else None

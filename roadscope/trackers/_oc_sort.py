@@ -168,7 +168,7 @@ class OcSortTracker:
         unassigned_cost = 1 - self._least
         near = self._overlapping(tracks.boxes, tracks.categories, detections)
         costs = near.costs - self._momentum * self._agreement(near, observations, detections)
-        # No pair costs more than this, so that a contrary direction alone undoes none.
+        # No pair costs more than this, so an opposite direction alone never rules a pair out.
         rows, columns = assign_optimally(near.with_costs(costs), unassigned_cost + self._momentum)
         left, free = unassigned(len(tracks), rows), unassigned(len(detections), columns)
         near = self._overlapping(

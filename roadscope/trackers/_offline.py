@@ -20,7 +20,7 @@ from roadscope.trackers._gating import chi_square_gate
 from roadscope.trackers._headings import facing_ahead
 from roadscope.trackers._motion import ConstantVelocity
 
-# Chosen by hand: bodies and gaps that no tracker would join are not joined.
+# Which fragments are joined; chosen by hand.
 GATE_SHARE = 0.99
 """Share of right pairs of fragments that lie within the gate."""
 SIZE_RATIO = 1.5
@@ -32,7 +32,10 @@ LEAST_DETECTIONS = 3
 
 
 class ExistenceOfflineTracker(ExistenceTracker):
-    """`ExistenceTracker`, equal to the last bit online; `rescored` is not online."""
+    """`ExistenceTracker` that also goes through a finished episode again.
+
+    `update` returns the same as `ExistenceTracker`, to the last bit; `rescored` is not online.
+    """
 
     offline = True
     weighed = False
@@ -163,7 +166,7 @@ class TargetTrajectory:
         return float(self.scores[self.detected].mean())
 
     def until(self, count: int) -> TargetTrajectory:
-        """Return the first ticks."""
+        """Return the trajectory of the first `count` ticks."""
         columns: dict[str, Any] = {name: getattr(self, name)[:count] for name in COLUMNS}
         return replace(self, **columns)
 
@@ -209,14 +212,14 @@ def trajectories(history: Sequence[Tracks], noises: Sequence[TrackNoise]) -> lis
     columns["covariances"][:, :2, :2] -= columns["offsets"]
     order = np.lexsort((ticks, ids))
     cuts = np.flatnonzero(np.diff(ids[order])) + 1
-    found = []
+    until_last_detection = []
     for rows in np.split(order, cuts):
         own = {name: values[rows] for name, values in columns.items()}
         detected = _was_detected(own["means"], own["covariances"])
         last = rows[-1]
         whole = TargetTrajectory(int(ids[last]), int(categories[last]), **own, detected=detected)
-        found.append(whole.until(int(np.flatnonzero(detected)[-1]) + 1))
-    return found
+        until_last_detection.append(whole.until(int(np.flatnonzero(detected)[-1]) + 1))
+    return until_last_detection
 
 
 def _was_detected(means: np.ndarray, covariances: np.ndarray) -> np.ndarray:
@@ -345,7 +348,7 @@ def smoothed_states(trajectory: TargetTrajectory) -> tuple[np.ndarray, np.ndarra
         x[k] += gain @ (x[k + 1] - mean)
         spread = P[k] + gain @ (P[k + 1] - covariance) @ gain.T
         spread = 0.5 * (spread + spread.T)
-        # Where the filter's noise was not the smoother's, this may be no covariance.
+        # If the filter had other noise than the smoother, this may not be positive definite.
         P[k] = spread if np.linalg.eigvalsh(spread)[0] > 0 else filtered[k]
     return x, P
 

@@ -43,8 +43,8 @@ class Pc3tTracker:
         """Set the tracker up; decay and frames as the authors published for KITTI.
 
         least_score: detections with a lower score are ignored; the authors' for PointRCNN.
-        new_score: detections from here on start a track if they belong to none; the authors use
-            0.98 for PointRCNN online.
+        new_score: detections with at least this score start a track if they belong to none; the
+            authors use 0.98 for PointRCNN online.
         gate_m: greatest distance of a detection from the expected position of a track.
         decay: share by which the confidence in a prediction falls with every missed tick.
         confirm_hits, shown_misses: see `LifeCycle`.

@@ -154,8 +154,8 @@ class PmbmTracker:
         """Return the mixture with each needed local hypothesis once, those of new targets last."""
         choices = len(detections) + 1
         codes = continuations.local * choices + continuations.detection + 1
-        kinds, local = np.unique(codes, return_inverse=True)
-        rows, detection = kinds // choices, kinds % choices - 1
+        distinct, local = np.unique(codes, return_inverse=True)
+        rows, detection = distinct // choices, distinct % choices - 1
         old = rows < len(mixture.bernoullis)
         bernoullis = self._branched(
             mixture.bernoullis.select(rows[old]), detection[old], detections
@@ -346,7 +346,7 @@ class Mixture:
         needed = np.zeros(T, np.int64)
         needed[m.target] = cluster_size[m.hypothesis]
         agreed = (least == most) & (np.bincount(m.target, minlength=T) == needed)
-        # Nothing is left to say of a cluster with one hypothesis.
+        # A cluster with one hypothesis ends: all of its targets are agreed on.
         left, alone = np.flatnonzero(cluster_size > 1), np.flatnonzero(agreed)
         disputed = m.select(~agreed[m.target]).of(left, len(self.cluster))
         settled = HypothesisMembers(len(left) + np.arange(len(alone)), alone, least[alone])
@@ -391,8 +391,8 @@ def _extents(cluster: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 def _signatures(cluster: np.ndarray, members: HypothesisMembers) -> np.ndarray:
     """Return (H,) uint64, equal for hypotheses of one cluster with equal members.
 
-    The sum of a hash of each member: two of a million different hypotheses have equal sums by
-    chance once in ten million ticks.
+    The sum of a hash of each member. Among a million different hypotheses, two have equal sums by
+    chance less than once in ten million ticks.
     """
     signatures = _hashed(2 * cluster)
     np.add.at(signatures, members.hypothesis, _hashed(2 * members.local + 1))

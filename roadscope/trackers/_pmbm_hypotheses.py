@@ -20,7 +20,7 @@ class HypothesisLimits(NamedTuple):
     """How many alternatives are kept.
 
     most: the greatest number.
-    gap: the greatest difference from the best, as a logarithm.
+    gap: the greatest difference between the log weight of the best and that of another.
     """
 
     most: int
@@ -102,8 +102,9 @@ def continue_all(
 ) -> Continuations:
     """Return how the hypotheses of all clusters continue; clusters that now compete become one.
 
-    limits: for each cluster, and its gap for each hypothesis. A detection that no target gets is a
-    new target: target T + j of local hypothesis L.
+    limits: of the hypotheses of each cluster; the gap also limits the continuations of each
+        hypothesis. With T targets and L local hypotheses before, detection j, where no target gets
+        it, is the new target T + j with the local hypothesis L.
     """
     T = sizes.targets
     clusters = hypotheses.cluster.max() + 1 if len(hypotheses.cluster) else 0
@@ -154,7 +155,10 @@ def continue_all(
 def _competitors(
     hypotheses: Hypotheses, pairs: PairCosts, sizes: Sizes, clusters: int, gap: float
 ) -> tuple[np.ndarray, int]:
-    """Return `components` of (T,) targets with (M,) detections and (C,) clusters before."""
+    """Return `components`: rows are T targets, columns M detections and C clusters up to now.
+
+    A target is joined with its clusters and with the detections that it may get.
+    """
     target_of_local = np.zeros(sizes.locals, np.int64)
     target_of_local[hypotheses.local] = hypotheses.target
     likely = np.flatnonzero(pairs.costs < gap)

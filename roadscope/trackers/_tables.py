@@ -14,7 +14,7 @@ class ArrayTable:
     __dataclass_fields__: ClassVar[dict[str, Any]]
 
     def select(self, index: np.ndarray) -> Self:
-        """Return the rows that a mask or an index array names."""
+        """Return the rows that a mask or an index array selects."""
         if index.dtype == bool:
             index = np.flatnonzero(index)
         columns = [

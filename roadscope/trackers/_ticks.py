@@ -46,8 +46,8 @@ class TrackerTick:
     ) -> TrackerTick:
         """Return the tick that follows on another, or the first one.
 
-        Raises `ValueError` if stamps do not increase, or if the pose or the frame changes from
-        known to unknown.
+        Raises `ValueError` if stamps do not increase, if the pose is given at some updates only, or
+        if the frame of the detections changes.
         """
         detections = in_order(in_world(detections, world_from_ego))
         if not np.isfinite(detections.stamp_s):

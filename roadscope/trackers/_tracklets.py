@@ -1,4 +1,4 @@
-"""The tracks of a tracker: one table, when they are confirmed and dropped, and the usual update."""
+"""The table of a tracker's tracks, their life cycle, and the update that many trackers share."""
 
 from __future__ import annotations
 
@@ -167,7 +167,7 @@ class LifeCycle:
 def track_states(confirmed: np.ndarray, misses: np.ndarray, shown_misses: int) -> np.ndarray:
     """Return (N,) int8 values of `TrackState`.
 
-    confirmed: (N,) bool, whether a track is reported at all while it is detected.
+    confirmed: (N,) bool, whether a track may be reported as confirmed or coasting.
     misses, shown_misses: see `Tracklets` and `LifeCycle`.
     """
     states = np.where(misses > 0, COASTING, CONFIRMED)
@@ -212,7 +212,7 @@ class TrackManager:
         """Correct tracks by their detections and return the report.
 
         pairs: rows of tracks and the detections that they get.
-        new_score: detections without a track start one if they score as much.
+        new_score: detections without a track start one if their score is at least this.
         """
         rows, columns = pairs
         own = detections.select(columns)

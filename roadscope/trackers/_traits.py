@@ -44,7 +44,8 @@ class DetectorTraits(Record):
     along_m, across_m: standard deviations of detected positions along and across the box.
     height_m, yaw_rad: standard deviations of z, and of the heading modulo half a turn.
     lasting: share of the variance of positions that is correlated over time: it decays to 1/e
-        within lasting_s. Of an object of which one corner is visible, it is often the same corner.
+        within lasting_s. An object of which one corner is visible often shows the same corner for
+        many frames.
     yaw_lasting: share of the variance of headings that does not change with time.
     growth_per_m: share by which these deviations grow with every metre of range.
     accelerate_m_s2, swerve_m_s2: standard deviations that velocities gain in one second along and

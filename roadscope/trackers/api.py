@@ -2,13 +2,14 @@
 
 What `update` returns is online: it depends on that tick and those before. A tracker whose class
 has `offline = True` is an offline one: when an episode is over, its `rescored` gets all that
-`update` returned and returns every tick again, with later ones at hand. Boards call `rescored` of
-such classes only and call their figures offline, so no online figure can contain it.
+`update` returned and returns the tracks of every tick again, now knowing the later ones. Boards
+call `rescored` of such classes only and label their figures offline. Online figures never use it.
 
-Tentative tracks do not count. But a tracker whose class has `weighed = True` gives them scores,
-too, that say how likely they exist: on recorded traffic sAMOTA, which needs tracks of all scores,
-takes all tracks of such a tracker, and those that are not tentative of others. On simulated
-traffic, and so in `roadscope run`, averages over recall leave out all tentative tracks.
+Tentative tracks do not count, with one exception. A tracker whose class has `weighed = True` also
+gives them scores that say how likely they exist. sAMOTA on recorded traffic needs tracks of all
+scores: it takes all tracks of such a tracker, but only the tracks of others that are not
+tentative. On simulated traffic, and so in `roadscope run`, averages over recall leave out all
+tentative tracks.
 """
 
 from __future__ import annotations
@@ -46,8 +47,8 @@ class OfflineTracker(Tracker, Protocol):
     def rescored(self, history: Sequence[Tracks]) -> Sequence[Tracks]:
         """Return the tracks of a whole episode again: as many records, with the same stamps.
 
-        history: what `update` returned since the reset, tentative tracks included; it must not
-            change, nor what `update` would return next.
+        history: what `update` returned since the reset, tentative tracks included. `rescored` must
+            change neither this history nor what `update` returns next.
         """
 
 

@@ -44,11 +44,11 @@ def cluster_features(
     points: (N, 3) metres, of all segments, deskewed. sectors: whether clusters are divided by
         LOAM's sectors of rings.
 
-    Readings taken. The paper says a few of each cluster, whatever its size: with LOAM's numbers,
-    2 and 4, a turn of clusters no wider than the search angle gives as many features as LOAM's
-    sectors do. Clusters of any width are divided, so that a wall gives more than a post. `ring`
-    sums eq. 6 over neighbours on the ring, also beyond the search angle, `cluster` over the whole
-    cluster as it is printed.
+    Our readings. The paper takes a few returns of each cluster, whatever its size. We take LOAM's
+    numbers, 2 and 4: if clusters are no wider than the search angle, a full turn of them gives as
+    many features as LOAM's sectors do. Clusters of any width are divided into sectors, so that a
+    wall gives more features than a post. `ring` sums eq. 6 over neighbours on the ring, also beyond
+    the search angle; `cluster` sums it over the whole cluster, as it is printed.
     """
     sweep = sweep_of(points, segments.ring, segments.column)
     parts = SECTORS * (int(segments.ring.max(initial=0)) + 1) if sectors else 1
@@ -97,7 +97,7 @@ def _roughness(
     sums = np.zeros((size + 1, 3))
     for k in range(size):
         sums[k + 1] = sums[k] + points[order[k]]
-    # Neighbours of one ring and one cluster have one number.
+    # Returns of one ring and one cluster have the same number.
     own = labels * (ring.max() + 1) + ring if size else labels
     for k in range(size):
         before = _neighbours(points, own, order, k, -1, window_m)
@@ -118,7 +118,10 @@ def _roughness(
 def _neighbours(
     points: np.ndarray, own: np.ndarray, order: np.ndarray, k: int, side: int, window_m: float
 ) -> int:
-    """Return the number of neighbours in the same group to one side, in the window or the first."""
+    """Return the number of neighbours in the same group to one side.
+
+    The first five count in any case, farther ones if they lie within the window.
+    """
     n = order[k]
     for step in range(1, MOST + 1):
         other = k + side * step
@@ -184,8 +187,9 @@ def match_clusters(
 def one_to_one(now: np.ndarray, before: np.ndarray, reach_m: float) -> np.ndarray:
     """Return for each of (K, 3) places the one of (L, 3) it is matched with, (K,) int64; or -1.
 
-    Two that are nearest to each other among all that is left are the nearest pair that either is
-    in: so the nearest pairs first, without sorting them; of equal ones the first.
+    The nearest pair of all is matched first, then the nearest of what is left, and so on; of equal
+    pairs the first. No sorting is needed: two places that are each other's nearest among those left
+    would be matched in any case before either could get another partner.
     """
     partners, sought = np.full(len(now), NO_PARTNER), np.ones(len(now), np.bool_)
     taken, changed = np.zeros(len(before), np.bool_), True
@@ -210,9 +214,10 @@ def _nearest(
     theirs: np.ndarray,
     ours: np.ndarray,
 ) -> None:
-    """Write the nearest free place of each of both sets into theirs (K,) and ours (L,).
+    """Write the nearest free place of the other set: for `now` to theirs, for `before` to ours.
 
-    most: greatest squared distance. sought, taken: which of now are free, which of before are not.
+    most: greatest squared distance. sought: (K,) bool, which of `now` are free. taken: (L,) bool,
+    which of `before` are not.
     """
     least = np.full(len(before), most)
     for k in range(len(now)):
@@ -238,7 +243,7 @@ def _nearest(
 def of_partners(
     now: Features, before: Features, match: ClusterMatch, *, still_only: bool
 ) -> tuple[Features, Features]:
-    """Return the features of clusters that both scans have, labelled as those of before.
+    """Return the features of clusters that both scans have, with the labels of the scan before.
 
     still_only: without clusters that are dynamic.
     """
@@ -267,7 +272,7 @@ def relabelled(features: Features, labels: np.ndarray) -> Features:
 
 
 def _partner_labels(partners: np.ndarray, before: Features) -> np.ndarray:
-    """Return each label of before itself if it is a partner, else -1."""
+    """Return for each label of the scan before: itself if it is a partner, else -1."""
     most = max(
         before.edge_labels.max(initial=-1),
         before.plane_labels.max(initial=-1),

@@ -108,10 +108,11 @@ def parts(segments: Segments, angle_deg: float, before_from_now: np.ndarray) -> 
 
     before_from_now: (4, 4), as predicted; the identity for the scan before itself.
 
-    Reading taken: the paper's search angle bounds a cluster, and any return may begin one. So that
-    clusters of two scans are of the same pieces of a wall, and their centres stay where they are
-    while the sensor moves, the turn is divided into windows of the angle, from straight behind
-    on, around one and the same place. A part need not have `min_points`, its cluster has.
+    Our reading: the paper's search angle bounds a cluster, and any return may begin one. Clusters
+    of two scans should be the same pieces of a wall, with centres that stay where they are while
+    the sensor moves. Therefore a full turn is divided into windows of that angle, from straight
+    behind on, around the same place in both scans. A part may have fewer than `min_points` points;
+    its cluster has as many.
     """
     count = int(np.ceil(360.0 / angle_deg - 1e-9))
     labels, sums, sizes = _cut(segments.points, segments.whole, before_from_now, count)

@@ -138,9 +138,10 @@ WHEEL_SCALE = 0.02
 class InertialNoise:
     """Noise of an inertial unit; the defaults are those of an ADIS16448.
 
-    rate, force: densities, rad/s/sqrt(Hz) and m/s^2/sqrt(Hz). rate_walk, force_walk: of their
-    biases, a sqrt(s). rate_bias, force_bias: standard deviations of the biases at the start.
-    accelerating: standard deviation of the vehicle's acceleration at the start, m/s^2.
+    rate, force: densities, rad/s/sqrt(Hz) and m/s^2/sqrt(Hz). rate_walk, force_walk: random walks
+    of their biases, rad/s and m/s^2 per root second. rate_bias, force_bias: standard deviations of
+    the biases at the start, rad/s and m/s^2. accelerating: standard deviation of the vehicle's
+    acceleration at the start, m/s^2.
     """
 
     rate: float = 2.5e-4
@@ -177,8 +178,8 @@ class InertialState:
     pose: (4, 4) `map_from_imu`, the unit's frame turned to the LiDAR's axes. velocity: (3,) m/s of
         the unit, gravity: (3,) m/s^2, down; both the map's frame. rate_bias, force_bias: (3,).
         wheel_scale: relative error of the speed of wheels. covariance: (19, 19) of errors of
-        position, rotation, velocity, biases of gyro and accelerometer, gravity, scale; all except
-        the biases along the map's axes, rotations about the unit.
+        position, rotation, velocity, biases of gyro and accelerometer, gravity, wheel scale. All
+        except the biases are along the map's axes; the rotation turns about the unit.
     """
 
     pose: np.ndarray
@@ -359,12 +360,15 @@ def update_pose(state: InertialState, pose: np.ndarray, information: np.ndarray)
 
 
 def update_linear(
-    state: InertialState, J: np.ndarray, off: np.ndarray, variance: np.ndarray
+    state: InertialState, J: np.ndarray, residual: np.ndarray, variance: np.ndarray
 ) -> None:
-    """Update a state with a linear measurement off = J error + noise; (K, 19), (K,), (K,)."""
+    """Update a state with a linear measurement: residual = J error + noise.
+
+    J: (K, 19). residual, variance: (K,).
+    """
     P = state.covariance
     gain = P @ J.T @ np.linalg.inv(J @ P @ J.T + np.diag(variance))
-    change = gain @ off
+    change = gain @ residual
     P = P - gain @ J @ P
     state.covariance = (P + P.T) / 2
     state.pose[:3, 3] += change[POSITION]

@@ -8,12 +8,13 @@ from roadscope.core import LidarScan
 from roadscope.odometry.inertial.speed_search import Ends, standing_speed_of
 
 SCANS, EVERY_S = 5, 0.5
+"""Number of scans of a measurement, and the pause after a successful one."""
 FAR_M_S = 2.5
 """Errors of this size mean that the map consists of moving traffic."""
 NEAR_M_S, BELIEVED_S = 1.0, 2.0
 """A check within this error confirms a speed, for this time."""
 UNLIKELY = 3.0
-"""Standard deviations of the difference from which it is unlikely."""
+"""A difference of more standard deviations than this is unlikely."""
 
 
 class SpeedCheck:
@@ -28,7 +29,7 @@ class SpeedCheck:
         self._ends: list[Ends] = []
         self._speeds: list[float] = []
         self._done_s, self._confirmed_s = -np.inf, -np.inf
-        self._far_m_s, self._deviations = np.inf, 0.0
+        self._last_off_m_s, self._deviations = np.inf, 0.0
 
     def speed_error(
         self,
@@ -64,8 +65,8 @@ class SpeedCheck:
         return off_m_s, measured.spread_m_s
 
     def _believed(self, off_m_s: float, now_s: float, hidden_acceleration_m_s2: float) -> bool:
-        """Return whether a measurement is accepted; against a confirmed speed it takes two."""
-        before_m_s, self._far_m_s = self._far_m_s, off_m_s
+        """Return whether a measurement is accepted; against a confirmed speed two must agree."""
+        before_m_s, self._last_off_m_s = self._last_off_m_s, off_m_s
         if abs(off_m_s) < FAR_M_S or not np.isfinite(self._confirmed_s):
             return True
         possible_m_s = NEAR_M_S + hidden_acceleration_m_s2 * (now_s - self._confirmed_s)

@@ -30,9 +30,9 @@ OUTSIDE = -1.0
 def nearest(
     points: np.ndarray, ring: np.ndarray, column: np.ndarray, rings: int, columns: int
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return (rings, columns) metres to the nearest return of each beam, 0 without, and its number.
+    """Return the range of the nearest return of each beam, and its row in `points`.
 
-    The number is int64, -1 without.
+    Both have the shape (rings, columns): metres, 0 without a return, and int64, -1 without one.
     """
     reach, number = np.zeros((rings, columns)), np.full((rings, columns), -1, np.int64)
     for n in range(len(points)):
@@ -335,7 +335,9 @@ def count_separate(points: np.ndarray, apart_m: float) -> int:
 # The speed search.
 
 SPEEDS_M_S = np.arange(-8.0, 50.0, 0.25)
+"""Speeds ahead that are tried."""
 CELL_M = 0.4
+"""Side of the cells of the ground plane in which ends must meet."""
 LOWEST_M, TALLEST_M = 0.4, 4.3
 """Heights above the ground: lower returns are the ground; no road user is taller."""
 FARTHEST_M = 60.0
@@ -389,15 +391,15 @@ class Ends:
         # Without visible ground, the height of objects is unknown.
         grounded = usable & near.any()
         upright = table.ends() & usable & ((height_m > LOWEST_M) | ~near.any())
-        free = table.slim(grounded & (height_m > PERSON_M), SLIM_M)
-        selected = upright | free
+        slim_middles = table.slim(grounded & (height_m > PERSON_M), SLIM_M)
+        selected = upright | slim_middles
         times = scan.stamp_s + scan.time_offset_s[selected].astype(np.float64)
         return Ends(
             points[selected, :2].astype(np.float64),
             times,
             upright[selected],
             (upright & grounded & (height_m > TALLEST_M))[selected],
-            free[selected],
+            slim_middles[selected],
         )
 
     @property

@@ -123,7 +123,8 @@ class RestHistory:
 # The speed gained since a rest by inertial samples alone.
 
 LEAST_M_S, DEVIATIONS = 1.0, 3.0
-"""Error of the gained speed: what the end of a rest hides, and that many standard deviations."""
+"""Allowance for errors of the gained speed: the first hides in the end of a rest; the second is a
+number of standard deviations."""
 
 
 class IntegratedSpeed:

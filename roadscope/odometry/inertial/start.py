@@ -22,8 +22,8 @@ from roadscope.odometry.rigid import exp_se3
 from roadscope.odometry.voxels.sweep import ThinnedScan
 
 FEWEST, MOST = 4, 6
-"""Least and greatest number of first scans: fewer may agree by chance; then the best speed is
-used."""
+"""Least and greatest number of first scans. Fewer may agree by chance; after the greatest number
+the best speed is used, even if it is not clear."""
 DEVIATIONS_M_S = SpeedDeviations(0.5, 0.2, 0.1)
 """Standard deviations of the speed of a search."""
 REST_DEVIATIONS_M_S = SpeedDeviations(0.05, 0.05, 0.05)
@@ -89,9 +89,12 @@ class InertialStart:
         speed: Speed,
         samples: ImuBuffer,
         lever: np.ndarray,
-        made: Callable[[InertialState], InertialTrack],
+        new_track: Callable[[InertialState], InertialTrack],
     ) -> InertialTrack:
-        """Return a track from the first scan through all others."""
+        """Return a track that has processed all scans so far.
+
+        lever: see `InertialTrack`. new_track: makes a track from the state at the first scan.
+        """
         stamp_s = self._sweeps[0][0].scan.stamp_s
         force = np.array([0.0, 0.0, GRAVITY_M_S2])
         if samples.covers(stamp_s, stamp_s + FORCE_S):
@@ -102,7 +105,7 @@ class InertialStart:
         deviations = REST_DEVIATIONS_M_S if at_rest else DEVIATIONS_M_S._replace(ahead=ahead_m_s)
         state = started(force, np.array([speed.ahead_m_s, 0.0, 0.0]), deviations, self.noise)
         state.pose[:3, 3] = lever
-        track = made(state)
+        track = new_track(state)
         for i, (sweep, interval, _) in enumerate(self._sweeps):
             track.predict(interval, still=i == 0)
             points = track.points_at_stamp(sweep)

@@ -40,6 +40,7 @@ from roadscope.odometry.voxels.sweep import ThinnedScan
 # The pose that fits a scan and an inertial prediction best.
 
 STEPS = 8
+"""Greatest number of Gauss-Newton steps."""
 SIMILAR = 20.0
 """Number of returns that count as one: errors of neighbours on one surface are correlated."""
 NARROW, WIDEST = 3.0, 12.0
@@ -74,10 +75,10 @@ def matched_with_prediction(
     for _ in range(STEPS):
         H, b, _ = normal_equations(voxels, points, estimate, scale, floor_m)
         H, b = _with_common_error(*_without_open(H, b), doubt_m)
-        off = np.concatenate(
+        residual = np.concatenate(
             [estimate[:3, 3] - pose[:3, 3], log_so3(estimate[:3, :3] @ pose[:3, :3].T)]
         )
-        move = -np.linalg.solve(H + prior, b + prior @ off)
+        move = -np.linalg.solve(H + prior, b + prior @ residual)
         estimate[:3, 3] += move[:3]
         estimate[:3, :3] = exp_so3(move[3:]) @ estimate[:3, :3]
         small = np.abs(move[:3]).max() < SHIFT_M and np.abs(move[3:]).max() < TURN_RAD
@@ -121,6 +122,7 @@ COASTING_M_S2, COASTING_RAD_S2 = 4.0, 1.0
 SLOW_M_S = 0.3
 """A faster vehicle is not at rest, however steadily it drives."""
 STANDING_M_S, RESTING_RAD_S, RESTING_M_S2 = 5e-3, 1e-3, 3e-3
+"""Standard deviations at rest: of the velocity, the turn rate and the specific force."""
 RENEWED_S = 1.0
 """Time after which the map consists of newer scans: it contains their errors, and poses on it are
 only as accurate as these."""
@@ -150,8 +152,9 @@ class ImuInterval:
 class InertialTrack:
     """Follows a sensor from a state, with its own map.
 
-    lever: (3,) metres, position of the inertial unit in the LiDAR's frame. doubt_m: standard
-    deviation of a common motion of everything in the map, used while there are samples.
+    lever: (3,) metres, position of the inertial unit in the LiDAR's frame. reach_m: radius of the
+    map. drop_dynamic: whether dynamic returns are left out. doubt_m: standard deviation of a common
+    motion of everything in the map, used while there are samples.
     """
 
     def __init__(
@@ -206,10 +209,10 @@ class InertialTrack:
         return points
 
     def moving(self, points: np.ndarray, stamp_s: float) -> np.ndarray:
-        """Return (K,) whether points have moved to their places, so that they are dynamic."""
-        here, from_lidar = placed(points, self.state.pose), points + self.lever
+        """Return (K,) whether points are dynamic, see `FreeSpace.entered`."""
+        points_in_map, from_lidar = placed(points, self.state.pose), points + self.lever
         votes = self.space.entered(
-            stamp_s, here, np.where(_of_vehicles(from_lidar)[:, None], from_lidar, 0.0)
+            stamp_s, points_in_map, np.where(_of_vehicles(from_lidar)[:, None], from_lidar, 0.0)
         )
         return votes >= CERTAIN
 
@@ -238,9 +241,9 @@ class InertialTrack:
             self.rate = self.rate + turned / self.elapsed_s
 
     def _add_map_drift(self, scan_match: ScanMatch) -> None:
-        """Add the drift of the map by a share of the error of the scan that is added to it."""
-        sure = np.linalg.inv(scan_match.information + np.diag(DRIFT_LIMITS**-2.0))
-        self.state.covariance[POSE, POSE] += min(self.elapsed_s / RENEWED_S, 1.0) * sure
+        """Add the drift of the map to the covariance: a share of the error of the new scan."""
+        scan_error = np.linalg.inv(scan_match.information + np.diag(DRIFT_LIMITS**-2.0))
+        self.state.covariance[POSE, POSE] += min(self.elapsed_s / RENEWED_S, 1.0) * scan_error
 
     @property
     def slow(self) -> bool:
@@ -256,8 +259,10 @@ class InertialTrack:
         """Update the state with a sensor at rest whose gyro measures a (3,) rate."""
         J = np.zeros((6, SIZE))
         J[:3, SPEED], J[3:, GYRO] = np.eye(3), np.eye(3)
-        off = np.concatenate([-self.state.velocity, rate - self.state.rate_bias])
-        update_linear(self.state, J, off, np.array([STANDING_M_S**2] * 3 + [RESTING_RAD_S**2] * 3))
+        residual = np.concatenate([-self.state.velocity, rate - self.state.rate_bias])
+        update_linear(
+            self.state, J, residual, np.array([STANDING_M_S**2] * 3 + [RESTING_RAD_S**2] * 3)
+        )
 
     def correct_gravity(self, force: np.ndarray) -> None:
         """Update the state with a (3,) specific force, m/s^2, that is only gravity and bias."""
@@ -265,8 +270,8 @@ class InertialTrack:
         J = np.zeros((3, SIZE))
         J[:, TURN], J[:, GRAVITY] = -to_sensor @ hat(gravity), -to_sensor
         J[:, FORCE] = np.eye(3)
-        off = force + to_sensor @ gravity - self.state.force_bias
-        update_linear(self.state, J, off, np.full(3, RESTING_M_S2**2))
+        residual = force + to_sensor @ gravity - self.state.force_bias
+        update_linear(self.state, J, residual, np.full(3, RESTING_M_S2**2))
 
     def speed_deviation_m_s(self, spread_m_s: float) -> float:
         """Return the standard deviation of a measured speed ahead from the estimated one, m/s.
@@ -306,10 +311,10 @@ class InertialTrack:
 
     def add_to_map(self, sweep: ThinnedScan, points: np.ndarray, moving: np.ndarray) -> None:
         """Add (K, 3) points to the map, except dynamic ones and those that contradict a surface."""
-        here = placed(points, self.state.pose)
+        points_in_map = placed(points, self.state.pose)
         if self.drop_dynamic:
-            here = here[~(moving | contradicts(self.map.voxels, here))]
-        self.map.add(here, self.state.pose[:3, 3])
+            points_in_map = points_in_map[~(moving | contradicts(self.map.voxels, points_in_map))]
+        self.map.add(points_in_map, self.state.pose[:3, 3])
         scan = sweep.scan
         if self.space.due(scan.stamp_s):
             whole = deskewed(scan.points, scan.time_offset_s, self.twist())

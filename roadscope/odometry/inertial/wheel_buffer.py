@@ -37,7 +37,7 @@ class WheelBuffer:
     def at(self, stamp_s: float) -> tuple[float, float] | None:
         """Return the speed, m/s, at an instant and its variance; None without samples near it.
 
-        It is read from a line through the samples, so that acceleration does not bias it.
+        It is read from a line fitted to the samples, so that acceleration does not bias it.
         """
         near = np.abs(self.stamps_s - stamp_s) <= AROUND_S
         times, speeds = self.stamps_s[near] - stamp_s, self.speeds[near]

@@ -3,7 +3,7 @@
 from roadscope._lazy import lazy_names
 
 _PARTS = {
-    "loop_closing": "DRIVEN_M Link LoopClosing between misfits nearest_candidate onto "
+    "loop_closing": "DRIVEN_M Link LoopClosing best_motion icp_motion misfits nearest_candidate "
     "optimised_poses overlap relocalised",
     "mapping": "LegoMapping",
     "point_map": "CUBE_M Keyframe NEAREST PointMap nearest_points",

@@ -19,7 +19,9 @@ INLIER_SHARE = 0.8
 """Share of the pairs, the nearest ones, that are used: parts of a scan have no counterpart."""
 
 
-def onto(points: np.ndarray, target: np.ndarray, start: np.ndarray, reach_m: float) -> np.ndarray:
+def icp_motion(
+    points: np.ndarray, target: np.ndarray, start: np.ndarray, reach_m: float
+) -> np.ndarray:
     """Return the (4, 4) `target_from_points` that brings (N, 3) points onto (M, 3) others.
 
     start: (4, 4), initial value. reach_m: greatest distance of a pair.
@@ -38,7 +40,7 @@ def onto(points: np.ndarray, target: np.ndarray, start: np.ndarray, reach_m: flo
         inliers = distances <= bound
         if inliers.sum() < 6:
             return pose
-        move = between(there[inliers], target[nearest[inliers]])
+        move = best_motion(there[inliers], target[nearest[inliers]])
         pose = move @ pose
         if np.abs(log_se3(move)).max() < 1e-3:
             break
@@ -54,8 +56,8 @@ def overlap(points: np.ndarray, target: np.ndarray, pose: np.ndarray, within_m: 
     return float(np.isfinite(away).mean())
 
 
-def between(points: np.ndarray, target: np.ndarray) -> np.ndarray:
-    """Return the (4, 4) motion that brings (N, 3) points nearest to as many others, in pairs."""
+def best_motion(points: np.ndarray, target: np.ndarray) -> np.ndarray:
+    """Return the (4, 4) motion that brings (N, 3) points nearest to their (N, 3) partners."""
     centre, aim = points.mean(axis=0), target.mean(axis=0)
     left, _, right = np.linalg.svd((target - aim).T @ (points - centre))
     motion = exp_se3(np.zeros(6))
@@ -115,8 +117,8 @@ def misfits(poses: np.ndarray, links: Sequence[Link]) -> np.ndarray:
 
 
 def _residual(poses: np.ndarray, link: Link) -> np.ndarray:
-    between = inverse(poses[link.first]) @ poses[link.second]
-    return log_se3(inverse(link.motion) @ between)
+    first_from_second = inverse(poses[link.first]) @ poses[link.second]
+    return log_se3(inverse(link.motion) @ first_from_second)
 
 
 def _linear(
@@ -126,10 +128,10 @@ def _linear(
     rows, columns, values, offs = [], [], [], []
     for k, link in enumerate(links):
         off = _residual(poses, link)
-        # Derivative of the logarithm for a small motion after it, up to the square of the residual.
-        grows = np.eye(6) + _bracket(off) / 2 + _bracket(off) @ _bracket(off) / 12
+        # Derivative of log(T exp(x)) by x at 0, up to the square of the residual log(T).
+        derivative = np.eye(6) + _bracket(off) / 2 + _bracket(off) @ _bracket(off) / 12
         back = adjoint(inverse(poses[link.second]) @ poses[link.first])
-        for node, block in ((link.first, -grows @ back), (link.second, grows)):
+        for node, block in ((link.first, -derivative @ back), (link.second, derivative)):
             r, c = np.indices((6, 6))
             rows.append(6 * k + r.ravel())
             columns.append(6 * node + c.ravel())
@@ -158,6 +160,7 @@ AGAIN_M = 10.0
 BESIDE = 10
 """Number of keyframes before and after a candidate in its local map."""
 RESIDUAL_M = 0.2
+"""Greatest weighted root mean square distance of the matched features."""
 AGREED, WITHIN_M = 0.5, 0.3
 """Least share of edges that lie within that distance of an edge of the local map."""
 DRIFTED = 0.05
@@ -219,17 +222,17 @@ def relocalised(keyframes: Sequence[Keyframe], candidate: int) -> np.ndarray | N
     if not len(local_map.edges) or not len(last.edges):
         return None
     # First roughly by edges, which are few and distinct; then finely by lines and planes.
-    rough = onto(last.edges, local_map.edges.points, last.map_from_lidar, NEAR_M)
+    rough = icp_motion(last.edges, local_map.edges.points, last.map_from_lidar, NEAR_M)
     feature_match = local_map.match(last, rough)
     if misfit_of(feature_match) or feature_match.residual_m > RESIDUAL_M:
         return None
     moved_m = np.linalg.norm(feature_match.before_from_now[:3, 3] - last.place)
     if moved_m > DRIFTED * (last.driven_m - keyframes[candidate].driven_m):
         return None
-    seen_again = overlap(
+    overlap_share = overlap(
         last.edges, local_map.edges.points, feature_match.before_from_now, WITHIN_M
     )
-    return feature_match.before_from_now if seen_again > AGREED else None
+    return feature_match.before_from_now if overlap_share > AGREED else None
 
 
 def _link(keyframes: Sequence[Keyframe], first: int, second: int, spread: np.ndarray) -> Link:

@@ -58,40 +58,40 @@ class LegoMapping:
         self._last = np.eye(4)
 
     def take(self, features: Features, start_from_lidar: np.ndarray) -> None:
-        """Match every n-th scan's features with the map and add them to it.
+        """Match the features of every `every`-th scan with the map and add them to it.
 
         start_from_lidar: (4, 4), the odometry's pose.
         """
-        turn = self.every > 0 and self._offered % self.every == 0
+        is_due = self.every > 0 and self._offered % self.every == 0
         self._offered += 1
-        if not turn:
+        if not is_due:
             return
         pose = self.map_from_start @ start_from_lidar
-        taken = keyframe(features, pose, 0.0)
+        new = keyframe(features, pose, 0.0)
         if self.keyframes:
-            feature_match = self._map.match(taken, pose)
+            feature_match = self._map.match(new, pose)
             if not misfit_of(feature_match):
                 pose = with_prediction(pose, feature_match)
         step = log_se3(inverse(self._last) @ pose)
         far = np.linalg.norm(step[:3]) > APART_M or np.linalg.norm(step[3:]) > APART_RAD
         if far or not self.keyframes:
             self._driven_m += float(np.linalg.norm(step[:3]))
-            self._add(Keyframe(taken.edges, taken.planes, taken.few, pose, self._driven_m))
+            self._add(Keyframe(new.edges, new.planes, new.few, pose, self._driven_m))
             pose = self.keyframes[-1].map_from_lidar
         self.map_from_start = pose @ inverse(start_from_lidar)
 
-    def _add(self, taken: Keyframe) -> None:
-        self.keyframes.append(taken)
-        self._map.add(taken)
-        moved = None
+    def _add(self, new: Keyframe) -> None:
+        self.keyframes.append(new)
+        self._map.add(new)
+        corrected = None
         if self.loops is not None:
             self.loops.add(self.keyframes)
-            moved = self.loops.closed_by(self.keyframes)
-        if moved is not None:
-            self.keyframes = moved
+            corrected = self.loops.closed_by(self.keyframes)
+        if corrected is not None:
+            self.keyframes = corrected
         self._last = self.keyframes[-1].map_from_lidar
         here = self.keyframes[-1].place
-        if moved is not None or np.linalg.norm(here - self._centre) > self.reach_m:
+        if corrected is not None or np.linalg.norm(here - self._centre) > self.reach_m:
             self._centre = here
             self._map = KeyframeMap(
                 k for k in self.keyframes if np.linalg.norm(k.place - here) <= self.reach_m

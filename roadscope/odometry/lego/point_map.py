@@ -285,16 +285,16 @@ class KeyframeMap:
         for each in keyframes:
             self.add(each)
 
-    def add(self, taken: Keyframe) -> None:
+    def add(self, new: Keyframe) -> None:
         """Add a keyframe's features."""
-        self.edges.add(placed(taken.edges, taken.map_from_lidar))
-        self.planes.add(placed(taken.planes, taken.map_from_lidar))
+        self.edges.add(placed(new.edges, new.map_from_lidar))
+        self.planes.add(placed(new.planes, new.map_from_lidar))
 
-    def match(self, taken: Keyframe, start: np.ndarray) -> FeatureMatch:
+    def match(self, new: Keyframe, start: np.ndarray) -> FeatureMatch:
         """Match a keyframe with lines and planes of the map; start: (4, 4) `map_from_lidar`."""
-        planes = taken.planes[taken.few]
+        planes = new.planes[new.few]
         searches = [
-            lambda pose: self.edges.lines(taken.edges, pose),
+            lambda pose: self.edges.lines(new.edges, pose),
             lambda pose: self.planes.planes(planes, pose),
         ]
         return settle(searches, start, most=MOST_SEARCHES)

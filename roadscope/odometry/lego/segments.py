@@ -150,8 +150,9 @@ GROUND, OBJECT = 0, 1
 LIMITS = FeatureLimits(
     sharp=2, edges=40, flat=4, planes=80, edge_above=5e-3, plane_below=5e-3, thin_m=0.0
 )
-"""Of each sixth of a ring, as published. Reading: the roughness' bound is printed as 0.1, by the
-formula beside it a tenth of the range: more than any edge has that hides nothing."""
+"""Features of each sixth of a ring; their numbers are as published. The bound of the roughness is
+our reading, LOAM's 5e-3. The paper prints 0.1, which by its formula is a tenth of the range; only
+edges that hide something are that rough."""
 
 
 def ground_and_objects(scan: LidarScan, *, least: int = LEAST) -> ScanReturns:

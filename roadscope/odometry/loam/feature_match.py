@@ -510,7 +510,7 @@ def _labels(labels: np.ndarray, same_label: bool) -> np.ndarray:
 
 
 def _weights(kinds: list[Pairs], pose: np.ndarray, wider: float = 1.0) -> np.ndarray:
-    """Return the weight of each pair, 1/m^2: its kind's certainty by the bisquare."""
+    """Return the weight of each pair, 1/m^2, by the bisquare of its kind."""
     each = [bisquare(distances(pairs, pose), NOISE_M, wider) for pairs in kinds]
     return np.concatenate([np.empty(0), *each])
 

@@ -183,7 +183,7 @@ def picked(
     groups: Groups,
     rule: PickRule,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the rows of the roughest of each group, and their ranks in it, (K,) int64.
+    """Return the rows that a rule picks from each group, and their ranks in it, (K,) int64.
 
     usable: (N,) bool; returns beside a picked one are marked as unusable in it.
     """
@@ -235,8 +235,8 @@ class Features:
 
     edges: (E, 3), planes: (P, 3) float64, metres. edge_labels: (E,), plane_labels: (P,) int64,
         the cluster. edge_rings, plane_rings: int64. edge_rows, plane_rows: int64, in the scan.
-    sharp, flat: numbers of the first edges and planes that are matched with another scan; that
-        scan is matched with all of these.
+    sharp, flat: how many edges and planes, counted from the first, are searched among all edges and
+        planes of the scan before.
     """
 
     edges: np.ndarray
@@ -291,8 +291,8 @@ def roughness(
 def cluster_roughness(points: np.ndarray, labels: np.ndarray) -> np.ndarray:
     """Return c of (N, 3) points, (N,), by Zhang 2022, eq. 6, literally: over whole clusters.
 
-    The sum over a cluster is its size times the offset from its centre: c is the distance from
-    the centre by the range, no curvature. nan for points of negative label.
+    The sum over a cluster is its size times the offset from its centre. So c is the distance from
+    the centre divided by the range, and not a curvature. nan for points of negative label.
     """
     rough = np.full(len(points), np.nan)
     inside = np.flatnonzero(labels >= 0)
@@ -300,8 +300,8 @@ def cluster_roughness(points: np.ndarray, labels: np.ndarray) -> np.ndarray:
     _, place, counts = np.unique(labels[inside], return_inverse=True, return_counts=True)
     centres = np.column_stack([np.bincount(place, own[:, i]) for i in range(3)])
     if len(inside):
-        off = own - (centres / counts[:, None])[place]
-        rough[inside] = np.linalg.norm(off, axis=1) / np.linalg.norm(own, axis=1)
+        offsets = own - (centres / counts[:, None])[place]
+        rough[inside] = np.linalg.norm(offsets, axis=1) / np.linalg.norm(own, axis=1)
     return rough
 
 
@@ -320,10 +320,10 @@ def extract(
 ) -> Features:
     """Return the features of (N, 3) points with (N,) ring, column and label.
 
-    labels: negative for returns that give no features. rough: (N,); None: among neighbours on the
-        ring. by_cluster: the limits hold for each cluster rather than each sector of a ring.
-        leave_out: without returns beside occlusions or on surfaces along the beam. edge_rows,
-        flat_rows: (N,) bool, which may be edges, and planes that are matched; None: all.
+    labels: negative for returns that give no features. rough: (N,) roughness; None: that among
+        neighbours on the ring. by_cluster: the limits hold for each cluster rather than each sector
+        of a ring. leave_out: without returns beside occlusions or on surfaces along the beam.
+        edge_rows, flat_rows: (N,) bool, which may be edges, and planes that are matched; None: all.
     """
     sweep = sweep_of(points, ring, column)
     rough = roughness_along(sweep, NEIGHBOURS) if rough is None else rough

@@ -25,9 +25,10 @@ GRAVITY_GAIN = 0.01
 class ImuPrediction:
     """Integrates turn rates once and specific forces twice over the time between two scans.
 
-    Reading taken: the paper takes the displacement from the IMU and names no initial speed; it is
-    that of the last step of the odometry. Gravity, the accelerometer's bias with it, and the gyro's
-    bias are learned from steps. Without samples the motion continues at constant velocity.
+    Our reading: the paper takes the displacement from the IMU and names no initial speed. Ours is
+    the speed of the last step of the odometry. Gravity together with the accelerometer's bias, and
+    the gyro's bias, are learned from steps. Without samples the motion continues at constant
+    velocity.
 
     velocity: (3,) m/s, turning: (3,) rad/s, now, lidar frame.
     """
@@ -62,8 +63,8 @@ class ImuPrediction:
         """Learn speed, biases and gravity from the motion of the scans and the predicted one."""
         back = motion[:3, :3].T
         start, measured = self.velocity, not np.isnan(self._force[0])
-        off = back @ (motion[:3, 3] - predicted[:3, 3]) / elapsed_s
-        self.velocity = self._end_velocity + off
+        velocity_error = back @ (motion[:3, 3] - predicted[:3, 3]) / elapsed_s
+        self.velocity = self._end_velocity + velocity_error
         self.turning = log_so3(motion[:3, :3]) / elapsed_s
         if not measured:
             self._end_velocity = self.velocity = back @ motion[:3, 3] / elapsed_s
@@ -86,7 +87,9 @@ class ImuPrediction:
 def _integrated(
     lengths: np.ndarray, rates: np.ndarray, forces: np.ndarray, state: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return motion (4, 4), speed at the end (3,), its frame, and mean force (3,), first frame.
+    """Return the motion (4, 4), the velocity at the end (3,) and the mean force (3,).
+
+    The velocity is in the frame at the end, the force in the frame at the start.
 
     lengths: (K,) s. rates, forces: (K, 3). state: (4, 3) speed, gravity, place of the IMU and
     bias of its gyro.
@@ -140,9 +143,9 @@ def deskewed_between(
     points: (N, 3) metres, at (N,) seconds after the stamp. before_from_now: (4, 4), motion over
     the time elapsed up to the stamp, at constant velocity.
 
-    Reading taken: eq. 5 scales the whole matrix by the share of time, which leaves no rotation;
-    here the turn's angle and the displacement are scaled. Points go to the scan's stamp, not its
-    start.
+    Our reading: eq. 5 scales the whole matrix by the share of time, which leaves no rotation. Here
+    the turn's angle and the displacement are scaled, and points are moved to the scan's stamp, not
+    to its start.
     """
     share = times_s / elapsed_s
     turn = log_so3(before_from_now[:3, :3])
@@ -220,8 +223,8 @@ class Progress:
         """Move by the features, or as predicted if these are insufficient.
 
         Returns the accepted (4, 4) motion `before_from_now`, and the reason why it is degraded.
-        A motion that leaps from a sure prediction is rejected for some scans: all features may
-        belong to traffic that moves along.
+        A motion far from a prediction that was right before is rejected for some scans: all
+        features may belong to traffic that moves along.
         """
         poor, elapsed_s = misfit_of(feature_match), stamp_s - self.stamp_s
         motion = predicted if poor else with_prediction(predicted, feature_match)
@@ -293,10 +296,10 @@ def with_prediction(predicted: np.ndarray, feature_match: FeatureMatch) -> np.nd
 def misfit_of(feature_match: FeatureMatch) -> str:
     """Return why a motion is rejected; empty if it is accepted."""
     if feature_match.pair_count < LEAST_PAIRS:
-        return f"{feature_match.pair_count} features that match"
+        return f"only {feature_match.pair_count} features match"
     weakest_m = float(np.sqrt(np.linalg.eigvalsh(covariance_of(feature_match)[:2, :2])[-1]))
     if weakest_m > WEAKEST_M:
-        return f"features leave {weakest_m:.2g} m open in one direction"
+        return f"in one direction features show the motion only to {weakest_m:.2g} m"
     return ""
 
 
@@ -310,7 +313,7 @@ class ScanReturns:
 
     points: (N, 3) float64, metres, lidar frame at each point's own time. ring, column: (N,) int64.
     times_s: (N,) float64, seconds after the stamp. rows: (N,) int64, in the scan.
-    labels: (N,) int64, of clusters or kinds; -1 for outliers.
+    labels: (N,) int64, only features of the same label are matched; -1 for outliers.
     """
 
     points: np.ndarray
@@ -331,10 +334,10 @@ class ScanReturns:
         return deskewed_between(self.points, self.times_s, motion, since_s)
 
 
-def poverty(returns: ScanReturns, features: Features) -> str:
-    """Return why a scan is too poor to be matched; empty if it is not."""
+def lack_of_features(returns: ScanReturns, features: Features) -> str:
+    """Return why a scan has too few features to be matched; empty if it has enough."""
     if features.sharp + features.flat < LEAST_PAIRS:
-        return f"{features.sharp + features.flat} features"
+        return f"only {features.sharp + features.flat} features"
     if returns.ring.min() == returns.ring.max():
-        return "returns of one ring alone"
+        return "all returns are of one ring"
     return ""

@@ -1,4 +1,4 @@
-"""Adapter of other libraries' odometries: stamps, poor scans, frames, degraded poses."""
+"""Adapter of other libraries' odometries: stamps, unusable scans, frames, degraded poses."""
 
 from __future__ import annotations
 
@@ -9,13 +9,14 @@ import numpy as np
 from roadscope.core import ImuSamples, LidarScan, OdometryEstimate, Pose
 from roadscope.odometry.above_ground import standing
 from roadscope.odometry.clock import Clock
-from roadscope.odometry.estimates import estimate, poverty, propagated_covariance
+from roadscope.odometry.estimates import estimate, lack_of_points, propagated_covariance
 from roadscope.odometry.imu_buffer import ImuBuffer
 from roadscope.odometry.peers.interface import LibraryScan, OdometryLibrary, Placed
 from roadscope.odometry.rigid import exp_se3, inverse, log_se3, orthonormal
 from roadscope.odometry.scatter import excessive_noise
 
 LEAST_POINTS = 60
+"""A scan with fewer finite points is not passed on."""
 FASTEST_M_S = 100.0
 """No vehicle is faster: the library has lost track and is restarted."""
 JUMP_M_S2, JUMP_M_S = 15.0, 2.0
@@ -31,7 +32,7 @@ CARRIED = np.diag([8.0] * 3 + [2.0] * 3) ** 2
 class OdometryAdapter:
     """Runs a library's odometry behind our interface.
 
-    A library never gets a scan that is out of order or too poor to match: the pose is then
+    A library never gets a scan that is out of order or has too few points: the pose is then
     predicted at constant velocity. A library's pose may belong to the end of the sweep; it is
     moved to the stamp at the velocity between the last two scans.
     """
@@ -81,32 +82,34 @@ class OdometryAdapter:
         before = self._pose
         if self._twist is not None:
             self._pose = before @ exp_se3(self._twist * tick.elapsed_s)
-        sound = np.isfinite(scan.points).all(axis=1)
+        usable = np.isfinite(scan.points).all(axis=1)
         if not self._ground:
-            above = np.zeros(len(sound), bool)
+            above = np.zeros(len(usable), bool)
             above[standing(scan).rows] = True
-            sound &= above
-        library_scan = self._library_scan(scan, sound)
-        poor = poverty(int(sound.sum()), LEAST_POINTS, scan.ring[sound]) or self._placed(
-            library_scan
-        )
-        spread = CARRIED * tick.elapsed_s**4 if poor else STEP * bool(tick.elapsed_s)
+            usable &= above
+        library_scan = self._library_scan(scan, usable)
+        problem = lack_of_points(
+            int(usable.sum()), LEAST_POINTS, scan.ring[usable]
+        ) or self._placed(library_scan)
+        spread = CARRIED * tick.elapsed_s**4 if problem else STEP * bool(tick.elapsed_s)
         self._covariance = propagated_covariance(
             self._covariance, inverse(before) @ self._pose, spread
         )
-        lack = self._imu.missing_samples(scan.stamp_s, tick.elapsed_s) if self._takes_imu else ""
-        reason = tick.reason or poor or lack or excessive_noise(scan)
+        missing_samples = (
+            self._imu.missing_samples(scan.stamp_s, tick.elapsed_s) if self._takes_imu else ""
+        )
+        reason = tick.reason or problem or missing_samples or excessive_noise(scan)
         return estimate(self._pose, self._covariance, scan.stamp_s, len(scan), reason)
 
-    def _library_scan(self, scan: LidarScan, sound: np.ndarray) -> LibraryScan:
+    def _library_scan(self, scan: LidarScan, usable: np.ndarray) -> LibraryScan:
         new = self._imu.stamps_s > self._last_imu_s
         stamps_s = self._imu.stamps_s[new]
         self._last_imu_s = float(stamps_s[-1]) if len(stamps_s) else self._last_imu_s
         late_s = self._now_s - scan.stamp_s
         samples = ImuSamples(stamps_s + late_s, self._imu.rates[new], self._imu.forces[new])
         return LibraryScan(
-            scan.points[sound].astype(np.float64),
-            scan.time_offset_s[sound].astype(np.float64),
+            scan.points[usable].astype(np.float64),
+            scan.time_offset_s[usable].astype(np.float64),
             self._now_s,
             self._now_s - self._taken_s if self._before else 0.0,
             samples,

@@ -1,4 +1,4 @@
-"""GenZ-ICP: point to plane and point to point, weighed by how planar the place is."""
+"""GenZ-ICP: point to plane and point to point, weighted by how planar the surroundings are."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ from roadscope.odometry.peers.interface import BOUNDS_M, LibraryScan, Placed
 class GenzIcpOdometry:
     """GenZ-ICP (Lee 2024) with its parameters for outdoor places.
 
-    Those leave deskewing off, for the data behind them were deskewed; it is on here, to the stamp
-    at constant velocity. It does not use an IMU.
+    These parameters leave deskewing off, because they were chosen on deskewed data. Here it is on:
+    to the stamp, at constant velocity. GenZ-ICP does not use an IMU.
     """
 
     requires: ClassVar = Requirement("genz-icp", "pip install roadscope[peers]")

@@ -21,8 +21,9 @@ example."""
 class SmallGicpOdometry:
     """small_gicp (Koide 2024), each scan onto a map of Gaussian voxels, as in its KITTI example.
 
-    It knows neither times nor ranges of points: scans are cut to 1 to 100 m and deskewed here, at
-    constant velocity to the stamp, where it begins its search too.
+    It knows neither times nor ranges of points. Therefore scans are cut to 1 to 100 m and deskewed
+    to the stamp here, at constant velocity; the search starts at the pose that this velocity
+    predicts.
     """
 
     requires: ClassVar = SMALL_GICP
@@ -40,8 +41,10 @@ class SmallGicpOdometry:
     ) -> None:
         """Store the settings.
 
-        voxel_m: of the map. downsample_m, neighbours: of `preprocess_points`, its defaults.
-        gate_m: `max_correspondence_distance`, its default.
+        voxel_m: size of the map's voxels. downsample_m, neighbours: `downsampling_resolution` and
+            `num_neighbors` of `preprocess_points`; gate_m: `max_correspondence_distance`. All three
+            are its defaults.
+        deskew: whether scans are deskewed. ground: see `OdometryAdapter`.
         """
         scans = _checked(downsample_m, neighbours, gate_m, deskew)
         if not voxel_m > 0:

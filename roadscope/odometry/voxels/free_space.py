@@ -74,9 +74,10 @@ class FreeSpace:
 
         in_sensor_frame: (N, 3), the same points in the sensor's frame now, or 0 where they
             cannot belong to a vehicle.
-        An image whose beams passed through the place gives two votes. One whose beams ended before
-        it, with a return at the same range in the direction of now, gives one: such a point may
-        have moved along with the sensor.
+
+        An image whose beams passed through the place gives two votes. An image whose beams ended
+        before it gives one vote if it has, in the direction in which the sensor has the point now,
+        a return at the same range: such a point may have moved along with the sensor.
         """
         votes = np.zeros(len(points), np.int64)
         for image in self._chosen(stamp_s):

@@ -1,4 +1,4 @@
-"""What trackers of other libraries leave to us: frames, families, boxes, identities.
+"""The adapter for trackers of other libraries: it handles frames, families, boxes, identities.
 
 All of them track points or boxes in a plane that stands still. Here it is the ground plane of the
 world frame, in metres and seconds (of the ego frame if the ego pose is unknown). Each family of
@@ -23,7 +23,7 @@ from roadscope.trackers._tracklets import Tracklets, track_states
 class LibraryTrack(NamedTuple):
     """What a library says of one track after a tick.
 
-    key: the library's name for it, never used again.
+    key: the library's identifier of the track; no other track ever gets it.
     mean, covariance: (4,) and (4, 4) of x, y, vx, vy.
     detection: the row of the detection that it took, -1 for none; new tracks have one.
     confirmed: whether the library reports it when it has a detection.
@@ -54,8 +54,9 @@ class TrackerAdapter:
     """
 
     def __init__(self, start: Callable[[Family], LibraryTracker], shown_misses: int) -> None:
-        """Take a function that starts a library's tracker for a family.
+        """Set the adapter up.
 
+        start: starts the library's tracker for a family.
         shown_misses: see `LifeCycle`.
         """
         check_counts(0, shown_misses=shown_misses)
@@ -75,24 +76,24 @@ class TrackerAdapter:
         tick = self._tick = TrackerTick.after(self._tick, detections, ego_pose)
         reported = self._reported(tick)
         old = [track for track in reported if track.key in self._rows]
-        born = [track for track in reported if track.key not in self._rows]
+        new = [track for track in reported if track.key not in self._rows]
         rows = np.array([self._rows[track.key] for track in old], np.int64)
         tracks = self._tracks.select(rows).predicted(_beliefs(old))
-        taken = np.array([track.detection for track in old], np.int64)
-        detected = np.flatnonzero(taken >= 0)
-        own = tick.detections.select(taken[detected])
+        detection = np.array([track.detection for track in old], np.int64)
+        detected = np.flatnonzero(detection >= 0)
+        own = tick.detections.select(detection[detected])
         tracks = tracks.updated(detected, own, tracks.beliefs.select(detected))
-        new = tick.detections.select(np.array([track.detection for track in born], np.int64))
-        started = Tracklets.started(self._next_id, new, _beliefs(born))
+        first = tick.detections.select(np.array([track.detection for track in new], np.int64))
+        started = Tracklets.started(self._next_id, first, _beliefs(new))
         self._tracks = tracks.joined(started)
-        self._next_id += len(born)
-        self._rows = {track.key: row for row, track in enumerate([*old, *born])}
-        confirmed = np.array([track.confirmed for track in [*old, *born]], bool)
+        self._next_id += len(new)
+        self._rows = {track.key: row for row, track in enumerate([*old, *new])}
+        confirmed = np.array([track.confirmed for track in [*old, *new]], bool)
         states = track_states(confirmed, self._tracks.misses, self._shown_misses)
         return self._tracks.as_tracks(states, tick)
 
     def _reported(self, tick: TrackerTick) -> list[LibraryTrack]:
-        """Return the tracks of all families; detections are rows of the tick."""
+        """Return the tracks of all families; their detections are rows of the tick's detections."""
         families = FAMILIES[tick.detections.categories]
         reported = []
         for number, (family, library) in enumerate(self._libraries.items()):

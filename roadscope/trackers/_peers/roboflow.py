@@ -1,13 +1,13 @@
 """SORT, ByteTrack and OC-SORT of Roboflow's `trackers`, on boxes in bird's-eye view.
 
 Boxes are the smallest along the axes of the world that hold a detection. The noise of the filters
-is fixed in pixels and frames. What a pixel is changes no gain and no pair, only the covariances: at
-1 for a metre, those of SORT and ByteTrack say that detections are off by 0.3 m, that the speed of
-new targets is 10 m/s more or less and that velocities change by 3 m/s in a root second.
+is fixed in pixels and frames. The size of a pixel changes neither gains nor pairs, only the
+covariances. With one pixel for a metre, SORT and ByteTrack assume standard deviations of 0.3 m for
+detections and 10 m/s for the velocity of new targets, and a velocity walk of 3 m/s per root second.
 
 A new car moves by much of its length between two ticks, so overlaps are those of grown boxes
 (`BIoU`): grown by an eighth on every side, two boxes of 4.5 m still overlap by 0.3 when they
-are 3 m apart, which is 30 m/s at 10 Hz. Without, the limit is 24 m/s.
+are 3 m apart, which is 30 m/s at 10 Hz. Without this growth the limit is 24 m/s.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ from roadscope.trackers._settings import (
 
 ROBOFLOW = Requirement("trackers", "pip install roadscope[peers]")
 THEIR_RATE_HZ = 30.0
-"""At which `lost_track_buffer` counts frames."""
+"""Frame rate for which `lost_track_buffer` is given."""
 CORNERS, CENTRE = "XYXYStateEstimator", "XCYCSRStateEstimator"
 STATES = {
     CORNERS: np.kron(np.eye(2), np.hstack([np.eye(2), np.eye(2)]) / 2),
@@ -242,7 +242,7 @@ class Roboflow:
             **settings,
         )
         self._now_s = 0.0
-        self._born = 0
+        self._next_number = 0
 
     def follow(self, detections: Detections, period_s: float) -> list[LibraryTrack]:
         """Return all tracks after the detections of a tick."""
@@ -254,24 +254,25 @@ class Roboflow:
             boxes, confidence=detections.scores, data={"row": np.arange(len(boxes))}
         )
         answer = self._tracker.update(own, timestamp=self._now_s)
-        named = answer.tracker_id >= 0
-        reported = set(answer.data["row"][named].tolist()) if named.any() else set()
+        has_id = answer.tracker_id >= 0
+        reported = set(answer.data["row"][has_id].tolist()) if has_id.any() else set()
         rows = defaultdict(list)
         for row, box in enumerate(boxes):
             rows[box.tobytes()].append(row)
         return [self._track(track, rows, reported) for track in self._tracker.tracks]
 
     def _track(self, track: Any, rows: dict[bytes, list[int]], reported: set[int]) -> LibraryTrack:
-        """Return what we need of a track of theirs.
+        """Return a track of theirs as a `LibraryTrack`.
 
-        rows: the detections of each box, as bytes. reported: detections whose tracks have a name.
+        rows: the rows of the detections that have a box, by the bytes of the box.
+        reported: rows of the detections whose tracks have an id.
         """
         state = track.state_estimator
         if state.number is None:
-            state.number = self._born
-            self._born += 1
-        row = rows[state.taken.tobytes()].pop(0) if state.taken is not None else -1
-        state.taken = None
+            state.number = self._next_number
+            self._next_number += 1
+        row = rows[state.new_box.tobytes()].pop(0) if state.new_box is not None else -1
+        state.new_box = None
         confirmed = row in reported if row >= 0 else track.tracker_id >= 0
         M = self._units.in_metres[:, None] * self._planar
         P = M @ state.kf.state_covariance @ M.T
@@ -290,7 +291,7 @@ def upright_boxes(detections: Detections) -> np.ndarray:
 
 @cache
 def _remembering(state: str) -> type[Any]:
-    """Return their class of that name, extended to remember the last box."""
+    """Return their class of that name, extended by a number and by the box of the last update."""
     from trackers.utils import state_representations
 
     base: type[Any] = getattr(state_representations, state)
@@ -300,10 +301,10 @@ def _remembering(state: str) -> type[Any]:
 
         def __init__(self, bbox: np.ndarray) -> None:
             super().__init__(bbox)
-            self.taken: np.ndarray | None = bbox
+            self.new_box: np.ndarray | None = bbox
 
         def update(self, bbox: np.ndarray | None) -> None:
             super().update(bbox)
-            self.taken = bbox
+            self.new_box = bbox
 
     return Remembering

@@ -64,7 +64,7 @@ class StoneSoupGnnTracker:
 
 
 class StoneSoupJpdaTracker:
-    """Stone Soup's `JPDAwithEHM2` (Horridge 2006), the fastest of its exact ones.
+    """Stone Soup's `JPDAwithEHM2` (Horridge 2006), the fastest of its exact associators.
 
     Stone Soup leaves to the user how tracks start and end. Here a detection starts a track if
     it more likely than not belongs to none, and a track has a detection if that is likelier than
@@ -297,7 +297,7 @@ class StoneSoup:
         self._association, self._life_cycle = association, life_cycle
         self._targets: list[_Target] = []
         self._now = datetime(2000, 1, 1)
-        self._born = 0
+        self._started_count = 0
 
     def follow(self, detections: Detections, period_s: float) -> list[LibraryTrack]:
         """Return all tracks after the detections of a tick."""
@@ -328,9 +328,9 @@ class StoneSoup:
     def _started(self, detection: Any) -> _Target:
         from stonesoup.types.track import Track
 
-        self._born += 1
+        self._started_count += 1
         started = self._association.filter.started(detection)
-        return _Target(Track([started]), self._born, detection.metadata["row"])
+        return _Target(Track([started]), self._started_count, detection.metadata["row"])
 
     def _is_alive(self, target: _Target) -> bool:
         return bool(self._life_cycle.alive(np.array(target.hits), np.array(target.misses)))

@@ -14,10 +14,10 @@ from roadscope.odometry.lego import (
     Keyframe,
     Link,
     LoopClosing,
-    between,
+    best_motion,
+    icp_motion,
     misfits,
     nearest_candidate,
-    onto,
     optimised_poses,
     overlap,
     relocalised,
@@ -77,10 +77,10 @@ def test_icp_brings_points_onto_points():
     target = rng.uniform(-20, 20, (300, 3)) * (1, 1, 0.1)
     motion = exp_se3(np.array([1.0, -0.5, 0.1, 0.01, 0, 0.03]))
     points = (target - motion[:3, 3]) @ motion[:3, :3]
-    assert between(points, target) == pytest.approx(motion)
-    found = onto(np.vstack([points, rng.uniform(50, 60, (20, 3))]), target, np.eye(4), 5.0)
+    assert best_motion(points, target) == pytest.approx(motion)
+    found = icp_motion(np.vstack([points, rng.uniform(50, 60, (20, 3))]), target, np.eye(4), 5.0)
     assert np.abs(log_se3(inverse(motion) @ found)).max() < 1e-3
-    assert (onto(points + 500, target, np.eye(4), 5.0) == np.eye(4)).all()
+    assert (icp_motion(points + 500, target, np.eye(4), 5.0) == np.eye(4)).all()
     half = np.vstack([points, points + np.array([0, 0, 50])])
     assert overlap(half, target, motion, 0.1) == 0.5
 
