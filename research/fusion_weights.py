@@ -225,7 +225,7 @@ class RightSamples:
 
 
 def fitted_ranking(moments: Sequence[SensorPair]) -> Table:
-    """Fit the chance that a box of a camera alone is a target's, and the first of it."""
+    """Fit the probability that a box of the camera shows a target that no surer box shows."""
     samples = RightSamples([], [])
     for moment in moments:
         views = Views.of(None, moment.camera, moment.projection)

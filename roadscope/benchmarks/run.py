@@ -120,7 +120,7 @@ def leaderboard(
         raise RunError(f"jobs: expected 1 or more worker processes, got {jobs}")
     workers = WorkerSettings(jobs, backend, address)
     workers.check()
-    believed = "" if calibration is None else str(calibration)
+    calibration_file = "" if calibration is None else str(calibration)
     limits = limits or Limits()
     if deadline_s is not None:
         limits = replace(limits, episode_s=deadline_s)
@@ -132,14 +132,15 @@ def leaderboard(
             entries,
             boards=boards,
             only=only,
-            calibration=believed,
+            calibration=calibration_file,
         )
     if notice is not None:
         for text in dict.fromkeys(
             f"{j.entry} is left out: {j.missing}" for j in run_plan.jobs if j.missing
         ):
             notice(text)
-    conditions = manifest(run_plan.suite, jobs, [b.name for b in run_plan.boards], believed)
+    board_names = [board.name for board in run_plan.boards]
+    conditions = manifest(run_plan.suite, jobs, board_names, calibration_file)
     if out_dir is not None:
         check_targets(usable_folder(out_dir), label_of(conditions))
     with Store(folder / DATABASE) as store:
@@ -175,16 +176,16 @@ def plan(
     chosen = chosen_boards(suite, boards)
     if not suite.recorded:
         _check_suite(suite, chosen)
-    users = _by_board([Spec.parse(text) for text in entries], chosen)
+    of_user = _by_board([Spec.parse(text) for text in entries], chosen)
     ranked: dict[str, list[Spec]] = {}
     jobs: list[Job] = []
     options = JobOptions(marks=not only, calibration=calibration)
     for board in chosen:
-        own = [board.check_entry(spec) for spec in users[board.name]]
-        suites = (
+        own = [board.check_entry(spec) for spec in of_user[board.name]]
+        of_suite = (
             [] if only else [board.check_entry(Spec.parse(t)) for t in board.suite_entries(suite)]
         )
-        if specs := list(dict.fromkeys([*suites, *own])):
+        if specs := list(dict.fromkeys([*of_suite, *own])):
             ranked[board.name] = specs
             jobs += board.jobs(suite, specs, options)
     if not jobs:

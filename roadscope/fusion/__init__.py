@@ -27,7 +27,7 @@ FUSIONS: Registry[Fusion] = Registry(
     group="roadscope.fusion",
     summaries={
         "li2021": "Overlap in the image, Dempster-Shafer (Li 2021).",
-        "li2021-without-evidence": "The same boxes, the camera's class and score alone.",
+        "li2021-without-evidence": "li2021 with the class and score of the camera alone.",
         "union": "All targets of both, one to one, the better score.",
         "image-first": "The camera's targets with LiDAR's distance.",
         "lidar-first": "LiDAR's targets with the camera's class.",

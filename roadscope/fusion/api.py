@@ -1,4 +1,4 @@
-"""What fusion is."""
+"""The protocol of fusions."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from roadscope.core.projection import Projection
 
 @runtime_checkable
 class Fusion(Protocol):
-    """Joins what LiDAR and camera found at about the same time.
+    """Joins detections of LiDAR and camera of about the same time.
 
     Constructor arguments are keyword-only and all have defaults.
     """

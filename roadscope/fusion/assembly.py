@@ -13,7 +13,7 @@ from roadscope.fusion.evidence import FAMILIES, families_of
 from roadscope.fusion.overlap import projected_boxes
 from roadscope.fusion.pairing import check_moment
 
-_STAND_IN = np.array([Category.CAR, Category.CYCLIST, Category.PEDESTRIAN], np.int8)
+_CATEGORY_OF_FAMILY = np.array([Category.CAR, Category.CYCLIST, Category.PEDESTRIAN], np.int8)
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,10 +32,10 @@ class Views:
     def of(
         lidar: Detections | None, camera: ImageDetections | None, projection: Projection
     ) -> Views:
-        """Check what came and project it.
+        """Check the detections and project those of the LiDAR.
 
-        `RecordError` where nothing came, where both were not measured within a second, where LiDAR
-        detections are not in the ego frame, or where the image is not of the projection's size.
+        Raises `RecordError` if both are None, if more than a second is between them, if LiDAR
+        detections are not in the ego frame, or if the image does not have the projection's size.
         """
         if not isinstance(projection, Projection):
             raise RecordError(
@@ -57,9 +57,9 @@ class Views:
 
 
 def _check_size(camera: ImageDetections, projection: Projection) -> None:
-    """Refuse boxes of an image of another size.
+    """Refuse detections in an image of another size.
 
-    Where detections do not have the size, boxes that lie outside show it.
+    If detections do not know the size of their image, boxes outside of it show that it is another.
     """
     size = np.array([projection.width, projection.height])
     expected = f"fusion: the calibration is of images of {projection.width} x {projection.height}, "
@@ -80,17 +80,17 @@ def assemble(
 ) -> FusedDetections:
     """Join rows of both sensors, -1 where a target has none, with (N, 4) fused masses.
 
-    The family is the one with the greatest mass, the category that of a sensor that says so. The
-    score is the family's mass unless given.
+    The family is the one with the greatest mass. The category is that of a sensor that reports this
+    family, the camera first, else a usual one. The score is the family's mass unless given.
     """
     lidar, camera = views.lidar, views.camera
     family = masses[:, : len(FAMILIES)].argmax(axis=1)
-    categories = _STAND_IN[family]
+    categories = _CATEGORY_OF_FAMILY[family]
     for rows, detections in ((lidar_rows, lidar), (camera_rows, camera)):
         known = np.flatnonzero(rows >= 0)
-        said = detections.categories[rows[known]]
-        agrees = families_of(said) == family[known]
-        categories[known[agrees]] = said[agrees]
+        reported = detections.categories[rows[known]]
+        agrees = families_of(reported) == family[known]
+        categories[known[agrees]] = reported[agrees]
     believed = masses[np.arange(len(masses)), family] if scores is None else scores
     return FusedDetections.from_rows(
         lidar,

@@ -1,6 +1,6 @@
-"""What fusion is measured against: simple rules without evidence theory.
+"""Fusions for comparison: simple rules without evidence theory.
 
-Where one sensor brought nothing at all, every rule answers with the targets of the other.
+If the detections of one sensor are None, every rule returns the targets of the other.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ class UnionFusion:
         self.least_iou = least_iou
 
     def reset(self) -> None:
-        """Forget nothing: every moment stands alone."""
+        """Do nothing: a fusion keeps no state."""
 
     def fuse(
         self, lidar: Detections | None, camera: ImageDetections | None, projection: Projection

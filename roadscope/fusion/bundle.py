@@ -1,8 +1,8 @@
 """Bundle adjustment of camera and targets, from all that both sensors measured of the targets.
 
-The corners that scans give have errors that belong together: a target that seems turned in its
-plane has all three corners displaced. So the pose of every target is an unknown beside that of the
-camera, and the residuals are of the measurements: corners in pixels, the plane of the ranges, and
+The errors of a target's three corners in a scan are correlated: if the target seems turned in its
+plane, all of them are displaced. Therefore the pose of every target is an unknown, like that of the
+camera. The residuals are those of the measurements: corners in pixels, the plane of the ranges, and
 which beams met the target and which passed beside it.
 """
 
@@ -25,10 +25,11 @@ from roadscope.fusion.calibration_target import (
 )
 
 EDGE_WIDTHS = (0.5, 0.25, 0.1)
-"""Widths of edges, shares of the step between columns; wide first, so that far beams have effect.
-
-The last stands for the width of a beam; of a wide beam it would be a third of a step."""
+"""Widths of edges in successive refinements, as shares of the step between columns: wide at first,
+so that beams far from the edge have an effect. The last stands for the width of a beam; for wide
+beams it would be a third of a step."""
 BUMP = 1e-6
+"""Step of numerical derivatives."""
 PIXELS_A_UNIT = 1000.0
 """Intrinsics are counted in thousands of pixels, so that all unknowns have similar scales."""
 STEPS = 50
@@ -38,7 +39,10 @@ ENOUGH = 1e-4
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Bundle:
-    """matrix: (3, 4), LiDAR frame to pixels. corners: (P, 3, 3) of the targets, LiDAR frame."""
+    """The likeliest camera and targets.
+
+    matrix: (3, 4), LiDAR frame to pixels. corners: (P, 3, 3) of the targets, LiDAR frame, metres.
+    """
 
     matrix: np.ndarray
     corners: np.ndarray
@@ -46,22 +50,24 @@ class Bundle:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class State:
-    """Unknowns. inner: (4,) fx, fy, cx, cy. camera: (3, 4) camera_from_lidar. targets: (P, 3, 4).
+    """The unknowns.
 
-    A target's axes are right, up and towards the sensor; its origin is the middle of its base.
+    intrinsics: (4,) fx, fy, cx, cy, pixels. camera: (3, 4) `camera_from_lidar`. targets: (P, 3, 4)
+    `lidar_from_target`; the axes of a target are right, up and towards the sensor, its origin is
+    the middle of its base.
     """
 
-    inner: np.ndarray
+    intrinsics: np.ndarray
     camera: np.ndarray
     targets: np.ndarray
 
     def moved(self, shared: np.ndarray, own: np.ndarray) -> State:
         """Turn and move; shared: (6,) of the camera or (10,) with intrinsics. own: (P, 6)."""
-        inner = self.inner
+        intrinsics = self.intrinsics
         if len(shared) > 6:
-            inner = inner + PIXELS_A_UNIT * shared[6:]
+            intrinsics = intrinsics + PIXELS_A_UNIT * shared[6:]
         return State(
-            inner, _moved(self.camera[None], shared[None, :6])[0], _moved(self.targets, own)
+            intrinsics, _moved(self.camera[None], shared[None, :6])[0], _moved(self.targets, own)
         )
 
 
@@ -82,8 +88,8 @@ def refine(
 
     matrix: (3, 4) LiDAR frame to pixels. corners: (P, 3, 3) left, right and top of each target,
     LiDAR frame. pixels: (P, 3, 2). free_intrinsics: whether the intrinsics are unknown; otherwise
-    those of the matrix are kept. edge_widths: from first to last, as shares of the step between
-    columns. `CalibrationError` where the matrix is no camera's or numbers of targets differ.
+    those of the matrix are kept. edge_widths: see `EDGE_WIDTHS`. Raises `CalibrationError` if no
+    camera has this matrix, or if the numbers of targets differ.
     """
     if not len(corners) == len(pixels) == len(scanned) > 0:
         raise CalibrationError(
@@ -99,7 +105,7 @@ def refine(
     measured = stacked_measurements(np.asarray(pixels, np.float64), scanned)
 
     def image(at: State) -> np.ndarray:
-        return image_errors(at.inner, at.camera, at.targets, measured, target)
+        return image_errors(at.intrinsics, at.camera, at.targets, measured, target)
 
     for edge_width in edge_widths:
 
@@ -108,7 +114,7 @@ def refine(
             return np.concatenate([range_errors(at.targets, measured), edges], axis=1)
 
         state = descend(image, alone, state, 10 if free_intrinsics else 6)
-    fx, fy, cx, cy = state.inner
+    fx, fy, cx, cy = state.intrinsics
     upper = np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1.0]])
     return Bundle(upper @ state.camera, corners_of_targets(state.targets, target))
 
@@ -117,9 +123,9 @@ def descend(image: Errors, alone: Errors, state: State, shared: int) -> State:
     """Levenberg and Marquardt; shared: 6 unknowns of the camera, or 10 with its intrinsics.
 
     image: (P, M) errors that depend on each row's target and on the shared unknowns. alone: (P, L)
-    errors that depend on the row's target only. Targets are independent of each other, so each is
-    solved for alone and the camera from the rest (Schur complement): time grows with the number of
-    targets, not with its cube.
+    errors that depend on the row's target only. Targets are independent of each other, so they are
+    eliminated one by one before the camera is solved for (Schur complement): time grows with the
+    number of targets, not with its cube.
     """
 
     def errors(at: State) -> np.ndarray:

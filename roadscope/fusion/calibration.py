@@ -1,4 +1,4 @@
-"""The matrix from points to pixels from points seen by both sensors (Li 2021, 2.2); its file."""
+"""The matrix from points to pixels, by points that both sensors see (Li 2021, 2.2); its file."""
 
 from __future__ import annotations
 
@@ -13,11 +13,12 @@ from roadscope.core import Pose, RecordError
 from roadscope.core.projection import Projection
 
 # --------------------------------------------------------------------------------------------------
-# The matrix from places to pixels out of points seen by both sensors (Li 2021, 2.2, eq. 4).
+# The matrix from points to pixels, found by points that both sensors see (Li 2021, 2.2, eq. 4).
 
 LEAST_POINTS = 6
 """Six points fix the eleven numbers of the matrix."""
 TRIES = 200
+"""Number of random samples."""
 FLAT = 1e-4
 """Points whose third extent is smaller than this share of the first lie in a plane."""
 
@@ -90,7 +91,7 @@ def solve_linear(points: np.ndarray, pixels: np.ndarray) -> np.ndarray:
 
 
 def decompose(matrix: np.ndarray) -> tuple[np.ndarray, Pose]:
-    """Split A into (3, 3) intrinsics, last entry 1, and `ego_from_camera`."""
+    """Split a (3, 4) matrix into (3, 3) intrinsics, last entry 1, and `ego_from_camera`."""
     from scipy.linalg import rq
 
     upper, rotation = rq(matrix[:, :3])

@@ -371,13 +371,16 @@ def stacked_measurements(
 
 
 def corners_of_targets(poses: np.ndarray, target: TriangularTarget) -> np.ndarray:
-    """(P, 3, 3) corners of targets in poses (P, 3, 4): right, up, towards the sensor, middle."""
+    """(P, 3, 3) corners of targets in (P, 3, 4) poses.
+
+    The columns of a pose are right, up, towards the sensor, and the middle of the base.
+    """
     corners: np.ndarray = np.einsum("pij,kj->pki", poses[:, :, :2], target.corners)
     return np.asarray(corners + poses[:, None, :, 3])
 
 
 def image_errors(
-    inner: np.ndarray,
+    intrinsics: np.ndarray,
     camera: np.ndarray,
     poses: np.ndarray,
     measured: TargetMeasurements,
@@ -385,10 +388,10 @@ def image_errors(
 ) -> np.ndarray:
     """(P, 6) errors of corners in pixels, in standard deviations.
 
-    inner: (4,) fx, fy, cx, cy. camera: (3, 4) camera_from_lidar.
+    intrinsics: (4,) fx, fy, cx, cy, pixels. camera: (3, 4) `camera_from_lidar`.
     """
     placed = corners_of_targets(poses, target) @ camera[:, :3].T + camera[:, 3]
-    pixels = inner[:2] * placed[..., :2] / np.maximum(placed[..., 2:], 1e-3) + inner[2:]
+    pixels = intrinsics[:2] * placed[..., :2] / np.maximum(placed[..., 2:], 1e-3) + intrinsics[2:]
     return _robust(((pixels - measured.pixels) / PIXEL_SIGMA).reshape(len(poses), 6))
 
 
@@ -400,9 +403,10 @@ def range_errors(poses: np.ndarray, measured: TargetMeasurements) -> np.ndarray:
 def edge_errors(
     poses: np.ndarray, measured: TargetMeasurements, target: TriangularTarget, edge_width: float
 ) -> np.ndarray:
-    """(P, N) roots of twice the lost log likelihood of beams that met the target or passed it.
+    """(P, N) errors of beams that met the target or passed beside it.
 
-    edge_width: standard deviation of where a beam ends, as share of the step between columns.
+    Their squares are twice the log-likelihood that a beam loses by the target's pose.
+    edge_width: standard deviation of where a beam ends, as a share of the step between columns.
     """
     from scipy.special import ndtr
 

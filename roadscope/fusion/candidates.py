@@ -42,7 +42,9 @@ EDGE_PX = 2.0
 """Standard deviation of an edge of a box, beside a share of its size."""
 EDGE_SHARE = 0.04
 FARTHEST_M = 150.0
+"""Greatest depth of the ground behind a pixel, also at and above the horizon."""
 BORDER_PX = 2.0
+"""A box that ends this close to the edge of the image is cut by it."""
 
 
 def depths_of(
@@ -50,9 +52,10 @@ def depths_of(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return (N,) log depths, metres along the optical axis, and their standard deviations.
 
-    Two readings are joined by their variances: the height in pixels against the usual height of
-    the category, and the ground z = 0 under the lower edge. A box that touches the upper or the
-    lower edge of the image is cut, and its height says little; at the lower edge it has no foot.
+    Two estimates are averaged by their variances: that from the height in pixels and the usual
+    height of the category, and that from the ground z = 0 under the lower edge. A box that touches
+    the upper or the lower edge of the image is cut, and its height says little; at the lower edge
+    the second estimate is lost too.
     """
     tall = np.maximum(boxes[:, 3] - boxes[:, 1], 1.0)
     edge = np.hypot(EDGE_PX, EDGE_SHARE * tall)
@@ -106,7 +109,7 @@ GATE = 14.0
 class Agreement:
     """How well each pair agrees.
 
-    cost: (N, M) sum of squared deviations in standard deviations, `NEVER` where out of sight.
+    cost: (N, M) sum of squared deviations in standard deviations, `NEVER` outside of the image.
     depth: (N, M) those of depth alone. lidar_depths: (N,) metres, of centres
         along the optical axis, 0.5 at least.
     log_depths, spreads: (M,) of the camera's boxes.
@@ -129,18 +132,18 @@ class Agreement:
         tolerance = np.hypot(0.12 * wide, 2.0)
         # An edge that the image cuts says nothing; both are cut at the same place.
         ends = (ours[:, None, [0, 2]] - theirs[None][..., [0, 2]]) / tolerance[None, :, None]
-        middle_off = ends.mean(axis=-1)
-        size_off = (ends[..., 1] - ends[..., 0]) / 2
+        middle_error = ends.mean(axis=-1)
+        size_error = (ends[..., 1] - ends[..., 0]) / 2
         # A cluster may show a part of a vehicle, or hold a person and what stands beside.
-        size_off = size_off / 2.5
-        depth_off = (np.log(depths)[:, None] - logs) / np.hypot(spreads, 0.08)[None]
-        cost = middle_off**2 + np.minimum(size_off**2, 9.0) + depth_off**2
+        size_error = size_error / 2.5
+        depth_error = (np.log(depths)[:, None] - logs) / np.hypot(spreads, 0.08)[None]
+        cost = middle_error**2 + np.minimum(size_error**2, 9.0) + depth_error**2
         differs = families_of(views.lidar.categories)[:, None] != families_of(
             views.camera.categories
         )
         cost = cost + 2.0 * differs
         cost[~views.in_image] = NEVER
-        return Agreement(cost, depth_off**2, depths, logs, spreads)
+        return Agreement(cost, depth_error**2, depths, logs, spreads)
 
     def pairs(self) -> tuple[np.ndarray, np.ndarray]:
         """Rows of LiDAR and camera, one to one, of least total cost below the gate."""
@@ -153,20 +156,25 @@ class Agreement:
 
 
 # --------------------------------------------------------------------------------------------------
-# What speaks for a target: features of pairs, and of what one sensor alone found.
+# Features of candidates: of pairs, and of detections of one sensor alone.
 
 LEND_DEPTH = 4.0
-"""A camera box without a partner takes the distance of a cluster that covers its middle when
-their depths agree to two standard deviations: of a crowd that is one cluster."""
+"""A camera box without a partner takes the distance of a cluster that covers its middle, if the
+squared difference of their depths, in standard deviations, is less: several people of a crowd may
+be one cluster."""
 NEARER = 0.85
-"""A cluster at less than this share of a camera box's distance may hide what that shows."""
+"""A cluster at less than this share of a camera box's distance may hide what the box shows."""
 WORST = 40.0
-"""Costs of pairs are bounded here: they agree in nothing."""
+"""Greatest cost of a pair as a feature; such a pair agrees in nothing."""
 
 
 @dataclass(frozen=True, slots=True)
 class Candidates:
-    """Who may be a target: (P,) rows and columns of pairs, (L,) and (C,) rows of the others."""
+    """Everything that may be a target.
+
+    rows, columns: (P,) the LiDAR and the camera detections of pairs. lidar_only, camera_only: (L,)
+    and (C,) the detections without a partner.
+    """
 
     rows: np.ndarray
     columns: np.ndarray
@@ -197,17 +205,19 @@ def candidate_features(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Features of pairs, (P, 17), of LiDAR's alone, (L, 8), of the camera's alone, (C, 11).
 
-    Beside those of each sensor, and how sure the camera alone would be: how well pairs agree, in
-    all and in depth; how far away a camera's box is, whether it is cut, how much of it nearer
-    clusters cover; how much of a cluster lies in a camera's box (it may be a part of what that
-    shows), how large it is there and in space; and how well the best other one agrees with what
-    has no partner.
+    All have the features of their sensors. Further features:
+    - of pairs: how well they agree, in all and in depth;
+    - of camera boxes: the distance, whether the box is cut, how much of it nearer clusters cover,
+      and how sure the camera alone would be;
+    - of clusters: the size in the image and in space; without a partner also the share of the
+      cluster that lies in a camera box, because it may be a part of what the box shows;
+    - of both without a partner: how well the best one of the other sensor agrees.
     """
     of_lidar, of_camera = lidar_features(views), camera_alone_features(views.camera)
     rows, columns = candidates.rows, candidates.columns
     cost = np.minimum(agreement.cost, WORST) / 10.0
     far = agreement.log_depths - np.log(20.0)
-    image, extent = in_image(views)
+    image, extent = cluster_sizes(views)
     covered, cut = covered_shares(views, agreement), cut_boxes(views.camera, projection)
     alone = ranking_model().values(of_camera)[:, 0]
     pairs = np.column_stack(
@@ -235,7 +245,7 @@ def candidate_features(
 
 
 def lidar_features(views: Views) -> np.ndarray:
-    """(N, 4): log odds of the score, log of range over 20 m, which family."""
+    """(N, 4): log odds of the score, log of the range over 20 m, cyclist, pedestrian (0, 1)."""
     ranges = np.hypot(views.lidar.centres[:, 0], views.lidar.centres[:, 1])
     family = families_of(views.lidar.categories)
     return np.column_stack(
@@ -249,14 +259,14 @@ def lidar_features(views: Views) -> np.ndarray:
 
 
 def camera_alone_features(camera: ImageDetections) -> np.ndarray:
-    """(M, 5): those of its masses, and the greatest overlap with a box that is surer."""
+    """(M, 5): `camera_features`, and the greatest overlap with a box of higher score."""
     surer = camera.scores[None] > camera.scores[:, None]
     overlap = np.where(surer, ious(camera.boxes, camera.boxes), 0.0).max(axis=1, initial=0.0)
     return np.column_stack([camera_features(camera), overlap])
 
 
-def in_image(views: Views) -> tuple[np.ndarray, np.ndarray]:
-    """(N,) log of a cluster's height in pixels over 40, and log of its greatest extent, metres."""
+def cluster_sizes(views: Views) -> tuple[np.ndarray, np.ndarray]:
+    """(N,) log of a cluster's height over 40 pixels, and log of its greatest extent in metres."""
     tall = np.maximum(views.lidar_boxes[:, 3] - views.lidar_boxes[:, 1], 1.0)
     extent = np.maximum(views.lidar.sizes.max(axis=1, initial=0.0), 0.2)
     return np.where(views.in_image, np.log(tall / 40.0), 0.0), np.log(extent)

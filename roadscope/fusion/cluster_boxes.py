@@ -20,7 +20,7 @@ LEAST_M = 0.2
 YAWS = np.radians(np.arange(0, 90, 5.0))
 LONGEST_M = 20.0
 """Longer clusters are walls, hedges and rails."""
-LENDS = np.array([Category.CAR, Category.CYCLIST, Category.PEDESTRIAN], np.int8)
+CATEGORY_OF_FAMILY = np.array([Category.CAR, Category.CYCLIST, Category.PEDESTRIAN], np.int8)
 
 
 class ClusterBoxes:
@@ -34,7 +34,12 @@ class ClusterBoxes:
         min_score: float = 0.05,
         faint: float = 0.01,
     ) -> None:
-        """Set DBSCAN, the least score that is reported, and how faint drops of fog are."""
+        """Set the detector up.
+
+        eps_m, min_points: of DBSCAN.
+        min_score: detections with a lower score are not reported.
+        faint: returns within 15 m of lower intensity are taken for drops of fog and left out.
+        """
         require(0 < eps_m < np.inf, self, "eps_m", "a positive distance", eps_m)
         require(min_points >= 1, self, "min_points", "at least 1", min_points)
         require(0 <= min_score <= 1, self, "min_score", "a score in 0 to 1", min_score)
@@ -44,7 +49,7 @@ class ClusterBoxes:
         self.faint = faint
 
     def reset(self) -> None:
-        """Forget nothing: every scan is looked at alone."""
+        """Do nothing: the detector keeps no state."""
 
     def detect(self, frame: Frame) -> Detections:
         """Return the clusters that may be road users, ego frame, with masses.
@@ -60,9 +65,9 @@ class ClusterBoxes:
         mount = frame.calibration.pose(frame.lidar.sensor).translation[:2]
         chances = lidar_model().probabilities(features(shapes, mount))
         scores = 1.0 - chances[:, 3]
-        probable = scores >= self.min_score
-        shapes, chances, scores = shapes[probable], chances[probable], scores[probable]
-        categories = LENDS[chances[:, :3].argmax(axis=1)]
+        reported = scores >= self.min_score
+        shapes, chances, scores = shapes[reported], chances[reported], scores[reported]
+        categories = CATEGORY_OF_FAMILY[chances[:, :3].argmax(axis=1)]
         centres, sizes, yaws = completed(
             shapes[:, :3], shapes[:, 3:6], shapes[:, 6], mount, categories
         )
@@ -106,7 +111,7 @@ def enclosing(points: np.ndarray) -> np.ndarray:
 
 
 def features(shapes: np.ndarray, origin: np.ndarray) -> np.ndarray:
-    """(N, 6) what tells road users apart: length, width, top, range, returns, returns x range."""
+    """(N, 6) length, width, top and range in metres, log of returns, log of returns times range."""
     ranges = np.hypot(shapes[:, 0] - origin[0], shapes[:, 1] - origin[1])
     count = np.log(shapes[:, 7])
     return np.column_stack(

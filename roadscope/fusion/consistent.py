@@ -27,13 +27,13 @@ from roadscope.fusion.weights import odds_model, ranking_model
 class ConsistentFusion:
     """One-to-one matches, learned scores, a box in space for every target.
 
-    Scores are chances: log odds of both sensors, range and size in the image, weighed as fitted
-    on train seeds, with weights of their own for pairs, for what one sensor alone found although
-    the other looked there, and for a sensor that works alone.
+    Scores are probabilities. They are computed from the log odds of both sensors, the range and the
+    size in the image, with weights that were fitted on train seeds. There are separate weights for
+    pairs, for targets that one sensor detects and the other misses, and for a sensor that is alone.
     """
 
     def reset(self) -> None:
-        """Forget nothing: every moment stands alone."""
+        """Do nothing: a fusion keeps no state."""
 
     def fuse(
         self, lidar: Detections | None, camera: ImageDetections | None, projection: Projection
@@ -57,7 +57,7 @@ class ConsistentFusion:
 def odds_of(
     views: Views, agreement: Agreement, projection: Projection, candidates: Candidates
 ) -> np.ndarray:
-    """(P + L + C,) log odds of targets where both sensors are at work."""
+    """(P + L + C,) log odds of candidates if both sensors are at work."""
     features = candidate_features(views, agreement, projection, candidates)
     names = ("pair", "lidar_only", "camera_only")
     return np.concatenate(
@@ -90,14 +90,14 @@ def with_places(
         np.column_stack([middles, (boxes[:, 1] + boxes[:, 3]) / 2]), depths, projection
     )
     centres = np.column_stack([places[:, :2], sizes[:, 2] / 2])
-    away = np.arctan2(places[:, 1], places[:, 0])
+    bearings = np.arctan2(places[:, 1], places[:, 0])
     vehicle = fused.categories[alone] < Category.CYCLIST
     return replace(
         fused,
         has_box=_put(fused.has_box, alone, True),
         centres=_put(fused.centres, alone, centres),
         sizes=_put(fused.sizes, alone, sizes),
-        yaws=_put(fused.yaws, alone, np.where(vehicle, 0.0, away)),
+        yaws=_put(fused.yaws, alone, np.where(vehicle, 0.0, bearings)),
         lidar_rows=_put(fused.lidar_rows, alone, lidar_rows),
         distances_m=_put(fused.distances_m, alone, np.hypot(places[:, 0], places[:, 1])),
     )

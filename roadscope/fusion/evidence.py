@@ -15,7 +15,7 @@ from roadscope.fusion.weights import confusion, odds_model
 FAMILIES = (Family.VEHICLE, Family.CYCLIST, Family.PEDESTRIAN)
 """The frame of discernment; masses have these columns and then ignorance."""
 MOST = 0.98
-"""No sensor is believed without reserve: full conflict cannot come from scores."""
+"""Greatest mass that a score gives to classes: so masses from scores are never in full conflict."""
 
 Confusion = Sequence[Sequence[float]] | np.ndarray
 
@@ -29,9 +29,9 @@ def families_of(categories: np.ndarray) -> np.ndarray:
 
 
 def masses_of(detections: Detections | ImageDetections, split: Confusion) -> np.ndarray:
-    """Return (N, 4) masses: a detection's own where it has some, else of score and category.
+    """Return (N, 4) masses: those of the detections if they have any, else from their scores.
 
-    split: of what is called one family (row), the share that is each (column).
+    split: (3, 3), of the detections that are called one family (row) the share of each (column).
     """
     if detections.masses is not None:
         return _checked_columns(detections.masses)
@@ -56,7 +56,7 @@ def lidar_masses(lidar: Detections) -> np.ndarray:
 
 
 def camera_masses(camera: ImageDetections) -> np.ndarray:
-    """Return (N, 4) masses of camera detections, after how reliable their scores are by size."""
+    """Return (N, 4) masses of camera detections, by how reliable their scores are at their size."""
     if camera.masses is not None:
         return _checked_columns(camera.masses)
     reliable = 1 / (1 + np.exp(-odds_model("camera_masses").odds(camera_features(camera))))
@@ -66,7 +66,7 @@ def camera_masses(camera: ImageDetections) -> np.ndarray:
 
 
 def camera_features(camera: ImageDetections) -> np.ndarray:
-    """(N, 4): log odds of the score, log of the height in pixels over 40, and of which family."""
+    """(N, 4): log odds of the score, log of the height over 40 pixels, cyclist, pedestrian."""
     heights = np.maximum(camera.boxes[:, 3] - camera.boxes[:, 1], 1.0)
     family = families_of(camera.categories)
     return np.column_stack(
@@ -75,7 +75,7 @@ def camera_features(camera: ImageDetections) -> np.ndarray:
 
 
 def log_odds(chances: np.ndarray) -> np.ndarray:
-    """(N,) log odds, bounded at 5."""
+    """(N,) log odds, bounded to -5 to 5."""
     bounded = np.clip(chances, 0.0067, 0.9933)
     odds: np.ndarray = np.log(bounded / (1 - bounded))
     return odds
@@ -86,9 +86,9 @@ def log_odds(chances: np.ndarray) -> np.ndarray:
 
 UNDECIDED = -1
 DECIDED = 0.84
-"""Least mass on which Table 1 decides: it calls 0.865 a pedestrian and 0.812 uncertain. Halfway."""
+"""Least mass for a decision: halfway between 0.812, which Table 1 calls uncertain, and 0.865."""
 CONFLICT_SLACK = 1e-12
-"""What rounding may leave of no agreement at all."""
+"""Agreement up to this is taken for none, and for an effect of rounding."""
 
 
 class FullConflictError(ValueError):
@@ -117,8 +117,8 @@ def combine(first: np.ndarray, second: np.ndarray) -> np.ndarray:
 def combine_or_keep(first: np.ndarray, second: np.ndarray) -> np.ndarray:
     """Return the orthogonal sums of (N, K + 1) masses; the second's where both exclude each other.
 
-    Fusions take it for pairs: a detector that is wholly sure of the wrong class spoils its own
-    target alone.
+    Fusions use it for pairs, so that a detector that is wholly sure of a wrong class spoils that
+    one target only.
     """
     a, b = _of_one_frame(first, second)
     joined = b.copy()

@@ -1,8 +1,8 @@
 """A stand-in for the method that Li 2021 compares with: box centres matched by ICP.
 
-Lu, Xu and Li 2017 (its reference 6) join Faster R-CNN's boxes and LiDAR's by an improved ICP; the
-text is not at hand, so this is the plain form: the camera's boxes are shifted as a whole until
-their centres lie on the projected ones, each on its nearest, and pairs within a gate are joined.
+Lu, Xu and Li 2017 (its reference 6) join Faster R-CNN's boxes and LiDAR's by an improved ICP. We do
+not have that text, so this is the plain form: all camera boxes are shifted together until their
+centres lie nearest to the centres of the projected LiDAR boxes, and pairs within a gate are joined.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ class IcpBoxFusion(ImageFirstFusion):
     """The camera's targets; LiDAR adds place and distance where centres match after ICP."""
 
     def __init__(self, *, gate: float = 0.5, turns: int = 10) -> None:
-        """Take the gate, in widths of the camera's box, and the greatest number of turns."""
+        """Take the gate, in widths of the camera's box; turns: greatest number of iterations."""
         super().__init__()
         require(0 < gate < np.inf, self, "gate", "positive widths", gate)
         require(turns >= 0, self, "turns", "a number from 0 up", turns)

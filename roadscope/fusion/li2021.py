@@ -26,10 +26,12 @@ class Li2021Fusion:
         evidence: bool = True,
         rank: str = "class",
     ) -> None:
-        """Take both overlap thresholds (5.1); without `evidence` the camera's masses stand.
+        """Set the fusion up.
 
+        threshold_1, threshold_2: shares of a camera box that a LiDAR box covers (5.1).
+        evidence: whether the masses of both sensors are combined; if not, the camera's are taken.
         rank: what the score of a target is, which the paper does not say: the mass on its `class`,
-        as in Table 1, or the belief that it is `any` of the classes.
+            as in Table 1, or the belief that it is `any` of the classes.
         """
         require(rank in RANKS, self, "rank", f"one of {', '.join(RANKS)}", rank)
         self.rank = rank
@@ -40,7 +42,7 @@ class Li2021Fusion:
         self.evidence = evidence
 
     def reset(self) -> None:
-        """Forget nothing: every moment stands alone."""
+        """Do nothing: a fusion keeps no state."""
 
     def fuse(
         self, lidar: Detections | None, camera: ImageDetections | None, projection: Projection
@@ -70,11 +72,11 @@ class Li2021Fusion:
     def _join_boxes(self, views: Views) -> tuple[np.ndarray, np.ndarray]:
         """Return the LiDAR row of each camera box, -1 without one, and which rows are taken out.
 
-        A LiDAR box that covers more than threshold 1 of a camera box gives way to it. Reading of
-        threshold 2, which keeps number and distance of the better match where one object has
-        several boxes: of several LiDAR boxes the one with the greatest overlap lends its own, if
-        that is above threshold 2; otherwise none is known to be meant, and the camera box stays
-        without. One LiDAR box may lend its number and distance to several camera boxes.
+        A LiDAR box that covers more than threshold 1 of a camera box is taken out in its favour.
+        The paper uses threshold 2 where one object has several boxes: number and distance of the
+        better match are kept. Our reading: of several LiDAR boxes the one with the greatest overlap
+        gives its number and distance, if this overlap is above threshold 2; otherwise the match is
+        unclear, and the camera box gets neither. One LiDAR box may serve several camera boxes.
         """
         covered = coverage(views.lidar_boxes, views.camera.boxes)
         covered[~views.in_image] = 0.0

@@ -10,8 +10,9 @@ from roadscope.core.projection import Projection
 LIMIT_S = 0.05
 """Half the period of a camera of 10 images/s: with a gap above this an image is missing."""
 LONGEST_S = 1.0
-"""Between what is fused; whoever is that late measured something else."""
+"""Greatest time between a scan and an image that are fused: later the scene is another."""
 ALONE = -1
+"""In place of the row of an image: no image belongs to the scan."""
 
 
 class ClocksApartError(RecordError):
@@ -24,8 +25,8 @@ def nearest_images(
     """Return (S,) rows of the images nearest in time, `ALONE` where none is within the limit.
 
     Image stamps may have any order; of two equally near the earlier row is taken. A scan without
-    an image is to be fused alone. Where both sensors brought something and not one scan has an
-    image the clocks disagree, and `ClocksApartError` says by how much.
+    an image is to be fused alone. If there are scans and images but no scan has an image, the
+    clocks disagree, and `ClocksApartError` says by how much.
     """
     scans, images = _stamps("scan", scan_stamps_s), _stamps("image", image_stamps_s)
     if not 0 < limit_s < np.inf:
@@ -44,11 +45,11 @@ def nearest_images(
 
 
 def check_moment(scan_stamp_s: float, image_stamp_s: float) -> None:
-    """Refuse to fuse what was not measured at about the same time, `ClocksApartError`."""
+    """Raise `ClocksApartError` if scan and image were not measured at about the same time."""
     if not abs(image_stamp_s - scan_stamp_s) <= LONGEST_S:
         raise ClocksApartError(
-            f"the scan is stamped {scan_stamp_s:g} s, the image {image_stamp_s:g} s: what is "
-            f"fused is at most {LONGEST_S:g} s apart"
+            f"the scan is stamped {scan_stamp_s:g} s, the image {image_stamp_s:g} s: at most "
+            f"{LONGEST_S:g} s may be between them"
         )
 
 

@@ -17,7 +17,7 @@ USUAL_M = np.array(
         [0.5, 0.6, 1.72],
     ]
 )
-"""Length, width, height by `Category`."""
+"""Length, width, height in metres by `Category`."""
 SPREAD = np.array([0.08, 0.15, 0.12, 0.08, 0.1, 0.06, 0.07])
 """Standard deviation of the logarithm of heights by `Category`; people are 1.5 to 1.95 m."""
 
@@ -46,7 +46,7 @@ def completed(
     shift = np.zeros((len(centres), 2))
     for axis, column in ((axes, 0), (left, 1)):
         along = (axis * away).sum(axis=1)
-        # A face at right angles to the sight hides what is behind it; beside it, both ends show.
+        # A face across the line of sight hides what is behind it; along it, both ends are visible.
         shift += axis * (np.clip(2 * along, -1, 1) * (grown - measured)[:, column] / 2)[:, None]
     heights = np.where(categories == Category.CAR, np.maximum(measured[:, 2], 1.4), grown[:, 2])
     placed = np.column_stack([centres[:, :2] + shift, heights / 2])

@@ -15,10 +15,10 @@ from roadscope.fusion.overlap import ious
 
 
 class WeightedBoxFusion:
-    """Overlapping boxes become one, the mean by scores; what one sensor alone saw counts half.
+    """Overlapping boxes become their mean by scores; boxes of one sensor alone get half the score.
 
-    The paper fuses boxes of one class; families are not asked for here, since clusters of returns
-    say little of them.
+    The paper fuses boxes of one class. Here their families may differ, because clusters of returns
+    say little about families.
     """
 
     def __init__(self, *, least_iou: float = 0.4) -> None:
@@ -28,7 +28,7 @@ class WeightedBoxFusion:
         self.least_iou = least_iou
 
     def reset(self) -> None:
-        """Forget nothing: every moment stands alone."""
+        """Do nothing: a fusion keeps no state."""
 
     def fuse(
         self, lidar: Detections | None, camera: ImageDetections | None, projection: Projection

@@ -1,4 +1,4 @@
-"""What was learned of the sensors: read from `weights.toml`.
+"""Fitted models of what the detections of both sensors mean, read from `weights.toml`.
 
 `research.fusion_weights` of the repository fits and writes it.
 """
@@ -33,7 +33,7 @@ class SecondOrderModel:
         return odds
 
     def probabilities(self, features: np.ndarray) -> np.ndarray:
-        """(N, K + 1) chances of the classes and of nothing of (N, F) features."""
+        """(N, K + 1) probabilities of the classes, then of none of them, for (N, F) features."""
         values = self.values(features)
         odds = np.column_stack([values, np.zeros(len(values))])
         odds = np.exp(odds - odds.max(axis=1, keepdims=True))
@@ -73,13 +73,13 @@ def table() -> dict[str, Any]:
 
 @cache
 def lidar_model() -> SecondOrderModel:
-    """Return the families of clusters."""
+    """Return the model of which family of road users a cluster is, if any."""
     return _second_order_model("lidar_classes")
 
 
 @cache
 def ranking_model() -> SecondOrderModel:
-    """Return the chance that a camera's box is a target's, and the first of it."""
+    """Return the model of whether a camera box shows a target that no surer box shows."""
     return _second_order_model("camera_ranking")
 
 
@@ -96,7 +96,7 @@ def odds_model(name: str) -> OddsModel:
 
 @cache
 def confusion(sensor: str) -> np.ndarray:
-    """(3, 3) share of each family (column) in what a sensor calls one (row)."""
+    """(3, 3) shares of each family (column) among detections that a sensor calls one (row)."""
     shares = np.array(table()["confusion"][sensor])
     result: np.ndarray = shares / shares.sum(axis=1, keepdims=True)
     return result

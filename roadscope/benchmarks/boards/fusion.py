@@ -186,4 +186,4 @@ class FusionBoard(Board):
 
     def remark(self, calibration: str) -> str:
         """Return which calibration fusions get, if not the rig's."""
-        return f"Fusions believe the calibration {calibration}." if calibration else ""
+        return f"Fusions get the calibration {calibration}." if calibration else ""

@@ -50,15 +50,15 @@ SEQUENCES: Mapping[str, Condition] = {"sequence": lambda recording: recording.se
 """By what recordings are broken down."""
 SUMS_NOTE = "Counts: sums over the sequences."
 SAMOTA_NOTE = (
-    "sAMOTA: mean of sequences; with tentative tracks of trackers that weigh them (weighed = True)."
+    "sAMOTA: mean of sequences; tentative tracks count if the tracker scores them (weighed = True)."
 )
 SEQUENCES_NOTE = (
     "A sequence without a labelled object of the class has no figures but false alarms, which "
     "count in HOTA, MOTA and IDF1 of all sequences."
 )
 NEES_BAND_NOTE = (
-    "NEES over its degrees of freedom; in brackets the 95 % band of a consistent tracker, each "
-    "object's errors taken for one value; all: all sequences."
+    "NEES over its degrees of freedom; in brackets the 95 % band of a consistent tracker, where all "
+    "errors of an object count as one value; all: all sequences."
 )
 
 
@@ -124,7 +124,8 @@ class RecordedBoard(Board):
         return resolved
 
     def jobs(self, suite: Suite, entries: Sequence[Spec], options: JobOptions) -> list[Job]:
-        """Return every tracker on every recording; entries name no detector but further ones."""
+        """Return every tracker on every recording; entries name the detector unless it is the first.
+        """
         settings = suite.settings(self.name, RecordedSettings)
         first = settings.detectors[0]
         return [
