@@ -1,4 +1,4 @@
-"""A tracker of one's own in one file.
+"""A tracker of your own in one file.
 
 Try it:  roadscope leaderboard tracking --entry examples/my_tracker.py:LastSeen
 """

@@ -1,7 +1,7 @@
 """Follow the ego's motion in a highway-env environment: python examples/odometry_on_board.py.
 
-The odometry sees scans of a VLP-16 and the samples of an inertial unit that came with them, and
-nothing of the truth, which is only printed beside what it tells.
+The odometry gets the scans of a VLP-16 and the samples of an inertial unit. It never gets the truth,
+from which only the printed errors are computed.
 """
 
 import gymnasium as gym
@@ -14,7 +14,7 @@ IDLE = 1
 
 
 def main(steps: int = 10) -> None:
-    """Keep the lane for some steps of a second each; the odometry takes every scan."""
+    """Keep the lane for some steps of a second each; the odometry gets every scan."""
     env = SensorWrapper(gym.make("highway-v0"), rig="vlp16-imu")
     odometry = ODOMETRIES.make("lidar-inertial")
     env.reset(seed=0)
@@ -27,11 +27,11 @@ def main(steps: int = 10) -> None:
             if start is None:
                 start = true
                 odometry.reset(lidar.inverse() @ imu)
-            told = odometry.update(frame.lidar, frame.imu)
+            estimate = odometry.update(frame.lidar, frame.imu)
         moved = (start.inverse() @ true).translation
-        off = np.linalg.norm(told.start_from_lidar.translation - moved)
-        note = f", degraded: {told.reason}" if told.reason else ""
-        print(f"step {step}: {np.linalg.norm(moved):.1f} m away, {off:.2f} m off{note}")
+        error_m = np.linalg.norm(estimate.start_from_lidar.translation - moved)
+        note = f", degraded: {estimate.reason}" if estimate.reason else ""
+        print(f"step {step}: {np.linalg.norm(moved):.1f} m away, {error_m:.2f} m off{note}")
         if terminated or truncated:
             break
     env.close()

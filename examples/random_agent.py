@@ -1,4 +1,4 @@
-"""Drive at random on a motorway and look at what the LiDAR brings: python examples/random_agent.py.
+"""Drive at random on a motorway and print what the LiDAR measures: python examples/random_agent.py.
 
 No import of roadscope is needed: the id names the package that Gymnasium should import.
 """
@@ -7,7 +7,7 @@ import gymnasium as gym
 
 
 def main(steps: int = 10) -> None:
-    """Play one episode, at most so many steps."""
+    """Play one episode of at most this many steps."""
     env = gym.make("roadscope:roadscope/Highway-v0", rig="vlp16")
     env.action_space.seed(0)
     observation, info = env.reset(seed=0)

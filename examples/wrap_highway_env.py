@@ -12,14 +12,14 @@ IDLE = 1
 
 
 def main(steps: int = 5) -> None:
-    """Keep the lane for some steps, detecting all the while."""
+    """Keep the lane for some steps and detect vehicles in every scan."""
     env = SensorWrapper(gym.make("roundabout-v1"), rig="lux")
     detector = DETECTORS.make("pag")
     env.reset(seed=0)
     for step in range(steps):
         *_, terminated, truncated, info = env.step(IDLE)
-        found = [len(detector.detect(frame)) for frame in info["frames"]]
-        print(f"step {step}: {len(found)} scans, detections in each: {found}")
+        counts = [len(detector.detect(frame)) for frame in info["frames"]]
+        print(f"step {step}: {len(counts)} scans, detections in each: {counts}")
         if terminated or truncated:
             break
     env.close()

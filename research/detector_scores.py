@@ -1,4 +1,4 @@
-"""Fits the curves that turn what a detector measured of a vehicle into the chance to be right.
+"""Fits the curves by which detectors compute the scores of vehicles from what they measure.
 
     python -m research.detector_scores clusters OUT.py
     python -m research.detector_scores moving OUT.py
@@ -52,7 +52,7 @@ WEATHERS = ("clear", "clear", "rain", "fog")
 """By turns, seed by seed."""
 DURATION_S = 2.0
 CLUSTER_STRIDE, MOVING_STRIDE = 6, 2
-"""One scan of so many is used: those between show the same."""
+"""One scan of this many is used: those between show the same."""
 CLUSTER_DETECTORS = (
     "cluster?clustering=distance&shape=l-shape",
     "cluster?clustering=distance&shape=rectangle",
@@ -98,7 +98,7 @@ class ScoreSamples:
 
 
 class JudgedProposals(NamedTuple):
-    """What one scan says.
+    """The proposals of one scan, and which of them are right.
 
     features: (P, F). fates: (P,) 1 right, 0 wrong, -1 neither. missed: objects not detected.
     """

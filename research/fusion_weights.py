@@ -1,4 +1,4 @@
-"""Fits what fusion knows of its sensors on train seeds: `roadscope/fusion/weights.toml`.
+"""Fits the models of fusion on train seeds: `roadscope/fusion/weights.toml`.
 
     python -m research.fusion_weights OUT.toml
 
@@ -39,11 +39,11 @@ SEEDS = range(300, 312)
 SCENARIOS, RIGS = ("street", "town-crossing"), ("li2021", "wide")
 DURATION_S = 10.0
 SCAN_STRIDE = 8
-"""One scan of so many is used."""
+"""One scan of this many is used."""
 NOTHING, UNKNOWN = 3, -1
 """Labels of clusters that are no road user, and of those that nobody can label."""
 BESIDE_M = 0.4
-"""A cluster's centre may lie so far outside a road user's box. Chosen by hand."""
+"""A cluster's centre may lie this far outside of a road user's box. Chosen by hand."""
 PARKED_M = 2.8
 """Clusters nearer to a parked car are left out. Chosen by hand."""
 JOINT = ("pair", "lidar_only", "camera_only")
@@ -150,7 +150,7 @@ def labels_of(shapes: np.ndarray, moment: SensorPair) -> np.ndarray:
 
 
 class AloneWeights(NamedTuple):
-    """What each sensor says alone.
+    """Weights of each sensor alone.
 
     odds: weights of `lidar_alone` and `camera_masses`. confusion: by sensor, (3, 3) shares.
     """
@@ -170,8 +170,8 @@ class SensorView(NamedTuple):
 def fitted_alone(moments: Sequence[SensorPair], lidar: Sequence[Detections]) -> AloneWeights:
     """Fit weights of LiDAR alone and of the camera's masses, and which family is taken for which.
 
-    A target of LiDAR alone has to be one that counts. The camera's masses say whether a road user
-    is there, a parked car or one that is hardly visible too.
+    A LiDAR detection is right if its target is eligible. A camera detection is right if any road
+    user is there, also a parked car or one that is hardly visible.
     """
     samples = {"lidar_alone": RightSamples([], []), "camera_masses": RightSamples([], [])}
     counts = {"lidar": np.full((3, 3), 0.5), "camera": np.full((3, 3), 0.5)}

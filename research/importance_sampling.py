@@ -10,8 +10,9 @@ import numpy as np
 
 ROUNDS = 14
 POOLED_ROUNDS = 4
-"""The samples of so many last rounds count (Cornuet 2012, adaptive multiple importance sampling):
-a posterior with edges does not look like its proposal, and few samples of one round count."""
+"""The samples of this many last rounds are used (Cornuet 2012, adaptive multiple importance
+sampling): a posterior with edges differs from its proposal, and few samples of one round have
+weight."""
 LEAST_SHARE, WANTED_SHARE = 0.1, 0.3
 """Effective number of samples as a share of the draws of a round: what tempering keeps, and what
 ends the sampling."""

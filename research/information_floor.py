@@ -32,15 +32,17 @@ from roadscope.envs.world.prisms import Prisms
 START_SDS = 0.3, 0.3, 0.1
 """Standard deviations of the first proposal of a pose: metres, metres, radians."""
 LEAST_COLUMNS, THINNING = 12, 4
-"""The search begins with at least so many columns; each step has so many times as many."""
+"""The search begins with at least this many columns; each step multiplies their number by the
+second."""
 PASSING_SHARE = 0.1
 """Effective share of samples that is enough before all columns are used."""
 WIDENING = 2.0
-"""The search begins so many times as wide as the posterior of the frame before."""
+"""The first proposal is this many times as wide as the posterior of the frame before."""
 LEAST_SAMPLES = 8.0
 """Effective samples behind a covariance, below which its NEES is not given."""
 MOST_RAYS, DRAWS_OVER_LEAST = 500_000, 6
-"""A round of sampling casts so many rays before it draws less; it draws at least a sixth."""
+"""A round of sampling casts at most this many rays, by drawing fewer samples, but at least a
+sixth."""
 QUANTILES = 20_000
 RADII = 81
 """Radii between the least and the greatest, 5 mm apart: a surface is off by 1 mm at most."""
@@ -124,7 +126,7 @@ def floor(
     draws: int = 2048,
     knowledge: Knowledge = KNOWS_ALL,
 ) -> InformationFloor:
-    """Return the floor of each frame's pose, given so many frames around it.
+    """Return the floor of each frame's pose, given a number of frames around it.
 
     frames: consecutive frames that are used; at the ends of the run those that exist.
     lag: how many of them come after the frame in question; half of them if left out.
@@ -191,7 +193,7 @@ class FramePosterior(NamedTuple):
 
     @classmethod
     def of(cls, sampled: SampledPosterior, draws: int) -> FramePosterior:
-        """Count the effective samples of a posterior with so many draws in a round."""
+        """Count the effective samples of a posterior; draws: samples of a round."""
         share = sampled.effective_share
         return cls(sampled.mean, sampled.covariance, share, share * draws)
 

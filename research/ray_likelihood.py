@@ -27,7 +27,8 @@ IMPOSSIBLE = -60.0
 """Log-likelihood of a return that no surface can have sent. It is finite, so that many bad poses
 can be compared."""
 CERTAIN_SDS = 11.0
-"""So many standard deviations below the greatest range no return is lost for being beyond it."""
+"""A return this many standard deviations below the greatest range is never lost for being beyond
+it."""
 
 
 class SweepRays(NamedTuple):
@@ -68,7 +69,7 @@ class Receiver(NamedTuple):
 
     range_sd_m: noise. farthest_m: greatest range. dropout: share of returns that are lost.
     detection_limit: least signal at the greatest range; it falls with the squared distance.
-    log_returned, log_lost: logarithms of the chances that an echo is returned, and lost.
+    log_returned, log_lost: logarithms of the probabilities that an echo is returned, and lost.
     """
 
     range_sd_m: float

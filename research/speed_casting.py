@@ -31,7 +31,7 @@ from roadscope.envs.world.prisms import Prisms
 
 REPEATS = 21
 GROUND_M = 400.0
-"""The ground of the triangles reaches so far to each side."""
+"""The ground of the triangles reaches this far to each side."""
 MISMATCH_M = 0.01
 
 

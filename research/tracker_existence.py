@@ -43,7 +43,7 @@ PERSISTENCE = {
 }
 """Guessed, for classes with too few tracks to learn from."""
 SHARES = {"returned": 0.5, "born": 0.5, "seen_once": 0.0, "surplus": 1.0}
-"""Guessed too. Half of the missed targets return: `back` says the rest."""
+"""Guessed too. Half of the missed targets return; `back` and its slopes describe which."""
 POSITIVE = np.array([True, True, False, True, False, False, True])
 """Which of `PERSISTENCE` are positive; their logarithms are fitted."""
 UNITS = np.array([1.0, 1.0, 3.0, 1.0, 1.0, 0.03, 1.0])
@@ -54,7 +54,7 @@ lowered HOTA: of pedestrians from 0.42 to 0.37, of cyclists offline from 0.57 to
 LEAST_SIMULATED = 50
 """The same for simulated traffic, which is made for the purpose."""
 FRAMES_ALIKE = 10
-"""Successive ticks say much the same: so many count as one."""
+"""Successive ticks are correlated: this many count as one."""
 NEWTON_STEPS = 50
 """Far more than needed."""
 ROUNDS = 200
@@ -102,7 +102,7 @@ class TargetTicks:
 
 
 RightTracks = Callable[[Sequence[Tracks]], Mapping[tuple[int, int], bool]]
-"""Says of tracks which of them, by tick and id, are on an object; others do not count."""
+"""Returns, by tick and id, which tracks are on an object; tracks that are left out do not count."""
 
 
 class RecordedTick(NamedTuple):
@@ -217,7 +217,7 @@ ClassTraits = dict[str, dict[str, float]]
 
 
 def persistence_on_kitti(source: KittiSource, traits: str) -> ClassTraits:
-    """Return what sequences of each class say; targets are tracked with a file of traits."""
+    """Return the traits learned from sequences of each class, tracked with a file of traits."""
     parts = {
         kind: [
             recorded_targets(
@@ -237,9 +237,9 @@ def persistence_on_kitti(source: KittiSource, traits: str) -> ClassTraits:
 
 
 def persistence_on_traffic(source: TrafficSource, traits: str) -> ClassTraits:
-    """Return what train seeds of our traffic say.
+    """Return the traits learned from train seeds of our traffic.
 
-    A class with too few targets has what all classes together say.
+    A class with too few targets gets those of all classes together.
     """
     parts: dict[str, list[RecordedTargets]] = {kind: [] for kind in CLASSES}
     for episode in traffic_episodes(source):
@@ -273,7 +273,7 @@ def new_target_traits(parts: Sequence[RecordedTargets]) -> dict[str, float]:
 
 
 def likeliest_shift(log_odds: np.ndarray, right: np.ndarray) -> float:
-    """Return what to add to (N,) log odds so that (N,) 1 and 0 are likeliest, by Newton's method.
+    """Return the shift of (N,) log odds under which (N,) 1 and 0 are likeliest, by Newton's method.
 
     Its prior has a standard deviation of 1.
     """
@@ -301,7 +301,7 @@ def _right_in_traffic(
 def persistence(
     ticks: TargetTicks, least: int = LEAST_TRACKS, otherwise: Mapping[str, float] = PERSISTENCE
 ) -> Mapping[str, float]:
-    """Return the traits under which what was right, and what was not, is likeliest.
+    """Return the traits under which the labels right and not right are likeliest.
 
     least: number of targets on objects, below which `otherwise` is returned.
     """

@@ -1,4 +1,4 @@
-"""What training data say for `tracker_traits`: errors of detections, and changes of motion."""
+"""Samples for `tracker_traits` from training data: errors of detections, changes of motion."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ from roadscope.trackers import score_log_odds
 
 CLASSES = {"car": Category.CAR, "cyclist": Category.CYCLIST, "pedestrian": Category.PEDESTRIAN}
 GATES_M = {"car": 2.0, "cyclist": 1.0, "pedestrian": 1.0}
-"""A detection farther from an object is not of it."""
+"""A detection that is farther from an object does not belong to it."""
 FIRST_SEED = 400
 DURATION_S = 6.0
 LAGS_S = (0.2, 1.0)

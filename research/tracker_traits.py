@@ -57,7 +57,7 @@ hard brakings, and the visible part of a body changes. Chosen by hand."""
 GROWTHS = np.arange(0.0, 0.1005, 0.001)
 """Per metre; the likeliest is taken."""
 LEAST_SAMPLES = 30
-"""Fewer say nothing of a class."""
+"""A class with fewer is not learned."""
 FLAT_DECILES = np.linspace(-46.0, 46.0, 11).round(1).tolist()
 """Deciles of log odds that make no score likely."""
 LEAST_LASTING_S, MOST_LASTING_S = 0.3, 10.0
@@ -75,7 +75,7 @@ LONGEST_STEP = 0.25
 PRIOR = 1.0
 """Weight of calibrated scores, as if each end of the curve had one more sample."""
 FRAMES_ALIKE = 10
-"""Successive frames say much the same of a detector: so many count as one."""
+"""Successive frames are correlated: this many count as one."""
 RANGE_UNIT_M = 30.0
 FOLDS = 5
 LEAST_GAIN = 0.1
@@ -209,9 +209,9 @@ def _logistic(design: np.ndarray, right: np.ndarray) -> np.ndarray:
 def source(collected: CollectedSamples, existence: ClassTraits | None = None) -> str:
     """Return the text of a file of `roadscope/trackers/learned`.
 
-    A class with too few samples is taken to be detected as the class with most is, and to move as
-    is guessed where nothing is known; its scores are hardly predicted.
-    existence: of each class what `tracker_existence` learned; left out, what is guessed.
+    A class with too few samples gets the detection errors of the class with most samples, guessed
+    motion, and flat distributions of scores.
+    existence: of each class the traits that `tracker_existence` learned; left out, guesses.
     """
     classes = collected.classes
     guessed = tomllib.loads((FOLDER / "unknown.toml").read_text("utf-8"))
@@ -240,7 +240,7 @@ def source(collected: CollectedSamples, existence: ClassTraits | None = None) ->
 
 
 def guessed_persistence(_: str) -> ClassTraits:
-    """Return of each class what `unknown.toml` guesses in place of what would be learned.
+    """Return for each class the guesses of `unknown.toml` in place of learned traits.
 
     On validation seeds of street and town-crossing HOTA on fused detections was 0.67 with the
     guesses and 0.63 with what was learned.
@@ -341,7 +341,7 @@ def learn(
 ) -> None:
     """Write a file of traits, in three steps: each step tracks with what is learned so far.
 
-    learned_existence, learned_surplus: return what they learn of each class with a file of traits.
+    learned_existence, learned_surplus: learn traits of each class with a file of traits.
     """
     out.write_text(source(collected), "utf-8")
     existence = learned_existence(str(out))

@@ -255,7 +255,7 @@ def squared_errors(model: BodyModel, band: str, seed: Sequence[int]) -> np.ndarr
 
 
 def fitted_pose(model: BodyModel, car: PassingCar, frames: int) -> VehiclePose | None:
-    """Return the pose in the middle frame from so many frames around it."""
+    """Return the pose in the middle frame, fitted to a number of frames around it."""
     if frames == 1:
         shot = car.sweeps[MIDDLE]
         fit = BodyFit(lidar(), model, EXACTLY_DRAWN)

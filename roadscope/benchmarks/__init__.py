@@ -46,7 +46,7 @@ __all__ = [
 _PARTS = {
     "cache": "FolderError cache_folder write_kept",
     "cached_files": "cache_usage clear_cache size_text",
-    "calibrating": "PoseRow calibrate_rig enough save_rig_calibration",
+    "calibrating": "PoseRow calibrate_rig save_rig_calibration sufficient_poses",
     "compare": "CompareError",
     "drive": "imu_mounting moving_in",
     "episode": "check_episode sensed sensing_of timeline_of timeline_path",

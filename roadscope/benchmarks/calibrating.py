@@ -34,13 +34,13 @@ LEAST_POSES = 4
 STEPS = (4, 6, 8, 10, 12, 16, 20, 30, 40, 60, 80, 100)
 """Numbers of poses that are compared, up to the number of views."""
 DRAWS = 9
-"""Random choices of so many poses among all; their median is shown."""
+"""Random choices of that many poses among all; the median of their errors is shown."""
 ENDINGS = (".json", ".toml")
 
 
 @dataclass(frozen=True, slots=True)
 class PoseRow:
-    """Errors of a calibration from so many poses, medians over choices of the poses.
+    """Errors of a calibration from a number of poses: medians over choices of the poses.
 
     reprojection_px: of the points used. held_out_px: of points 8 to 30 m away, against the truth;
     held_out_most_px: that of the worst choice. position_m, rotation_deg: of the camera's pose.
@@ -142,14 +142,17 @@ def calibration_path(path: Path | str) -> Path:
     return usable_file(path, ENDINGS, "a calibration")
 
 
-def enough(rows: Sequence[PoseRow], share: float = 1.5) -> int:
-    """Return from how many poses on the median held-out error stays within a share of the last."""
-    good = rows[-1].poses
+def sufficient_poses(rows: Sequence[PoseRow], factor: float = 1.5) -> int:
+    """Return from how many poses on the median held-out error is near that of the last row.
+
+    factor: greatest ratio of both.
+    """
+    poses = rows[-1].poses
     for row in reversed(rows):
-        if row.held_out_px > share * rows[-1].held_out_px:
+        if row.held_out_px > factor * rows[-1].held_out_px:
             break
-        good = row.poses
-    return good
+        poses = row.poses
+    return poses
 
 
 @dataclass(frozen=True, slots=True)

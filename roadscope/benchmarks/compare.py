@@ -190,10 +190,10 @@ def compare(
     times: whether times (`call_*_ms`, `wall_*_ms`) count as regressions too.
 
     The seeds of each scenario are the sample; intervals are those of `paired_interval`, p-values
-    of `paired_p_value`. Three to five seeds in one scenario are too few for scores that are near
-    one of two values: three that agree by chance then look like a change.
-    A metric is better or worse where its p-value, adjusted by Benjamini and Hochberg (1995), is
-    at most 1 - level and its interval excludes zero. Metrics that are equal in every block are
+    of `paired_p_value`. Three to five seeds in one scenario are too few for scores that take one of
+    two values: three seeds that agree by chance then look like a change. A metric is better or
+    worse where its p-value, adjusted by Benjamini and Hochberg (1995), is at most 1 - level and its
+    interval excludes zero. Metrics that are equal in every block are
     not counted among those compared: they cannot become a false discovery.
     """
     if not 0.5 <= level < 1:

@@ -1,4 +1,4 @@
-"""Whether IMU and wheels move as the scans do: other units and wrong mountings show there."""
+"""Checks whether IMU and wheels move as the scans do: that shows wrong units and mountings."""
 
 from __future__ import annotations
 
@@ -20,19 +20,21 @@ MOST_TILT_DEG = 45.0
 """At rest a specific force points up, within this of a LiDAR's z axis. Chosen by hand: LiDARs on
 cars are tilted by less."""
 WINDOWS = 2
-"""Most windows for turns and for accelerations: those in which the IMU has most of each."""
+"""Greatest number of windows for turns, and for accelerations: those in which the IMU turns, or
+accelerates, most."""
 TRIES = 6
-"""Most windows in which scans are matched to find these; in some the match fails."""
+"""Greatest number of windows in which scans are matched to find these; in some the match fails."""
 LEAST_TURN_RAD = np.deg2rad(2.0)
-"""With less turn in a window nothing is said. Chosen by hand: scan matching errs by 0.1 degrees."""
+"""Windows with less turn are not judged. Chosen by hand: scan matching errs by 0.1 degrees."""
 LEAST_ACCELERATION = 1.0
 """The same for accelerations, m/s^2: a slope of 10 % looks like this much."""
 LEAST_SPEED_M_S = 2.0
 """The same for speeds of wheels, m/s."""
 DEGREES_RATIO = 20.0
-"""The IMU turns more often than this as far as scans if its rates are in degrees (57.3 times)."""
+"""An IMU that turns more than this many times as far as the scans has rates in degrees (57.3
+times)."""
 RATIOS = (0.6, 1.6)
-"""The IMU turns as far as scans within these ratios. Chosen by hand."""
+"""Limits of the ratio of the IMU's turn to that of the scans if both agree. Chosen by hand."""
 ASTRAY = 0.5
 """Cosine of the angle between two motions below which they are not the same: 60 degrees. With the
 right mounting it is 0.96 and more (validation drives of 13 scenarios)."""
@@ -56,7 +58,7 @@ class MotionWindow(NamedTuple):
 
 
 def doubt_of_imu(folder: ScanFolder, imu: RecordedImu) -> str:
-    """Return in what the motion of an IMU contradicts that of the scans; empty if in nothing.
+    """Return how the motion of an IMU contradicts that of the scans; empty if it does not.
 
     Scans are matched without the IMU, by `voxel-map`, where the IMU turns or accelerates most.
     """
@@ -77,7 +79,7 @@ def doubt_of_imu(folder: ScanFolder, imu: RecordedImu) -> str:
 
 
 def doubt_of_gravity(imu: RecordedImu) -> str:
-    """Return whether the median specific force points elsewhere than up."""
+    """Return how far the median specific force is from up, in words; empty if it points up."""
     force = np.median(imu.samples.specific_force, axis=0)
     if imu.lidar_from_imu is not None:
         force = imu.lidar_from_imu.rotation @ force
@@ -88,7 +90,7 @@ def doubt_of_gravity(imu: RecordedImu) -> str:
 
 
 def doubt_of_wheels(folder: ScanFolder, wheels: RecordedWheels) -> str:
-    """Return in what speeds of wheels contradict the motion of scans, as `doubt_of_imu` does."""
+    """Return how speeds of wheels contradict the motion of the scans; empty if they do not."""
     starts = range(0, len(folder) - STEPS, STEPS)
     speeds = np.array([_mean_speed(wheels, *_times(folder, start)) for start in starts])
     by_wheels, by_scans = list[float](), list[float]()
@@ -114,7 +116,7 @@ def _mean_speed(wheels: RecordedWheels, start_s: float, end_s: float) -> float:
 
 
 def doubt_of_turns(windows: Sequence[MotionWindow]) -> str:
-    """Return in what turns contradict each other."""
+    """Return how the turns of both sensors contradict each other; empty if they do not."""
     pairs = [(each.by_imu.turn, each.by_scans.turn) for each in windows]
     pairs = [pair for pair in pairs if max(map(np.linalg.norm, pair)) > LEAST_TURN_RAD]
     if not pairs:
@@ -133,7 +135,7 @@ def doubt_of_turns(windows: Sequence[MotionWindow]) -> str:
 
 
 def doubt_of_accelerations(windows: Sequence[MotionWindow]) -> str:
-    """Return whether horizontal accelerations differ in direction."""
+    """Return how horizontal accelerations differ in direction; empty if they do not."""
     pairs = [(each.by_imu.acceleration[:2], each.by_scans.acceleration[:2]) for each in windows]
     pairs = [pair for pair in pairs if min(map(np.linalg.norm, pair)) > LEAST_ACCELERATION]
     if not pairs or (cosine := _cosine(pairs)) > ASTRAY:
@@ -166,7 +168,8 @@ def _times(folder: ScanFolder, start: int) -> tuple[float, float]:
 def imu_motion(imu: RecordedImu, start_s: float, end_s: float) -> Motion:
     """Return the motion from one time to another by the IMU.
 
-    What the median specific force of the whole drive differs from is acceleration.
+    The median specific force of the whole drive counts as gravity; what differs from it is
+    acceleration.
     """
     samples = imu.between(start_s, end_s)
     rotation = np.eye(3) if imu.lidar_from_imu is None else imu.lidar_from_imu.rotation

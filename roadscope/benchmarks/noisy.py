@@ -93,8 +93,8 @@ NOISES: Registry[NoiseModel] = Registry(
     },
     summaries={
         "noisy": "True boxes with errors: miss, clutter, position_m, yaw.",
-        "noisy-misses": "Likewise, 3 of 10 missed in runs, the hidden more.",
-        "noisy-clutter": "Likewise, 8 false ones a frame, rough boxes.",
+        "noisy-misses": "True boxes, 3 of 10 missed in runs, hidden ones more.",
+        "noisy-clutter": "True boxes, rough, and 8 false ones in a frame.",
     },
 )
 

@@ -89,7 +89,7 @@ class NoisyCamera:
     ) -> None:
         """Take the sizes of errors, a seed, and the light and the air of the episode.
 
-        lit: factor of the chance of detection for a camera in the dark or dazzled.
+        lit: factor of the probability of detection for a camera in the dark or dazzled.
         """
         self._model, self._fog, self._night, self._lit = model, extinction_per_m, night, lit
         streams = np.random.SeedSequence([7_103, seed]).spawn(2)

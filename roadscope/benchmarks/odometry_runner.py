@@ -25,7 +25,7 @@ from roadscope.core.answers import AnswerError, check_estimate
 from roadscope.odometry import ODOMETRIES
 
 TRUTH_STEPS = 3.0
-"""Poses are interpolated between true ones that are at most so many median steps apart. Chosen by
+"""Poses are interpolated between true ones that are at most this many median steps apart. Chosen by
 hand: a pose or two may be missing."""
 CALIBRATION_FILE = "calib.txt"
 """KITTI's calibration of a sequence, beside its folder of scans."""
@@ -232,8 +232,9 @@ class TruePoses:
     def of_lidar(self, path: Path, scans: Path) -> TruePoses:
         """Return the poses of the LiDAR if these seem to be of a camera, whose z axis points ahead.
 
-        KITTI's own poses are. Where the LiDAR is on the camera says `CALIBRATION_FILE` in the
-        folder of scans or beside it; without it, poses of a camera are refused.
+        KITTI's own poses are those of a camera. The position of the LiDAR relative to the camera is
+        read from `CALIBRATION_FILE` in the folder of scans or beside it; without this file, poses
+        of a camera are refused.
         path: of these poses, for the error message.
         """
         poses = [matrix for matrix in self.poses if matrix is not None]

@@ -293,8 +293,8 @@ def refine_jointly(
 ) -> CalibrationResult:
     """Refine camera and targets together, from the paper's solution and without its outliers.
 
-    The result's reprojection error is that of corners in scans, as before; what is left of it is
-    their own error. Views without `scanned`, or with too few targets, return the start.
+    The result's reprojection error is still that of the corners found in scans; most of it is the
+    error of these corners. Views without `scanned`, or with too few targets, return the start.
     """
     good = np.flatnonzero(start.inliers.reshape(-1, 3).all(axis=1)).tolist()
     if not views.scanned or len(good) < LEAST_TARGETS:

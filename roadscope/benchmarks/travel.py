@@ -1,4 +1,4 @@
-"""Where a LiDAR drives to in its own axes: not every one is mounted with its x axis ahead."""
+"""The direction of travel in a LiDAR's own axes: its x axis need not point ahead."""
 
 from __future__ import annotations
 
@@ -20,15 +20,16 @@ STEPS = 11
 SETTLING = 3
 """Steps of a window after which scan matching knows the speed."""
 PLACES = 8
-"""Most windows in which the direction of travel is looked for."""
+"""Greatest number of windows in which the direction of travel is looked for."""
 GUESSES_RAD = (0.0, np.pi / 2, -np.pi / 2)
 """Directions that are tried one after the other: `voxel-map` looks for the first speed along x, and
 finds it if the direction is wrong by 45 degrees, or by 180."""
 WINDOWS = 3
-"""So many windows have to agree on it."""
+"""Number of windows that have to agree on the direction."""
 LEAST_M = 3.0
-"""Way in a window. On validation drives of 15 scenarios, matches that moving objects mislead have
-up to 1.3 m, and those of 3 m and more are within 13 degrees of the true direction."""
+"""Least distance driven in a window. On validation drives of 15 scenarios, matches that moving
+objects mislead have up to 1.3 m, and those of 3 m and more are within 13 degrees of the true
+direction."""
 AGREEMENT_RAD = np.deg2rad(20.0)
 """Windows agree within this, and the x axis points ahead within this: a bend turns by 13."""
 SQUARE_RAD = np.deg2rad(15.0)
@@ -52,7 +53,7 @@ def matched_window(folder: ScanFolder, start: int, guess: float = 0.0) -> list[O
 
 
 def direction_of_travel(folder: ScanFolder) -> float | None:
-    """Return the azimuth of the way ahead in the LiDAR's axes, radians; None if it is not clear.
+    """Return the azimuth of the direction of travel in the LiDAR's axes, radians; None if unclear.
 
     A LiDAR that drives backwards all the time counts as mounted backwards.
     """
@@ -85,7 +86,7 @@ def _agreed(directions: Sequence[float]) -> float | None:
 
 
 def _direction(estimates: Sequence[OdometryEstimate]) -> float | None:
-    """Return the azimuth of the way in a window, radians; None if the way is short."""
+    """Return the azimuth of the motion in a window, radians; None if it is short."""
     first, last = (each.start_from_lidar for each in (estimates[0], estimates[-1]))
     moved = first.inverse() @ last
     if np.linalg.norm(moved.translation[:2]) < LEAST_M:

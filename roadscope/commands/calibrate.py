@@ -13,11 +13,14 @@ from roadscope.commands.terminal import headline, progress_bars, show
 if TYPE_CHECKING:
     from roadscope.benchmarks.calibrating import RigCalibration
 
-Rig = Annotated[str, typer.Option(help="Sensors with a camera: li2021, wide or a .toml file.")]
+Rig = Annotated[str, typer.Option(help="Rig with a camera: li2021, wide or a .toml file.")]
 Poses = Annotated[int, typer.Option(min=4, max=100, help="Number of poses of the target.")]
 Seed = Annotated[int, typer.Option(min=0, help="Seed of poses and noise.")]
 KnownIntrinsics = Annotated[
-    bool, typer.Option("--known-intrinsics", help="Estimate the camera's pose alone.")
+    bool,
+    typer.Option(
+        "--known-intrinsics", help="Take the intrinsics as known; estimate only the camera's pose."
+    ),
 ]
 CornersOnly = Annotated[
     bool, typer.Option("--corners-only", help="Use the corners alone, as the paper does.")
@@ -46,7 +49,7 @@ def calibrate(
 ) -> None:
     """Calibrate LiDAR and camera with a triangular target that both see (Li 2021).
 
-    Fusions believe the file with roadscope leaderboard fusion --calibration FILE.
+    Fusions get the calibration in FILE by roadscope leaderboard fusion --calibration FILE.
     """
     from roadscope.benchmarks.calibrating import (
         calibrate_rig,
@@ -79,7 +82,7 @@ def calibrate(
 
 
 def _show(calibration: RigCalibration, rig: str) -> None:
-    from roadscope.benchmarks.calibrating import enough
+    from roadscope.benchmarks.calibrating import sufficient_poses
     from roadscope.benchmarks.tables import pose_table
 
     last, inliers = calibration.rows[-1], calibration.result.inliers
@@ -97,5 +100,6 @@ def _show(calibration: RigCalibration, rig: str) -> None:
     show(pose_table(calibration.rows))
     show("Medians over choices of poses, and the worst choice. Errors against the truth.", dim=True)
     show(
-        f"From {enough(calibration.rows)} poses on the error stays within half more than with all."
+        f"From {sufficient_poses(calibration.rows)} poses on the error is at most 1.5 times that "
+        "of all poses."
     )

@@ -26,7 +26,7 @@ Kind = Annotated[
         autocompletion=plugin_kinds,
     ),
 ]
-Deadline = Annotated[float, typer.Option(min=1, help="Most seconds for each item.")]
+Deadline = Annotated[float, typer.Option(min=1, help="Time limit of each item, in seconds.")]
 Trust = Annotated[bool, typer.Option("--trust", help="Run it in this process, for debugging.")]
 
 

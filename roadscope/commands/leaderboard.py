@@ -130,7 +130,8 @@ Calibration = Annotated[
 Deadline = Annotated[
     float,
     typer.Option(
-        min=1, help="Most seconds for one episode, for plug-ins that are not part of roadscope."
+        min=1,
+        help="Time limit of one episode, in seconds, for plug-ins that are not part of roadscope.",
     ),
 ]
 Trust = Annotated[
@@ -199,7 +200,7 @@ def leaderboard(
     quiet: Quiet = False,
     json: Json = False,
 ) -> None:
-    """Rank plug-ins on a suite of traffic, a board for each kind.
+    """Rank plug-ins on the episodes of a suite, with a board for each kind of plug-in.
 
     What an earlier run has computed is not computed again: a stopped run continues.
 
@@ -267,7 +268,7 @@ def leaderboard(
     if json or quiet:
         _complain_of_failures(results)
     else:
-        shown = _Shown(results, loaded, console(width=width), tuple(dict.fromkeys(by or ())))
+        shown = _BoardPrinter(results, loaded, console(width=width), tuple(dict.fromkeys(by or ())))
         shown.show()
         if suite is None and not (kitti or mot):
             _name_full_suite(board, entry or (), detections or (), only=only)
@@ -282,8 +283,8 @@ def leaderboard(
 
 
 @dataclass(frozen=True, slots=True)
-class _Shown:
-    """The boards of a run on a terminal."""
+class _BoardPrinter:
+    """Prints the boards of a run on a terminal."""
 
     results: Results
     suite: Suite
@@ -378,7 +379,7 @@ def _name_earlier_boards(out: Path | None) -> None:
     from roadscope.benchmarks.report.board_files import earlier_boards
 
     if out is not None and (boards := earlier_boards(out)):
-        typer.echo(f"kept beside it: {', '.join(path.name for path in boards)}")
+        typer.echo(f"boards of earlier runs there: {', '.join(path.name for path in boards)}")
 
 
 def _name_full_suite(

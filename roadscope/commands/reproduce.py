@@ -51,10 +51,12 @@ def reproduce(
     drawn: list[Path] = []
     with progress_bars(quiet=quiet) as progress:
         result = repeat(
-            paper, seeds, lambda done, of: progress("parts", done, of), jobs=workers(jobs)
+            paper, seeds, lambda done, total: progress("parts", done, total), jobs=workers(jobs)
         )
         if pictures is not None:
-            drawn = draw_figures(paper, pictures, lambda done, of: progress("figures", done, of))
+            drawn = draw_figures(
+                paper, pictures, lambda done, total: progress("figures", done, total)
+            )
     if folder is not None:
         write_reproduction(result, folder / f"{paper}.json")
     if json:
@@ -67,7 +69,7 @@ def reproduce(
 
 
 def _show(paper: str, result: Reproduction, *, everything: bool) -> None:
-    """Print the verdicts, then the tables of each experiment with what must be said of it."""
+    """Print the verdicts, then the tables of each experiment with its notes."""
     from roadscope.benchmarks.papers import note_of
     from roadscope.benchmarks.papers.reproduction_tables import (
         VERDICT_NOTE,

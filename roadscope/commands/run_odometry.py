@@ -71,7 +71,7 @@ LidarMounting = Annotated[
     typer.Option(
         metavar="X,Y,Z,ROLL,PITCH,YAW",
         help="Mounting pose of the LiDAR in the vehicle's frame, x ahead, y left, z up; only the "
-        "angles count. If left out, z is up, and scans show where it drives to.",
+        "angles count. If left out, z is up, and scans show the direction of travel.",
     ),
 ]
 WheelsFile = Annotated[
@@ -178,7 +178,7 @@ def run_odometry(
         complain("many scans are degraded: check the poses before you use them")
     if not (json or quiet):
         if errors is not None:
-            typer.echo(f"beside {truth}: {errors}")
+            typer.echo(f"compared with {truth}: {errors}")
         typer.echo(f"written: {out}")
 
 
@@ -195,7 +195,7 @@ def _report_assumptions(scans: ScanFolder, folder: Path, *, without_imu: bool) -
 def _report_doubts(
     scans: ScanFolder, inertial: RecordedImu | None, wheels: RecordedWheels | None
 ) -> None:
-    """Print in what IMU and wheels contradict the scans."""
+    """Print how IMU and wheels contradict the scans."""
     from roadscope.benchmarks.imu_check import doubt_of_imu, doubt_of_wheels
 
     if inertial is not None and (doubt := doubt_of_imu(scans, inertial)):

@@ -36,7 +36,7 @@ Inputs = Annotated[
     str | None,
     typer.Option(
         help="The detector whose detections were tracked, by its name in the suite; the board then "
-        "compares the tracker with those that got the same."
+        "compares the tracker with those that got the same detections."
     ),
 ]
 Beside = Annotated[

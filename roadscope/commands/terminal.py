@@ -15,8 +15,8 @@ from typing import Any, cast
 import typer
 
 LINE_EACH_S, FIRST_S, LATER_EACH_S = 2.0, 60.0, 10.0
-"""Without a terminal, progress is lines of text: so often in the first minute and while kernels are
-compiled, and so often later."""
+"""Without a terminal, progress is lines of text: one every `LINE_EACH_S` in the first minute
+(`FIRST_S`) and while kernels are compiled, then one every `LATER_EACH_S`."""
 COMPILING_S = 20.0
 """After this time without a new kernel nothing is being compiled; chosen by hand."""
 PIPED_WIDTH = 80
@@ -116,7 +116,7 @@ def progress_bars(*, quiet: bool = False) -> Iterator[Callable[[str, int, int], 
 
 
 def count_kernels() -> int:
-    """Return how many pieces of machine code are kept; the import takes NumPy along."""
+    """Return how many pieces of machine code are cached. The import also loads NumPy."""
     from roadscope.core.kernel_files import count_kernels
 
     return count_kernels()
@@ -151,7 +151,7 @@ class _Lines:
                 self._write()
 
     def repeat(self) -> None:
-        """Write again where the run is, if it is time."""
+        """Write the progress again if it is time."""
         with self._lock:
             if self._latest is not None and self._is_due():
                 self._write()
@@ -168,7 +168,7 @@ class _Lines:
         return often or now_s - self._written_s >= LATER_EACH_S
 
     def _is_compiling(self) -> bool:
-        """Whether kernels were added to those that are kept in the last seconds, or none is."""
+        """Whether kernels were added within the last `COMPILING_S`, or there are none yet."""
         before, self._kernels = self._kernels, count_kernels()
         if self._kernels > before:
             self._compiled_s = monotonic()

@@ -17,10 +17,10 @@ from roadscope.benchmarks import (
     TargetViews,
     calibrate_rig,
     calibrating,
-    enough,
     projection_of,
     random_poses,
     save_rig_calibration,
+    sufficient_poses,
     true_corners,
 )
 from roadscope.benchmarks import target_views as views_module
@@ -106,8 +106,10 @@ def test_how_many_are_enough() -> None:
     def row(poses, off):
         return PoseRow(poses, 1.0, off, off, 0.0, 0.0)
 
-    assert enough([row(4, 3.0), row(6, 1.4), row(8, 1.6), row(10, 1.2), row(12, 1.0)]) == 10
-    assert enough([row(4, 1.0), row(6, 1.0)]) == 4
+    assert (
+        sufficient_poses([row(4, 3.0), row(6, 1.4), row(8, 1.6), row(10, 1.2), row(12, 1.0)]) == 10
+    )
+    assert sufficient_poses([row(4, 1.0), row(6, 1.0)]) == 4
 
 
 @pytest.mark.usefixtures("quick")

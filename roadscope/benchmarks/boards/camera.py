@@ -133,8 +133,8 @@ class CameraBoard(Board):
         """Return as text which objects are eligible."""
         return (
             "To be found in images: road users with at least 40 visible pixels, 8 pixels high, at "
-            "most three quarters hidden and not lost in fog or rain; parked cars are neither misses "
-            "nor false alarms."
+            "most three quarters hidden and not lost in fog or rain; parked cars are neither "
+            "misses nor false alarms."
         )
 
 

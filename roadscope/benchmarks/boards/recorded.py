@@ -57,8 +57,8 @@ SEQUENCES_NOTE = (
     "count in HOTA, MOTA and IDF1 of all sequences."
 )
 NEES_BAND_NOTE = (
-    "NEES over its degrees of freedom; in brackets the 95 % band of a consistent tracker, where all "
-    "errors of an object count as one value; all: all sequences."
+    "NEES over its degrees of freedom; in brackets the 95 % band of a consistent tracker, where "
+    "all errors of an object count as one value; all: all sequences."
 )
 
 
@@ -124,7 +124,9 @@ class RecordedBoard(Board):
         return resolved
 
     def jobs(self, suite: Suite, entries: Sequence[Spec], options: JobOptions) -> list[Job]:
-        """Return every tracker on every recording; entries name the detector unless it is the first.
+        """Return every tracker on every recording.
+
+        Names of entries contain the detector, unless it is the first one of the suite.
         """
         settings = suite.settings(self.name, RecordedSettings)
         first = settings.detectors[0]

@@ -123,7 +123,7 @@ class KittiFolder:
     def scores_are_normalized(self, detector: str) -> bool:
         """Return whether all scores of a detector, in all its files, are from 0 to 1.
 
-        All files are asked because a single one may have only such scores by chance. Lines that
+        All files are read because a single one may have only such scores by chance. Lines that
         cannot be read are skipped here; the reader of their file reports them.
         """
         for path in visible(self.root, f"{DETECTOR_PREFIX}{detector}/*/*.txt"):

@@ -57,7 +57,7 @@ CLEARLY = 0.9
 """Of two possible widths the right one has points that differ by less than this share of the other
 width's. Chosen by hand: 0.2 to 0.7 on scans of all rigs, read with four columns or five."""
 LARGEST = 1e8
-"""No coordinate is larger, in metres or millimetres, nor smaller than one over it but for 0."""
+"""No coordinate is larger, in metres or millimetres; none but 0 is smaller than one over it."""
 MOST_STRAY = 0.05
 """With a larger share of times outside of the sweep, the times of a scan are not used."""
 STRAY_SPANS = 0.5
@@ -400,7 +400,7 @@ def _why_not_time(name: str, units_s: Sequence[float]) -> Callable[[PointFields]
 
 
 def _why_not_sweep(name: str) -> Callable[[PointFields], str]:
-    """Return the doubts of `_why_not_time`, and whether times follow the points of a sweep."""
+    """Return `_why_not_time` that also refuses times that do not follow the points of a sweep."""
     by_span = _why_not_time(name, TIME_UNITS_S[:1])
 
     def why_not(file: PointFields) -> str:

@@ -33,7 +33,7 @@ scans takes four months; 10^8 s are a stamp of 1973."""
 HOLE_STEPS = 1.75
 """Scans more median steps apart have others missing between them. Chosen by hand."""
 MAX_NAMED = 3
-"""So many places are named in a note, and the others counted."""
+"""Number of places that a note names; the others are only counted."""
 TIME_UNITS_S = (1.0, 1e-3, 1e-6, 1e-9)
 TIME_UNITS = "in seconds or milli-, micro- or nanoseconds"
 UNIT_NAMES = dict(zip(TIME_UNITS_S, ("s", "ms", "us", "ns"), strict=True))

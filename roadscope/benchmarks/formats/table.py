@@ -14,7 +14,8 @@ LARGEST_INTEGER = 2**53 - 1
 UNDIVIDED = {None: "1 column when split at white space", ",": "1 column when split at commas"}
 """What is reported for a line without a separator; most such files use another one."""
 MAX_QUOTED = 80
-"""An error quotes at most so many characters of a line. Chosen by hand: one line on a terminal."""
+"""An error quotes at most this many characters of a line. Chosen by hand: one line on a
+terminal."""
 
 
 class FormatError(ValueError):

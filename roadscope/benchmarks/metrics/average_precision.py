@@ -94,7 +94,7 @@ def precision_by_group(
 ) -> np.ndarray:
     """Return (count,) average precisions, one for each group of objects; nan for an empty group.
 
-    A detection that is matched with an object of another group counts neither way.
+    A detection that is matched with an object of another group does not count.
 
     object_groups: (M,) int, 0 to count - 1, of each eligible object of the episode.
     detection_groups: (N,) int, of each detection of the episode, used where it is false. None: a

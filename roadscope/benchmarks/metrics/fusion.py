@@ -45,7 +45,8 @@ class FusionTargets(Record):
 
     families: (N,) int64, columns of `FAMILIES`. centres: (N, 3) metres.
     image_boxes: (N, 4) pixels, without area where not in the image.
-    eligible: (N,) bool; what is matched with a target that is not eligible counts neither way.
+    eligible: (N,) bool; a detection that is matched with a target that is not eligible does not
+        count.
     hidden: (N,) share of the outline in the image that something else covers.
     """
 

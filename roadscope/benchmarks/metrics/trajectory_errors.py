@@ -13,7 +13,7 @@ from roadscope.core.names import unknown
 from roadscope.core.record import Record
 
 MOST_STRETCH = 1e-3
-"""A singular value of a rotation may differ from 1 by so much: files have few digits."""
+"""A singular value of a rotation may differ from 1 by this: files have few digits."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

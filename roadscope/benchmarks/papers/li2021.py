@@ -4,9 +4,9 @@ Table 1 combines evidence of two sensors (section 5.2). Table 2 counts the road 
 fusion detects; here with fog, night, crowds and failing sensors beside it.
 
 The LiDAR's detections are made from scans. The camera's are made by the shipped network from
-rendered images, and once more imitated from the truth (`noisy-camera`). Every method is shown from
-the score on at which it gives half a false alarm a scan, seed by seed and condition by condition,
-so that rates can be compared.
+rendered images, and once more imitated from the truth (`noisy-camera`). For every method, seed and
+condition the score threshold is chosen that gives half a false alarm per scan, so that rates can be
+compared.
 
 Boxes are projected as the rig is truly mounted, and moved from the scan to the image by the ego's
 own motion, which the paper leaves out. How well the paper's triangular target calibrates is
@@ -335,7 +335,7 @@ POSES = (4, 6, 20)
 
 
 def measure_calibration(seed: int) -> Figures:
-    """Return the errors of calibrations from so many poses of the triangular target."""
+    """Return the errors of calibrations from each number of poses of the triangular target."""
     figures: Figures = {}
     for name, corners_only in (("corners alone", True), ("refined", False)):
         calibration = calibrate_rig(RIG, poses=30, seed=seed, corners_only=corners_only)

@@ -228,7 +228,7 @@ def detect(sensed: SensedExperiment, name: str) -> list[Detections]:
 SHOWN_METHODS = ("pag + nearest", "pag + nearest-q")
 """The paper's tracker, read literally and with process noise: both are judged."""
 FRAME_TOLERANCE = 1.0
-"""A frame agrees with the paper's within so many frames, 0.08 s each."""
+"""A frame agrees with the paper's if it differs by at most this many frames of 0.08 s."""
 
 
 def claims(figures: Figures) -> Figures:

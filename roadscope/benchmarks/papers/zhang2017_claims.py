@@ -1,7 +1,7 @@
 """What Zhang 2017 claims, and what is asked of ours: yes or no, and in what share of single seeds.
 
-Where the paper says that errors are close, the greater may be half as much again as the smaller;
-the paper's own two figures for the curve differ by a third.
+Where the paper says that errors are close, the greater may be at most 1.5 times the smaller; the
+paper's own two figures for the curve differ by a third.
 """
 
 from __future__ import annotations
@@ -81,7 +81,7 @@ BEATEN, FALLING, CONSISTENT = "beats paper", "more is better", "NEES"
 OF_EACH_DRIVE = (BEATEN, FALLING, CONSISTENT)
 """What is asked of ours on each drive."""
 LIMITS_MS = {SINGLE: 5.0, MULTI: 15.0, **dict.fromkeys(OURS, 40.0)}
-"""ClaimRange of the mean processor time of a frame. 40 ms is a third of what the paper's own multi
+"""Limits of the mean processor time of a frame. 40 ms is a third of what the paper's own multi
 frame takes; those of the paper's methods are twice what was measured."""
 NONE_TURNED = "{}: none turned by 90 deg"
 CONFIDENCE = 0.95
@@ -351,7 +351,7 @@ def consistent(values: Sequence[float], scored: float, frames: int) -> bool:
 
 
 def nees_band(scored: float, frames: int) -> tuple[float, float]:
-    """Return the 95 % band of the mean NEES of x, y and yaw over so many frames of one seed.
+    """Return the 95 % band of the mean NEES of x, y and yaw over scored frames of one seed.
 
     frames: joined in each answer; only answers that share none are counted as independent.
     """

@@ -3,7 +3,8 @@
 Every estimator knows which returns are the car's. The paper's and ours know the car's size; `sized
 saloon` only knows how the sizes of such cars are spread. Ours also knows beams and noise, and of
 the body its outline without the radius of its corners; one estimator fits the sharp and the rounded
-body. Beside it stand one that knows the radius too, and two that only know how saloons are built.
+body. For comparison there are one that knows the radius too, and two that only know how saloons are
+built.
 """
 
 from __future__ import annotations
@@ -217,7 +218,7 @@ def _sensor_velocity(sweeps: tuple[DriveSweep, ...], k: int) -> np.ndarray:
 def _smoothed(
     frames: int, model: Callable[[str], BodyModel], tolerance: Tolerance = EXACTLY_DRAWN
 ) -> Method:
-    """Return the method that joins so many frames; its answer is for the middle one."""
+    """Return the method that joins a number of frames; its answer is for the middle one."""
 
     def run_smoother(run: SensedDrive) -> Iterator[Poses]:
         lag = frames // 2

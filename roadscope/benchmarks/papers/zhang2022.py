@@ -220,7 +220,7 @@ def rows(measured: Measured) -> list[ReproductionRow]:
 # Section 3.1: dynamic points of two scans 1 s apart.
 
 TIMED_CALLS = 5
-"""The time is the median of so many; one before them compiles and is not counted."""
+"""The time is the median of this many calls; one before them compiles and is not counted."""
 
 
 class RemovalVariant(NamedTuple):

@@ -36,7 +36,7 @@ TILTS: Mapping[str, Tilt] = {
     "level": Tilt(0.0, 0.0),
     "tilted": Tilt(float(np.radians(2.0)), float(np.radians(1.0))),
 }
-"""A car tilts so much when it brakes and corners."""
+"""A car tilts this much when it brakes and corners."""
 SENSOR_HEIGHT_M = 1.9
 CLEARANCE_M = 9.0
 """No body is nearer to the sensor."""

@@ -1,4 +1,4 @@
-"""Calibrates scores: the chance that a box is right, from pictures that were not trained on."""
+"""Calibrates scores as probabilities that boxes are right, on pictures that were not trained on."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ LONGEST_STEP = 0.5
 """Greatest change of a weight in a Newton step, chosen by hand."""
 PRIOR = 30.0
 """Strength of the prior, which draws the weights to scores that are the heat itself: about as
-strong as so many boxes for each term. Chosen by hand."""
+strong as this many boxes for each term. Chosen by hand."""
 LEAST_SPREAD = 0.01
 """Least standard deviation of a trait, so that none is divided by 0."""
 DIGITS = 4

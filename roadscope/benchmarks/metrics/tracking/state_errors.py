@@ -103,7 +103,7 @@ class Nees(Record):
         return float((self.values <= bound).mean()) if len(self) else float("nan")
 
     def band(self, level: float = LEVEL, independent: int | None = None) -> tuple[float, float]:
-        """Return the limits between which the mean of a consistent filter lies so often.
+        """Return the limits between which the mean of a consistent filter lies with a probability.
 
         level: probability, 0 to 1.
         independent: number of independent values; None: all are. Errors of one track in
@@ -136,7 +136,7 @@ def nees(errors: StateErrors, *, velocity: bool = False) -> Nees:
 
 
 def mean_band(independent: int, freedom: int, level: float = LEVEL) -> tuple[float, float]:
-    """Return the limits between which the mean of independent NEES values lies so often.
+    """Return the limits between which the mean of independent NEES values lies with a probability.
 
     The sum of n values has a chi-square distribution of n `freedom` degrees of freedom. (0, 0)
     without a value.
