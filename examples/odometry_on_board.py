@@ -1,7 +1,7 @@
 """Follow the ego's motion in a highway-env environment: python examples/odometry_on_board.py.
 
-The odometry gets the scans of a VLP-16 and the samples of an inertial unit. It never gets the truth,
-from which only the printed errors are computed.
+The odometry gets the scans of a VLP-16 and the samples of an inertial unit. Printed errors are
+computed from the truth, which the odometry never gets.
 """
 
 import gymnasium as gym

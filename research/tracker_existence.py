@@ -184,11 +184,11 @@ class RecordedTargets(NamedTuple):
 
 
 def recorded_targets(
-    given: TrackedInput, traits: str, right_tracks: RightTracks
+    tracker_inputs: TrackedInput, traits: str, right_tracks: RightTracks
 ) -> RecordedTargets:
     """Track with a file of traits and judge the targets."""
     tracker, history, last_s = RecordingTracker(traits=traits), list[Tracks](), 0.0
-    for detections, pose in zip(given.detections, given.poses, strict=True):
+    for detections, pose in zip(tracker_inputs.detections, tracker_inputs.poses, strict=True):
         history.append(tracker.update(detections, pose))
         tracker.record(pose.translation[:2], detections.stamp_s - last_s)
         last_s = detections.stamp_s

@@ -291,12 +291,12 @@ def surplus_on_traffic(source: TrafficSource, traits: str) -> dict[str, float]:
     return shrunk_surplus({kind: _together(some) for kind, some in parts.items()})
 
 
-def confirmed_tracks(given: TrackedInput, traits: str) -> list[Tracks]:
+def confirmed_tracks(tracker_inputs: TrackedInput, traits: str) -> list[Tracks]:
     """Return the confirmed tracks of `ExistenceTracker`."""
     tracker = ExistenceTracker(traits=traits)
     history = [
         tracker.update(detections, pose)
-        for detections, pose in zip(given.detections, given.poses, strict=True)
+        for detections, pose in zip(tracker_inputs.detections, tracker_inputs.poses, strict=True)
     ]
     return [tracks.sure for tracks in history]
 

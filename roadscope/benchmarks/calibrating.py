@@ -198,5 +198,5 @@ def _errors(carrier: Rig, result: CalibrationResult) -> tuple[float, float, floa
     # The arccosine of the trace loses half the digits where the angle is small.
     sine = np.linalg.norm(turn - turn.T) / np.sqrt(8.0)
     angle = float(np.degrees(np.arctan2(sine, (np.trace(turn) - 1) / 2)))
-    away = float(np.linalg.norm(pose.translation - true.translation))
-    return held_out_error_px(carrier, result.projection), away, angle
+    distance_m = float(np.linalg.norm(pose.translation - true.translation))
+    return held_out_error_px(carrier, result.projection), distance_m, angle

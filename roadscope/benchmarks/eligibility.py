@@ -34,8 +34,8 @@ class Eligibility(Record):
         require(0 <= near < far < np.inf, self, "range_m", "0 <= near < far", list(self.range_m))
         require(self.min_returns >= 1, self, "min_returns", "at least 1", self.min_returns)
         possible = [f.value for f in Family]
-        good = bool(self.families) and all(f in possible for f in self.families)
-        require(good, self, "families", f"some of {', '.join(possible)}", list(self.families))
+        are_known = bool(self.families) and all(f in possible for f in self.families)
+        require(are_known, self, "families", f"some of {', '.join(possible)}", list(self.families))
 
     def of(self, truth: Truth) -> np.ndarray:
         """Return (M,) bool, which objects of a frame are eligible."""
@@ -53,8 +53,8 @@ class Eligibility(Record):
 
     def _in_scope(self, truth: Truth) -> np.ndarray:
         """Return (M,) bool, which objects are of the families and in the range band."""
-        wanted = _of_families(tuple(self.families))[truth.categories]
-        chosen: np.ndarray = self.within(truth.centres, truth) & wanted
+        of_families = _of_families(tuple(self.families))[truth.categories]
+        chosen: np.ndarray = self.within(truth.centres, truth) & of_families
         return chosen
 
     def within(self, centres: np.ndarray, truth: Truth) -> np.ndarray:

@@ -289,8 +289,8 @@ def _narrowed(suite: Suite, seeds: int | None, scenarios: Sequence[str] | None) 
     for name in scenarios or ():
         if name not in suite.scenarios:
             raise ExportError(unknown(f"scenario of {suite.title}", name, suite.scenarios))
-    wanted = tuple(name for name in suite.scenarios if not scenarios or name in scenarios)
-    return replace(suite, seeds=suite.seeds[:seeds], scenarios=wanted)
+    chosen = tuple(name for name in suite.scenarios if not scenarios or name in scenarios)
+    return replace(suite, seeds=suite.seeds[:seeds], scenarios=chosen)
 
 
 def _manifest(suite: Suite, with_truth: bool, detections: Sequence[str] | None) -> Manifest:

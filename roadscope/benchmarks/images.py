@@ -113,8 +113,8 @@ def image_rows_of_scans(episode: Episode, every_s: float) -> list[int]:
     lost = np.array([sensing.image_lost(row) is not None for row in rows.tolist()], bool)
     second = np.where(lost, np.inf, gaps).argmin(axis=1)
     paired = np.where(lost, np.inf, gaps).min(axis=1) <= LIMIT_S
-    wanted: list[int] = rows[np.union1d(gaps.argmin(axis=1), second[paired])].tolist()
-    return wanted
+    of_scans: list[int] = rows[np.union1d(gaps.argmin(axis=1), second[paired])].tolist()
+    return of_scans
 
 
 _last_images = LastEpisode[Picture](most_bytes=400_000_000)

@@ -98,8 +98,8 @@ def doubt_of_wheels(folder: ScanFolder, wheels: RecordedWheels) -> str:
         settled = matched_window(folder, starts[k])
         if settled and len(by_wheels) < WINDOWS:
             first, last = settled[0], settled[-1]
-            way = (first.start_from_lidar.inverse() @ last.start_from_lidar).translation
-            by_scans.append(float(np.linalg.norm(way)) / (last.stamp_s - first.stamp_s))
+            moved_m = (first.start_from_lidar.inverse() @ last.start_from_lidar).translation
+            by_scans.append(float(np.linalg.norm(moved_m)) / (last.stamp_s - first.stamp_s))
             by_wheels.append(float(speeds[k]))
     if not by_wheels:
         return ""
@@ -123,14 +123,14 @@ def doubt_of_turns(windows: Sequence[MotionWindow]) -> str:
         return ""
     by_imu, by_scans = (sum(float(np.linalg.norm(pair[k])) for pair in pairs) for k in (0, 1))
     ratio = by_imu / max(by_scans, 1e-9)
-    said = f"it turns by {np.rad2deg(by_imu):.3g} degrees where scans turn by "
-    said += f"{np.rad2deg(by_scans):.3g}"
+    difference = f"it turns by {np.rad2deg(by_imu):.3g} degrees where scans turn by "
+    difference += f"{np.rad2deg(by_scans):.3g}"
     if ratio > DEGREES_RATIO:
-        return f"{said}: are its rates in degrees per second?"
+        return f"{difference}: are its rates in degrees per second?"
     if (cosine := _cosine(pairs)) < ASTRAY:
-        return f"{said}, about an axis {_degrees(cosine)} degrees away: is --mounting right?"
+        return f"{difference}, about an axis {_degrees(cosine)} degrees away: is --mounting right?"
     if not RATIOS[0] < ratio < RATIOS[1]:
-        return f"{said}: are its rates in rad/s, and its stamps on the clock of the scans?"
+        return f"{difference}: are its rates in rad/s, and its stamps on the clock of the scans?"
     return ""
 
 

@@ -33,12 +33,12 @@ def parked_centres(episode: Episode, owners: Iterable[int]) -> np.ndarray:
     """Return (P, 2) box centres of parked cars, metres, world frame. owners: their numbers."""
     from roadscope.envs.sensors.sensing import world_of
 
-    wanted = sorted(owners)
-    if not wanted:
+    numbers = sorted(owners)
+    if not numbers:
         return np.empty((0, 2))
     timeline = timeline_of(episode)
     scenery = world_of(timeline, episode.seed).scenery.along(timeline.axles[:, 0])
-    outlines = (scenery.footprints[scenery.owners == owner].reshape(-1, 2) for owner in wanted)
+    outlines = (scenery.footprints[scenery.owners == owner].reshape(-1, 2) for owner in numbers)
     # A body's outline is point symmetric, so this is its centre at any yaw.
     return np.array([(o.min(axis=0) + o.max(axis=0)) / 2 for o in outlines])
 
@@ -50,17 +50,17 @@ def parked_among(episode: Episode, truths: Iterable[Truth]) -> np.ndarray:
 
 def parked_boxes(world: World, world_from_ego: Pose, projection: Projection) -> ParkedBoxes:
     """Return the boxes of parked cars in the image, hidden ones too."""
-    here = world_from_ego.translation[:2]
-    things = world.scenery.around(here, PARKED_RANGE_M)
-    cars = np.flatnonzero(_are_parked_cars(things.owners))
+    position = world_from_ego.translation[:2]
+    scenery = world.scenery.around(position, PARKED_RANGE_M)
+    cars = np.flatnonzero(_are_parked_cars(scenery.owners))
     if not len(cars):
         return ParkedBoxes(np.empty((0, 4)), np.empty(0))
-    footprints, owners = things.footprints[cars], things.owners[cars]
-    heights = np.stack([things.bottoms[cars], things.tops[cars]], axis=1)
+    footprints, owners = scenery.footprints[cars], scenery.owners[cars]
+    heights = np.stack([scenery.bottoms[cars], scenery.tops[cars]], axis=1)
     levels = np.broadcast_to(heights[:, :, None, None], (*heights.shape, footprints.shape[1], 1))
     flat = np.broadcast_to(footprints[:, None], (*levels.shape[:3], 2))
     points = world_from_ego.inverse().apply(np.concatenate([flat, levels], -1).reshape(-1, 3))
-    ranges = np.hypot(*(footprints.mean(axis=1) - here).T)
+    ranges = np.hypot(*(footprints.mean(axis=1) - position).T)
     return _bounds(points.reshape(len(cars), -1, 3), owners, ranges, projection)
 
 
@@ -73,7 +73,7 @@ def _bounds(
     depths = homogeneous[..., 2:]
     pixels = homogeneous[..., :2] / np.maximum(depths, BEHIND_M)
     limits = np.array([projection.width, projection.height], float)
-    boxes, away = [], []
+    boxes, ranges_m = [], []
     for owner in np.unique(owners):
         mine = owners == owner
         if depths[mine].max() <= BEHIND_M:
@@ -82,8 +82,8 @@ def _bounds(
         high = np.clip(pixels[mine].max(axis=(0, 1)), 0, limits)
         if ((high - low) >= LEAST_SIDE_PX).all():
             boxes.append(np.concatenate([low, high]))
-            away.append(ranges[mine].mean())
-    return ParkedBoxes(np.array(boxes).reshape(-1, 4), np.array(away))
+            ranges_m.append(ranges[mine].mean())
+    return ParkedBoxes(np.array(boxes).reshape(-1, 4), np.array(ranges_m))
 
 
 def _are_parked_cars(owners: np.ndarray) -> np.ndarray:

@@ -326,12 +326,12 @@ def _source_files(file: Path) -> list[Path]:
     files: set[Path] = set()
     pending = [file.resolve()]
     while pending:
-        here = pending.pop()
-        if here in files:
+        source_file = pending.pop()
+        if source_file in files:
             continue
-        files.add(here)
+        files.add(source_file)
         try:
-            tree = ast.parse(here.read_bytes())
+            tree = ast.parse(source_file.read_bytes())
         except (SyntaxError, ValueError):
             continue
         for node in ast.walk(tree):
@@ -342,8 +342,9 @@ def _source_files(file: Path) -> list[Path]:
             else:
                 continue
             for top in {name.partition(".")[0] for name in names}:
-                beside = here.parent / f"{top}.py"
-                pending += [beside] if beside.is_file() else (here.parent / top).rglob("*.py")
+                module = source_file.parent / f"{top}.py"
+                package_folder = source_file.parent / top
+                pending += [module] if module.is_file() else package_folder.rglob("*.py")
     return sorted(files)
 
 

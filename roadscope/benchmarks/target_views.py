@@ -296,10 +296,10 @@ def refine_jointly(
     The result's reprojection error is still that of the corners found in scans; most of it is the
     error of these corners. Views without `scanned`, or with too few targets, return the start.
     """
-    good = np.flatnonzero(start.inliers.reshape(-1, 3).all(axis=1)).tolist()
-    if not views.scanned or len(good) < LEAST_TARGETS:
+    without_outliers = np.flatnonzero(start.inliers.reshape(-1, 3).all(axis=1)).tolist()
+    if not views.scanned or len(without_outliers) < LEAST_TARGETS:
         return start
-    ego_from_lidar, used = rig.lidar.ego_from_lidar, views.select(good)
+    ego_from_lidar, used = rig.lidar.ego_from_lidar, views.select(without_outliers)
     refined = refine(
         start.projection.matrix @ ego_from_lidar.matrix,
         np.stack([ego_from_lidar.inverse().apply(corners) for corners in used.points]),
@@ -312,7 +312,7 @@ def refine_jointly(
     errors = distances_px(matrix, np.concatenate(used.points), np.concatenate(used.pixels))
     projection = Projection(matrix, start.projection.width, start.projection.height)
     inliers = np.zeros(len(views), bool)
-    inliers[good] = True
+    inliers[without_outliers] = True
     reprojection_px = float(np.sqrt((errors**2).mean()))
     return CalibrationResult(projection, np.repeat(inliers, 3), reprojection_px)
 

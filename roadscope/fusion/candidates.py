@@ -24,9 +24,9 @@ def matched(views: Views, least_iou: float) -> tuple[np.ndarray, np.ndarray]:
 
     overlaps = ious(views.lidar_boxes, views.camera.boxes)
     overlaps[~views.in_image] = 0.0
-    good = overlaps >= least_iou
-    rows, columns = linear_sum_assignment(np.where(good, -overlaps - 1.0, 0.0))
-    accepted = good[rows, columns]
+    possible = overlaps >= least_iou
+    rows, columns = linear_sum_assignment(np.where(possible, -overlaps - 1.0, 0.0))
+    accepted = possible[rows, columns]
     return rows[accepted], columns[accepted]
 
 
@@ -239,8 +239,8 @@ def candidate_features(
     best = cost.min(axis=1, initial=WORST / 10.0)
     lidar_only = np.column_stack([of_lidar, part, image, extent, best])
     nearest = cost.min(axis=0, initial=WORST / 10.0)
-    lent = lenders(views, agreement)[0]
-    camera_only = np.column_stack([of_camera, far, lent, covered, cut, nearest, alone])
+    has_lender = lenders(views, agreement)[0]
+    camera_only = np.column_stack([of_camera, far, has_lender, covered, cut, nearest, alone])
     return pairs, lidar_only[candidates.lidar_only], camera_only[candidates.camera_only]
 
 

@@ -34,11 +34,11 @@ def completed(
     A vehicle's box whose longer side is a rear's width is turned, so that its length runs away
     from the sensor. Boxes stand on the ground. Returns centres, sizes and yaws.
     """
-    wanted = USUAL_M[categories]
-    turned = (categories < Category.CYCLIST) & (sizes[:, 0] < 1.3 * wanted[:, 1])
+    usual = USUAL_M[categories]
+    turned = (categories < Category.CYCLIST) & (sizes[:, 0] < 1.3 * usual[:, 1])
     yaws = np.where(turned, yaws + np.pi / 2, yaws)
     measured = np.where(turned[:, None], sizes[:, [1, 0, 2]], sizes)
-    grown = np.maximum(measured, wanted)
+    grown = np.maximum(measured, usual)
     axes = np.stack([np.cos(yaws), np.sin(yaws)], axis=-1)
     left = np.stack([-axes[:, 1], axes[:, 0]], axis=-1)
     away = centres[:, :2] - origin

@@ -281,8 +281,8 @@ class LidarInertialOdometry:
         """Set pose and covariance from the track, or from the first scans."""
         before = self._pose
         track = self._track
-        here = self._start.guess() if track is None else track.pose
-        self._pose = self._start_from_map @ here
+        map_from_lidar = self._start.guess() if track is None else track.pose
+        self._pose = self._start_from_map @ map_from_lidar
         if not interval.elapsed_s:
             return
         if track is None or not self._speed_known:

@@ -92,11 +92,11 @@ class McTracker:
         rows, columns = assign_optimally(near, 1 - self._least)
         if self._least_again == 1:
             return rows, columns
-        left, free = unassigned(len(boxes), rows), unassigned(len(others), columns)
-        near = ego_view_pairs(boxes[left], others[free], eye, self._least_again)
-        near = near.within_families(tracks.categories[left], detections.categories[free])
+        missed, free = unassigned(len(boxes), rows), unassigned(len(others), columns)
+        near = ego_view_pairs(boxes[missed], others[free], eye, self._least_again)
+        near = near.within_families(tracks.categories[missed], detections.categories[free])
         i, j = assign_optimally(near, 1 - self._least_again)
-        return np.concatenate([rows, left[i]]), np.concatenate([columns, free[j]])
+        return np.concatenate([rows, missed[i]]), np.concatenate([columns, free[j]])
 
 
 def birds_eye_pairs(boxes: np.ndarray, others: np.ndarray, least: float) -> CandidatePairs:

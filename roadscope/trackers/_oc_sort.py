@@ -170,12 +170,12 @@ class OcSortTracker:
         costs = near.costs - self._momentum * self._agreement(near, observations, detections)
         # No pair costs more than this, so an opposite direction alone never rules a pair out.
         rows, columns = assign_optimally(near.with_costs(costs), unassigned_cost + self._momentum)
-        left, free = unassigned(len(tracks), rows), unassigned(len(detections), columns)
+        missed, free = unassigned(len(tracks), rows), unassigned(len(detections), columns)
         near = self._overlapping(
-            observations.boxes[left], tracks.categories[left], detections.select(free)
+            observations.boxes[missed], tracks.categories[missed], detections.select(free)
         )
         i, j = assign_optimally(near, unassigned_cost)
-        return np.concatenate([rows, left[i]]), np.concatenate([columns, free[j]])
+        return np.concatenate([rows, missed[i]]), np.concatenate([columns, free[j]])
 
     def _overlapping(
         self, boxes: np.ndarray, categories: np.ndarray, detections: Detections

@@ -127,8 +127,8 @@ def offline_tracks(
     if noises is None:
         noises = [TrackNoise.uniform(len(tracks), rules.velocity_walk) for tracks in history]
     strong = [t for t in trajectories(history, noises) if _is_strong(t, rules)]
-    whole = _joined_fragments(strong, rules.longest_gap_s)
-    return _by_tick([smoothed(trajectory, rules) for trajectory in whole], history)
+    joined = _joined_fragments(strong, rules.longest_gap_s)
+    return _by_tick([smoothed(trajectory, rules) for trajectory in joined], history)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -249,14 +249,14 @@ def _joined_fragments(
             if 0 < gap_s <= longest_gap_s and _may_be_one(early, late):
                 costs[i, j] = _join_distance(early, late, gap_s)
     next_of = dict(zip(*(k.tolist() for k in assign_greedily(costs, gate)), strict=True))
-    whole = []
+    joined = []
     for first in sorted(set(range(len(fragments))) - set(next_of.values())):
         trajectory, at = fragments[first], first
         while at in next_of:
             at = next_of[at]
             trajectory = _joined(trajectory, fragments[at])
-        whole.append(trajectory)
-    return whole
+        joined.append(trajectory)
+    return joined
 
 
 def _may_be_one(early: TargetTrajectory, late: TargetTrajectory) -> bool:
@@ -368,10 +368,10 @@ def _smoothed_headings(yaws: np.ndarray, near: np.ndarray, wide: np.ndarray) -> 
     return wrap_angle(np.where(agreement < 0, axes + np.pi, axes))
 
 
-def _by_tick(whole: Sequence[TargetTrajectory], history: Sequence[Tracks]) -> list[Tracks]:
+def _by_tick(trajectories: Sequence[TargetTrajectory], history: Sequence[Tracks]) -> list[Tracks]:
     """Return trajectories as one record for each tick, with one score for each trajectory."""
     rows: list[list[tuple[TargetTrajectory, int]]] = [[] for _ in history]
-    for trajectory in whole:
+    for trajectory in trajectories:
         for k, tick in enumerate(trajectory.ticks.tolist()):
             rows[tick].append((trajectory, k))
     return [_record(own, tracks) for own, tracks in zip(rows, history, strict=True)]

@@ -347,17 +347,18 @@ class Mixture:
         needed[m.target] = cluster_size[m.hypothesis]
         agreed = (least == most) & (np.bincount(m.target, minlength=T) == needed)
         # A cluster with one hypothesis ends: all of its targets are agreed on.
-        left, alone = np.flatnonzero(cluster_size > 1), np.flatnonzero(agreed)
-        disputed = m.select(~agreed[m.target]).of(left, len(self.cluster))
-        settled = HypothesisMembers(len(left) + np.arange(len(alone)), alone, least[alone])
-        number = np.cumsum(np.diff(self.cluster[left], prepend=-1) != 0) - 1
-        after = number.max(initial=-1) + 1 + np.arange(len(alone))
+        ambiguous, settled = np.flatnonzero(cluster_size > 1), np.flatnonzero(agreed)
+        disputed = m.select(~agreed[m.target]).of(ambiguous, len(self.cluster))
+        new_rows = len(ambiguous) + np.arange(len(settled))
+        settled_members = HypothesisMembers(new_rows, settled, least[settled])
+        number = np.cumsum(np.diff(self.cluster[ambiguous], prepend=-1) != 0) - 1
+        after = number.max(initial=-1) + 1 + np.arange(len(settled))
         return Mixture(
             bernoullis=self.bernoullis,
             reported=self.reported,
             cluster=np.concatenate([number, after]),
-            log_weights=np.concatenate([self.log_weights[left], np.zeros(len(alone))]),
-            members=disputed.joined(settled),
+            log_weights=np.concatenate([self.log_weights[ambiguous], np.zeros(len(settled))]),
+            members=disputed.joined(settled_members),
         )
 
     def _compact(self) -> Mixture:

@@ -130,18 +130,18 @@ class PointLayout:
                 times = None
         if rings is not None:
             reasons[WITHOUT_BEAM] = ~np.isfinite(rings)
-        kept, left_out = np.ones(len(fields), bool), Counter[str]()
+        usable, left_out = np.ones(len(fields), bool), Counter[str]()
         for reason, wrong in reasons.items():
-            left_out[reason] = int((wrong & kept).sum())
-            kept &= ~wrong
-        points = fields.points[kept].astype(np.float32)
-        ranked = None if rings is None else ranked_rings(points, rings[kept])
+            left_out[reason] = int((wrong & usable).sum())
+            usable &= ~wrong
+        points = fields.points[usable].astype(np.float32)
+        ranked = None if rings is None else ranked_rings(points, rings[usable])
         scan = LidarScan(
             points=points,
-            intensity=self._intensities(fields, kept),
+            intensity=self._intensities(fields, usable),
             ring=rings_of(points) if ranked is None else ranked,
             column=azimuth_steps(points),
-            time_offset_s=np.zeros(len(points)) if times is None else self._offsets(times[kept]),
+            time_offset_s=np.zeros(len(points)) if times is None else self._offsets(times[usable]),
             stamp_s=stamp_s,
             sensor="lidar",
         )
@@ -209,8 +209,8 @@ def scan_of_points(
     seconds from any origin. What is not known is left out, see `read_scan`. Arrays of other
     shapes raise `RecordError`.
     """
-    given = {"intensity": intensities, "ring": rings, TIME: times_s}
-    known = {name: np.asarray(v, np.float64) for name, v in given.items() if v is not None}
+    optional = {"intensity": intensities, "ring": rings, TIME: times_s}
+    known = {name: np.asarray(v, np.float64) for name, v in optional.items() if v is not None}
     places = np.asarray(points, np.float64)
     if places.ndim != 2 or places.shape[1] != len(PLACE):
         raise RecordError(f"scan_of_points.points: expected shape (N, 3), got {places.shape}")

@@ -161,15 +161,15 @@ def first_missing(histories: TargetHistories, target: int, last: int | None = No
     return float(rows[-1] + 2) if len(rows) else 1.0
 
 
-def reassociated_in(histories: TargetHistories, target: int, gone: int) -> float:
+def reassociated_in(histories: TargetHistories, target: int, first_missing_frame: int) -> float:
     """Return the first frame, from `gone` on, whose detection of the target went to its old track.
 
-    gone: the frame in which the target was gone first.
+    first_missing_frame: the first frame in which the target was not detected.
     """
     row = target - 1
-    old_track = _last_track(histories, target, gone)
+    old_track = _last_track(histories, target, first_missing_frame)
     again = histories.detected[row] & (histories.ids[row] == old_track) & (old_track != NO_TRACK)
-    again[: gone - 1] = False
+    again[: first_missing_frame - 1] = False
     return _first_frame(again)
 
 
@@ -202,9 +202,9 @@ def natural_misses(histories: TargetHistories, target: int, script: Script) -> f
     return float((~expected[span[0] : span[-1] + 1]).sum()) if len(span) else 0.0
 
 
-def _last_track(histories: TargetHistories, target: int, gone: int) -> int:
-    """Return the target's last track before frame `gone`."""
-    ids = histories.ids[target - 1, : gone - 1]
+def _last_track(histories: TargetHistories, target: int, frame: int) -> int:
+    """Return the target's last track before a frame."""
+    ids = histories.ids[target - 1, : frame - 1]
     tracks = ids[ids != NO_TRACK]
     return int(tracks[-1]) if len(tracks) else NO_TRACK
 

@@ -385,10 +385,10 @@ def kept_runs(experiment: str, specs: Sequence[str], seed: int) -> dict[str, Odo
     """Return the runs of odometries over an experiment, by spec; they are kept for the figures."""
     paths = {spec: kept_path("zhang2022-run", experiment, spec, seed) for spec in specs}
     missing = [spec for spec, path in paths.items() if not path.exists()]
-    made = _runs(experiment, missing, seed) if missing else {}
+    new_runs = _runs(experiment, missing, seed) if missing else {}
 
     def make(spec: str) -> OdometryRun:
-        return made[spec] if spec in made else _runs(experiment, [spec], seed)[spec]
+        return new_runs[spec] if spec in new_runs else _runs(experiment, [spec], seed)[spec]
 
     return {
         spec: read_or_make(path, OdometryRun.load, partial(make, spec))

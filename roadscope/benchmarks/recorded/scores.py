@@ -77,10 +77,10 @@ def label_errors(
     return {name: scores[name] for name in STATE_METRICS} | band
 
 
-def _rows_of(wanted: np.ndarray, ids: np.ndarray) -> np.ndarray:
-    """Return (K,) int64, the row of each wanted id among unique ids."""
+def _rows_of(chosen_ids: np.ndarray, ids: np.ndarray) -> np.ndarray:
+    """Return (K,) int64, the row of each chosen id among unique ids."""
     order = np.argsort(ids)
-    rows: np.ndarray = order[np.searchsorted(ids, wanted, sorter=order)]
+    rows: np.ndarray = order[np.searchsorted(ids, chosen_ids, sorter=order)]
     return rows
 
 

@@ -95,15 +95,15 @@ def parts_of(results: Results, name: str, by: str) -> Iterator[Part]:
     rows = _rows_with_whole(results, board, by)
     # A band without objects is left out: matched detections may lie a little beyond the farthest.
     headline = board.shown_parts[0].metric
-    wanted = {row.band for row in rows if row.metric == headline}
-    wanted |= {ALL} if wanted else set()
+    shown_bands = {row.band for row in rows if row.metric == headline}
+    shown_bands |= {ALL} if shown_bands else set()
     for column in board.shown_parts:
         metric = column.metric
         own = [row for row in rows if row.metric == metric]
         if metric == FALSE_ALARMS:
             cells = {(row.entry, row.band): row for row in own}
         else:
-            cells = {(r.entry, r.band): r for r in own if not wanted or r.band in wanted}
+            cells = {(r.entry, r.band): r for r in own if not shown_bands or r.band in shown_bands}
         if by == "sequence" and cells and metric not in (NEES, FALSE_ALARMS):
             alarms = [r for r in rows if r.metric == FALSE_ALARMS]
             empty = [replace(row, metric=metric, value=None, samples=0) for row in alarms]
@@ -111,9 +111,9 @@ def parts_of(results: Results, name: str, by: str) -> Iterator[Part]:
         if not cells:
             continue
         ranked = {cell: r for cell, r in cells.items() if not results.standing(name, r.entry).mark}
-        remarks, beside = _remarks(board, metric, by, rows, ranked)
+        remarks, remarks_name = _remarks(board, metric, by, rows, ranked)
         bands = tuple(bands_of(list(cells.values())))
-        heading = f"{column.heading}{beside} by {_breakdown(board, by).title or by}"
+        heading = f"{column.heading}{remarks_name} by {_breakdown(board, by).title or by}"
         yield Part(heading, metric, cells, remarks, bands)
 
 
@@ -201,13 +201,13 @@ def _table(
 def _pages(widths: Mapping[str, int], width: int) -> list[list[str]]:
     """Divide the bands into groups that fit side by side in a width, at least one in each."""
     pages: list[list[str]] = []
-    left = 0
+    free_width = 0
     for band, needed in widths.items():
-        if not pages or left < 1 + needed:
+        if not pages or free_width < 1 + needed:
             pages.append([])
-            left = width - 1
+            free_width = width - 1
         pages[-1].append(band)
-        left -= 1 + needed
+        free_width -= 1 + needed
     return pages
 
 

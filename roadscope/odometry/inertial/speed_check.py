@@ -79,8 +79,8 @@ class SpeedCheck:
         off_m_s, deviation_m_s: difference of the speed and its standard deviation.
         """
         before, self._deviations = self._deviations, off_m_s / deviation_m_s
-        sure = min(abs(before), abs(self._deviations)) > UNLIKELY
-        return sure and before * self._deviations > 0
+        both_unlikely = min(abs(before), abs(self._deviations)) > UNLIKELY
+        return both_unlikely and before * self._deviations > 0
 
     def confirmed(self, now_s: float) -> bool:
         """Return whether fixtures have recently confirmed the speed."""

@@ -30,8 +30,8 @@ def icp_motion(
 
     pose, tree = start.copy(), cKDTree(target)
     for _ in range(ICP_STEPS):
-        there = points @ pose[:3, :3].T + pose[:3, 3]
-        distances, nearest = tree.query(there, distance_upper_bound=reach_m)
+        moved = points @ pose[:3, :3].T + pose[:3, 3]
+        distances, nearest = tree.query(moved, distance_upper_bound=reach_m)
         bound = (
             np.quantile(distances[np.isfinite(distances)], INLIER_SHARE)
             if np.isfinite(distances).any()
@@ -40,7 +40,7 @@ def icp_motion(
         inliers = distances <= bound
         if inliers.sum() < 6:
             return pose
-        move = best_motion(there[inliers], target[nearest[inliers]])
+        move = best_motion(moved[inliers], target[nearest[inliers]])
         pose = move @ pose
         if np.abs(log_se3(move)).max() < 1e-3:
             break
@@ -51,9 +51,9 @@ def overlap(points: np.ndarray, target: np.ndarray, pose: np.ndarray, within_m: 
     """Return the share of (N, 3) points that a (4, 4) motion brings within a distance of others."""
     from scipy.spatial import cKDTree
 
-    there = points @ pose[:3, :3].T + pose[:3, 3]
-    away, _ = cKDTree(target).query(there, distance_upper_bound=within_m)
-    return float(np.isfinite(away).mean())
+    moved = points @ pose[:3, :3].T + pose[:3, 3]
+    distances, _ = cKDTree(target).query(moved, distance_upper_bound=within_m)
+    return float(np.isfinite(distances).mean())
 
 
 def best_motion(points: np.ndarray, target: np.ndarray) -> np.ndarray:
@@ -130,8 +130,9 @@ def _linear(
         off = _residual(poses, link)
         # Derivative of log(T exp(x)) by x at 0, up to the square of the residual log(T).
         derivative = np.eye(6) + _bracket(off) / 2 + _bracket(off) @ _bracket(off) / 12
-        back = adjoint(inverse(poses[link.second]) @ poses[link.first])
-        for node, block in ((link.first, -derivative @ back), (link.second, derivative)):
+        second_from_first = adjoint(inverse(poses[link.second]) @ poses[link.first])
+        blocks = ((link.first, -derivative @ second_from_first), (link.second, derivative))
+        for node, block in blocks:
             r, c = np.indices((6, 6))
             rows.append(6 * k + r.ravel())
             columns.append(6 * node + c.ravel())
@@ -194,10 +195,10 @@ class LoopClosing:
         if candidate is None:
             return None
         self._last_m = keyframes[last].driven_m
-        there = relocalised(keyframes, candidate)
-        if there is None:
+        map_from_last = relocalised(keyframes, candidate)
+        if map_from_last is None:
             return None
-        motion = inverse(keyframes[candidate].map_from_lidar) @ there
+        motion = inverse(keyframes[candidate].map_from_lidar) @ map_from_last
         self.links.append(Link(candidate, last, motion, LOOP_SPREAD))
         self.closed += 1
         poses = optimised_poses(np.array([each.map_from_lidar for each in keyframes]), self.links)
@@ -217,8 +218,8 @@ def nearest_candidate(keyframes: Sequence[Keyframe]) -> int | None:
 
 def relocalised(keyframes: Sequence[Keyframe], candidate: int) -> np.ndarray | None:
     """Return the (4, 4) pose of the last keyframe on the map around an earlier one, if it fits."""
-    beside = keyframes[max(candidate - BESIDE, 0) : candidate + BESIDE + 1]
-    last, local_map = keyframes[-1], KeyframeMap(beside)
+    around = keyframes[max(candidate - BESIDE, 0) : candidate + BESIDE + 1]
+    last, local_map = keyframes[-1], KeyframeMap(around)
     if not len(local_map.edges) or not len(last.edges):
         return None
     # First roughly by edges, which are few and distinct; then finely by lines and planes.

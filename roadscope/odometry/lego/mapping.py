@@ -90,9 +90,9 @@ class LegoMapping:
         if corrected is not None:
             self.keyframes = corrected
         self._last = self.keyframes[-1].map_from_lidar
-        here = self.keyframes[-1].place
-        if corrected is not None or np.linalg.norm(here - self._centre) > self.reach_m:
-            self._centre = here
+        position = self.keyframes[-1].place
+        if corrected is not None or np.linalg.norm(position - self._centre) > self.reach_m:
+            self._centre = position
             self._map = KeyframeMap(
-                k for k in self.keyframes if np.linalg.norm(k.place - here) <= self.reach_m
+                k for k in self.keyframes if np.linalg.norm(k.place - position) <= self.reach_m
             )

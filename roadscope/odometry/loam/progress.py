@@ -226,19 +226,19 @@ class Progress:
         A motion far from a prediction that was right before is rejected for some scans: all
         features may belong to traffic that moves along.
         """
-        poor, elapsed_s = misfit_of(feature_match), stamp_s - self.stamp_s
-        motion = predicted if poor else with_prediction(predicted, feature_match)
-        leap, sure = leap_of(predicted, motion, elapsed_s), self._agreed >= SURE
-        if poor or (leap and sure and self._doubted < PATIENCE):
+        misfit, elapsed_s = misfit_of(feature_match), stamp_s - self.stamp_s
+        motion = predicted if misfit else with_prediction(predicted, feature_match)
+        leap, trusted = leap_of(predicted, motion, elapsed_s), self._agreed >= SURE
+        if misfit or (leap and trusted and self._doubted < PATIENCE):
             self._doubted += bool(leap)
             self.carry_on(predicted, stamp_s, counts=True)
-            return predicted, poor or leap
+            return predicted, misfit or leap
         self._agreed, self._doubted = (0 if leap else self._agreed + 1), 0
         self._imu.learn(predicted, motion, elapsed_s)
         self._arrive(motion, covariance_of(feature_match))
         self._count(stamp_s)
         self.begun = True
-        return motion, leap if sure else ""
+        return motion, leap if trusted else ""
 
     def carry_on(self, predicted: np.ndarray, stamp_s: float, *, counts: bool) -> None:
         """Move as predicted; counts: whether the next step begins here or where this one did."""
@@ -259,13 +259,13 @@ class Progress:
 
 
 def leap_of(predicted: np.ndarray, motion: np.ndarray, elapsed_s: float) -> str:
-    """Return why a motion is impossible beside the predicted one, or nothing."""
-    beside = log_se3(inverse(predicted) @ motion)
-    away_m, turned = np.linalg.norm(beside[:3]), np.linalg.norm(beside[3:])
+    """Return why a motion is impossible after the predicted one, or nothing."""
+    difference = log_se3(inverse(predicted) @ motion)
+    away_m, turned = np.linalg.norm(difference[:3]), np.linalg.norm(difference[3:])
     if away_m > WEAKEST_M + ACCELERATION_M_S2 * elapsed_s**2:
-        return f"a leap of {away_m:.2g} m beside the prediction"
+        return f"a leap of {away_m:.2g} m from the prediction"
     if turned > WEAKEST_RAD + TURNING_RAD_S2 * elapsed_s**2:
-        return f"a leap of {turned:.2g} rad beside the prediction"
+        return f"a leap of {turned:.2g} rad from the prediction"
     return ""
 
 

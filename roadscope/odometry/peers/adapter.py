@@ -165,5 +165,5 @@ class OdometryAdapter:
 
 def _pose_at(placed: Placed, twist: np.ndarray, to_s: float) -> np.ndarray:
     """Return the (4, 4) pose at another time, with a constant (6,) twist."""
-    brought: np.ndarray = placed.world_from_lidar @ exp_se3(twist * (to_s - placed.at_s))
-    return brought
+    pose_then: np.ndarray = placed.world_from_lidar @ exp_se3(twist * (to_s - placed.at_s))
+    return pose_then

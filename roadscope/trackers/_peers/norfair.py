@@ -87,10 +87,10 @@ class _Filters:
         """Return a filter that starts at (1, 2) x and y."""
         from filterpy.kalman import KalmanFilter
 
-        made = KalmanFilter(dim_x=4, dim_z=2)
-        made.x[:2, 0] = points[0]
-        made.P, made.H, made.R = np.diag(self._variances), self._filter.H, self._filter.R
-        return made
+        kalman = KalmanFilter(dim_x=4, dim_z=2)
+        kalman.x[:2, 0] = points[0]
+        kalman.P, kalman.H, kalman.R = np.diag(self._variances), self._filter.H, self._filter.R
+        return kalman
 
     def set_period(self, one: Any, period_s: float) -> None:
         """Set the length of the next step of a filter."""

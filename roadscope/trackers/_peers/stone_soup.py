@@ -215,11 +215,11 @@ class NearestAssociation:
         self, tracks: Sequence[Any], detections: Sequence[Any], now: datetime
     ) -> Associated:
         """Return states corrected by at most one detection each."""
-        taken = self._associator.associate(tracks, detections, now)
+        hypotheses = self._associator.associate(tracks, detections, now)
         free = np.ones(len(detections), bool)
         states, rows = [], []
         for track in tracks:
-            hypothesis = taken[track]
+            hypothesis = hypotheses[track]
             if hypothesis:
                 row = hypothesis.measurement.metadata["row"]
                 free[row] = False
@@ -251,7 +251,7 @@ class JointAssociation:
     ) -> Associated:
         """Return states corrected by all detections, with the likeliest one for the box."""
         claimed = np.zeros(len(detections))
-        states, taken = [], []
+        states, likeliest = [], []
         events = self._associator.associate(tracks, detections, now) if tracks else {}
         for track in tracks:
             hypotheses = events[track]
@@ -261,8 +261,8 @@ class JointAssociation:
             )
             np.add.at(claimed, rows[rows >= 0], probabilities[rows >= 0])
             states.append(self._mixture_state(hypotheses, probabilities))
-            taken.append(int(rows[probabilities.argmax()]))
-        return Associated(states, taken, claimed < 0.5)
+            likeliest.append(int(rows[probabilities.argmax()]))
+        return Associated(states, likeliest, claimed < 0.5)
 
     def _mixture_state(self, hypotheses: Sequence[Any], probabilities: np.ndarray) -> Any:
         """Return one Gaussian for all hypotheses of a track."""
