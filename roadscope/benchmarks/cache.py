@@ -51,7 +51,7 @@ def usable_folder(path: Path | str) -> Path:
     """Make a folder and return it; raise `FolderError` if it cannot be written."""
     folder = Path(path)
     try:
-        return _tried(folder)
+        return _writable_folder(folder)
     except FileExistsError as error:
         raise FolderError(f"cannot write to folder {folder}: a file is in the way") from error
     except OSError as error:
@@ -234,7 +234,7 @@ def digest_of(path: Path) -> str | None:
 @cache
 def _usable(folder: Path) -> Path:
     try:
-        return _tried(folder)
+        return _writable_folder(folder)
     except OSError as error:
         spare = Path(tempfile.mkdtemp(prefix="roadscope-"))
         # Worker processes inherit the variable and so share the one spare folder.
@@ -247,8 +247,8 @@ def _usable(folder: Path) -> Path:
         return spare
 
 
-def _tried(folder: Path) -> Path:
-    """Make a folder and write a file in it."""
+def _writable_folder(folder: Path) -> Path:
+    """Make a folder and return it; raise `OSError` if no file can be written in it."""
     folder.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryFile(dir=folder):
         return folder

@@ -25,13 +25,15 @@ Boxes = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class NoiseModel:
-    """The sizes of the errors; all errors are drawn independently in every frame.
+    """The sizes of the errors, which are drawn independently in every frame.
+
+    Only misses depend on earlier frames: by `miss_run`, and by `occlusion`.
 
     miss: share of an eligible object's frames in which it is not detected, 0 to below 1.
     miss_run: mean number of frames from the first miss to the next detection, by a two-state
         Markov chain (Gilbert 1960); None: 1 / (1 - miss), for independent misses.
-    occlusion: this times the hidden share of an object is the probability that the object is
-        missed for occlusion. An object missed at one share is missed at every greater one.
+    occlusion: this times the hidden share of an object is the probability that it is missed for
+        occlusion. An object that is missed at one share is also missed at every greater share.
     clutter: mean number of false detections a frame, Poisson, uniform over the range band, with
         a car's size and any yaw.
     position_m: standard deviation in x and in y.
@@ -113,11 +115,11 @@ class NoisyDetections:
         rngs = [np.random.default_rng(stream) for stream in streams]
         self._misses, self._hiding, self._boxes, self._scores, self._clutter = rngs
         self._missed: dict[int, bool] = {}
-        self._patience: dict[int, float] = {}
+        self._hidden_limits: dict[int, float] = {}
 
     def of(self, truth: Truth) -> Detections:
         """Return the detections of the next frame, world frame."""
-        missed = self._fails(truth) | self._is_hidden(truth)
+        missed = self._missed_at_random(truth) | self._is_hidden(truth)
         boxes = self._with_errors(truth)
         detected = np.flatnonzero(self._eligibility.of(truth) & ~missed)
         centres, sizes, yaws, categories, scores = (
@@ -126,7 +128,7 @@ class NoisyDetections:
         )
         return Detections(centres, sizes, yaws, categories, scores, "world", truth.stamp_s)
 
-    def _fails(self, truth: Truth) -> np.ndarray:
+    def _missed_at_random(self, truth: Truth) -> np.ndarray:
         """Return (N,) bool, misses of the Markov chain, which begins in its stationary state."""
         model, missed = self._model, []
         for identity, draw in zip(truth.ids.tolist(), self._misses.random(len(truth)), strict=True):
@@ -143,12 +145,15 @@ class NoisyDetections:
         return np.array(missed, np.bool_)
 
     def _is_hidden(self, truth: Truth) -> np.ndarray:
-        """Return (N,) bool, which objects are missed because too much of them is hidden."""
+        """Return (N,) bool, which objects are missed because too much of them is hidden.
+
+        Each object has a random limit of its own, which stays the same over the episode.
+        """
         for identity in truth.ids.tolist():
-            if identity not in self._patience:
-                self._patience[identity] = float(self._hiding.random())
-        patience = np.array([self._patience[identity] for identity in truth.ids.tolist()])
-        hidden: np.ndarray = self._model.occlusion * truth.occluded_fraction > patience
+            if identity not in self._hidden_limits:
+                self._hidden_limits[identity] = float(self._hiding.random())
+        limits = np.array([self._hidden_limits[identity] for identity in truth.ids.tolist()])
+        hidden: np.ndarray = self._model.occlusion * truth.occluded_fraction > limits
         return hidden
 
     def _with_errors(self, truth: Truth) -> Boxes:

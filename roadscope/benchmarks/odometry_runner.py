@@ -31,7 +31,7 @@ CALIBRATION_FILE = "calib.txt"
 """KITTI's calibration of a sequence, beside its folder of scans."""
 LEAST_AHEAD_M = 2.0
 """Metres along an axis from which on it cannot be the one that points up. Chosen by hand: on a
-slope of 20 % the way ahead is five times as long."""
+slope of 20 % the motion ahead is five times as large."""
 
 Samples = TypeVar("Samples", ImuSamples, WheelSamples)
 
@@ -178,10 +178,11 @@ def write_estimates(
 class PoseErrors(NamedTuple):
     """Errors of estimated poses.
 
-    distance_m: length of the true way. ate_m: absolute trajectory error after alignment, RMS.
+    distance_m: length of the true trajectory. ate_m: absolute trajectory error (RMS) after
+        alignment.
     end_m: distance of the last pose from the true one, both from the same start.
     t_rel, r_rel: KITTI's drift over `lengths_m`, per cent and degrees in 100 m; None where the
-        way is shorter than all of these.
+        trajectory is shorter than all of these.
     compared, scans: how many scans have a true pose, of all.
     """
 

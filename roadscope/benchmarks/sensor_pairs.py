@@ -1,6 +1,6 @@
 """Scans of an episode, each with the image nearest in time and the targets that both should detect.
 
-Li 2021 (section 3) pairs the sensors so.
+Scans and images are paired as in Li 2021 (section 3).
 """
 
 from __future__ import annotations
@@ -67,7 +67,7 @@ def sense_pairs(
     the errors in `noise`.
     """
     if detector is not None and noise is not None:
-        raise ValueError("noise is of imitated detections, and a detector was given")
+        raise ValueError("noise is for imitated detections: leave it out with a detector")
     sensed = list(_sensed_pairs(episode, every, noise or CameraNoise(), detector))
     parked = parked_among(episode, [each.truth for each in sensed])
     return [

@@ -84,7 +84,10 @@ def with_places(
     middles = (boxes[:, 0] + boxes[:, 2]) / 2
     depths, lidar_rows = np.exp(agreement.log_depths[rows]), np.full(len(rows), -1)
     has_lender, best = (part[rows] for part in lenders(views, agreement))
-    depths[has_lender], lidar_rows[has_lender] = agreement.lidar_depths[best[has_lender]], best[has_lender]
+    depths[has_lender], lidar_rows[has_lender] = (
+        agreement.lidar_depths[best[has_lender]],
+        best[has_lender],
+    )
     sizes = USUAL_M[fused.categories[alone]]
     places = places_at(
         np.column_stack([middles, (boxes[:, 1] + boxes[:, 3]) / 2]), depths, projection

@@ -131,9 +131,13 @@ def _rings_by_order(azimuths: np.ndarray, elevations: np.ndarray) -> np.ndarray 
     for along, rising in ((azimuths, steps > 0), (-azimuths, steps < 0)):
         if len(steps) < FEWEST_BEAMS or rising.mean() < LEAST_ORDERED:
             continue
-        rough = min(SEAMS_RAD, key=lambda seam: _unlike(along[few], elevations[few], seam))
+        rough = min(
+            SEAMS_RAD, key=lambda seam: _elevation_spread(along[few], elevations[few], seam)
+        )
         near = rough + np.linspace(-1, 1, SEAM_STEPS) * SEAMS_RAD[1]
-        beams = _cut_at(along, min(near, key=lambda seam: _unlike(along, elevations, seam)))
+        beams = _cut_at(
+            along, min(near, key=lambda seam: _elevation_spread(along, elevations, seam))
+        )
         counts = np.bincount(beams)
         if not FEWEST_BEAMS <= len(counts) <= MOST_BEAMS:
             continue
@@ -153,7 +157,7 @@ def _cut_at(along: np.ndarray, seam: float) -> np.ndarray:
     return np.concatenate([[0], np.cumsum(np.diff(past) < -STEP_BACK_RAD)])
 
 
-def _unlike(along: np.ndarray, elevations: np.ndarray, seam: float) -> float:
+def _elevation_spread(along: np.ndarray, elevations: np.ndarray, seam: float) -> float:
     """Return how much elevations differ in a turn, if turns begin at a seam, radians."""
     beams = _cut_at(along, seam)
     if beams[-1] >= MOST_BEAMS:

@@ -135,8 +135,8 @@ def find_imu(folder: Path) -> Path | None:
 
     For a raw drive of KITTI it is the folder `oxts`.
     """
-    whole = folder.absolute()
-    drives = (each / OXTS_FOLDER for each in (whole, whole.parent, whole.parent.parent))
+    path = folder.absolute()
+    drives = (each / OXTS_FOLDER for each in (path, path.parent, path.parent.parent))
     oxts = next((each for each in drives if (each / TIMES_FILES[1]).is_file()), None)
     return _find_beside(folder, IMU_FILES) or oxts
 

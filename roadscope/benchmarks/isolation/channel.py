@@ -156,11 +156,11 @@ class Channel:
 
     def _wait(self, event: int, deadline: float) -> None:
         """Wait until the socket is ready; what arrived before the other end closed comes first."""
-        left_ms = (deadline - time.monotonic()) * 1e3
-        if left_ms <= 0:
+        remaining_ms = (deadline - time.monotonic()) * 1e3
+        if remaining_ms <= 0:
             raise TimeoutError
         self._poll.register(self._connection, event)
-        ready = {number for number, _ in self._poll.poll(left_ms)}
+        ready = {number for number, _ in self._poll.poll(remaining_ms)}
         if not ready:
             raise TimeoutError
         if self._ended in ready and self._connection.fileno() not in ready:

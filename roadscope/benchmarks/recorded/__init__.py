@@ -6,7 +6,7 @@ _PARTS = {
     "combined": "COMBINED alpha_parts combined_band combined_hota combined_mota nees_band",
     "mot": "ImagePlane MOT mot_suite",
     "recording": "recordings_of",
-    "rules": "SIMILARITIES apply_kitti_rules apply_mot_rules",
+    "rules": "BOX_SIMILARITIES apply_kitti_rules apply_mot_rules",
     "kitti_drive": "KittiDrive KittiDrives",
     "object_rules": "DIFFICULTIES object_precisions",
     "scores": "kitti_scores sequence_scores",

@@ -17,8 +17,8 @@ from roadscope.benchmarks.metrics.score import Score
 from roadscope.benchmarks.metrics.tracking.hota import hota
 from roadscope.benchmarks.recorded.combined import SUFFIXES, alpha_parts
 from roadscope.benchmarks.recorded.rules import (
+    BOX_SIMILARITIES,
     MOT_THRESHOLD,
-    SIMILARITIES,
     apply_kitti_rules,
     apply_mot_rules,
     distractors_of,
@@ -74,14 +74,14 @@ def kitti_result_scores(
 ) -> dict[str, Score]:
     """Return the scores of a sequence by each similarity, with the suffixes of the boards.
 
-    similarities: keys of `SIMILARITIES`.
+    similarities: keys of `BOX_SIMILARITIES`.
     """
     count = 1 + max(int(rows.frames.max(initial=-1)) for rows in (labels, results))
     truth, tracks, kind = labels.by_frame(count), results.by_frame(count), DETECTED_TYPES[category]
     scores: dict[str, Score] = {}
     for name in similarities:
         counted = apply_kitti_rules(truth, tracks, kind, name)
-        by_similarity = sequence_scores(counted, SIMILARITIES[name].threshold)
+        by_similarity = sequence_scores(counted, BOX_SIMILARITIES[name].threshold)
         scores |= {f"{metric}{SUFFIXES[name]}": score for metric, score in by_similarity.items()}
         scores |= alpha_parts(hota(counted), SUFFIXES[name])
     return scores

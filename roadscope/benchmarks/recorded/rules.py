@@ -1,9 +1,9 @@
 """Which objects and tracks count on recorded data, by the rules of KITTI and of MOTChallenge.
 
 KITTI (Geiger et al. 2012): the rules of the benchmark's own evaluation on image boxes. We apply
-them to 3-D boxes (Weng et al. 2020) and to distances of centres too. A detector may find objects
-that are not asked for: vans beside cars, sitting people beside pedestrians, and objects whose
-occlusion is unknown (level 3) or that are truncated at all. A track on such a distractor counts
+them to 3-D boxes (Weng et al. 2020) and to distances of centres too. Some objects may be detected
+but need not be: vans beside cars, sitting people beside pedestrians, and objects whose occlusion is
+unknown (level 3) or that are truncated at all. A track on such a distractor counts
 neither as a hit nor as a false alarm. Neither does an unmatched track that is small in the image or
 in a region without labels.
 
@@ -56,7 +56,7 @@ EPSILON = float(np.finfo(float).eps)
 
 
 @dataclass(frozen=True, slots=True)
-class Similarity:
+class BoxSimilarity:
     """A measure of how similar boxes are.
 
     measure: M labels, N tracks -> (M, N) float64 from 0 to 1.
@@ -116,10 +116,10 @@ def centre_distances_m(labels: KittiObjects, tracks: KittiObjects) -> np.ndarray
     return centre_distances(boxes_3d(labels), boxes_3d(tracks))
 
 
-SIMILARITIES: Mapping[str, Similarity] = {
-    "iou_2d": Similarity(overlap_in_image, 0.5),
-    "iou_3d": Similarity(overlap_in_space, 0.25),
-    "centre": Similarity(centre_similarity, 0.5),
+BOX_SIMILARITIES: Mapping[str, BoxSimilarity] = {
+    "iou_2d": BoxSimilarity(overlap_in_image, 0.5),
+    "iou_3d": BoxSimilarity(overlap_in_space, 0.25),
+    "centre": BoxSimilarity(centre_similarity, 0.5),
 }
 """Of KITTI's evaluation, of AB3DMOT's, and of our boards of simulated traffic."""
 
@@ -134,10 +134,10 @@ def apply_kitti_rules(
 
     labels: all labels of each frame, of every type.
     tracks: a tracker's rows of each frame; rows of other types than `kind` are left out.
-    similarity: a key of `SIMILARITIES`.
+    similarity: a key of `BOX_SIMILARITIES`.
     """
     frames = [
-        _kitti_frame(objects, rows, kind, SIMILARITIES[similarity])
+        _kitti_frame(objects, rows, kind, BOX_SIMILARITIES[similarity])
         if len(objects) or len(rows)
         else EMPTY_FRAME
         for objects, rows in zip(labels, tracks, strict=True)
@@ -181,7 +181,7 @@ def _tracked_sequence(
 
 
 def _kitti_frame(
-    labels: KittiObjects, rows: KittiObjects, kind: KittiType, similarity: Similarity
+    labels: KittiObjects, rows: KittiObjects, kind: KittiType, similarity: BoxSimilarity
 ) -> CountedFrame:
     is_known = np.isin(labels.types, [kind, *KITTI_DISTRACTORS[kind]]) & (labels.ids >= 0)
     objects = labels.select(is_known)

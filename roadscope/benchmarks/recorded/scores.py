@@ -19,7 +19,7 @@ from roadscope.benchmarks.metrics.tracking.scores import consistency_scores, sta
 from roadscope.benchmarks.metrics.tracking.sequence import TrackedSequence
 from roadscope.benchmarks.metrics.tracking.state_errors import FrameRows, state_errors
 from roadscope.benchmarks.recorded.combined import NEES_BAND, SUFFIXES, alpha_parts, nees_band
-from roadscope.benchmarks.recorded.rules import SIMILARITIES, apply_kitti_rules
+from roadscope.benchmarks.recorded.rules import BOX_SIMILARITIES, apply_kitti_rules
 from roadscope.core import Tracks, Truth
 
 STATE_METRICS = (
@@ -45,7 +45,7 @@ def kitti_scores(tracks: Sequence[Tracks], sequence: KittiSequence) -> dict[str,
     for name, suffix in SUFFIXES.items():
         counted = apply_kitti_rules(labels, sure_rows, kind, name)
         with_tentative = apply_kitti_rules(labels, all_rows, kind, name)
-        threshold = SIMILARITIES[name].threshold
+        threshold = BOX_SIMILARITIES[name].threshold
         by_similarity = sequence_scores(counted, threshold, with_tentative)
         scores |= {f"{metric}{suffix}": score for metric, score in by_similarity.items()}
         scores |= alpha_parts(hota(counted), suffix)

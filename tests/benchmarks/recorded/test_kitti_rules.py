@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from toy_kitti import write_kitti
 
-from roadscope.benchmarks.recorded import SIMILARITIES, apply_kitti_rules
+from roadscope.benchmarks.recorded import BOX_SIMILARITIES, apply_kitti_rules
 from roadscope.core import Category, TrackState
 from roadscope.formats import (
     KittiFolder,
@@ -92,7 +92,7 @@ def test_tracks_mostly_in_a_region_that_nobody_labelled_do_not_count():
     assert count(less, rows(B, C)) == ([0], [0, 1])
 
 
-@pytest.mark.parametrize("similarity", SIMILARITIES)
+@pytest.mark.parametrize("similarity", BOX_SIMILARITIES)
 def test_matching_rules_hold_for_every_similarity(similarity):
     labels = rows(A, B, types=[KittiType.CAR, KittiType.VAN])
     assert count(labels, rows(A, B, C), similarity=similarity) == ([0], [0, 2])
