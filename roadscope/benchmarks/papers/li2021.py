@@ -241,10 +241,10 @@ def note_of(experiment: str) -> str | None:
     plain, camera = without_camera(experiment)
     if plain == CALIBRATION:
         return (
-            "The LiDAR's and the camera's corners of a triangle in so many poses give the matrix "
-            "of eq. 4. Errors in the image: of the corners used, and of points elsewhere. "
-            "'corners alone' is the paper's method, 'refined' moves camera and targets together. "
-            "The paper prints no error. The rates below use the true mounting."
+            "The corners of a triangle in both sensors, in a number of poses, give the matrix of "
+            "eq. 4. Errors in the image: of the corners used, and of points elsewhere. "
+            "'corners alone' is the paper's method; 'refined' also estimates the poses of the "
+            "targets. The paper prints no error. The rates below use the true mounting."
         )
     note = CAMERA_NOTES[camera]
     if "by how far" in plain:
@@ -254,7 +254,7 @@ def note_of(experiment: str) -> str | None:
         )
     if plain == EVERY_SCORE:
         return (
-            "All that is found counts, however unsure. The LiDAR's distances are right by "
+            "All detections count, whatever their score. The LiDAR's distances are right by "
             f"construction: a box that is matched in space is within 2 m. {note}"
         )
     if plain == "clear":
@@ -266,8 +266,8 @@ def note_of(experiment: str) -> str | None:
             f"with the camera's masses alone, at half a false alarm a scan. {note}"
         )
     return (
-        f"{note} Every method is shown from the score on at which it has half a false "
-        "alarm a scan, in each condition. 'icp-boxes' stands for the paper's reference 6."
+        f"{note} Every method is shown at the score threshold that gives half a false alarm "
+        "per scan, in each condition. 'icp-boxes' stands for the paper's reference 6."
     )
 
 

@@ -282,9 +282,9 @@ def note_of(experiment: str) -> str | None:
     if experiment == TWO:
         return (
             "The four misses of object 1 are scripted here: its returns are taken out of frames "
-            "102, 148, 172 and 177. The paper's own were natural ones. 'natural misses' counts "
-            "those that nothing scripted. nearest: the printed filter, without process noise; "
-            "nearest-q: with it."
+            "102, 148, 172 and 177. Those of the paper happened by themselves; 'natural misses' "
+            "counts such misses here. nearest: the printed filter, without process noise; "
+            "nearest-q: with process noise."
         )
     if experiment.startswith(TWO):
         return "Range noise of the LiDAR, times 0.5 and times 2."

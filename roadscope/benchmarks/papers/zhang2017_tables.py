@@ -128,11 +128,11 @@ NOTES = {
     "The paper's pair of lines is turned through 180 deg, coarsely and then finely: 90 deg, as "
     "printed, cannot tell length from width. Our RANSAC is better than the paper's: it knows both "
     "sizes, and takes the first line for the side that it is nearest to in size; 'main' among the "
-    "readings always takes it for the flank, as the paper does. Ours knows the outline, but "
-    "of the corners' radius only how it is spread. 'known radius' knows it too, 'any saloon' "
-    "knows the size and how saloons are built, 'sized saloon' not even the size. Ours of 1 frame "
-    "knows roughly how the car moves, as a tracker does: the median of the last steps of its "
-    "returns' mean, in the first frame the next step.",
+    "readings always takes it for the flank, as the paper does. Ours knows the outline, but only "
+    "the distribution of the corners' radius. 'known radius' knows the radius too; 'any saloon' "
+    "knows the size and how saloons are built; 'sized saloon' knows only the latter. Ours of 1 "
+    "frame knows the car's velocity roughly, as a tracker does: the median of the last steps of "
+    "the mean of its returns, in the first frame the next step.",
     "table 3, time": "Processor time of one core, the paper's of MATLAB. Slowest drive: greatest "
     "mean of a frame on any drive.",
     "following, ": "The paper shows these in a figure, without numbers.",
@@ -143,17 +143,17 @@ NOTES = {
     "windows that share no frame counted as independent.",
     "frames turned": "Half and double noise and a sensor at 1.9 m: sharp body, straight and curve.",
     "claims of the paper, sharp": "1: holds on the means over seeds, 0: does not. Better: lower "
-    "in every error that the paper gives; close: within half as much again.",
+    "in every error that the paper gives; close: at most 1.5 times.",
     "asked of ours, sharp": "1: holds on the means over seeds, 0: does not. Beats paper: 7 frames "
     "below its multi frame in position and heading (its figures; following, its method on the "
     "same seeds). More is better: 7 frames below 3 below 1. NEES: 3 within its interval for 1, 3 "
     "and 7 frames.",
     "asked on all": "1: holds, 0: does not. Times are means of a frame.",
-    READING.format(HEADING): "The filter's step function is not printed. Taken: faces weigh as "
-    "their extent and as echoes fade with incidence. Also tried: extent only; without the near "
-    "edge. The search over 180 deg, the paper's over 90; three frames tied by one speed, or "
-    "shifted freely; RANSAC's first line is the side it is nearest to in size, or always the "
-    "flank. Sharp body.",
+    READING.format(HEADING): "The filter's step function is not printed. Ours: the weight of a "
+    "face follows from its extent and from how echoes fade with incidence. Also tried: extent "
+    "only; without the near edge; the search over the paper's 90 deg in place of 180; three frames "
+    "shifted freely in place of one speed; RANSAC's first line always the flank in place of the "
+    "side it is nearest to in size. Sharp body.",
 }
 """By a part of the experiment's name."""
 

@@ -178,20 +178,20 @@ def note_of(experiment: str) -> str | None:
     """Return what must be known to read the tables of an experiment."""
     if LONG_ROUTE in experiment:
         return (
-            "The paper drives KITTI with an HDL-64E; here the same LiDAR goes a lap and a half of "
-            "a racetrack in traffic, half a kilometre, so that its figures are of another length. "
-            "Of the first 5 seeds at most."
+            "The paper's route is on KITTI with an HDL-64E. Here the same LiDAR drives a lap and a "
+            "half of a racetrack in traffic, half a kilometre, so the paper's figures are of "
+            "another length. Only the first 5 seeds."
         )
     if experiment in EXPERIMENTS:
         return (
-            "The paper's odometry goes from scan to scan (zhang2022) and it speaks of SLAM, and of "
-            "LeGO-LOAM's loops, where it measures; zhang2022-map is the same chain before "
-            "LeGO-LOAM's map. zhang2022-guarded doubts a prediction that makes a third of all "
+            "The paper describes odometry from scan to scan (zhang2022). Where it measures, it "
+            "speaks of SLAM and of LeGO-LOAM's loops; zhang2022-map is the same method in front of "
+            "LeGO-LOAM's map. zhang2022-guarded distrusts a prediction that makes a third of all "
             "returns dynamic, and measures displacements from above: both are ours. "
             "lidar-inertial knows the make of the IMU (imu=zed2)."
         )
     if experiment.endswith("noise"):
-        return "Range noise of the LiDAR and all errors of the IMU, of the first 5 seeds at most."
+        return "Range noise of the LiDAR and all errors of the IMU. Only the first 5 seeds."
     if experiment.startswith("dynamic"):
         return (
             "The search angle of 5 deg bounds clusters, as the walls in the paper's figures "
