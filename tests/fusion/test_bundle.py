@@ -202,7 +202,7 @@ def test_the_descent_ends_where_a_dense_one_does() -> None:
     )
 
     def image(at: State) -> np.ndarray:
-        return image_errors(at.inner, at.camera, at.targets, data, TARGET)
+        return image_errors(at.intrinsics, at.camera, at.targets, data, TARGET)
 
     def alone(at: State) -> np.ndarray:
         edges = edge_errors(at.targets, data, TARGET, 0.5)
