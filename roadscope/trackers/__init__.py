@@ -69,7 +69,7 @@ TRACKERS: Registry[Tracker] = Registry(
         "oc-sort": "Observations before estimates (OC-SORT, Cao 2023).",
         "simple-track": "Low scores keep tracks alive (SimpleTrack, Pang 2021).",
         "pc3t": "Most confident predictions first (PC3T, Wu 2021).",
-        "mctrack": "Overlap in bird's-eye view, then the ego's (MCTrack, Wang 2024).",
+        "mctrack": "Overlap from above, then as seen by the ego (MCTrack 2024).",
         "imm": "Three motion models at once (IMM, Blom 1988).",
         "pmbm": "Many global hypotheses (PMBM, Garcia-Fernandez 2018).",
         "jpda": "All detections, by exact marginals (JIPDA, Musicki 2004).",
