@@ -46,7 +46,7 @@ ODOMETRIES: Registry[Odometry] = Registry(
         "zhang2022-guarded": "zhang2022 that distrusts some wrong predictions: ours.",
         "zhang2022-map": "zhang2022, then LeGO-LOAM's map of static clusters.",
         "zhang2022-loop": "zhang2022-map, with loops closed.",
-        "loam": "Edges and planes from scan to scan: zhang2022 without clusters.",
+        "loam": "Edges and planes, scan to scan: zhang2022 without clusters.",
         "lidar-inertial": "A Kalman filter on the IMU and a map of static surfaces: ours.",
         "lego-loam": "Ground planes, then edges, then a map: Shan and Englot 2018.",
         "lego-loam-loop": "lego-loam, with loops closed.",
