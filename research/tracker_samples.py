@@ -19,7 +19,7 @@ from roadscope.benchmarks.loop import RunOptions
 from roadscope.benchmarks.metrics.matching import Pairing, centre_distances, match
 from roadscope.benchmarks.metrics.tracking.matching import match_tracks
 from roadscope.benchmarks.nodes.fusions import detection_node
-from roadscope.benchmarks.recorded.rules import SIMILARITIES, apply_kitti_rules
+from roadscope.benchmarks.recorded.rules import BOX_SIMILARITIES, apply_kitti_rules
 from roadscope.benchmarks.records import EpisodeDetections
 from roadscope.benchmarks.references import detection_source
 from roadscope.core.pose import wrap_angle
@@ -323,7 +323,7 @@ def right_by_kitti(
     rows, kind = sequence.result_rows(tracks), DETECTED_TYPES[sequence.category]
     counted = apply_kitti_rules(sequence.label_rows, rows, kind, KITTI_MEASURE)
     right = np.zeros(len(counted.tracks), bool)
-    right[match_tracks(counted, SIMILARITIES[KITTI_MEASURE].threshold).track_rows] = True
+    right[match_tracks(counted, BOX_SIMILARITIES[KITTI_MEASURE].threshold).track_rows] = True
     frames = np.repeat(np.arange(len(counted)), counted.track_counts).tolist()
     keys = zip(frames, counted.track_ids.tolist(), strict=True)
     return dict(zip(keys, right.tolist(), strict=True))
