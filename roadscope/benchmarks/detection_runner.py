@@ -12,7 +12,7 @@ from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 
-from roadscope.benchmarks.formats.image_folder import IMAGE_ENDINGS, ImageFolder
+from roadscope.benchmarks.formats.image_folder import IMAGE_ENDINGS, ImageFolder, read_image
 from roadscope.benchmarks.formats.kitti_cameras import KittiCameras
 from roadscope.benchmarks.formats.kitti_frames import CAMERA_FROM_EGO, LabelCamera
 from roadscope.benchmarks.formats.point_fields import READERS
@@ -60,8 +60,8 @@ SCAN_DETECTOR, IMAGE_DETECTOR, BOTH_DETECTORS = "distance-l-shape", "network", "
 """The detectors for scans, for images, and for both with a calibration."""
 NO_CALIBRATION = "no calibration, calib.txt or calib in DIR or beside it, or --calibration PATH"
 NO_GROUND = (
-    "the scans show no ground below the LiDAR: name its height, --height METRES, and if its z axis "
-    "does not point up, --lidar-mounting"
+    "the scans show no ground below the LiDAR, or have no points: name its height, --height "
+    "METRES, and if its z axis does not point up, --lidar-mounting"
 )
 HEIGHT_SCANS = 20
 """Most scans by which the height of the LiDAR is estimated."""
@@ -378,6 +378,8 @@ def detection_job(folder: Path, options: JobOptions) -> DetectionJob:
     detectors = DetectorSet.of(named, of_images=not has_scans) if named else None
     if images is not None and (not has_scans or (detectors and detectors.lidar is None)):
         return _image_job(detectors or DetectorSet.of(IMAGE_DETECTOR), images, options.rate_hz)
+    if detectors is not None and detectors.lidar is None:
+        raise FormatError(f"{folder}: {named} needs images, and there are none")
     scans = ScanFolder.find(
         folder, rate_hz=options.rate_hz, columns=options.columns, topics=options.topics
     )
@@ -416,6 +418,8 @@ def _image_job(detectors: DetectorSet, images: ImageFolder, rate_hz: float) -> D
     """Return what is to be detected in images alone."""
     if detectors.camera is None or detectors.lidar is not None:
         raise FormatError(f"{images.files[0]}: there are images and no scans")
+    if images.size() is None:
+        read_image(images.files[0])  # It says what is wrong with it.
     stamps = images.stamps(rate_hz)
     return DetectionJob(
         detectors,

@@ -440,6 +440,17 @@ def test_a_bird_s_eye_view_shows_returns_and_boxes(folder):
     assert columns.min() < shots[""].shape[1] / 2 < columns.max()
 
 
+def test_a_camera_detector_needs_images(folder):
+    done, _ = run(folder, "--detector", "network")
+    assert "network needs images" in str(done.exception)
+
+
+def test_images_none_of_which_can_be_read_are_refused(tmp_path):
+    (tmp_path / "0.png").write_bytes(b"damaged")
+    done, _ = run(tmp_path, "--detector", "network")
+    assert "0.png: expected an image" in str(done.exception)
+
+
 def test_an_empty_folder_is_refused(tmp_path):
     done, _ = run(tmp_path)
     assert "expected scans .bin" in str(done.exception)

@@ -18,6 +18,7 @@ from roadscope.core.names import unknown
 
 ROSBAGS = Requirement("rosbags", "pip install 'roadscope[bags]'")
 BAG_ENDINGS = (".mcap", ".db3")
+ROS_1_ENDING = ".bag"
 METADATA = "metadata.yaml"
 CLOUDS = ("sensor_msgs/msg/PointCloud2",)
 IMUS = ("sensor_msgs/msg/Imu",)
@@ -96,6 +97,10 @@ class Bag:
         self._types = get_typestore(Stores.ROS2_HUMBLE)
         self._cursors: dict[str, _Cursor] = {}
         finalize(self, _close, self._reader, self._cursors)
+
+    def listing(self) -> str:
+        """Return all topics with their types, for error messages."""
+        return ", ".join(f"{each.topic} ({each.msgtype})" for each in self._reader.connections)
 
     def topics(self, types: Sequence[str]) -> list[str]:
         """Return the topics of these types that have messages, in order."""
@@ -192,6 +197,10 @@ def _close(reader: Any, cursors: dict[str, _Cursor]) -> None:
 def bag_path(path: Path) -> Path | None:
     """Return the bag that a path is or holds; None if there is none."""
     if path.is_file():
+        if path.suffix.lower() == ROS_1_ENDING:
+            raise FormatError(
+                f"{path}: a bag of ROS 1: convert it, rosbags-convert --src {path} --dst DIR"
+            )
         return path if path.suffix.lower() in BAG_ENDINGS else None
     if (path / METADATA).is_file():
         return path

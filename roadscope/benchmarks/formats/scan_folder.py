@@ -188,7 +188,8 @@ def _samples(files: Sequence[Source]) -> list[Source]:
 def _scans_of_bag(bag: Bag, columns: Sequence[str], topics: Sequence[str]) -> ScanFolder:
     topic = bag.topic(CLOUDS, topics)
     if topic is None:
-        raise FormatError(f"{bag.path}: expected a topic of type PointCloud2, got none")
+        listing = bag.listing() or "no topics"
+        raise FormatError(f"{bag.path}: expected a topic of type PointCloud2, got {listing}")
     messages = bag.messages(topic)
     samples = _samples(messages)
     layout = layout_of(samples, columns)

@@ -101,8 +101,14 @@ def test_topics_are_of_bags(tmp_path):
 
 def test_a_bag_without_clouds_is_refused(tmp_path):
     bag = write_bag(tmp_path / "bag", [(0.0, "/imu", imu(0.0, (0, 0, 0), (0, 0, 9.8)))])
-    with pytest.raises(FormatError, match="expected a topic of type PointCloud2"):
+    with pytest.raises(FormatError, match="expected a topic of type PointCloud2, got /imu"):
         ScanFolder.find(bag)
+
+
+def test_a_bag_of_ros_1_is_refused(tmp_path):
+    (tmp_path / "old.bag").write_bytes(b"#ROSBAG V2.0\n")
+    with pytest.raises(FormatError, match="rosbags-convert"):
+        ScanFolder.find(tmp_path / "old.bag")
 
 
 def test_a_damaged_message_is_an_empty_scan(tmp_path):
