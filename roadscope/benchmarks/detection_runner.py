@@ -49,7 +49,7 @@ from roadscope.core.answers import (
 )
 from roadscope.core.fused import FusedDetections
 from roadscope.core.spec import FUSED, FUSED_PARTS
-from roadscope.fusion.pairing import ALONE, nearest_images
+from roadscope.fusion.pairing import ALONE, ClocksApartError, nearest_images
 from roadscope.odometry.above_ground import sensor_height
 
 LIMITS = Limits(episode_s=float("inf"))
@@ -463,5 +463,8 @@ def paired_images(scans: ScanFolder, images: ImageFolder) -> tuple[list[int], st
     stamps = images.stamps(1.0)
     if not (scans.measured and stamps.measured):
         return pairs, "no image has the name of a scan, and nothing says when they were taken"
-    nearest = nearest_images(np.array(scans.stamps_s), np.array(stamps.stamps_s))
+    try:
+        nearest = nearest_images(np.array(scans.stamps_s), np.array(stamps.stamps_s))
+    except ClocksApartError as error:
+        return pairs, str(error)
     return nearest.tolist(), ""

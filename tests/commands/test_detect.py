@@ -418,6 +418,10 @@ def test_images_of_other_names_belong_to_scans_by_time(both):
         for frame in found["frames"]
     ]
     assert left == [[], [300], [301]]
+    (both / "image_2" / "times.txt").write_text("7.11\n7.21\n7.9\n")
+    done = CliRunner().invoke(app, ["detect", str(both), "--out", str(both.parent / "out")])
+    assert done.exit_code == 0, done.output
+    assert "the images are not used: no scan has an image" in done.stderr
 
 
 def test_pictures_are_not_written_among_the_images(both):

@@ -14,6 +14,7 @@ _PARTS = {
     "lzf": "decompress_lzf",
     "point_layout": "parse_columns",
     "image_folder": "ImageFolder read_image",
+    "kitti_cameras": "KittiCameras",
     "samples": "find_imu find_wheels parse_mounting read_bag_imu rising_rows",
     "scan_stamps": "in_order",
     "tracking_rows": "logistic",
