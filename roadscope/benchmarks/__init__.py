@@ -8,7 +8,11 @@ if TYPE_CHECKING:
     from roadscope.benchmarks.eligibility import Eligibility
     from roadscope.benchmarks.episode import Episode
     from roadscope.benchmarks.isolation import Limits
-    from roadscope.benchmarks.recorded.result_files import score_kitti_results, score_mot_results
+    from roadscope.benchmarks.recorded.result_files import (
+        score_kitti_object_results,
+        score_kitti_results,
+        score_mot_results,
+    )
     from roadscope.benchmarks.results import Results
     from roadscope.benchmarks.single import run_episode, save_picture
     from roadscope.benchmarks.suite import BoardSettings, Suite
@@ -24,6 +28,8 @@ _PLACES = {
     "load_suite": "roadscope.benchmarks.suite_files:load_suite",
     "run_episode": "roadscope.benchmarks.single:run_episode",
     "save_picture": "roadscope.benchmarks.single:save_picture",
+    "score_kitti_object_results": "roadscope.benchmarks.recorded.result_files:"
+    "score_kitti_object_results",
     "score_kitti_results": "roadscope.benchmarks.recorded.result_files:score_kitti_results",
     "score_mot_results": "roadscope.benchmarks.recorded.result_files:score_mot_results",
 }
@@ -39,6 +45,7 @@ __all__ = [
     "load_suite",
     "run_episode",
     "save_picture",
+    "score_kitti_object_results",
     "score_kitti_results",
     "score_mot_results",
 ]

@@ -9,13 +9,17 @@ from roadscope.benchmarks.formats.kitti_labels import (
     DETECTED_TYPES,
     KittiObjects,
     read_kitti_labels,
+    read_kitti_object_labels,
+    read_kitti_object_results,
 )
+from roadscope.benchmarks.formats.kitti_scans import numbered_files
 from roadscope.benchmarks.formats.motchallenge import read_mot, read_mot_sequence
-from roadscope.benchmarks.formats.table import FormatError
+from roadscope.benchmarks.formats.table import FormatError, names_in
 from roadscope.benchmarks.formats.tracking_rows import FrameLimit
 from roadscope.benchmarks.metrics.score import Score
 from roadscope.benchmarks.metrics.tracking.hota import hota
 from roadscope.benchmarks.recorded.combined import SUFFIXES, alpha_parts
+from roadscope.benchmarks.recorded.object_rules import OVERLAPS, object_precisions
 from roadscope.benchmarks.recorded.rules import (
     BOX_SIMILARITIES,
     MOT_THRESHOLD,
@@ -67,6 +71,39 @@ def score_kitti_results(
     """
     truth, tracks = read_kitti_labels(labels), read_kitti_labels(results, results=True)
     return kitti_result_scores(truth, tracks, category, ["iou_2d"])
+
+
+def score_kitti_object_results(
+    labels: Path | str, results: Path | str, category: Category = Category.CAR
+) -> dict[str, Score]:
+    """Return a detector's average precision by KITTI's object rules, over all frames together.
+
+    Scores are `ap_2d_easy` and the like: by overlap in the image, from above (bev) and in space
+    (3d), and by difficulty; 0 to 1.
+
+    labels: the folder `label_2`, with a file NNNNNN.txt of 15 columns for each frame.
+    results: a folder with as many files of the same names; 16 columns, the last one the score.
+    category: car, pedestrian or cyclist.
+    """
+    truth, found = (numbered_files(Path(folder), "txt") for folder in (labels, results))
+    if not truth:
+        raise FormatError(f"{labels}: expected files 000000.txt, got {names_in(Path(labels))}")
+    if differing := sorted(set(truth) ^ set(found)):
+        raise FormatError(
+            f"{results}: expected a file for each of {len(truth)} in {labels}; "
+            f"{differing[0]:06d}.txt is in one of the folders only"
+        )
+    objects = [read_kitti_object_labels(path, number) for number, path in truth.items()]
+    boxes = [read_kitti_object_results(path, number) for number, path in found.items()]
+    in_space = [rows.select(rows.has_3d_box) for rows in boxes]
+    kind = DETECTED_TYPES[category]
+    return {
+        f"ap_{overlap}_{name}": precision.score
+        for overlap in OVERLAPS
+        for name, precision in object_precisions(
+            objects, boxes if overlap == "2d" else in_space, kind, overlap
+        ).items()
+    }
 
 
 def kitti_result_scores(

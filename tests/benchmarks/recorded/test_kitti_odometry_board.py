@@ -30,14 +30,16 @@ def folder(tmp_path_factory):
 @pytest.fixture(scope="module")
 def results(folder):
     entries = [RIGHT, LONG, TURNING, FAILS]
-    return leaderboard("quick", entries, boards=["odometry"], only=True, kitti=folder)
+    return leaderboard(
+        "quick", entries, boards=["odometry"], only=True, kitti=folder, out_dir=folder / "out"
+    )
 
 
 def value(results, entry, metric):
     return results.row(BOARD, entry, metric).value
 
 
-def test_a_scale_is_the_drift(results):
+def test_a_scale_is_the_drift(results, folder):
     assert value(results, RIGHT, "t_rel") == pytest.approx(0, abs=1e-3)
     assert value(results, LONG, "r_rel") == pytest.approx(0, abs=1e-3)
     # A stretch of 100 m ends with the first scan beyond it, after 20 steps of 5.1 m, and KITTI
@@ -56,6 +58,7 @@ def test_a_scale_is_the_drift(results):
     assert value(results, RIGHT, "call_p50_ms") > 0
     (entry,) = {failure.entry for failure in results.failures}
     assert entry == FAILS
+    assert "## kitti odometry" in (folder / "out" / "leaderboard.md").read_text()
 
 
 def parts_of(results, entry, metric):

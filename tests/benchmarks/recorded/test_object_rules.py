@@ -8,9 +8,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from kitti_evaluation import average_precision
 
+from roadscope.benchmarks import score_kitti_object_results
 from roadscope.benchmarks.formats import TYPE_NAMES, read_kitti_object_labels
 from roadscope.benchmarks.recorded import DIFFICULTIES, object_precisions
-from roadscope.formats import KittiObjects, KittiType
+from roadscope.formats import FormatError, KittiObjects, KittiType
 
 TYPES = {name: kind for kind, name in TYPE_NAMES.items()} | {"Person_sitting": KittiType.PERSON}
 CLASSES = ("Car", "Pedestrian", "Cyclist")
@@ -219,3 +220,42 @@ def test_labels_of_objects_are_read_as_kitti_publishes_them(tmp_path):
     assert found.frames.tolist() == [7, 7, 7]
     assert found.sizes[0].tolist() == [3.23, 1.57, 1.60]
     assert found.bottoms[0].tolist() == [-2.70, 1.74, 3.68]
+
+
+def line_of(each, *, score):
+    """An object as a line of KITTI's files of labels or of results."""
+    numbers = [*each["box"], each["h"], each["w"], each["l"], each["x"], each["y"], each["z"]]
+    words = [each["type"], repr(each["truncated"]), each["occluded"], -10]
+    words += [repr(float(v)) for v in (*numbers, each["ry"], *([each["score"]] if score else []))]
+    return " ".join(map(str, words)) + "\n"
+
+
+def written(folder, frames):
+    """Write frames as files; return the folders of labels and of results."""
+    places = folder / "label_2", folder / "mine"
+    for place, score in zip(places, (False, True), strict=True):
+        place.mkdir()
+        for number, frame in enumerate(frames):
+            lines = (line_of(each, score=score) for each in frame[score])
+            (place / f"{number:06d}.txt").write_text("".join(lines))
+    return places
+
+
+def test_result_files_get_the_same_figures(tmp_path):
+    frames = random_frames(np.random.default_rng(5), "Car", 30)
+    scores = score_kitti_object_results(*written(tmp_path, frames))
+    assert len(scores) == 9
+    for kind in ("2d", "bev", "3d"):
+        for level in DIFFICULTIES:
+            expected = average_precision(frames, "Car", level, kind)
+            assert expected > 0
+            assert scores[f"ap_{kind}_{level}"].value == pytest.approx(expected, abs=1e-12)
+
+
+def test_result_files_are_as_many_as_those_of_labels(tmp_path):
+    labels, results = written(tmp_path, [([thing()], [thing()])] * 3)
+    (results / "000001.txt").unlink()
+    with pytest.raises(FormatError, match="000001"):
+        score_kitti_object_results(labels, results)
+    with pytest.raises(FormatError, match="000000"):
+        score_kitti_object_results(tmp_path, results)
