@@ -90,7 +90,6 @@ class KittiObjectsBoard(Board):
 
     settings_type = KittiSettings
     breakdowns: Sequence[Breakdown] = (Breakdown(SEQUENCE, note=FEW_NOTE),)
-    by_condition = ()
     conditions: Mapping[str, Condition] = {}
     sample = ""
     overlaps: Sequence[str]
@@ -102,6 +101,7 @@ class KittiObjectsBoard(Board):
         self.category = category
         self.name = f"kitti {self.compared_with} {category.name.lower()}"
         self.headline, self.object_metric = f"ap_{first}_moderate", f"ap_{first}_hard"
+        self.by_condition = [column.metric for column in precision_columns(*self.overlaps)]
         self.shown_parts = (Column(self.headline, f"{HEADINGS[first]} moderate"),)
         self.columns = (
             *precision_columns(*self.overlaps),

@@ -6,8 +6,7 @@ from roadscope import load_suite
 from roadscope.benchmarks import CallTimes
 from roadscope.benchmarks.boards import (
     BOARDS,
-    KITTI_BOARDS,
-    MOT_BOARDS,
+    RECORDED_BOARDS,
     Board,
     JobOptions,
     board_named,
@@ -18,7 +17,7 @@ from roadscope.benchmarks.boards import (
 )
 from roadscope.core import Spec, SpecError
 
-EVERY = (*BOARDS.values(), *KITTI_BOARDS, *MOT_BOARDS)
+EVERY = (*BOARDS.values(), *RECORDED_BOARDS.values())
 ENTRY = {
     "detection": "pag",
     "tracking": "nearest",
