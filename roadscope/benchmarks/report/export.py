@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import html
+import re
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass, fields, replace
 from functools import partial
@@ -127,7 +128,10 @@ def to_latex(results: Results) -> str:
 
 def latex_text(text: str) -> str:
     """Return text escaped for LaTeX."""
-    return "".join(LATEX_ESCAPES.get(letter, letter) for letter in one_line(text))
+    line = one_line(text)
+    # After the end of a row, LaTeX takes these for arguments of it.
+    start = "{}" if line.startswith(("[", "*")) else ""
+    return start + "".join(LATEX_ESCAPES.get(letter, letter) for letter in line)
 
 
 def _write(content: str, path: Path) -> None:
@@ -177,8 +181,9 @@ def _csv_cell(value: Any) -> Any:
 
 
 def _markdown(text: str) -> str:
-    """Return text escaped for a cell of a Markdown table."""
-    return html.escape(one_line(text), quote=False).replace("|", "\\|")
+    """Return text escaped for a cell of a Markdown table: no link, no emphasis, no HTML."""
+    plain = re.sub(r"[\\`*_|~]|!(?=\[)|(?<=\])[(\[:]", r"\\\g<0>", one_line(text))
+    return html.escape(plain, quote=False)
 
 
 def _markdown_table(table: TextTable) -> list[str]:

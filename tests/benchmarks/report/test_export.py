@@ -1,4 +1,5 @@
 import csv
+import html
 import io
 import json
 import re
@@ -142,7 +143,20 @@ HOSTILE = [
     "\x1b[31mred\x1b[0m",
     r"\input{/etc/passwd} $x^2$ 50% #1 a_b ~ {c} &",
     '"quoted", comma',
+    "[2cm] stars * and *",
+    "[click](https://evil.example) ![seen](https://evil.example/x.png) [a][b]",
+    "*bold* _sloped_ `code` ~~gone~~ a\\|b \\*c\\*",
 ]
+
+
+ELEMENTS = {"h2", "h3", "p", "table", "thead", "tbody", "tr", "th", "td"}
+
+
+def rendered(markdown: str) -> str:
+    """Return HTML as a reader of Markdown makes it."""
+    from markdown_it import MarkdownIt
+
+    return MarkdownIt("commonmark").enable(["table", "strikethrough"]).render(markdown)
 
 
 def of_entry(entry: str) -> Results:
@@ -181,6 +195,22 @@ def test_a_name_cannot_leave_its_cell_of_a_markdown_table(entry) -> None:
 
 
 @pytest.mark.parametrize("entry", HOSTILE)
+def test_markdown_shows_a_name_as_it_is(entry) -> None:
+    page = rendered(to_markdown(of_entry(entry)))
+    assert set(re.findall(r"<(\w+)", page)) <= set(
+        ["h2", "h3", "p", "table", "thead", "tbody", "tr", "th", "td"]
+    )
+    cells = [html.unescape(cell) for cell in re.findall(r"<td[^>]*>(.*?)</td>", page)]
+    shown = re.sub(r"\s+", " ", entry.replace("\x1b", "?"))
+    assert cells.count(shown) == 3
+
+
+@pytest.mark.parametrize("entry", HOSTILE)
+def test_no_row_of_latex_begins_with_an_argument(entry) -> None:
+    assert not [line for line in to_latex(of_entry(entry)).splitlines() if line[:1] in ("[", "*")]
+
+
+@pytest.mark.parametrize("entry", HOSTILE)
 def test_latex_runs_nothing_of_a_name(entry) -> None:
     text = to_latex(of_entry(entry))
     assert r"\input" not in text
@@ -188,7 +218,7 @@ def test_latex_runs_nothing_of_a_name(entry) -> None:
     for line in text.splitlines():
         if line.endswith(r"\\"):
             bare = re.sub(r"\\(textbackslash|textasciitilde|textasciicircum)\{\}", "", line[:-2])
-            bare = re.sub(r"\\[&%$#_{}]", "", bare).replace(" & ", "")
+            bare = re.sub(r"\\[&%$#_{}]|\{\}(?=[\[*])", "", bare).replace(" & ", "")
             assert not set(bare) & set("\\&%$#_{}~^")
     assert text.count("\n") == to_latex(of_entry("plain")).count("\n")
 
