@@ -15,19 +15,15 @@ from uuid import uuid4
 import psutil
 import pytest
 
-BACKENDS = [
-    "loky",
-    *(
-        pytest.param(
-            name,
-            marks=pytest.mark.skipif(
-                importlib.util.find_spec(module) is None, reason=f"{module} is not installed"
-            ),
-        )
-        for name, module in (("ray", "ray"), ("dask", "distributed"))
-    ),
+MODULES = {"ray": "ray", "dask": "distributed"}
+INSTALLED = [name for name, module in MODULES.items() if importlib.util.find_spec(module)]
+CLUSTERS = [
+    pytest.param(
+        name, marks=pytest.mark.skipif(name not in INSTALLED, reason=f"{module} is not installed")
+    )
+    for name, module in MODULES.items()
 ]
-CLUSTERS = BACKENDS[1:]
+BACKENDS = ["loky", *CLUSTERS]
 TIMES = "_ms"
 TOKEN = uuid4().hex + uuid4().hex
 """Ray's runs and clusters of these tests know one another by it."""
@@ -70,10 +66,11 @@ def with_supervisor(item):
         plugin.call("reset")
     return [os.getpid(), *[each.pid for each in psutil.Process().children(recursive=True)]]
 
-def main(backend, function, address=None):
-    with open_workers(WorkerSettings(2, backend, address)) as workers:
-        results = workers.each(globals()[function], range(12), on_death=lambda item: None)
-        print(json.dumps(dict(results)), flush=True)
+def main(backend, *functions):
+    with open_workers(WorkerSettings(2, backend, None)) as workers:
+        for function in functions:
+            results = workers.each(globals()[function], range(12), on_death=lambda item: None)
+            print(json.dumps(dict(results)), flush=True)
 """
 STRANGER = """
 class Stranger:
@@ -116,10 +113,10 @@ def environment(folder: Path, cache: str = "cache") -> dict[str, str]:
     return os.environ | own | {"RAY_AUTH_MODE": "token", "RAY_AUTH_TOKEN": TOKEN}
 
 
-def computed(folder: Path, backend: str, function: str) -> dict[int, Any]:
-    """Return what workers compute of twelve items, by a process of its own."""
+def computed(folder: Path, backend: str, *functions: str) -> list[dict[int, Any]]:
+    """Return what workers compute of twelve items by each function, in a process of its own."""
     done = subprocess.run(
-        [sys.executable, "-c", f"import tasks; tasks.main({backend!r}, {function!r})"],
+        [sys.executable, "-c", f"import tasks; tasks.main{(backend, *functions)}"],
         cwd=folder,
         env=environment(folder),
         capture_output=True,
@@ -127,8 +124,9 @@ def computed(folder: Path, backend: str, function: str) -> dict[int, Any]:
         timeout=300,
     )
     assert done.returncode == 0, done.stderr
-    (line,) = [line for line in done.stdout.splitlines() if line.startswith("{")]
-    return {int(item): result for item, result in json.loads(line).items()}
+    lines = [line for line in done.stdout.splitlines() if line.startswith("{")]
+    assert len(lines) == len(functions)
+    return [{int(item): result for item, result in json.loads(line).items()} for line in lines]
 
 
 def scores(folder: Path, name: str, *options: str) -> dict[tuple[str, ...], Any]:
@@ -183,14 +181,12 @@ def cluster(folder: Path, backend: str) -> Iterator[str]:
 
 
 @pytest.mark.parametrize("backend", BACKENDS)
-def test_a_deadly_item_costs_only_itself(folder: Path, backend: str) -> None:
-    results = computed(folder, backend, "deadly")
+def test_a_deadly_item_costs_only_itself_and_supervisors_end_with_the_workers(
+    folder: Path, backend: str
+) -> None:
+    results, processes = computed(folder, backend, "deadly", "with_supervisor")
     assert results == {item: None if item == 5 else item * item for item in range(12)}
-
-
-@pytest.mark.parametrize("backend", BACKENDS)
-def test_supervisors_of_plug_ins_end_with_the_workers(folder: Path, backend: str) -> None:
-    numbers = computed(folder, backend, "with_supervisor").values()
+    numbers = processes.values()
     workers = {first for first, *_ in numbers}
     below = {number for _, *rest in numbers for number in rest}
     assert 1 <= len(workers) <= 2
@@ -224,8 +220,8 @@ def _processes(numbers: set[int]) -> list[psutil.Process]:
     return [psutil.Process(number) for number in numbers if psutil.pid_exists(number)]
 
 
-@pytest.mark.parametrize("backend", CLUSTERS)
-def test_scores_are_those_of_loky_to_the_bit(folder: Path, backend: str) -> None:
+@pytest.mark.skipif(not INSTALLED, reason="neither ray nor distributed is installed")
+def test_scores_of_clusters_are_those_of_loky_to_the_bit(folder: Path) -> None:
     stranger = ("--entry", f"{folder}/stranger.py:Stranger")
     (folder / "stranger.py").write_text(
         "from roadscope.core import Detections\n"
@@ -236,10 +232,10 @@ def test_scores_are_those_of_loky_to_the_bit(folder: Path, backend: str) -> None
     )
     expected = scores(folder, "loky", *stranger)
     assert expected
-    assert scores(folder, backend, *stranger, "--backend", backend) == expected
-    with cluster(folder, backend) as address:
-        options = ["--backend", backend, "--address", address]
-        assert scores(folder, f"{backend}-cluster", *stranger, *options) == expected
+    for backend in INSTALLED:
+        with cluster(folder, backend) as address:
+            options = ["--backend", backend, "--address", address]
+            assert scores(folder, backend, *stranger, *options) == expected, backend
 
 
 @pytest.mark.parametrize("backend", CLUSTERS)

@@ -277,18 +277,12 @@ def alarms(kinds, seeds, runs: int) -> tuple[int, int]:
 
 
 @pytest.mark.slow
-def test_false_alarms_are_rare() -> None:
-    fired, total = alarms(("skewed", "tied", "normal"), (3, 5, 8), 20)
-    # Without control of false discoveries it would be most of them.
-    assert fired <= 0.05 * total
-
-
-@pytest.mark.slow
 def test_false_alarms_of_many_runs_are_under_5_percent() -> None:
+    """Without control of false discoveries most runs would raise one."""
     every = []
     for kind in ("skewed", "tied", "normal"):
         for seeds in (3, 10, 30):
-            fired, total = alarms((kind,), (seeds,), 150)
+            fired, total = alarms((kind,), (seeds,), 60)
             assert not fired or beta.ppf(0.01, fired, total - fired + 1) < 0.05, (kind, seeds)
             every.append((fired, total))
     fired, total = np.sum(every, axis=0)
@@ -311,10 +305,5 @@ def found_share(runs: int) -> float:
 
 
 @pytest.mark.slow
-def test_a_loss_of_one_standard_deviation_is_found() -> None:
-    assert found_share(20) >= 0.8
-
-
-@pytest.mark.slow
-def test_a_loss_of_one_standard_deviation_is_found_in_many_runs() -> None:
-    assert found_share(300) > 0.9
+def test_a_loss_of_one_standard_deviation_is_found_in_most_runs() -> None:
+    assert found_share(60) > 0.9

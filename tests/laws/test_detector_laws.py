@@ -240,7 +240,7 @@ PARTS = {
 
 
 films = pytest.mark.parametrize("speed_m_s", [0.0, 8.0], ids=["standing", "driving"])
-many = settings(max_examples=20, phases=[Phase.explicit, Phase.generate])
+many = settings(max_examples=8, phases=[Phase.explicit, Phase.generate])
 
 
 @pytest.mark.sampled(2)
@@ -360,10 +360,3 @@ def test_scans_that_are_missing_or_empty_now_and_then(detector):
     assert all(f.stamp_s in stamps for f in found)
     assert len(found[-1]) > 0
     assert run(detector, frames) == found
-
-
-def test_reset_forgets_another_drive(detector):
-    one, other = drive(speed_m_s=8.0), drive(seed=50, start_s=1.3)
-    first = run(detector, one)
-    run(detector, other)
-    assert run(detector, one) == first

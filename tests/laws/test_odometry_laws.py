@@ -56,14 +56,6 @@ def run(odometry, inputs):
     return [odometry.update(scan, imu) for scan, imu in inputs]
 
 
-def check_same(name, first, second):
-    if name not in UNEVEN:
-        assert first == second
-    for one, other in zip(first, second, strict=True):
-        apart = one.start_from_lidar.matrix - other.start_from_lidar.matrix
-        assert np.abs(apart).max() < 0.02
-
-
 def check_finite(estimates):
     for told in estimates:
         matrix = told.start_from_lidar.matrix
@@ -109,15 +101,6 @@ def test_follows_a_drive(name, odometry):
 
 
 @pytest.mark.sampled(4)
-def test_reset_forgets(name, odometry):
-    _, inputs = driven(6)
-    first = run(odometry, inputs)
-    run(odometry, driven(4, 3.0)[1])
-    odometry.reset()
-    check_same(name, run(odometry, inputs), first)
-
-
-@pytest.mark.sampled(4)
 def test_takes_the_mounting_of_the_imu(name, odometry):
     _, inputs = driven(8)
     turned = Pose.from_euler(0, 0, 0, yaw=1.0, pitch=0.2, roll=-2.0)
@@ -133,23 +116,21 @@ def test_takes_the_mounting_of_the_imu(name, odometry):
         assert same.max() < (0.02 if name in UNEVEN else 1e-3)
 
 
-POOR = {
-    "empty": emptied,
-    "one ring": lambda scan: kept(scan, scan.ring == 8),
-    "few points": lambda scan: kept(scan, np.arange(len(scan)) % 400 == 0),
-}
-
-
-@pytest.mark.sampled(4)
-@pytest.mark.parametrize("kind", POOR)
-def test_poor_scans_are_told_and_passed_over(name, odometry, kind):
+@pytest.mark.sampled(3)
+def test_empty_scans_are_told_and_passed_over(name, odometry):
+    """Other poor scans, at speed: `test_odometry_recovery.py`."""
     drive, inputs = drive_for(name, 14)
-    told = run(odometry, [(POOR[kind](s) if 5 <= k < 7 else s, i)
-                          for k, (s, i) in enumerate(inputs)])  # fmt: skip
+    told = run(odometry, [(emptied(s) if 5 <= k < 7 else s, i) for k, (s, i) in enumerate(inputs)])
     check_finite(told)
     if name not in READ_NO_SCANS:
         assert [each.ok for each in told[4:8]] == [True, False, False, True]
         assert offset(told[-1], drive.pose(inputs[-1][0].stamp_s))[0] < FOLLOW[name][0]
+
+
+POOR = {
+    "empty": emptied,
+    "few points": lambda scan: kept(scan, np.arange(len(scan)) % 400 == 0),
+}
 
 
 @pytest.mark.sampled(4)
@@ -173,12 +154,11 @@ def test_points_that_are_no_numbers_are_passed_over(odometry):
     check_finite(run(odometry, spoilt))
 
 
-@pytest.mark.sampled(4)
-@pytest.mark.parametrize("stamps", [(5, 5), (5, 3), (5, float("nan"))])
-def test_stamps_that_do_not_advance_are_told(name, odometry, stamps):
+@pytest.mark.sampled(3)
+def test_a_stamp_that_is_no_number_is_told(name, odometry):
     drive, inputs = drive_for(name)
-    again = [kept(inputs[5][0], slice(None), stamp_s=0.05 + 0.1 * stamps[1])]
-    told = run(odometry, [*inputs[:6], (again[0], None), *inputs[6:]])
+    again = kept(inputs[5][0], slice(None), stamp_s=float("nan"))
+    told = run(odometry, [*inputs[:6], (again, None), *inputs[6:]])
     check_finite(told)
     assert not told[6].ok
     assert told[-1].ok

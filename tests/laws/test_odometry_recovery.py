@@ -139,12 +139,18 @@ def check_told_and_recovered(name, told, off):
     assert (off[-SETTLED:] < most).all(), (off[-SETTLED:].max(axis=0), most)
 
 
-QUICK = {"empty", "all dynamic", "loud", "same stamp"}
-KINDS = [k if k in QUICK else pytest.param(k, marks=pytest.mark.slow) for k in SPOILT]
+VARIANTS = {"scan-to-scan", "zhang2022-map", "zhang2022-loop", "loam", "lego-loam-loop",
+            "small-gicp-scan"}  # fmt: skip
+"""They read scans as others do: two kinds of spoilt ones show that they go on."""
+OF_VARIANTS = {"all dynamic", "same stamp"}
 
 
 @pytest.mark.sampled(2)
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize(
+    ("name", "kind"),
+    [(n, k) for n in ODOMETRIES.names() for k in SPOILT if n not in VARIANTS or k in OF_VARIANTS],
+    indirect=["name"],
+)
 def test_spoilt_scans_are_told_and_left_behind(name, kind):
     inputs, first = inputs_of(name), drive_of(name)[1]
     last = first + LAST - FIRST

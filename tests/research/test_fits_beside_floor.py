@@ -17,8 +17,13 @@ from roadscope.benchmarks.papers import (
 from roadscope.detectors.pose import axis_difference
 
 FITS = {1: "ours, 1 frame", 3: "ours, 3 frames", 7: "ours, 7 frames"}
-DRIVES = ("straight", "straight-past", "curve", "following-30")
-BODIES = ("sharp", "rounded")
+PASSES = (
+    ("straight", "sharp"),
+    ("straight-past", "rounded"),
+    ("curve", "sharp"),
+    ("following-30", "rounded"),
+)
+"""Drives, and the corners of the car in each."""
 SEEDS, TAKEN, DRAWS = range(6), 21, 192
 BESIDE = 9
 """Frames that are put beside the floor, which takes long to compute."""
@@ -45,8 +50,7 @@ def judged(run, frames):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("frames", FITS)
-@pytest.mark.parametrize("body", BODIES)
-@pytest.mark.parametrize("drive", DRIVES)
+@pytest.mark.parametrize(("drive", "body"), PASSES)
 def test_stays_within_twice_the_floor(drive, body, frames):
     run = run_of(drive, body, 0, BESIDE)
     found, scores = judged(run, frames)
@@ -61,8 +65,7 @@ def test_stays_within_twice_the_floor(drive, body, frames):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("frames", FITS)
-@pytest.mark.parametrize("body", BODIES)
-@pytest.mark.parametrize("drive", DRIVES)
+@pytest.mark.parametrize(("drive", "body"), PASSES)
 def test_covariance_is_consistent_and_nothing_is_turned(drive, body, frames):
     """The NEES of drives may well have the mean 3, or is less by no more than a quarter.
 

@@ -110,8 +110,20 @@ TOLERATED = (
 )
 """Odd answers that the contract allows: they are scored, badly."""
 FAILING = (*ENDS, *HANGS, *RESOURCES, *FORGERIES, *WRONG, *WATCHERS)
+ACTS = (*FAILING, *HARMLESS, *TOLERATED)
+EVERYWHERE = (*WRONG, *HARMLESS, *TOLERATED)
+"""What an answer must be, and what is scored, differs by board; how a plug-in ends does not."""
 
 
-def pairs(acts: Iterable[Act]) -> list[tuple[str, Act]]:
-    """Return boards with their acts."""
-    return [(board, act) for act in acts for board in act.boards]
+def pairs(acts: Iterable[Act], jobs: int) -> list[tuple[str, Act]]:
+    """Return boards with their acts in a run with so many workers.
+
+    With one worker the acts of `EVERYWHERE` are done on all their boards. Any other act is done on
+    one board, and on another one with two workers. Honest plug-ins, the measure, are on all.
+    """
+    everywhere = EVERYWHERE if jobs == 1 else HARMLESS[:1]
+    chosen = []
+    for act in acts:
+        one = act.boards[(ACTS.index(act) + jobs) % len(act.boards)]
+        chosen += [(board, act) for board in (act.boards if act in everywhere else [one])]
+    return chosen

@@ -11,10 +11,10 @@ from tests.torture.entries import Tortured, tortured
 
 
 def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
-    """Run a test that names acts for each of them and each board that it is for."""
+    """Run a test that names acts for each of them and each board that its class does it on."""
     acts = getattr(metafunc.function, "acts", None)
     if acts is not None:
-        cases = pairs(acts)
+        cases = pairs(acts, metafunc.cls.jobs)
         ids = [f"{board}-{act.name}" for board, act in cases]
         metafunc.parametrize(("board", "act"), cases, ids=ids)
 

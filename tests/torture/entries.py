@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from tests.torture.acts import FAILING, HANGS, HARMLESS, TOLERATED, Act, pairs
+from tests.torture.acts import ACTS, FAILING, HANGS, HARMLESS, TOLERATED, Act, pairs
 from tests.torture.boards import (
     HANG_LIMITS,
     MOST_MESSAGE,
@@ -44,9 +44,10 @@ def tortured(folder: Path, timelines: Path, *, jobs: int) -> Tortured:
     """Run the suite with all hostile entries: those that hang with short deadlines."""
     place = workshop(folder, timelines, ONE_EPISODE)
     start = time.monotonic()
-    others = [act for act in (*FAILING, *HARMLESS, *TOLERATED) if act not in HANGS]
+    others = [act for act in ACTS if act not in HANGS]
     entries, hanging = (
-        [place.spec(board, act.name) for board, act in pairs(acts)] for acts in (others, HANGS)
+        [place.spec(board, act.name) for board, act in pairs(acts, jobs)]
+        for acts in (others, HANGS)
     )
     runs = (
         place.run(entries, jobs=jobs),

@@ -1,4 +1,4 @@
-"""All hostile acts on all boards that they are for, with one worker."""
+"""All hostile acts, with one worker."""
 
 from tests.torture.entries import EntryTests
 

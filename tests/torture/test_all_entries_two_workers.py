@@ -1,4 +1,4 @@
-"""All hostile acts on all boards that they are for, with two workers."""
+"""All hostile acts, with two workers."""
 
 from tests.torture.entries import EntryTests
 

@@ -19,12 +19,11 @@ NASTY = "=cmd|<script>alert(1)\x1b[31m\n\u202e&%_.py"
 """The name of a file that is a formula, a tag, a new line and a colour."""
 
 
-@pytest.mark.parametrize("jobs", ["1", pytest.param("2", marks=pytest.mark.slow)])
-def test_the_board_is_shown_and_the_status_is_1(new_workshop: Made, jobs: str) -> None:
+def test_the_board_is_shown_and_the_status_is_1(new_workshop: Made) -> None:
     place = new_workshop(suite=ONE_EPISODE)
     entries = [place.spec(board, act) for board in ALL for act in ACTS[board]]
     words = [word for entry in entries for word in ("--entry", entry)]
-    done = place.command("--jobs", jobs, "--out", str(place.out), *words)
+    done = place.command("--jobs", "2", "--out", str(place.out), *words)
     assert done.returncode == 1
     for board in ALL:
         assert f"{board} board" in done.stdout

@@ -50,17 +50,7 @@ def test_answers_that_a_plugin_wrote_for_others_are_not_used(
     assert run.results.failed_entries == []
 
 
-@pytest.mark.parametrize(
-    ("where", "jobs"),
-    [
-        (10, 1),
-        (0.5, 2),
-        *(
-            pytest.param(where, jobs, marks=pytest.mark.slow)
-            for where, jobs in ((45, 1), (0.5, 1), (0.9, 1), (10, 2), (45, 2), (0.9, 2))
-        ),
-    ],
-)
+@pytest.mark.parametrize(("where", "jobs"), [(10, 1), (45, 2), (0.5, 2)])
 def test_a_file_that_was_damaged_between_runs_is_made_again(
     new_workshop: Made, honest_run: Honest, where: float, jobs: int
 ) -> None:

@@ -4,14 +4,10 @@ from collections.abc import Callable
 
 import pytest
 
-from tests.torture.acts import ALL
 from tests.torture.boards import Run, Workshop, left_running
 
 
-@pytest.mark.parametrize(
-    "board",
-    ["tracking", *(pytest.param(b, marks=pytest.mark.slow) for b in ALL if b != "tracking")],
-)
+@pytest.mark.parametrize("board", ["tracking", "camera"])
 def test_a_worker_that_was_killed_is_the_fault_of_who_killed_it(
     new_workshop: Callable[..., Workshop], honest_run: tuple[Workshop, Run], board: str
 ) -> None:

@@ -100,7 +100,7 @@ def test_the_ego_waits_while_others_cross_both_ways() -> None:
 
 @pytest.mark.sampled(1)
 @pytest.mark.parametrize("name", ["empty-motorway", "empty-street"])
-@pytest.mark.parametrize("seed", [10_000, *range(10_001, 10_013, 2)])
+@pytest.mark.parametrize("seed", [10_000, 10_001, 10_003])
 def test_nobody_else_is_on_an_empty_road(name, seed) -> None:
     line = record(name, seed)
     assert line.present.shape[1] == 1
@@ -109,5 +109,7 @@ def test_nobody_else_is_on_an_empty_road(name, seed) -> None:
     pushes = np.diff(line.speeds[:, 0]) / np.diff(line.stamps_s)
     assert np.abs(pushes).max() < 2.2
     assert np.abs(np.diff(pushes) / np.diff(line.stamps_s)[1:]).max() < 2.0
-    if seed < 10_002:
-        assert len(list(sense(line, rig("vlp16-imu"), seed))) > 250
+    assert line.end_s > 25.0
+    frames = [frame for frame, _ in sense(record(name, seed, 1.0), rig("vlp16-imu"), seed)]
+    assert len(frames) >= 9
+    assert min(len(frame.lidar) for frame in frames) > 0
