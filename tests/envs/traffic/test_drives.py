@@ -17,7 +17,7 @@ from roadscope.envs.traffic import (
     winding,
 )
 
-SEEDS = range(20)
+SEEDS = range(8)
 MOVING_M = {
     "convoy-pull-away": (240.0, 400.0),
     "platoon": (540.0, 830.0),
@@ -97,7 +97,7 @@ def test_rear_axles_do_not_slip(recorded, name):
         assert np.abs(across[line.present[1:] & line.present[:-1]]).max() < 1e-3, seed
 
 
-@pytest.mark.sampled(4)
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("name", DRIVES)
 def test_rear_axles_stay_on_their_lanes(recorded, name):
     from scipy.spatial import cKDTree
@@ -156,7 +156,7 @@ def test_the_convoy_keeps_its_order_while_it_pulls_away(recorded):
 def test_a_cold_start_is_at_15_to_35_m_s(recorded):
     first = [
         float(np.interp(0.0, line.stamps_s, line.speeds[:, 0]))
-        for line in (recorded("cold-start", seed) for seed in SEEDS)
+        for line in (recorded("cold-start", seed) for seed in range(20))
     ]
     assert 14.0 < min(first) < 19.0
     assert 30.0 < max(first) < 36.0
@@ -171,7 +171,7 @@ def test_stop_and_go_stops_and_goes(recorded):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("seed", range(20))
+@pytest.mark.parametrize("seed", range(4))
 def test_the_loop_comes_back_to_where_it_began(recorded, seed):
     line = recorded("racetrack-loop", seed)
     away = np.linalg.norm(line.axles[:, 0] - line.axles[0, 0], axis=1)

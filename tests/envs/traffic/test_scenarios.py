@@ -15,8 +15,9 @@ from roadscope.envs.world import STYLES
 
 # Vehicles of unseen shapes drive as those do that they stand in for: `test_unseen.py`.
 FLOWING = [n for n, scenario in SCENARIOS.items() if not (scenario.scripted or scenario.unseen)]
-SEEDS = (0, pytest.param(1, marks=pytest.mark.slow))
-"""Twenty seconds of one seed take half a minute in all."""
+QUICK = "merge"
+"""The whole recordings of all take a minute."""
+EACH = [n if n == QUICK else pytest.param(n, marks=pytest.mark.slow) for n in FLOWING]
 
 
 @pytest.fixture(scope="module")
@@ -69,11 +70,9 @@ def test_the_named_scenarios_are_there():
         assert scenario.style in STYLES
 
 
-@pytest.mark.sampled(1)
-@pytest.mark.parametrize("seed", SEEDS)
-@pytest.mark.parametrize("name", FLOWING)
-def test_traffic_is_accepted(recorded, name, seed):
-    line = recorded(name, seed)
+@pytest.mark.parametrize("name", EACH)
+def test_traffic_is_accepted(recorded, name):
+    line = recorded(name, 0)
     verdict = accept(line)
     assert verdict.accepted
     assert verdict.least_objects >= 5
@@ -85,11 +84,9 @@ def test_traffic_is_accepted(recorded, name, seed):
     assert line.present[:, 0].all()
 
 
-@pytest.mark.sampled(1)
-@pytest.mark.parametrize("seed", SEEDS)
-@pytest.mark.parametrize("name", FLOWING)
-def test_motion_is_that_of_vehicles(recorded, name, seed):
-    line = recorded(name, seed)
+@pytest.mark.parametrize("name", EACH)
+def test_motion_is_that_of_vehicles(recorded, name):
+    line = recorded(name, 0)
     assert np.abs(lateral(line)).max() < 3.0
     assert line.speeds.min() >= 0.0
     # Steering, and with it yaw rate, never jumps: lateral jerk and wheel rate are bounded.
@@ -100,8 +97,7 @@ def test_motion_is_that_of_vehicles(recorded, name, seed):
     assert braking.max() < 3.0
 
 
-@pytest.mark.sampled(1)
-@pytest.mark.parametrize("name", FLOWING)
+@pytest.mark.parametrize("name", EACH)
 def test_rear_axles_do_not_slip(recorded, name):
     """Positions must be the integral of speed along yaw, or interpolation invents motion."""
     line = recorded(name, 0)
@@ -114,7 +110,7 @@ def test_rear_axles_do_not_slip(recorded, name):
 
 def test_bodies_are_of_many_kinds_and_the_ego_is_a_car(recorded):
     kinds = set()
-    for line in (recorded(name, 0) for name in FLOWING):
+    for line in (recorded(name, 0, 1.0) for name in FLOWING):
         kinds |= set(line.categories.tolist())
         assert line.categories[0] == Category.CAR
         assert line.sizes[0].tolist() == [5.0, 1.9, 1.5]
@@ -201,7 +197,7 @@ def test_traffic_of_highway_env_does_not_reach_ours():
 
 
 def test_acceptance_counts_objects_and_crashes(recorded):
-    line = recorded("parking-lot", 0)
+    line = recorded("parking-lot", 0, 1.0)
     crashed = line.crashed.copy()
     crashed[-1, : len(line.ids) // 10 + 1] = True
     assert not accept(replace(line, crashed=crashed)).accepted
