@@ -32,6 +32,7 @@ from roadscope.benchmarks.speed.detectors import RUNS, DrivenScene, driven_frame
 from roadscope.benchmarks.speed.measure import measure_speed
 from roadscope.benchmarks.speed.odometry import DURATION_S, LARGER, RIG, SCENARIO, SEED
 from roadscope.benchmarks.speed.rows import SpeedRow, SpeedStep, interleaved
+from roadscope.core import Bounds
 from roadscope.detectors.cloud import Cloud
 from roadscope.detectors.clustering import CLUSTERINGS
 from roadscope.detectors.ground import GROUNDS
@@ -105,7 +106,7 @@ def _detector_stages(frame: Frame) -> dict[str, Callable[[], Any]]:
     scan = frame.lidar
     assert scan is not None
     pose = frame.calibration.pose(scan.sensor)
-    view = (pose.yaw - HALF_VIEW_RAD, pose.yaw + HALF_VIEW_RAD)
+    view = Bounds(pose.yaw - HALF_VIEW_RAD, pose.yaw + HALF_VIEW_RAD)
     cloud = Cloud.of(scan, pose)
     above = GROUNDS[GROUND](cloud)
     remaining = cloud.select(above)

@@ -72,23 +72,24 @@ def refused(answer) -> Callable[..., str]:
 
 
 @pytest.mark.slow
-def test_help_of_everything() -> None:
-    whole = roadscope_does("--help")
-    assert whole.returncode == 0
+def test_help_of_everything(answer, monkeypatch) -> None:
+    monkeypatch.setenv("COLUMNS", "80")
+    status, whole, _ = answer("--help")
+    assert status == 0
     for name in ("list", "run", "leaderboard", "reproduce", "speed", "new", "doctor", "cache"):
-        assert name in whole.stdout
-        one = roadscope_does(name, "--help")
-        assert one.returncode == 0
-        assert f"Example:  roadscope {name}" in one.stdout
-        assert "…" not in one.stdout
-    assert roadscope.__version__ in roadscope_does("--version").stdout
+        assert name in whole
+        status, one, _ = answer(name, "--help")
+        assert status == 0
+        assert f"Example:  roadscope {name}" in one
+        assert "…" not in one
+    assert roadscope.__version__ in answer("--version")[1]
 
 
-def test_list() -> None:
-    everything = roadscope_does("list").stdout
+def test_list(answer) -> None:
+    everything = answer("list")[1]
     for name in ("pag-range", "nearest", "roundabout", "quick", "lux", "hdl32e"):
         assert name in everything
-    detectors = roadscope_does("list", "detectors").stdout
+    detectors = answer("list", "detectors")[1]
     assert "roundabout" not in detectors
     assert "oracle" in detectors
 
@@ -227,16 +228,16 @@ def test_leaderboard_prints_and_writes(tmp_path, suite) -> None:
 
 
 @pytest.mark.slow
-def test_the_width_is_that_which_is_asked_for(tmp_path, suite) -> None:
+def test_the_width_is_that_which_is_asked_for(answer, tmp_path, suite) -> None:
     suite.write_text(SUITE.replace("seeds = 4", "seeds = 1") + '[detection]\nentries = ["pag"]\n')
     widest = {}
     for width in (60, 200):
-        done = roadscope_does(
+        status, out, errors = answer(
             *("leaderboard", "--suite", suite, "--jobs", 1, "--out", tmp_path / "out"),
             *("--width", width),
         )
-        assert done.returncode == 0, done.stderr
-        lines = done.stdout.partition("written:")[0].splitlines()
+        assert status == 0, errors
+        lines = out.partition("written:")[0].splitlines()
         widest[width] = max(map(len, lines))
         assert widest[width] <= width
     assert widest[200] > 100

@@ -126,11 +126,9 @@ class ImageDetections(Record):
         return len(self.boxes)
 
     @staticmethod
-    def empty(stamp_s: float, size_px: tuple[int, int] | None = None) -> ImageDetections:
+    def empty(stamp_s: float) -> ImageDetections:
         """Return a record without detections."""
-        return ImageDetections(
-            np.empty((0, 4)), np.empty(0, np.int8), np.empty(0), stamp_s, size_px=size_px
-        )
+        return ImageDetections(np.empty((0, 4)), np.empty(0, np.int8), np.empty(0), stamp_s)
 
     def select(self, index: np.ndarray) -> ImageDetections:
         """Return the rows that a mask or an index array selects."""

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from roadscope.core import wrap_angle
+from roadscope.core import Bounds, wrap_angle
 from roadscope.core.jit import compiled
 from roadscope.detectors.cloud import Cloud
 from roadscope.detectors.sorting import order_by, order_within, starts_of
@@ -39,11 +39,11 @@ class Horizon:
     azimuths: np.ndarray
     ranges: np.ndarray
     step: float
-    view: tuple[float, float] | None
+    view: Bounds | None
     origin: np.ndarray
 
     @staticmethod
-    def of(cloud: Cloud, standing: np.ndarray, view: tuple[float, float]) -> Horizon:
+    def of(cloud: Cloud, standing: np.ndarray, view: Bounds) -> Horizon:
         """Return the horizon of a scan.
 
         standing: (N,) mask of returns above the ground.
@@ -79,24 +79,24 @@ class Horizon:
     @property
     def around(self) -> HorizonArrays:
         """The horizon as kernels take it."""
-        ends = (-np.inf, np.inf) if self.view is None else self.view
-        return HorizonArrays(self.azimuths, self.ranges, self.step, ends)
+        right, left = self.view or (-np.inf, np.inf)
+        return HorizonArrays(self.azimuths, self.ranges, self.step, (right, left))
 
 
-def _sweep(cloud: Cloud, view: tuple[float, float]) -> tuple[float, bool]:
+def _sweep(cloud: Cloud, view: Bounds) -> tuple[float, bool]:
     """Return radians from column to column, and whether all returns lie inside the view."""
     order = order_by(cloud.column)
     first = cloud.select(order[starts_of(cloud.column[order])[:-1]])
     step = _step(first.azimuths, first.column)
-    limit = view[1] - (view[0] + view[1]) / 2 + step
+    limit = view.high - (view.low + view.high) / 2 + step
     # One return of each column usually shows a full turn; only otherwise all returns are checked.
     limited = all(_farthest(part, view) <= limit for part in (first, cloud))
     return step, limited
 
 
-def _farthest(cloud: Cloud, view: tuple[float, float]) -> float:
+def _farthest(cloud: Cloud, view: Bounds) -> float:
     """Return the greatest angle in radians between a return and the middle of the view."""
-    off = np.abs(wrap_angle(cloud.azimuths - (view[0] + view[1]) / 2))
+    off = np.abs(wrap_angle(cloud.azimuths - (view.low + view.high) / 2))
     return float(off.max(initial=0.0))
 
 

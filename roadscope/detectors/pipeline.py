@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from roadscope.core import Detections, Frame
+from roadscope.core import Bounds, Detections, Frame
 from roadscope.detectors.cloud import Cloud
 from roadscope.detectors.clustering import Clustering
 from roadscope.detectors.drops import check_faint, without_faint
@@ -90,7 +90,7 @@ class ClusterDetector:
 
         yaw: yaw of the sensor in the ego frame, radians.
         """
-        standing, view = self._ground(cloud), (yaw - self._half_view, yaw + self._half_view)
+        standing, view = self._ground(cloud), Bounds(yaw - self._half_view, yaw + self._half_view)
         horizon, above = Horizon.of(cloud, standing, view), cloud.select(standing)
         vehicles = [
             vehicle

@@ -99,7 +99,7 @@ class ExistenceTracker:
         missed = np.ones(len(targets), bool)
         missed[rows] = False
         believed = targets.log_odds(self._traits) > self._shown
-        visible = 1 - hidden_shares(targets.boxes, missed, believed, eye)
+        visible = 1 - hidden_shares(targets.boxes, missed, believed, np.ascontiguousarray(eye))
         targets = replace(targets, away_s=targets.away_s + dt * np.where(missed, visible, 0.0))
         targets = targets.replaced(
             rows, self._detected(targets.select(rows), measured.select(columns), dt)

@@ -456,8 +456,8 @@ def expected_velocities(
         new.boxes,
         FAMILIES[kinds],
         front,
-        neighbours.positions,
-        neighbours.velocities,
+        np.ascontiguousarray(neighbours.positions),
+        np.ascontiguousarray(neighbours.velocities),
         neighbours.families,
     ).T
     usual, total = (2 * front - 1) * traits.cruise_m_s[kinds], USUAL_WEIGHT + weight

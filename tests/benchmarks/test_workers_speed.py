@@ -12,7 +12,7 @@ from roadscope.benchmarks import Eligibility, Episode, Job, RunOptions, WorkerSe
 from roadscope.benchmarks.boards import BOARDS, track_node
 from roadscope.trackers import TRACKERS
 
-ITEMS = 40
+ITEMS = 20
 ITEM_S = 0.2
 ROUNDS = 3
 EXPECTED = 1.8

@@ -4,11 +4,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 from toy_lidar import cloud
 
-from roadscope.core import wrap_angle
+from roadscope.core import Bounds, wrap_angle
 from roadscope.detectors import Cloud, Horizon
 from roadscope.detectors.ground import grid_above_ground
 
-VIEW = (np.radians(-55.0), np.radians(55.0))
+VIEW = Bounds(np.radians(-55.0), np.radians(55.0))
 NEAR, FAR = (20, 0.5, 4.6, 1.85, 1.5, 0), (40, 0, 4.6, 1.85, 1.5, 0)
 
 

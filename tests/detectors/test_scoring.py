@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from toy_lidar import HEIGHT_M, cloud
 
-from roadscope.core import Category
+from roadscope.core import Bounds, Category
 from roadscope.detectors import (
     COUNTS,
     Horizon,
@@ -21,7 +21,7 @@ from roadscope.detectors.scoring import shipped_model
 from roadscope.detectors.shape import Vehicle
 
 CAR = (22.0, 0.0, 4.6, 1.85, 1.5, 0.0)
-VIEW = (-0.96, 0.96)
+VIEW = Bounds(-0.96, 0.96)
 ELEVATIONS = np.linspace(-3, 3, 13)
 
 

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from law_scenes import DECIDED, LIMITED, MOUNT
 from toy_lidar import scan
 
-from roadscope.core import Pose
+from roadscope.core import Bounds, Pose
 from roadscope.detectors import Cloud, Horizon
 from roadscope.detectors.shape import SHAPES, Cluster, clusters
 
@@ -38,7 +38,7 @@ def seen(pose=MOUNT, *, car=0, seed=0, way=1) -> tuple[Cluster, Horizon]:
         cloud = Cloud(cloud.points * [1, -1, 1], cloud.ring, -cloud.column, cloud.rows, origin)
     standing = np.ones(len(cloud), bool)
     (cluster,) = clusters(cloud, np.zeros(len(cloud), int))
-    return cluster, Horizon.of(cloud, standing, (way * pose.yaw - 1.0, way * pose.yaw + 1.0))
+    return cluster, Horizon.of(cloud, standing, Bounds(way * pose.yaw - 1.0, way * pose.yaw + 1.0))
 
 
 def assert_same(found, expected, tolerance=EXACT, place=lambda centre: centre, yaw=lambda yaw: yaw):
@@ -107,7 +107,7 @@ def test_any_few_returns_show_proper_vehicles_or_none(name, seed, count, kind):
     )
     (cluster,) = clusters(cloud, np.zeros(count, int))
     before = cluster.points.copy()
-    for vehicle in SHAPES[name](cluster, Horizon.of(cloud, rows >= 0, (-1.0, 1.0))):
+    for vehicle in SHAPES[name](cluster, Horizon.of(cloud, rows >= 0, Bounds(-1.0, 1.0))):
         assert np.isfinite((*vehicle.centre, *vehicle.size, vehicle.yaw, vehicle.fit)).all()
         assert min(vehicle.size) > 0
         assert vehicle.residual_m >= 0

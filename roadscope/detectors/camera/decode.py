@@ -197,13 +197,15 @@ class Peaks(Record):
         return self.traits[:, 0]
 
 
-def decode(answers: np.ndarray, size: tuple[int, int], least_log_odds: float = FLOOR) -> Peaks:
+def decode(
+    answers: np.ndarray, *, height_px: int, width_px: int, least_log_odds: float = FLOOR
+) -> Peaks:
     """Return the boxes in the network's outputs for one image.
 
     answers: (h, w, 4, 12) outputs; the four parts of a position are row by row. An output has 3 log
         odds of a centre of each family, 4 logarithms of the distances to left, top, right and
         bottom over their unit, and 5 log odds among the categories of vehicles.
-    size: height and width of the image, pixels; boxes end at its edges.
+    height_px, width_px: of the image; boxes end at its edges.
     least_log_odds: every output of more heat gives a box, not only the greatest among its
         neighbours, because the centres of people who stand close together lie side by side.
     """
@@ -217,7 +219,7 @@ def decode(answers: np.ndarray, size: tuple[int, int], least_log_odds: float = F
     across, down = FINE * columns + parts % FINE, FINE * rows + parts // FINE
     middles = (np.stack([across, down], axis=1) + 0.5) * STRIDE
     boxes = np.concatenate([middles - sides[:, :2], middles + sides[:, 2:]], axis=1)
-    boxes = np.clip(boxes, 0, [size[1], size[0], size[1], size[0]])
+    boxes = np.clip(boxes, 0, [width_px, height_px, width_px, height_px])
     kinds = rest[:, 4:].argmax(axis=1)
     categories = np.array(FIRST_CATEGORIES)[families] + np.where(families == 0, kinds, 0)
     inside = np.flatnonzero((boxes[:, 2:] > boxes[:, :2]).all(axis=1))

@@ -108,7 +108,7 @@ class CameraDetector:
             )
         shrunk, factor = _shrunk(pixels)
         answers = _answers(self._loaded[0], shrunk, self.threads)
-        peaks = decode(answers, shrunk.shape[:2])
+        peaks = decode(answers, height_px=shrunk.shape[0], width_px=shrunk.shape[1])
         boxes = np.minimum(peaks.boxes * factor, [width, height, width, height])
         return Peaks(boxes, peaks.families, peaks.categories, peaks.traits)
 

@@ -50,7 +50,7 @@ def _cell_spans(points: np.ndarray, cell_m: float) -> tuple[np.ndarray, np.ndarr
     cell = x * width + y
     if (x.max() + 1.0) * width > MOST_CELLS:
         cell = np.unique(cell, return_inverse=True)[1]
-    return _spans(points[:, 2], cell, int(cell.max()) + 1)
+    return _spans(np.ascontiguousarray(points[:, 2]), cell, int(cell.max()) + 1)
 
 
 @compiled()

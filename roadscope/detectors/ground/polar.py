@@ -74,9 +74,9 @@ def polar_above_ground(
     segments = max(1, round(360 / segment_deg))
     segment, reach = _polar(cloud.points, cloud.origin, segments)
     bins = int(min(reach.max() // bin_m + 1, MOST_BINS))
-    returns = PolarReturns(segment, reach, cloud.points[:, 2], segments, bins, bin_m)
-    ranges, heights = _prototypes(returns)
-    above = _heights_above_lines(returns, ranges, heights, rule)
+    heights = np.ascontiguousarray(cloud.points[:, 2])
+    returns = PolarReturns(segment, reach, heights, segments, bins, bin_m)
+    above = _heights_above_lines(returns, *_prototypes(returns), rule)
     mask: np.ndarray = (above > clear_m) & (above < ceiling_m)
     return mask
 

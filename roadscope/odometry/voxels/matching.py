@@ -36,7 +36,7 @@ off."""
 
 @compiled()
 def normal_equations(
-    voxels: Voxels, points: np.ndarray, matrix: np.ndarray, scale: float, floor_m: float = FLOOR_M
+    voxels: Voxels, points: np.ndarray, matrix: np.ndarray, scale: float, floor_m: float
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return Gauss-Newton's matrix (6, 6) and vector (6,), and sums over the points, (3,).
 
@@ -277,7 +277,7 @@ def match(
     pose = prior.map_from_sensor.copy()
     for step in range(steps):
         scale = scales[min(step, len(scales) - 1)]
-        H, b, _ = normal_equations(voxels, points, pose, scale)
+        H, b, _ = normal_equations(voxels, points, pose, scale, FLOOR_M)
         off = np.concatenate(
             [
                 pose[:3, 3] - prior.map_from_sensor[:3, 3],
@@ -292,7 +292,7 @@ def match(
         if small and step + 1 >= len(scales):
             break
     pose = orthonormal(pose)
-    H, _, sums = normal_equations(voxels, points, pose, scales[-1])
+    H, _, sums = normal_equations(voxels, points, pose, scales[-1], FLOOR_M)
     return ScanMatch(pose, H, len(points), int(sums[0]), float(sums[1]))
 
 

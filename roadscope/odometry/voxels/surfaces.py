@@ -233,7 +233,7 @@ class VoxelMap:
         while True:
             remaining = empty_voxels(slots)
             if len(self) <= FULL * slots or slots > len(self.voxels.keys):
-                copy_near(self.voxels, remaining, centre, self.reach_m)
+                copy_near(self.voxels, remaining, np.ascontiguousarray(centre), self.reach_m)
                 if remaining.used[0] + new_voxels <= 0.7 * FULL * slots:
                     self.voxels = remaining
                     return

@@ -62,7 +62,7 @@ def test_answers_become_the_same_boxes_as_maps_do() -> None:
         maps = [m[0].numpy() for m in network(pixels)]
         answers = network.answers(squares(pixels))[0].numpy().reshape(16, 24, 4, 12)
     # The surest answer alone, or others would have a say in its box.
-    found = decode(answers, (64, 96), float(maps[0].max()))
+    found = decode(answers, height_px=64, width_px=96, least_log_odds=float(maps[0].max()))
     rows = np.argsort(-maps[0].ravel(), kind="stable")[:1]
     family, row, column = (int(k) for k in np.unravel_index(rows[0], maps[0].shape))
     middle = 2 * (np.array([column, row]) + 0.5)

@@ -6,6 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from toy_lidar import cloud
 
+from roadscope.core import Bounds
 from roadscope.detectors import Horizon
 from roadscope.detectors.shape import SHAPES, clusters, cut
 
@@ -16,7 +17,7 @@ def merged(boxes):
     """All returns in one cluster, and the horizon."""
     seen = cloud(boxes, ground=False, noise_m=0.02)
     (cluster,) = clusters(seen, np.zeros(len(seen), np.int64))
-    return cluster, Horizon.of(seen, np.ones(len(seen), bool), (-0.96, 0.96))
+    return cluster, Horizon.of(seen, np.ones(len(seen), bool), Bounds(-0.96, 0.96))
 
 
 def test_two_cars_in_one_cluster_are_both_found():

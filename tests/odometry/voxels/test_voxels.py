@@ -73,7 +73,7 @@ def held_slowly(voxels, slot, off, height_m):
 def test_equations_equal_those_of_the_slow_twin(rng, known):
     points = room(np.random.default_rng(2), 200)
     pose, scale = exp_se3(0.02 * rng.standard_normal(6)), 4.0
-    H, b, told = normal_equations(known.voxels, points, pose, scale)
+    H, b, told = normal_equations(known.voxels, points, pose, scale, FLOOR_M)
     slow_H, slow_b, slow_told = np.zeros((6, 6)), np.zeros(6), np.zeros(3)
     voxels = known.voxels
     for point in points:
@@ -124,7 +124,7 @@ def test_one_beams_trace_over_a_crown_has_little_information_about_height(rng):
         known.add(points + rng.normal(0, 0.01, points.shape), np.zeros(3))
         forward = np.eye(4)
         forward[0, 3] = 0.5
-        H, _, told = normal_equations(known.voxels, points[::4], forward, 1.0)
+        H, _, told = normal_equations(known.voxels, points[::4].copy(), forward, 1.0, FLOOR_M)
         assert told[0] > 50
         firm[name] = H[2, 2] / told[1]
     assert firm["trace"] < 0.2 * firm["ceiling"]
@@ -139,7 +139,7 @@ def test_tilted_surfaces_inform_falling_beams_more_than_rising_ones(rng):
         points = np.column_stack([30 + lean * height, across, up + height])
         known = VoxelMap(reach_m=60.0)
         known.add(points + rng.normal(0, 0.03, points.shape), np.zeros(3))
-        H, _, told = normal_equations(known.voxels, points[::4], np.eye(4), 3.0)
+        H, _, told = normal_equations(known.voxels, points[::4].copy(), np.eye(4), 3.0, FLOOR_M)
         firm[name] = np.diag(H)[:3] / told[1]
     assert firm["rising"][2] < 0.1 * firm["falling"][2]
     assert firm["wall"][0] > firm["falling"][0]
