@@ -15,7 +15,7 @@ version = 1
 rig = "vlp16"
 duration_s = 10.0
 scenarios = ["motorway", "roundabout"]
-seeds = [20000]
+seeds = [20000, 20001]
 [tracking]
 entries = ["nearest"]
 detectors = ["distance-l-shape"]
