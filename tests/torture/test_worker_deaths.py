@@ -2,16 +2,13 @@
 
 from collections.abc import Callable
 
-import pytest
-
 from tests.torture.boards import Run, Workshop, left_running
 
 
-@pytest.mark.parametrize("board", ["tracking", "camera"])
 def test_a_worker_that_was_killed_is_the_fault_of_who_killed_it(
-    new_workshop: Callable[..., Workshop], honest_run: tuple[Workshop, Run], board: str
+    new_workshop: Callable[..., Workshop], honest_run: tuple[Workshop, Run]
 ) -> None:
-    place = new_workshop()
+    board, place = "tracking", new_workshop()
     killer, honest = place.spec(board, "kill_worker"), place.spec(board, "honest")
     run = place.run([killer, honest], jobs=2, boards=[board])
     for reason in run.reasons(killer):
