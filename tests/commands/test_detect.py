@@ -214,6 +214,16 @@ def test_a_lidar_without_ground_needs_its_height(folder):
     assert run(folder, "--height", str(HEIGHT_M))[0].exit_code == 0
 
 
+def test_flat_beams_do_not_show_the_height(folder):
+    # Things 14 m away, which the lowest beam meets at the same height all around.
+    posts = [(19.0, y, 0.5, 0.8, 1.7, 0.0) for y in np.arange(-6.0, 7.0, 1.0)]
+    seen = scan(posts)
+    for path in folder.iterdir():
+        np.column_stack([seen.points, seen.intensity]).astype("<f4").tofile(path)
+    done, _ = run(folder, detector="Nothing")
+    assert "--height METRES" in str(done.exception)
+
+
 def test_json_is_the_only_output(folder):
     done, _ = run(folder, "--json", detector="Echo")
     told = json.loads(done.stdout)
