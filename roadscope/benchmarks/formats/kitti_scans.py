@@ -211,7 +211,7 @@ def find_kitti_frames(folder: Path | str, sensors: Sequence[str] = (SCANS,)) -> 
     if not places:
         raise FormatError(
             f"{folder}: expected {_expected(sensors)}, here or in training/; got "
-            f"{names_in(folder)}{_hint(folder)}"
+            f"{names_in(folder)}{hint(folder)}"
         )
     root, layout = places[0]
     for name in (*map(layout.folder, sensors), "calib"):
@@ -236,7 +236,7 @@ def _expected(sensors: Sequence[str]) -> str:
     )
 
 
-def _hint(folder: Path) -> str:
+def hint(folder: Path) -> str:
     """Return where labels are instead, near the folder; empty if nowhere."""
     above = [folder.resolve().parent, folder.resolve().parent.parent]
     below = [path for path in (*visible(folder), *visible(folder, "*/*")) if path.is_dir()]

@@ -16,7 +16,7 @@ from roadscope.benchmarks.formats.kitti_labels import (
     read_kitti_labels,
 )
 from roadscope.benchmarks.formats.kitti_odometry import find_kitti_odometry
-from roadscope.benchmarks.formats.kitti_scans import IMAGES, SCANS, find_kitti_frames
+from roadscope.benchmarks.formats.kitti_scans import IMAGES, SCANS, find_kitti_frames, hint
 from roadscope.benchmarks.formats.kitti_sequence import (
     DETECTOR_PREFIX,
     KittiFolder,
@@ -54,8 +54,22 @@ def kitti_suite(
     if boards is None:
         names = [name for name in MARKERS if place.has(MARKERS[name])] or [TRACKING_BOARD]
         names += ["fusion"] * ({"detection", "camera"} <= set(names))
+    if boards is None and not any(place.has(patterns) for patterns in MARKERS.values()):
+        _refuse(place.folder)
     settings = {k: v for name in names for k, v in MAKERS[name](place).items()}
     return suite_of(KITTI, settings)
+
+
+def _refuse(folder: Path) -> None:
+    """Raise `FormatError` for a folder that has nothing for any board, unless it has labels."""
+    try:
+        KittiFolder.find(folder)
+    except FormatError as error:
+        where = hint(folder) if folder.is_dir() else ""
+        raise FormatError(
+            f"{error}; detectors need velodyne or image_2 beside label_2 (or label_02), odometries "
+            f"sequences and poses{where}"
+        ) from None
 
 
 class _Place(NamedTuple):

@@ -78,8 +78,10 @@ def breakdown_tables(
             table.title = part.title + (", continued" if number else "")
             if part.metric == DETECTION_RATE:
                 _add_counts(table, results.breakdown(by, name), bands)
-            if by == "sequence" and part.metric == board_named(name).headline:
-                _add_object_frames(table, results.breakdown(by, name), bands)
+            board = board_named(name)
+            if by == "sequence" and part.metric == board.headline and board.object_metric:
+                rows = [r for r in results.breakdown(by, name) if r.metric == board.object_metric]
+                _add_object_frames(table, rows, bands)
             tables.append(table)
     return tables
 
@@ -228,9 +230,9 @@ def _add_counts(table: Table, rows: Sequence[Row], bands: Sequence[str]) -> None
 
 
 def _add_object_frames(table: Table, rows: Sequence[Row], bands: Sequence[str]) -> None:
-    """Add a row with the number of frames of all objects of each sequence."""
-    counts = [
-        max((r.samples for r in rows if (r.metric, r.band) == ("mota", band)), default=0)
-        for band in bands
-    ]
+    """Add a row with the number of frames of all objects of each sequence.
+
+    rows: of the metric whose samples these are.
+    """
+    counts = [max((r.samples for r in rows if r.band == band), default=0) for band in bands]
     table.add_row(Text("object frames", style="not bold"), *map(str, counts), style="dim")

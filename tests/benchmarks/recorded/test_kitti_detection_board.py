@@ -14,6 +14,7 @@ from roadscope.__main__ import app
 from roadscope.benchmarks.boards import chosen_boards
 from roadscope.benchmarks.formats import IMAGES, SCANS, find_kitti_frames
 from roadscope.benchmarks.recorded import kitti_suite
+from roadscope.benchmarks.report import breakdown_tables
 from roadscope.core import SpecError
 from roadscope.formats import FormatError
 
@@ -65,8 +66,10 @@ def test_tracking_data_have_sequences_and_the_labels_as_a_mark(tmp_path):
     for entry in (FINDS, "oracle"):
         assert found.row(BOARD, entry, "ap_3d_hard").value == pytest.approx(11 / 40)
     assert found.standing(BOARD, "oracle").mark
-    parts = {row.band: row.value for row in found.breakdown("sequence", BOARD)}
-    assert parts == {"0000": pytest.approx(5 / 40), "0001": pytest.approx(5 / 40)}
+    parts = {(row.band, row.value) for row in found.breakdown("sequence", BOARD)}
+    assert parts == {("0000", 5 / 40), ("0001", 5 / 40)}
+    (table,) = breakdown_tables(found, BOARD, "sequence", 120)
+    assert [list(column.cells)[-1] for column in table.columns[1:]] == ["6", "6"]
 
 
 def test_what_was_computed_is_kept_and_files_that_change_count_as_new(tmp_path):
@@ -173,6 +176,9 @@ def test_another_level_of_the_folder_is_named(tmp_path, place):
     with pytest.raises(FormatError) as error:
         drives_of(folder / place)
     assert str(folder) in str(error.value) or "training" in str(error.value)
+    with pytest.raises(FormatError) as error:
+        kitti_suite(folder / place)
+    assert "sequences and poses; name " in str(error.value)
     with pytest.raises(FormatError, match="no such folder"):
         drives_of(folder / "nothing")
     with pytest.raises(FormatError, match="a file"):
