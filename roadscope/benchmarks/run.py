@@ -148,11 +148,12 @@ def leaderboard(
         results = gather(run_plan.jobs, outcomes, conditions)
         results = replace(results, agreements=agreements(results, run_plan, store.outcomes))
     results = save_logs(results, folder)
+    if out_dir is not None:
+        save_all(results, folder)
     if out_dir is None and page is None:
         return results
     latest = Run(results, worst_moments(run_plan.jobs, results, progress or silent))
     if out_dir is not None:
-        save_all(results, folder)
         save_moments(latest.moments, folder)
     if page is not None:
         save_page([latest] if out_dir is None else read_runs(folder), Path(page))

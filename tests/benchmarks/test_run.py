@@ -22,6 +22,7 @@ from roadscope.benchmarks import (
     timeline_path,
 )
 from roadscope.benchmarks.nodes import ego_motions
+from roadscope.benchmarks.report import read_runs
 from roadscope.core import SpecError
 
 PLUGINS = Path(__file__).parent / "plugins.py"
@@ -61,6 +62,21 @@ def test_both_boards_have_their_entries(results) -> None:
     assert results.entries("detection") == ["pag", "oracle", "one-cluster"]
     assert set(results.entries("tracking")) == {"nearest", "nearest on oracle"}
     assert results.failures == ()
+
+
+def test_a_run_keeps_its_worst_moments_and_shows_them_on_a_page(suite, tmp_path) -> None:
+    page = tmp_path / "pages" / "mine.html"
+    arguments = {"boards": ["detection"], "page": page}
+    found = leaderboard(suite, [plugin("Scribbles")], out_dir=tmp_path / "out", **arguments)
+    (run,) = read_runs(tmp_path / "out")
+    assert run.results.rows == found.rows
+    assert {moment.board for moment in run.moments} == {"detection"}
+    assert {moment.entry for moment in run.moments} <= set(found.entries("detection"))
+    assert "pag" in {moment.entry for moment in run.moments}
+    assert page.is_file()
+    page.unlink()
+    leaderboard(suite, [plugin("Scribbles")], **arguments)
+    assert page.is_file()
 
 
 def test_marks_are_not_ranked(results) -> None:

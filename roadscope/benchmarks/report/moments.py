@@ -48,6 +48,8 @@ SMOOTH = 5
 """Frames over which misses and false alarms are summed to find where most are."""
 OF_A_KIND = 2
 """Most moments of one kind for an entry."""
+MOST_BOXES = 60
+"""Most objects, and most boxes of an entry, in a frame: those nearest to the ego."""
 MOST_POSES = 240
 """Most poses of a replayed trajectory, beside those around its jump."""
 MARGIN_M = 10.0
@@ -354,8 +356,9 @@ def _series(
     rows: dict[tuple[int, int], list[tuple[int, str, np.ndarray, np.ndarray]]] = {}
     for t, (boxes, ego) in enumerate(zip(frames, egos, strict=True)):
         poses = _moved(np.column_stack([boxes.centres, boxes.yaws]), origin)
-        close = np.linalg.norm(boxes.centres - ego[:2], axis=1) <= reach_m
-        for row in np.flatnonzero(close):
+        away_m = np.linalg.norm(boxes.centres - ego[:2], axis=1)
+        nearest = np.argsort(away_m, kind="stable")[:MOST_BOXES]
+        for row in np.sort(nearest[away_m[nearest] <= reach_m]):
             number = int(boxes.numbers[row])
             # A detection has no identity: each is a box of its own.
             key = (number, -1) if number >= 0 else (t, int(row))

@@ -119,17 +119,19 @@ def _fitting(runs: Sequence[Run]) -> _Page:
         text = _rendered(bare, left_out)
     space = MOST_BYTES - len(text.encode()) - 1000
     shown: list[list[Any]] = [[] for _ in boards]
-    every = sum(len(board["moments"]) for board in boards)
+    too_much = 0
     for number, moment in _in_turn([board["moments"] for board in boards]):
         size = len(_as_json(moment)) + 1
         if size > space:
-            left_out.append(
-                f"{every - sum(map(len, shown))} of {every} moments are left out, as the page "
-                "would be too large."
-            )
-            break
-        space -= size
-        shown[number].append(moment)
+            too_much += 1
+        else:
+            space -= size
+            shown[number].append(moment)
+    if too_much:
+        every = sum(len(board["moments"]) for board in boards)
+        left_out.append(
+            f"{too_much} of {every} moments are left out, as the page would be too large."
+        )
     full = [{**b, "moments": own} for b, own in zip(boards, shown, strict=True)]
     return _Page(_rendered(full, left_out), left_out)
 

@@ -386,7 +386,9 @@
       const ego = scene.ego[frame];
       const wide = window.matchMedia("(max-width: 40rem)").matches ? 4 / 3 : 16 / 9;
       const [x, y, length, width] = moment.focus;
-      const [cx, cy] = [ego[0] + x, ego[1] - y];
+      // A drift is seen on the whole drive, all else around the ego.
+      const anchor = moment.kind === "drift" ? scene.ego[moment.event] : ego;
+      const [cx, cy] = [anchor[0] + x, anchor[1] - y];
       const height = Math.max(2 * width, 2 * length / wide, 20) * 1.12 ** -Number(zoom.value);
       const unit = (height * wide) / (find(".scene").clientWidth || 700);  // Decimetres in a pixel.
       const picture = svg("svg", { viewBox: `${cx - height * wide / 2} ${cy - height / 2} ${height * wide} ${height}`, role: "img",
