@@ -146,6 +146,7 @@ def test_a_poor_first_scan_is_survived(name, odometry, kind):
         assert [told[0].ok, told[-1].ok] == [False, True]
 
 
+@pytest.mark.sampled(4)
 def test_points_that_are_no_numbers_are_passed_over(odometry):
     _, inputs = driven(6)
     spoilt = copy.deepcopy(inputs)

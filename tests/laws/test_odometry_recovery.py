@@ -178,9 +178,16 @@ def test_a_lost_second_is_told_and_left_behind(name):
 NOTHING = ImuSamples(np.empty(0), np.empty((0, 3)), np.empty((0, 3)))
 
 
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize(
-    "kind",
-    ["gap", *(pytest.param(k, marks=pytest.mark.slow) for k in ("none", "no numbers"))],
+    ("name", "kind"),
+    [
+        (name, kind)
+        for name in ODOMETRIES.names()
+        for kind in ("gap", "none", "no numbers")
+        if name not in VARIANTS or kind == "gap"
+    ],
+    indirect=["name"],
 )
 def test_a_faulty_imu_is_left_behind(name, kind):
     inputs, first = inputs_of(name), drive_of(name)[1]
