@@ -250,7 +250,7 @@ def test_figures_only_get_worse(kind: str) -> None:
         ("fog-3", "no fault 'fog-3'"),
         ("clear + fog:3", "no fault 'clear'"),
         (("night:1", "night:2"), "fault 'night' is given 2 times"),
-        ("rain:1 + fog:1", "faults fog and rain are never there at once"),
+        ("rain:1 + fog:1", "faults fog and rain exclude each other"),
     ],
 )
 def test_what_is_no_fault_is_refused_with_what_is(given: object, message: str) -> None:

@@ -85,7 +85,7 @@ def test_distances_are_bright_on_any_ground_and_lie_on_their_rings():
     for ground in (0, 90):
         labels = _labels(ground)
         write_distances(labels, VIEW)
-        boxes = np.array(labels.taken)
+        boxes = np.array(labels.reserved)
         middles = (boxes[:, :2] + boxes[:, 2:]) / 2
         radii = np.linalg.norm(middles - VIEW.home, axis=1) * VIEW.metres_per_px
         assert radii == pytest.approx([20.0 * ring for ring in range(1, len(boxes) + 1)], abs=0.2)
