@@ -116,7 +116,7 @@ def test_lone_and_equal_points_give_a_pose():
     ("change", "message"),
     [
         ({"frames": []}, "at least 1 frame"),
-        ({"origins": np.zeros((2, 2))}, "as many"),
+        ({"origins": np.zeros((2, 2))}, "origins and stamps"),
         ({"stamps_s": [0.0, 0.1, 0.1]}, "rising"),
         ({"stamps_s": [0.0, np.nan, 0.1]}, "rising"),
         ({"at": 3}, "at must name"),
