@@ -11,15 +11,15 @@ from roadscope.core.pose import wrap_angle
 
 # Chosen by hand. Road users hardly reverse faster.
 MOVING_M_S = 1.0
-"""Speed along the axis up to which a track may stand."""
+"""Up to this speed along its axis, m/s, a track may belong to a standing object."""
 SURE = 2.0
-"""Standard deviations that this speed must be away from 0."""
+"""Standard deviations by which that speed must differ from 0 to show a direction of travel."""
 
 
 def facing_ahead(tracks: Tracks, travels: np.ndarray | None = None) -> Tracks:
-    """Return tracks whose headings are turned by half where they point against their travel.
+    """Return tracks whose headings are turned by half a turn where they point against the travel.
 
-    travels: what `travel_directions` returns of them.
+    travels: (N, 2), what `travel_directions` returns for them; computed without it.
     """
     travels = travel_directions(tracks) if travels is None else travels
     against = (travels * _unit_vectors(tracks.yaws)).sum(axis=1) < 0
@@ -46,5 +46,5 @@ def travel_directions(tracks: Tracks, earlier: np.ndarray | None = None) -> np.n
 
 
 def _unit_vectors(yaws: np.ndarray) -> np.ndarray:
-    """Return (N, 2)."""
+    """Return (N, 2), the directions of yaws in radians."""
     return np.column_stack([np.cos(yaws), np.sin(yaws)])

@@ -31,7 +31,7 @@ EXPECTED = (
 class KittiOdometrySequence:
     """A sequence of KITTI's odometry data whose true poses are known.
 
-    root: the folder that holds `sequences` and `poses`. numbers: of its scans, rising.
+    root: the folder that holds `sequences` and `poses`. numbers: those of its scans, rising.
     """
 
     root: str
@@ -69,7 +69,7 @@ class KittiOdometrySequence:
         return stamps_s
 
     def camera_from_lidar(self) -> Pose:
-        """Return where the LiDAR is in the frame of the camera."""
+        """Return the pose of the LiDAR in the frame of the left grey camera."""
         return read_camera_from_lidar(self.folder / "calib.txt")
 
     def camera_poses(self) -> list[Pose]:
@@ -79,7 +79,7 @@ class KittiOdometrySequence:
         return [poses[number] for number in self.numbers]
 
     def length_m(self) -> float:
-        """Return the length of the true way."""
+        """Return the length of the true path of the camera, metres."""
         places = np.array([pose.translation for pose in self.camera_poses()])
         return float(np.linalg.norm(np.diff(places, axis=0), axis=1).sum())
 

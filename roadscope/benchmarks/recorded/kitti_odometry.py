@@ -24,7 +24,7 @@ class KittiOdometryDrive(Episode):
 
     @staticmethod
     def of(sequence: KittiOdometrySequence, number: int) -> KittiOdometryDrive:
-        """Return the drive of a sequence. number: that stands for it, as seeds do elsewhere."""
+        """Return the drive of a sequence. number: names it, as seeds name episodes."""
         return KittiOdometryDrive(
             "kitti",
             number,

@@ -46,7 +46,7 @@ class StateErrors(Record):
 
     @property
     def reversed(self) -> np.ndarray:
-        """(K,) bool, headings of moving objects that are off by more than a right angle."""
+        """(K,) bool, whether the object moves and the heading is off by more than a right angle."""
         reversed_: np.ndarray = self.moving & (np.abs(self.headings) > np.pi / 2)
         return reversed_
 
@@ -58,8 +58,8 @@ def state_errors(
     frames = list(zip(tracks, truths, pairs, strict=True))
     positions = [t.centres[p.tracks, :2] - g.centres[p.objects, :2] for t, g, p in frames]
     velocities = [t.velocities[p.tracks] - g.velocities[p.objects] for t, g, p in frames]
-    turns = [t.yaws[p.tracks] - g.yaws[p.objects] for t, g, p in frames]
-    turns = np.concatenate([np.empty(0), *turns])
+    differences = [t.yaws[p.tracks] - g.yaws[p.objects] for t, g, p in frames]
+    turns = np.concatenate([np.empty(0), *differences])
     speeds = [np.hypot(*g.velocities[p.objects].T) for _, g, p in frames]
     moving = np.concatenate([np.empty(0), *speeds]) >= MOVING_M_S
     covariances = [t.covariances[p.tracks] for t, _, p in frames]
