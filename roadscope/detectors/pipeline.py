@@ -11,7 +11,7 @@ from roadscope.core import Bounds, Detections, Frame
 from roadscope.detectors.cloud import Cloud
 from roadscope.detectors.clustering import Clustering
 from roadscope.detectors.drops import check_faint, without_faint
-from roadscope.detectors.ground import Ground
+from roadscope.detectors.ground import Ground, GroundSurface
 from roadscope.detectors.horizon import Horizon
 from roadscope.detectors.scoring import scores
 from roadscope.detectors.shape import Shape, Vehicle
@@ -33,6 +33,7 @@ class ClusterDetector:
         faint: float = 0.0,
         residual_m: float | None = None,
         view_deg: float = 110.0,
+        level: bool = True,
         **options: Option | None,
     ) -> None:
         """Choose the stages and set their options.
@@ -45,12 +46,12 @@ class ClusterDetector:
             left out (after Park et al. 2020, low-intensity outlier removal).
         residual_m: greatest root mean square distance of an outline from its lines; outlines beyond
             it are left out. None leaves out none, as in the paper.
-        view_deg: field of view of a sensor that does not turn fully, by default the LUX's. A body
-        at
+        view_deg: field of view of a sensor that does not turn fully, by default the LUX's. A body at
             its ends may go on outside.
-        options: of the chosen stages, such as `distance_m` of the clustering `distance`. None is
-        the
-            stage's own default. Options of stages that are not chosen are refused.
+        level: whether heights are counted from the ground that is estimated around the sensor;
+            otherwise from the plane on which the wheels stand, as calibrated.
+        options: of the chosen stages, such as `distance_m` of the clustering `distance`. None
+            is the stage's own default. Options of stages that are not chosen are refused.
         """
         names = {"ground": ground, "clustering": clustering, "shape": shape}
         stages = chosen_stages(names, options, f"; the detector takes {_own_arguments()}")
@@ -65,6 +66,7 @@ class ClusterDetector:
             raise ValueError(f"view_deg must be above 0 and at most 360 degrees, got {view_deg!r}")
         self._min_score, self._exclusive, self._faint = min_score, exclusive, check_faint(faint)
         self._residual_m = np.inf if residual_m is None else residual_m
+        self._level = level
         self._half_view = float(np.radians(view_deg)) / 2
 
     def reset(self) -> None:
@@ -77,13 +79,15 @@ class ClusterDetector:
         scan = without_faint(frame.lidar, self._faint)
         ego_from_lidar = frame.calibration.pose(scan.sensor)
         cloud = Cloud.of(scan, ego_from_lidar)
+        ground = GroundSurface.of(cloud) if self._level else GroundSurface(None, cloud.origin)
+        cloud = ground.levelled(cloud)
         vehicles, horizon = self.propose(cloud, ego_from_lidar.yaw)
-        height_m = float(ego_from_lidar.translation[2])
+        height_m = float(ego_from_lidar.translation[2] - ground.below(cloud.origin[None])[0])
         probabilities = scores(vehicles, cloud, horizon, height_m)
         rows = np.flatnonzero(probabilities >= self._min_score)
         if self._exclusive:
             rows = rows[exclusive_rows([vehicles[k] for k in rows], probabilities[rows])]
-        return _detections([vehicles[k] for k in rows], probabilities[rows], scan.stamp_s)
+        return _detections([vehicles[k] for k in rows], probabilities[rows], scan.stamp_s, ground)
 
     def propose(self, cloud: Cloud, yaw: float) -> tuple[list[Vehicle], Horizon]:
         """Return the vehicles in all clusters, before scoring, and the horizon.
@@ -129,14 +133,17 @@ def _covers(one: Vehicle, other: Vehicle) -> bool:
 
 
 def _detections(
-    vehicles: Sequence[Vehicle], probabilities: np.ndarray, stamp_s: float
+    vehicles: Sequence[Vehicle],
+    probabilities: np.ndarray,
+    stamp_s: float,
+    ground: GroundSurface,
 ) -> Detections:
     if not vehicles:
         return Detections.empty(stamp_s)
     sizes = np.array([vehicle.size for vehicle in vehicles])
     places = np.array([vehicle.centre for vehicle in vehicles])
     return Detections(
-        centres=np.column_stack([places, sizes[:, 2] / 2]),
+        centres=np.column_stack([places, sizes[:, 2] / 2 + ground.below(places)]),
         sizes=sizes,
         yaws=np.array([vehicle.yaw for vehicle in vehicles]),
         categories=np.array([vehicle.category for vehicle in vehicles], np.int8),

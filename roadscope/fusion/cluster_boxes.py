@@ -11,7 +11,7 @@ from roadscope.core.checks import require
 from roadscope.detectors.cloud import Cloud
 from roadscope.detectors.clustering import cluster_dbscan
 from roadscope.detectors.drops import without_faint
-from roadscope.detectors.ground import grid_above_ground
+from roadscope.detectors.ground import GroundSurface, grid_above_ground
 from roadscope.fusion.sizes import completed
 from roadscope.fusion.weights import lidar_model
 
@@ -58,10 +58,11 @@ class ClusterBoxes:
         """
         if frame.lidar is None:
             return Detections.empty(frame.stamp_s)
-        shapes, _ = self.propose(frame)
+        cloud = self._cloud(frame)
+        ground = GroundSurface.of(cloud)
+        shapes, _ = self._boxes(ground.levelled(cloud))
         if not len(shapes):
             return Detections.empty(frame.lidar.stamp_s)
-        assert frame.lidar is not None
         mount = frame.calibration.pose(frame.lidar.sensor).translation[:2]
         chances = lidar_model().probabilities(features(shapes, mount))
         scores = 1.0 - chances[:, 3]
@@ -71,15 +72,25 @@ class ClusterBoxes:
         centres, sizes, yaws = completed(
             shapes[:, :3], shapes[:, 3:6], shapes[:, 6], mount, categories
         )
+        centres[:, 2] += ground.below(centres)
         return Detections(
             centres, sizes, yaws, categories, scores, "ego", frame.lidar.stamp_s, chances
         )
 
     def propose(self, frame: Frame) -> tuple[np.ndarray, list[np.ndarray]]:
-        """Return (N, 8) x, y, z, length, width, height, yaw, returns, and rows of the scan."""
+        """Return (N, 8) x, y, z, length, width, height, yaw, returns, and the points of each.
+
+        Heights are those above the ground.
+        """
+        cloud = self._cloud(frame)
+        return self._boxes(GroundSurface.of(cloud).levelled(cloud))
+
+    def _cloud(self, frame: Frame) -> Cloud:
         assert frame.lidar is not None
         scan = without_faint(frame.lidar, self.faint)
-        cloud = Cloud.of(scan, frame.calibration.pose(scan.sensor))
+        return Cloud.of(scan, frame.calibration.pose(scan.sensor))
+
+    def _boxes(self, cloud: Cloud) -> tuple[np.ndarray, list[np.ndarray]]:
         cloud = cloud.select(grid_above_ground(cloud))
         labels = cluster_dbscan(cloud, eps_m=self.eps_m, min_points=self.min_points)
         shapes, rows = [], []

@@ -7,6 +7,7 @@ import numpy as np
 from roadscope.detectors.cloud import Cloud
 from roadscope.detectors.ground.grid import grid_above_ground
 from roadscope.detectors.ground.polar import PolarRule, polar_above_ground
+from roadscope.detectors.ground.surface import GroundRule, GroundSurface
 
 Ground = Callable[[Cloud], np.ndarray]
 """Cloud of N returns -> (N,) bool, whether each is from something above the ground."""
@@ -30,6 +31,8 @@ GROUNDS: Mapping[str, Callable[..., np.ndarray]] = {
 __all__ = [
     "GROUNDS",
     "Ground",
+    "GroundRule",
+    "GroundSurface",
     "PolarRule",
     "grid_above_ground",
     "keep_all",

@@ -1,0 +1,237 @@
+"""The height of the ground around the sensor, estimated outwards from the vehicle."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+
+from roadscope.core.jit import compiled
+from roadscope.detectors.cloud import Cloud
+
+SECTORS = 120
+"""Sectors around the sensor, 3 degrees each: a car ahead at 30 m fills one, its sides are free."""
+FIRST_M, BIN_M, GROWTH, BINS = 2.0, 0.7, 0.035, 72
+"""Sectors are cut into bins of range: where the first begins, the least length of one, and its
+length as a share of range; the last ends at about 110 m."""
+FLAT_M, STANDING_M = 0.12, 1.2
+"""Most returns of a bin that shows ground lie within the first of its lowest one, not between
+both: those are a face. What is higher (crowns) says nothing."""
+
+
+class GroundRule(NamedTuple):
+    """What is assumed of roads and of the mounting; chosen by hand on simulated roads.
+
+    height_m, tilt: standard deviations of the believed height and, in radians, of pitch and roll
+        against the road near the vehicle.
+    bend: variance of the change of slope a metre; 0.0004 is 2.6 degrees in 5 m.
+    steepest: greatest slope, that of banks beside the road.
+    noise_m: standard deviation of the lowest return of a bin from the ground.
+    gate: standard deviations within which a return is taken for ground, beyond `noise_m`.
+    """
+
+    height_m: float = 0.15
+    tilt: float = 0.03
+    bend: float = 0.0004
+    steepest: float = 0.4
+    noise_m: float = 0.05
+    gate: float = 2.5
+
+
+RULE = GroundRule()
+FLAT_GROUND_M, UNEVEN_GROUND_M = 0.1, 0.25
+"""Ground nearer than the first to the plane on which the wheels stand is taken for that plane, as
+calibrated; between the two the estimate takes over."""
+LEAST_SECTORS, LEAST_BINS = 12, 3.0
+"""Ground in fewer sectors, or in fewer bins of them on average, is too little for an estimate: a
+sensor of four layers sees the road at one or two ranges."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class GroundSurface:
+    """The ground around a sensor, above the plane z = 0 of the ego frame.
+
+    heights: (S, B) metres at the middles of sectors and bins, None where the ground is that plane.
+    origin: (2,) metres, where the sensor stands.
+    """
+
+    heights: np.ndarray | None
+    origin: np.ndarray
+
+    @staticmethod
+    def of(cloud: Cloud, rule: GroundRule = RULE) -> GroundSurface:
+        """Estimate the ground of a whole scan.
+
+        A plane is fitted to the ground near the vehicle, starting at the calibrated one. From
+        there a front of sectors grows outwards: in each a Kalman filter over range follows height
+        and slope of the lowest returns, and takes what it does not see from its neighbours. So
+        the ground may rise, fall and lean, and cars and walls are passed by.
+        """
+        if not len(cloud):
+            return GroundSurface(None, cloud.origin)
+        sector, place = _polar(cloud.points, cloud.origin)
+        ranges, lows = _lowest(cloud.points, cloud.origin, sector, place)
+        heights, accepted = _front(ranges, lows, _near_plane(ranges, lows, rule), rule)
+        bins = accepted.sum(axis=1)[accepted.any(axis=1)]
+        enough = len(bins) >= LEAST_SECTORS and bins.mean() >= LEAST_BINS
+        share = (np.abs(heights) - FLAT_GROUND_M) / (UNEVEN_GROUND_M - FLAT_GROUND_M)
+        uneven = enough and bool((share > 0).any())
+        return GroundSurface(heights * np.clip(share, 0, 1) if uneven else None, cloud.origin)
+
+    def below(self, points: np.ndarray) -> np.ndarray:
+        """Return the height of the ground below (N, 2 or 3) points, (N,) metres."""
+        if self.heights is None:
+            return np.zeros(len(points))
+        return _between(self.heights, *_polar(points, self.origin))
+
+    def levelled(self, cloud: Cloud) -> Cloud:
+        """Return the cloud with heights above the ground in place of z."""
+        if self.heights is None:
+            return cloud
+        points = cloud.points.copy()
+        points[:, 2] -= self.below(points)
+        return replace(cloud, points=points)
+
+
+def bin_edges() -> np.ndarray:
+    """Return the ranges between which bins lie, (BINS + 1,) metres."""
+    edges = [FIRST_M]
+    for _ in range(BINS):
+        edges.append(edges[-1] + max(BIN_M, GROWTH * edges[-1]))
+    return np.array(edges)
+
+
+EDGES_M = bin_edges()
+MIDDLES_M = (EDGES_M[1:] + EDGES_M[:-1]) / 2
+
+
+def _polar(points: np.ndarray, origin: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the sector of each return, a fraction, and its place among the bins' middles, (N,)."""
+    x, y = (points[:, :2] - origin).T
+    sector = (np.arctan2(y, x) / (2 * np.pi) + 0.5) * SECTORS
+    return sector, np.interp(np.hypot(x, y), MIDDLES_M, np.arange(BINS, dtype=np.float64))
+
+
+@compiled()
+def _lowest(
+    points: np.ndarray, origin: np.ndarray, sector: np.ndarray, place: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return range and height of the lowest return of bins that show ground, (S, B), else inf."""
+    ranges, lows = np.full((2, SECTORS, BINS), np.inf)
+    flat, standing = np.zeros((2, SECTORS, BINS))
+    for step in range(2):
+        for i in range(len(points)):
+            s, b = int(sector[i]) % SECTORS, int(place[i] + 0.5)
+            z = points[i, 2]
+            if step == 0:
+                if z < lows[s, b]:
+                    lows[s, b] = z
+                    x, y = points[i, 0] - origin[0], points[i, 1] - origin[1]
+                    ranges[s, b] = np.sqrt(x * x + y * y)
+            elif z - lows[s, b] < FLAT_M:
+                flat[s, b] += 1
+            elif z - lows[s, b] < STANDING_M:
+                standing[s, b] += 1
+    for s in range(SECTORS):
+        for b in range(BINS):
+            if standing[s, b] > flat[s, b]:
+                lows[s, b] = np.inf
+    return ranges, lows
+
+
+NEAR_M = 20.0
+"""The plane of the ground near the vehicle is fitted up to this range."""
+GATES_M = (1.0, 0.5, 0.3, 0.2, 0.15, 0.15)
+"""Distances from the plane within which a bin counts, one for each round of the fit."""
+
+
+def _near_plane(ranges: np.ndarray, lows: np.ndarray, rule: GroundRule) -> np.ndarray:
+    """Return height at the sensor and slopes along x and y of the ground near the vehicle, (3,).
+
+    Bins count by robust least squares; the calibrated plane counts as a measurement of it.
+    """
+    s, b = np.nonzero((ranges < NEAR_M) & (lows < np.inf))
+    reach, z = ranges[s, b], lows[s, b]
+    turn = (s + 0.5) / SECTORS * 2 * np.pi - np.pi
+    rows = np.column_stack([np.ones(len(s)), reach * np.cos(turn), reach * np.sin(turn)])
+    weight = np.array([rule.height_m, rule.tilt, rule.tilt]) ** -2.0
+    plane = np.zeros(3)
+    for gate_m in GATES_M:
+        off = z - rows @ plane
+        near = np.abs(off) < gate_m
+        # Bins near each other err alike: a hundred of them count as one that is ten times as good.
+        share = 1.0 / (rule.noise_m**2 * max(near.sum() / 100.0, 1.0))
+        chosen = rows[near]
+        normal = np.diag(weight) + share * chosen.T @ chosen
+        plane = np.linalg.solve(normal, share * chosen.T @ z[near])
+    return plane
+
+
+@compiled()
+def _front(
+    ranges: np.ndarray, lows: np.ndarray, plane: np.ndarray, rule: GroundRule
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return the height of the ground at the middles of bins, (S, B), and which showed it."""
+    heights, accepted = np.empty((SECTORS, BINS)), np.zeros((SECTORS, BINS), np.bool_)
+    # Height and slope of each sector, and their covariance.
+    state, var = np.empty((SECTORS, 2)), np.empty((SECTORS, 3))
+    before = np.empty((SECTORS, 2))
+    spread = np.empty(SECTORS)
+    for s in range(SECTORS):
+        turn = (s + 0.5) / SECTORS * 2 * np.pi - np.pi
+        slope = plane[1] * np.cos(turn) + plane[2] * np.sin(turn)
+        state[s, 0], state[s, 1] = plane[0] + slope * MIDDLES_M[0], slope
+        var[s, 0], var[s, 1], var[s, 2] = rule.noise_m**2, 0.0, 0.02**2
+    for b in range(BINS):
+        step = MIDDLES_M[b] - MIDDLES_M[max(b - 1, 0)]
+        for s in range(SECTORS):
+            state[s, 0] += step * state[s, 1]
+            var[s, 0] += step * (2 * var[s, 1] + step * var[s, 2]) + rule.bend * step**3 / 3
+            var[s, 1] += step * var[s, 2] + rule.bend * step**2 / 2
+            var[s, 2] += rule.bend * step
+        before[:], spread[:] = state, var[:, 0]
+        for s in range(SECTORS):
+            for side in (-1, 1):
+                n = (s + side) % SECTORS
+                # A neighbour lies beside: the ground may lean by a sixth, or step by a kerb.
+                other = spread[n] + (MIDDLES_M[b] * 2 * np.pi / SECTORS / 6) ** 2 + 0.15**2
+                _update(state[s], var[s], 0.0, before[n, 0], other)
+            z = lows[s, b]
+            if z < np.inf:
+                ahead = ranges[s, b] - MIDDLES_M[b]
+                off = z - state[s, 0] - ahead * state[s, 1]
+                if abs(off) < 2 * rule.noise_m + rule.gate * np.sqrt(var[s, 0]):
+                    _update(state[s], var[s], ahead, z, rule.noise_m**2)
+                    accepted[s, b] = True
+            state[s, 1] = min(max(state[s, 1], -rule.steepest), rule.steepest)
+            heights[s, b] = state[s, 0]
+    return heights, accepted
+
+
+@compiled()
+def _update(state: np.ndarray, var: np.ndarray, ahead: float, height: float, noise: float) -> None:
+    """Update height and slope by a height measured that far ahead, with that variance."""
+    to_height = var[0] + ahead * var[1]
+    to_slope = var[1] + ahead * var[2]
+    total = to_height + ahead * to_slope + noise
+    gain, turn = to_height / total, to_slope / total
+    off = height - state[0] - ahead * state[1]
+    state[0] += gain * off
+    state[1] += turn * off
+    var[0], var[1], var[2] = (
+        var[0] - gain * to_height,
+        var[1] - gain * to_slope,
+        var[2] - turn * to_slope,
+    )
+
+
+def _between(heights: np.ndarray, sector: np.ndarray, place: np.ndarray) -> np.ndarray:
+    """Interpolate (S, B) heights at returns, (N,), between sectors and between bins."""
+    turn, b = sector - 0.5, np.minimum(place.astype(np.int64), BINS - 2)
+    s = np.floor(turn).astype(np.int64)
+    u, v = turn - s, place - b
+    near, far = s % SECTORS, (s + 1) % SECTORS
+    one = heights[near, b] * (1 - v) + heights[near, b + 1] * v
+    other = heights[far, b] * (1 - v) + heights[far, b + 1] * v
+    return np.asarray(one * (1 - u) + other * u)
