@@ -24,22 +24,35 @@ class GroundRule(NamedTuple):
     """What is assumed of roads and of the mounting; chosen by hand on simulated roads.
 
     height_m, tilt: standard deviations of the believed height and, in radians, of pitch and roll
-        against the road near the vehicle.
+        against the ground near the vehicle; `slope` is what the plane fitted to it leaves.
     bend: variance of the change of slope a metre; 0.0004 is 2.6 degrees in 5 m.
     steepest: greatest slope, that of banks beside the road.
     noise_m: standard deviation of the lowest return of a bin from the ground.
-    gate: standard deviations within which a return is taken for ground, beyond `noise_m`.
+    gate: standard deviations within which a return is taken for ground, beyond twice `noise_m`.
+    kerb_m, across: standard deviation between the heights of neighbours, and what it grows by
+        with the distance between them.
+    gap_m: where the ground is less certain than this, a sector alone is not believed: its
+        neighbours must agree, to `lean_m` and within `leap_m` beyond twice `noise_m`.
     """
 
     height_m: float = 0.15
     tilt: float = 0.03
+    slope: float = 0.02
     bend: float = 0.0004
     steepest: float = 0.4
     noise_m: float = 0.05
     gate: float = 2.5
+    kerb_m: float = 0.15
+    across: float = 0.17
+    gap_m: float = 0.2
+    lean_m: float = 0.1
+    leap_m: float = 0.4
 
 
 RULE = GroundRule()
+BESIDE, BELIEVED = 4, 3
+"""Neighbours on either side that a sector is compared with, and how many bins at least show ground
+where it is uncertain; in a gap it is more than half of them."""
 FLAT_GROUND_M, UNEVEN_GROUND_M = 0.1, 0.25
 """Ground nearer than the first to the plane on which the wheels stand is taken for that plane, as
 calibrated; between the two the estimate takes over."""
@@ -106,11 +119,17 @@ EDGES_M = bin_edges()
 MIDDLES_M = (EDGES_M[1:] + EDGES_M[:-1]) / 2
 
 
+@compiled()
 def _polar(points: np.ndarray, origin: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return the sector of each return, a fraction, and its place among the bins' middles, (N,)."""
-    x, y = (points[:, :2] - origin).T
-    sector = (np.arctan2(y, x) / (2 * np.pi) + 0.5) * SECTORS
-    return sector, np.interp(np.hypot(x, y), MIDDLES_M, np.arange(BINS, dtype=np.float64))
+    sector, place = np.empty(len(points)), np.empty(len(points))
+    for i in range(len(points)):
+        x, y = points[i, 0] - origin[0], points[i, 1] - origin[1]
+        sector[i] = (np.arctan2(y, x) / (2 * np.pi) + 0.5) * SECTORS
+        reach = min(max(np.sqrt(x * x + y * y), MIDDLES_M[0]), MIDDLES_M[-1])
+        b = min(np.searchsorted(MIDDLES_M, reach, "right"), BINS - 1) - 1
+        place[i] = b + (reach - MIDDLES_M[b]) / (MIDDLES_M[b + 1] - MIDDLES_M[b])
+    return sector, place
 
 
 @compiled()
@@ -176,13 +195,13 @@ def _front(
     heights, accepted = np.empty((SECTORS, BINS)), np.zeros((SECTORS, BINS), np.bool_)
     # Height and slope of each sector, and their covariance.
     state, var = np.empty((SECTORS, 2)), np.empty((SECTORS, 3))
-    before = np.empty((SECTORS, 2))
-    spread = np.empty(SECTORS)
+    off, before, spread = np.empty((3, SECTORS))
+    beside = np.empty(2 * BESIDE + 1)
     for s in range(SECTORS):
         turn = (s + 0.5) / SECTORS * 2 * np.pi - np.pi
         slope = plane[1] * np.cos(turn) + plane[2] * np.sin(turn)
         state[s, 0], state[s, 1] = plane[0] + slope * MIDDLES_M[0], slope
-        var[s, 0], var[s, 1], var[s, 2] = rule.noise_m**2, 0.0, 0.02**2
+        var[s, 0], var[s, 1], var[s, 2] = rule.noise_m**2, 0.0, rule.slope**2
     for b in range(BINS):
         step = MIDDLES_M[b] - MIDDLES_M[max(b - 1, 0)]
         for s in range(SECTORS):
@@ -190,19 +209,44 @@ def _front(
             var[s, 0] += step * (2 * var[s, 1] + step * var[s, 2]) + rule.bend * step**3 / 3
             var[s, 1] += step * var[s, 2] + rule.bend * step**2 / 2
             var[s, 2] += rule.bend * step
-        before[:], spread[:] = state, var[:, 0]
+        before[:], spread[:] = state[:, 0], var[:, 0]
+        aside = rule.kerb_m**2 + (MIDDLES_M[b] * 2 * np.pi / SECTORS * rule.across) ** 2
         for s in range(SECTORS):
             for side in (-1, 1):
                 n = (s + side) % SECTORS
-                # A neighbour lies beside: the ground may lean by a sixth, or step by a kerb.
-                other = spread[n] + (MIDDLES_M[b] * 2 * np.pi / SECTORS / 6) ** 2 + 0.15**2
-                _update(state[s], var[s], 0.0, before[n, 0], other)
-            z = lows[s, b]
-            if z < np.inf:
+                _update(state[s], var[s], 0.0, before[n], spread[n] + aside)
+            off[s] = lows[s, b] - state[s, 0] - (ranges[s, b] - MIDDLES_M[b]) * state[s, 1]
+        for s in range(SECTORS):
+            # What most neighbours see: a car fills a third of them.
+            count = 0
+            for n in range(s - BESIDE, s + BESIDE + 1):
+                value = off[n % SECTORS]
+                if value < np.inf:
+                    k = count
+                    while k > 0 and beside[k - 1] > value:
+                        beside[k] = beside[k - 1]
+                        k -= 1
+                    beside[k] = value
+                    count += 1
+            near, unsure = 2 * rule.noise_m, np.sqrt(var[s, 0])
+            continues = unsure < near or (unsure < rule.gap_m and count >= BELIEVED)
+            if not continues and count > BESIDE:
+                common = beside[count // 3]
+                gate = near + min(rule.gate * unsure, rule.leap_m)
+                if common < -gate:
+                    # Nothing returns from below the ground: what was followed was none.
+                    turn = (s + 0.5) / SECTORS * 2 * np.pi - np.pi
+                    state[s, 0] += common
+                    state[s, 1] = plane[1] * np.cos(turn) + plane[2] * np.sin(turn)
+                    var[s, 0], var[s, 1], var[s, 2] = rule.lean_m**2, 0.0, rule.lean_m**2
+                elif common < gate:
+                    _update(state[s], var[s], 0.0, state[s, 0] + common, rule.lean_m**2)
+                continues = common < gate
+            if continues and off[s] < np.inf:
                 ahead = ranges[s, b] - MIDDLES_M[b]
-                off = z - state[s, 0] - ahead * state[s, 1]
-                if abs(off) < 2 * rule.noise_m + rule.gate * np.sqrt(var[s, 0]):
-                    _update(state[s], var[s], ahead, z, rule.noise_m**2)
+                left = lows[s, b] - state[s, 0] - ahead * state[s, 1]
+                if abs(left) < near + rule.gate * np.sqrt(var[s, 0]):
+                    _update(state[s], var[s], ahead, lows[s, b], rule.noise_m**2)
                     accepted[s, b] = True
             state[s, 1] = min(max(state[s, 1], -rule.steepest), rule.steepest)
             heights[s, b] = state[s, 0]
@@ -226,12 +270,14 @@ def _update(state: np.ndarray, var: np.ndarray, ahead: float, height: float, noi
     )
 
 
+@compiled()
 def _between(heights: np.ndarray, sector: np.ndarray, place: np.ndarray) -> np.ndarray:
     """Interpolate (S, B) heights at returns, (N,), between sectors and between bins."""
-    turn, b = sector - 0.5, np.minimum(place.astype(np.int64), BINS - 2)
-    s = np.floor(turn).astype(np.int64)
-    u, v = turn - s, place - b
-    near, far = s % SECTORS, (s + 1) % SECTORS
-    one = heights[near, b] * (1 - v) + heights[near, b + 1] * v
-    other = heights[far, b] * (1 - v) + heights[far, b + 1] * v
-    return np.asarray(one * (1 - u) + other * u)
+    found = np.empty(len(sector))
+    for i in range(len(sector)):
+        turn, b = sector[i] - 0.5, min(int(place[i]), BINS - 2)
+        s = int(np.floor(turn))
+        u, v, near, far = turn - s, place[i] - b, s % SECTORS, (s + 1) % SECTORS
+        one = heights[near, b] * (1 - v) + heights[near, b + 1] * v
+        found[i] = one * (1 - u) + u * (heights[far, b] * (1 - v) + heights[far, b + 1] * v)
+    return found
