@@ -46,8 +46,8 @@ class ClusterDetector:
             left out (after Park et al. 2020, low-intensity outlier removal).
         residual_m: greatest root mean square distance of an outline from its lines; outlines beyond
             it are left out. None leaves out none, as in the paper.
-        view_deg: field of view of a sensor that does not turn fully, by default the LUX's. A body at
-            its ends may go on outside.
+        view_deg: field of view of a sensor that does not turn fully, by default the LUX's. A body
+            at its ends may go on outside.
         level: whether heights are counted from the ground that is estimated around the sensor;
             otherwise from the plane on which the wheels stand, as calibrated.
         options: of the chosen stages, such as `distance_m` of the clustering `distance`. None
