@@ -56,9 +56,10 @@ where it is uncertain; in a gap it is more than half of them."""
 FLAT_GROUND_M, UNEVEN_GROUND_M = 0.1, 0.25
 """Ground nearer than the first to the plane on which the wheels stand is taken for that plane, as
 calibrated; between the two the estimate takes over."""
-LEAST_SECTORS, LEAST_BINS = 12, 3.0
-"""Ground in fewer sectors, or in fewer bins of them on average, is too little for an estimate: a
-sensor of four layers sees the road at one or two ranges."""
+LEAST_BEAMS, LEAST_SECTORS, LEAST_BINS = 8, 12, 3.0
+"""A sensor of fewer beams, as the LUX of four layers, sees the road at one or two ranges: too
+little for an estimate. So is ground in fewer sectors, or in fewer bins of them on average.
+Scans without beam numbers have only the number 0; the first rule is not for them."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -81,7 +82,7 @@ class GroundSurface:
         and slope of the lowest returns, and takes what it does not see from its neighbours. So
         the ground may rise, fall and lean, and cars and walls are passed by.
         """
-        if not len(cloud):
+        if not len(cloud) or 0 < cloud.ring.max() < LEAST_BEAMS - 1:
             return GroundSurface(None, cloud.origin)
         sector, place = _polar(cloud.points, cloud.origin)
         ranges, lows = _lowest(cloud.points, cloud.origin, sector, place)

@@ -95,7 +95,9 @@ def test_a_wrong_height_of_the_sensor_is_found():
 
 def test_a_few_returns_tell_nothing():
     frame = frame_of(hdl64_scan(plane(5.0), []))
-    few = cloud_of(frame).select(np.arange(10))
+    found = cloud_of(frame)
+    assert GroundSurface.of(found.select(found.ring < 7)).heights is None
+    few = found.select(np.arange(10))
     assert GroundSurface.of(few).heights is None
     assert GroundSurface.of(few.select(np.arange(0))).heights is None
     assert not len(DETECTORS.make(DEFAULT).detect(Frame(1.0, frame.calibration)))
