@@ -23,12 +23,13 @@ def check_faint(faint: float) -> float:
 def without_faint(scan: LidarScan, intensity: float) -> LidarScan:
     """Return the scan without the returns within 15 m whose intensity is less than this.
 
-    A scan whose intensities are all 0 says nothing about drops and is returned as it is.
+    An intensity of 0 says nothing about drops and stays: sensors that round report it for black
+    cars and dark asphalt, and scans without intensities have no other.
     """
-    faint = np.flatnonzero(scan.intensity < intensity)
+    faint = np.flatnonzero((scan.intensity > 0) & (scan.intensity < intensity))
     x, y, _ = scan.points[faint].T
     drops = faint[x**2 + y**2 < DROPS_M**2]
-    if not len(drops) or not scan.intensity.any():
+    if not len(drops):
         return scan
     rows = np.delete(np.arange(len(scan)), drops)
     return replace(scan, **{name: getattr(scan, name).take(rows, 0) for name in SCAN_ARRAYS})

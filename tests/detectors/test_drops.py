@@ -28,6 +28,11 @@ def test_a_lidar_without_intensities_tells_nothing_of_drops():
     assert without_faint(scan, 0.01) is scan
 
 
+def test_an_intensity_that_was_rounded_to_0_is_kept():
+    scan = made(np.array([[3.0, 0, 0], [4.0, 1, 0], [5.0, 0, 0]]), np.array([0.0, 0.4, 0.005]))
+    assert without_faint(scan, 0.01).column.tolist() == [0, 1]
+
+
 @pytest.mark.parametrize("detector", [ClusterDetector, LongRangeDetector])
 def test_a_share_of_the_brightness_is_asked_for(detector):
     with pytest.raises(ValueError, match=r"faint must be at least 0 and below 1, got 1\.5"):
