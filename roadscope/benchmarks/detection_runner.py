@@ -410,13 +410,7 @@ def detection_job(folder: Path, options: JobOptions) -> DetectionJob:
         notes += [f"the images are not used: {problem}"] if images is not None and problem else []
     elif detectors.camera is not None and problem:
         raise FormatError(f"{folder}: {named} needs scans, images and a calibration: {problem}")
-    height_m = (
-        height_above_ground(scans, options.turn) if options.height_m is None else options.height_m
-    )
-    if height_m is None:
-        raise FormatError(NO_GROUND)
-    source = "by the ground in the scans" if options.height_m is None else "as named"
-    notes.append(f"the LiDAR is {height_m:.2f} m above the ground, {source}")
+    ego_from_lidar, height = _mounting(scans, options)
     return DetectionJob(
         detectors,
         scans.names,
@@ -425,10 +419,22 @@ def detection_job(folder: Path, options: JobOptions) -> DetectionJob:
         images,
         rows,
         cameras,
-        Pose.from_parts(options.turn, np.array([0.0, 0.0, height_m])),
+        ego_from_lidar,
         TruePoses.read(options.poses, scans.stamps_s).poses if options.poses else (),
-        (*scans.notes, *notes),
+        (*scans.notes, *notes, height),
     )
+
+
+def _mounting(scans: ScanFolder, options: JobOptions) -> tuple[Pose, str]:
+    """Return `ego_from_lidar`, the ego on the ground below the LiDAR, and how high that is."""
+    height_m, source = options.height_m, "as named"
+    if height_m is None:
+        height_m = height_above_ground(scans, options.turn)
+        source = "by the ground in the scans"
+    if height_m is None:
+        raise FormatError(NO_GROUND)
+    pose = Pose.from_parts(options.turn, np.array([0.0, 0.0, height_m]))
+    return pose, f"the LiDAR is {height_m:.2f} m above the ground, {source}"
 
 
 def _image_job(detectors: DetectorSet, images: ImageFolder, rate_hz: float) -> DetectionJob:
