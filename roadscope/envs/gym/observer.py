@@ -6,6 +6,7 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
+from gymnasium import logger
 
 from roadscope.core import Frame, Truth
 from roadscope.envs.gym.spaces import LaneLocator, ego_state, imu_block, imu_samples, range_image
@@ -160,3 +161,11 @@ class Observer:
             info["frames"] = tuple(frame for frame, _ in pairs)
             info["truths"] = tuple(truth for _, truth in pairs)
         return observation, info
+
+
+def warn_without_render_mode() -> None:
+    """Warn, as Gymnasium's own environments do, that nothing is rendered without a render mode."""
+    logger.warn(
+        "render() without a render mode renders nothing; give one to gymnasium.make or to the "
+        'environment: render_mode="rgb_array"'
+    )

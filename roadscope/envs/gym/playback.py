@@ -10,7 +10,7 @@ import gymnasium as gym
 import numpy as np
 from gymnasium import spaces
 
-from roadscope.envs.gym.observer import Observer, rig_of
+from roadscope.envs.gym.observer import Observer, rig_of, warn_without_render_mode
 from roadscope.envs.gym.spaces import Observation, checked_action, observation_space
 from roadscope.envs.imaging.light import Light
 from roadscope.envs.sensors.faults import Faults
@@ -95,8 +95,14 @@ class PlaybackEnv(gym.Env[Observation, np.int64]):
         return observation, 0.0, False, now_s >= end_s - 1e-9, info
 
     def render(self) -> Any:
-        """Return a bird's-eye view of the latest scan, (H, W, 3) uint8."""
-        if self.render_mode is None or self._timeline is None:
+        """Return a bird's-eye view of the latest scan, (H, W, 3) uint8.
+
+        Without a render mode it warns and returns None.
+        """
+        if self.render_mode is None:
+            warn_without_render_mode()
+            return None
+        if self._timeline is None:
             return None
         return self._observer.render(self._timeline)
 

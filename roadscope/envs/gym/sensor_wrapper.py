@@ -10,7 +10,7 @@ from gymnasium import spaces
 from gymnasium.utils import RecordConstructorArgs
 
 from roadscope.core import Pose
-from roadscope.envs.gym.observer import Observer, checked_seed, rig_of
+from roadscope.envs.gym.observer import Observer, checked_seed, rig_of, warn_without_render_mode
 from roadscope.envs.gym.spaces import Observation, checked_action, goal_state, observation_space
 from roadscope.envs.imaging.light import Light
 from roadscope.envs.sensors.ego_motion import RAW_S, STATES_AHEAD
@@ -150,8 +150,12 @@ class SensorWrapper(gym.Wrapper[Observation, Any, Any, Any], RecordConstructorAr
     def render(self) -> Any:
         """Return a bird's-eye view of the latest scan, (H, W, 3) uint8.
 
-        Only for `render_mode="rgb_array"`; other modes render the environment itself.
+        Only for `render_mode="rgb_array"`; other modes render the environment itself. Without a
+        render mode it warns and returns None.
         """
+        if self.render_mode is None:
+            warn_without_render_mode()
+            return None
         if self.render_mode != "rgb_array":
             return self.env.render()
         self._require_reset("render()")

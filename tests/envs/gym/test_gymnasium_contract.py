@@ -280,6 +280,15 @@ def test_pictures_come_as_a_list_and_closing_twice_is_fine(name: str) -> None:
     env.close()
 
 
+@pytest.mark.parametrize("name", ["roadscope/Highway-v0", "roadscope/Lu2018Occlusion-v0"])
+def test_without_a_render_mode_it_warns_and_renders_nothing(name: str) -> None:
+    env = gym.make(name, rig="lux").unwrapped
+    env.reset(seed=0)
+    with pytest.warns(UserWarning, match="render_mode"):
+        assert env.render() is None
+    env.close()
+
+
 @pytest.mark.slow
 def test_videos_can_be_recorded(tmp_path: Path) -> None:
     pytest.importorskip("moviepy")
