@@ -214,14 +214,14 @@ def agreements(
     Nothing is computed here: only suites that earlier runs have finished are compared.
     """
     comparable = [board for board in run_plan.boards if board.compared_with]
-    specs = list(
-        dict.fromkeys(spec for b in comparable for spec in run_plan.entries.get(b.name, ()))
-    )
     compared = []
     for suite in map(load_suite, SUITES if comparable else ()):
         for name in dict.fromkeys(board.compared_with for board in comparable):
+            boards = [board for board in comparable if board.compared_with == name]
+            entries = (spec for board in boards for spec in run_plan.entries.get(board.name, ()))
+            specs = list(dict.fromkeys(entries))
             figures = _figures_of_earlier_runs(board_named(name), suite, specs, outcomes)
-            for board in (board for board in comparable if board.compared_with == name):
+            for board in boards:
                 recorded = _headline_figures(results, board, list(map(str, specs)))
                 if match := BoardAgreement.of(board.name, suite.title, recorded, figures):
                     compared.append(match)

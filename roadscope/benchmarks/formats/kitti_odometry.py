@@ -11,12 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from roadscope.benchmarks.formats.kitti_calibration import read_camera_from_lidar
-from roadscope.benchmarks.formats.kitti_scans import (
-    SCAN_COLUMNS,
-    check_scan_files,
-    numbered_files,
-)
-from roadscope.benchmarks.formats.scan_folder import read_scan
+from roadscope.benchmarks.formats.kitti_scans import check_scan_files, numbered_files, read_scans
 from roadscope.benchmarks.formats.table import FormatError, names_in, read_table, visible
 from roadscope.benchmarks.formats.trajectories import read_trajectory
 from roadscope.core import LidarScan, Pose
@@ -55,8 +50,7 @@ class KittiOdometrySequence:
 
     def scans(self) -> Iterator[LidarScan]:
         """Yield the scans; their points are x y z intensity, float32."""
-        for path, stamp_s in zip(self.scan_files, self.stamps_s(), strict=True):
-            yield read_scan(path, stamp_s, SCAN_COLUMNS)
+        yield from read_scans(self.scan_files, self.stamps_s())
 
     def stamps_s(self) -> list[float]:
         """Return the stamps of the scans, seconds."""

@@ -24,7 +24,6 @@ from roadscope.benchmarks.formats.kitti_labels import (
 )
 from roadscope.benchmarks.formats.kitti_sequence import POSE_FOLDERS
 from roadscope.benchmarks.formats.point_layout import layout_of
-from roadscope.benchmarks.formats.scan_folder import read_scan
 from roadscope.benchmarks.formats.table import FormatError, names_in, read_table, visible
 from roadscope.benchmarks.formats.tracking_rows import ImageSize
 from roadscope.core import LidarScan, Pose
@@ -103,8 +102,7 @@ class KittiFrames:
 
     def scans(self) -> Iterator[LidarScan]:
         """Yield the scans; their points are x y z intensity, float32."""
-        for number, stamp_s in zip(self.numbers, self.stamps_s, strict=True):
-            yield read_scan(self.file(SCANS, number), stamp_s, SCAN_COLUMNS)
+        yield from read_scans([self.file(SCANS, k) for k in self.numbers], self.stamps_s)
 
     def views(self) -> list[KittiView]:
         """Return the camera of each frame; without an image file it has KITTI's usual size."""
@@ -343,6 +341,13 @@ def check_frames(frames: KittiFrames, sensors: Sequence[str]) -> None:
             _size_of(frames.file(IMAGES, number))
     if SCANS in sensors:
         check_scan_files([frames.file(SCANS, number) for number in frames.numbers])
+
+
+def read_scans(files: Sequence[Path], stamps_s: Sequence[float]) -> Iterator[LidarScan]:
+    """Yield scans in KITTI's layout, without points of rays that had no return."""
+    layout = layout_of([files[0]], SCAN_COLUMNS)
+    for path, stamp_s in zip(files, stamps_s, strict=True):
+        yield layout.read(path, stamp_s).scan
 
 
 def check_scan_files(files: Sequence[Path]) -> None:
