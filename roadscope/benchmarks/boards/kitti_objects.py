@@ -92,6 +92,8 @@ class KittiObjectsBoard(Board):
     breakdowns: Sequence[Breakdown] = (Breakdown(SEQUENCE, note=FEW_NOTE),)
     conditions: Mapping[str, Condition] = {}
     sample = ""
+    word: str
+    """The name of the board that ranks the same plug-ins on simulated traffic."""
     overlaps: Sequence[str]
     """By which overlaps precision is measured, keys of `OVERLAPS`; the first ranks."""
 
@@ -99,7 +101,7 @@ class KittiObjectsBoard(Board):
         """Take the class: car, pedestrian or cyclist."""
         first = self.overlaps[0]
         self.category = category
-        self.name = f"kitti {self.compared_with} {category.name.lower()}"
+        self.name = f"kitti {self.word} {category.name.lower()}"
         self.headline, self.object_metric = f"ap_{first}_moderate", f"ap_{first}_hard"
         self.by_condition = [column.metric for column in precision_columns(*self.overlaps)]
         self.shown_parts = (Column(self.headline, f"{HEADINGS[first]} moderate"),)
@@ -167,7 +169,7 @@ class KittiDetectionBoard(KittiObjectsBoard):
     """Ranks LiDAR detectors on one class of KITTI's objects by AP of 3-D boxes."""
 
     kind = DETECTOR
-    compared_with = DetectionBoard.name
+    word = DetectionBoard.name
     overlaps = ("3d", "bev")
 
     def check_entry(self, spec: Spec) -> Spec:
@@ -200,7 +202,7 @@ class KittiCameraBoard(KittiObjectsBoard):
     """Ranks camera detectors on one class of KITTI's objects by AP of image boxes."""
 
     kind = CAMERA_DETECTOR
-    compared_with = CameraBoard.name
+    word = CameraBoard.name
     overlaps = ("2d",)
 
     def jobs(self, suite: Suite, entries: Sequence[Spec], options: JobOptions) -> list[Job]:
@@ -229,7 +231,7 @@ class KittiFusionBoard(KittiObjectsBoard):
     """Ranks fusions on one class of KITTI's objects by AP of image boxes."""
 
     kind = FUSION
-    compared_with = FusionBoard.name
+    word = FusionBoard.name
     overlaps = ("2d", "3d", "bev")
     inputs_name = INPUTS
     breakdowns = (

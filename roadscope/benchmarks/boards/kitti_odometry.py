@@ -71,7 +71,6 @@ class KittiOdometryBoard(Board):
     )
     conditions: Mapping[str, Condition] = {"sequence": lambda drive: drive.sequence.name}
     sample = "sequences"
-    compared_with = OdometryBoard.name
 
     def check_entry(self, spec: Spec) -> Spec:
         """Return an odometry's resolved spec; which returns move is not known here."""
