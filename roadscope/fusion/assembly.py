@@ -44,7 +44,9 @@ class Views:
             )
         if lidar is None and camera is None:
             raise RecordError("fusion: expected detections of one sensor at least, got none")
-        stamp_s = lidar.stamp_s if lidar is not None else camera.stamp_s if camera else 0.0
+        stamp_s = (
+            lidar.stamp_s if lidar is not None else camera.stamp_s if camera is not None else 0.0
+        )
         points = Detections.empty(stamp_s) if lidar is None else lidar
         if points.frame != "ego":
             raise RecordError(f"fusion: expected LiDAR detections in frame ego, got {points.frame}")
