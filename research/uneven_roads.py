@@ -24,7 +24,7 @@ from rich.console import Console
 from rich.table import Table
 from scipy.stats import t as student
 
-from roadscope import DETECTORS, Calibration, Frame, LidarScan, Pose
+from roadscope import DETECTORS, Calibration, Detections, Frame, LidarScan, Pose
 from roadscope.core.jit import compiled
 from roadscope.envs.sensors.lidar_spec import SPECS
 
@@ -34,7 +34,7 @@ ENTRIES = (
     "distance-l-shape?ground=polar&level=False",
 )
 FIRST_SEED = 20_000
-"""Constants of detectors were chosen on seeds below 200; these were looked at once."""
+"""Constants of the ground's estimate were chosen on other roads than those from here on."""
 CELL_M, HALF_M = 0.25, 100.0
 """Heights are interpolated between the corners of such cells, this far from the vehicle."""
 HEIGHT_M, CAR_M = 1.73, (4.4, 1.8, 1.5)
@@ -149,7 +149,9 @@ def height_at(heights: np.ndarray, x: float, y: float) -> float:
     j = min(max(int(v), 0), heights.shape[1] - 2)
     u, v = u - i, v - j
     near = heights[i, j] * (1 - v) + heights[i, j + 1] * v
-    return near * (1 - u) + u * (heights[i + 1, j] * (1 - v) + heights[i + 1, j + 1] * v)
+    far = heights[i + 1, j] * (1 - v) + heights[i + 1, j + 1] * v
+    height: float = near * (1 - u) + far * u
+    return height
 
 
 @compiled()
@@ -274,6 +276,7 @@ def judged(spec: str) -> Callable[[UnevenScene], DetectorScore]:
         begun = process_time()
         boxes = detector.detect(scene.frame)
         seconds = process_time() - begun
+        assert isinstance(boxes, Detections)
         assert scene.frame.lidar is not None
         places = boxes.centres[:, :2]
         away = np.linalg.norm(places[:, None] - scene.cars[:, :2], axis=-1)
