@@ -11,11 +11,11 @@ from typing import NamedTuple
 import numpy as np
 
 from roadscope.benchmarks.formats.kitti_calibration import (
-    read_camera_from_lidar,
     read_kitti_calibration,
     read_kitti_oxts,
     read_kitti_poses,
 )
+from roadscope.benchmarks.formats.kitti_cameras import KittiCamera
 from roadscope.benchmarks.formats.kitti_frames import PERIOD_S
 from roadscope.benchmarks.formats.kitti_labels import (
     KittiObjects,
@@ -62,14 +62,9 @@ ENDINGS = {SCANS: "bin", IMAGES: "png"}
 
 
 class KittiView(NamedTuple):
-    """The camera of a frame.
+    """The camera of a frame and the size of its image."""
 
-    projection: (3, 4), pixels from metres in the rectified camera frame.
-    camera_from_lidar: pose of the LiDAR in that frame.
-    """
-
-    projection: np.ndarray
-    camera_from_lidar: Pose
+    camera: KittiCamera
     image_size: ImageSize
 
 
@@ -171,8 +166,7 @@ class KittiFrames:
         calibration, image, size = self.calibration(number), self.file(IMAGES, number), IMAGE_SIZE
         if image.is_file():
             size = _size_of(image)
-        projection = read_kitti_calibration(calibration).projection
-        return KittiView(projection, read_camera_from_lidar(calibration), size)
+        return KittiView(KittiCamera.read(calibration), size)
 
     def _stem(self, number: int) -> str:
         return self.name if self.layout.by_sequence else f"{number:06d}"

@@ -126,7 +126,7 @@ class KittiDrive(Episode):
             self.files.numbers, places_of(self), truths_of(self), strict=True
         ):
             seen = read_image(self.files.file(IMAGES, number)) if pixels else grey
-            image = CameraImage(seen, place.view.projection[:, :3], truth.stamp_s, "camera")
+            image = CameraImage(seen, place.view.camera.projection[:, :3], truth.stamp_s, "camera")
             yield Frame(truth.stamp_s, place.calibration, camera=image), truth
 
     def rows(self, detections: Sequence[Detections]) -> list[KittiObjects]:
@@ -162,7 +162,7 @@ class _Place(NamedTuple):
     @property
     def ego_from_camera(self) -> Pose:
         """The pose of the rectified camera."""
-        return self.ego_from_lidar @ self.view.camera_from_lidar.inverse()
+        return self.ego_from_lidar @ self.view.camera.camera_from_lidar.inverse()
 
     @property
     def world_from_turned(self) -> Pose:
@@ -172,8 +172,7 @@ class _Place(NamedTuple):
     @property
     def projection(self) -> Projection:
         """Pixels of the image from metres in the ego frame."""
-        matrix = self.view.projection @ self.ego_from_camera.inverse().matrix
-        return Projection(matrix, *self.view.image_size)
+        return self.view.camera.projection_of(self.ego_from_lidar, *self.view.image_size)
 
     @property
     def calibration(self) -> Calibration:
@@ -195,7 +194,7 @@ class _Place(NamedTuple):
             tracks,
             0,
             self.world_from_turned,
-            self.view.projection,
+            self.view.camera.projection,
             self.view.image_size,
             all_around=all_around,
         )
@@ -228,7 +227,7 @@ def places_of(drive: KittiDrive) -> tuple[_Place, ...]:
         _Place(
             view,
             mount,
-            pose @ EGO_FROM_CAMERA @ view.camera_from_lidar @ mount.inverse(),
+            pose @ EGO_FROM_CAMERA @ view.camera.camera_from_lidar @ mount.inverse(),
             posed=True,
         )
         for view, pose in zip(views, poses, strict=True)
