@@ -28,7 +28,11 @@ if TYPE_CHECKING:
     from roadscope.trackers._offline import offline_tracks
     from roadscope.trackers._ticks import TrackerTick, in_world
     from roadscope.trackers._tracklets import LifeCycle, Tracklets, TrackManager
-    from roadscope.trackers._traits import read_detector, score_log_odds
+    from roadscope.trackers._traits import (
+        UnknownDetectorWarning,
+        read_detector,
+        score_log_odds,
+    )
 
 TRACKERS: Registry[Tracker] = Registry(
     "tracker",
@@ -97,6 +101,7 @@ _PLACES = {
     "TrackManager": "roadscope.trackers._tracklets:TrackManager",
     "TrackerTick": "roadscope.trackers._ticks:TrackerTick",
     "Tracklets": "roadscope.trackers._tracklets:Tracklets",
+    "UnknownDetectorWarning": "roadscope.trackers._traits:UnknownDetectorWarning",
     "assign_greedily": "roadscope.trackers._assignment:assign_greedily",
     "assign_in_turn": "roadscope.trackers._assignment:assign_in_turn",
     "assign_optimally": "roadscope.trackers._assignment:assign_optimally",
@@ -129,6 +134,7 @@ __all__ = [
     "Tracker",
     "TrackerTick",
     "Tracklets",
+    "UnknownDetectorWarning",
     "assign_greedily",
     "assign_in_turn",
     "assign_optimally",
@@ -163,6 +169,7 @@ _PARTS = {
     "_offline": "OfflineRules TargetTrajectory TrackNoise smoothed_states trajectories",
     "_pmbm_hypotheses": "Hypotheses HypothesisLimits PairCosts Sizes best_assignments "
     "continue_all continue_hypotheses",
+    "_score_meaning": "PendingDetections ScoreMeaning rising",
     "_traits": "DECIDED EDGES FOLDER TraitsChoice detector_names",
 }
 """What else the tests of this repository use, by the file that defines it. It is not public."""

@@ -18,9 +18,10 @@ from roadscope.trackers._existence_targets import (
 from roadscope.trackers._gating import pairs_by_distance, pairs_that_overlap
 from roadscope.trackers._headings import facing_ahead, travel_directions
 from roadscope.trackers._kalman import Gaussians
+from roadscope.trackers._score_meaning import SETTLED_S, PendingDetections, ScoreMeaning
 from roadscope.trackers._settings import check_positive
 from roadscope.trackers._ticks import TrackerTick
-from roadscope.trackers._traits import TraitsChoice, score_log_odds
+from roadscope.trackers._traits import SECTION_NUMBER, TraitsChoice, score_log_odds
 
 # None of these was fitted. 9 is what scores of 0.9999 say, 12 is exceeded by one right pair in 400,
 # the others are round figures chosen by hand; they only save work on targets that are given up.
@@ -69,7 +70,7 @@ class ExistenceTracker:
             raise ValueError(
                 f"shown_probability must lie between 0 and 1, got {shown_probability!r}"
             )
-        self._choice = TraitsChoice(traits)
+        self._choice, self._meaning = TraitsChoice(traits), ScoreMeaning()
         self._least_overlap, self._coast_s = least_overlap, coast_s
         self._shown = float(np.log(shown_probability / (1 - shown_probability)))
         self.reset()
@@ -79,6 +80,7 @@ class ExistenceTracker:
         self._tick: TrackerTick | None = None
         self._next_id = 0
         self._choice.reset()
+        self._meaning.reset()
         self._reappearances = Reappearances()
         self._noise = NoiseScale()
         self._traits = self._choice.update(np.empty(0), np.empty(0, np.int8))
@@ -92,7 +94,10 @@ class ExistenceTracker:
         tick = self._tick = TrackerTick.after(self._tick, detections, ego_pose)
         detections, dt, eye = tick.detections, tick.period_s, tick.sensor_position[:2]
         self._traits = self._choice.update(score_log_odds(detections.scores), detections.categories)
-        measured = Measurements.of(detections, eye, self._traits, self._noise.factor)
+        learned = None
+        if self._choice.is_unknown:
+            learned = self._meaning.probabilities(detections.scores, detections.categories)
+        measured = Measurements.of(detections, eye, self._traits, self._noise.factor, learned)
         before = self._targets
         targets = before.predicted(dt, self._traits)
         rows, columns = self._assigned(targets, measured, dt)
@@ -105,6 +110,7 @@ class ExistenceTracker:
             rows, self._detected(targets.select(rows), measured.select(columns), dt)
         )
         targets = self._missed(targets, eye)
+        self._learn(detections, targets.select(rows), columns)
         survive = self._survive(targets)
         self._reappearances.count(before, targets, ~survive)
         targets = targets if survive.all() else targets.select(survive)
@@ -112,6 +118,19 @@ class ExistenceTracker:
         neighbours = Neighbours.of(targets, eye, tick.ego_velocity)
         self._targets = targets.joined(self._started(new, neighbours))
         return self._report(tick)
+
+    def _learn(
+        self, detections: Detections, targets: BernoulliTargets, columns: np.ndarray
+    ) -> None:
+        """Learn from detections what scores mean; (N,) columns are those of N targets."""
+        streaks_s, ids = np.zeros(len(detections)), np.zeros(len(detections), np.int64)
+        free = unassigned(len(detections), columns)
+        ids[columns], ids[free] = targets.ids, self._next_id + np.arange(len(free))
+        streaks_s[columns] = targets.streaks_s
+        sections = SECTION_NUMBER[detections.categories]
+        settled = streaks_s >= SETTLED_S
+        pending = PendingDetections(detections.stamp_s, ids, detections.scores, sections, settled)
+        self._meaning.count(pending, streaks_s)
 
     def _assigned(self, targets: BernoulliTargets, measured: Measurements, dt: float) -> Pairs:
         """Return pairs with the greatest total overlap that top speeds allow."""

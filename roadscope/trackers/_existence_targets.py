@@ -27,7 +27,7 @@ class Measurements(ArrayTable):
     """N detections with their errors and their evidence.
 
     boxes: (N, 7) centre x y z, length width height, yaw.
-    categories, scores: as in `Detections`.
+    categories, scores: as in `Detections`; scores are probabilities where they were learned.
     growths: (N,) factor of all standard deviations, 1 at range 0.
     errors: (N, 2, 2) covariances of the part of position errors that is independent in every tick.
     offsets: (N, 2, 2) covariances of the part that is correlated over time.
@@ -46,12 +46,17 @@ class Measurements(ArrayTable):
 
     @staticmethod
     def of(
-        detections: Detections, eye: np.ndarray, traits: DetectorTraits, noise: float = 1.0
+        detections: Detections,
+        eye: np.ndarray,
+        traits: DetectorTraits,
+        noise: float = 1.0,
+        probabilities: np.ndarray | None = None,
     ) -> Measurements:
         """Return the measurements of detections.
 
         eye: (2,) position of the sensor, in the frame of the detections.
         noise: factor of the covariances of positions.
+        probabilities: (N,) that detections are right, where not the traits say what scores mean.
         """
         kinds, boxes = detections.categories, boxes_of(detections)
         ranges_m = np.hypot(boxes[:, 0] - eye[0], boxes[:, 1] - eye[1])
@@ -62,15 +67,20 @@ class Measurements(ArrayTable):
             traits.across_m[kinds] * growths,
         )
         lasting = traits.lasting[kinds, None, None]
+        if probabilities is None:
+            scores, odds = detections.scores, score_log_odds(detections.scores)
+            evidence = traits.detection_log_odds(odds, kinds, ranges_m)
+        else:
+            scores, evidence = probabilities, score_log_odds(probabilities)
         return Measurements(
             boxes=boxes,
             categories=kinds,
-            scores=detections.scores,
+            scores=scores,
             growths=growths,
             errors=(1 - lasting) * errors,
             offsets=lasting * errors,
             turns=(1 - traits.yaw_lasting[kinds]) * (traits.yaw_rad[kinds] * growths) ** 2,
-            evidence=traits.detection_log_odds(score_log_odds(detections.scores), kinds, ranges_m),
+            evidence=evidence,
         )
 
     def __len__(self) -> int:
@@ -102,6 +112,7 @@ class BernoulliTargets(ArrayTable):
     votes: (N, 7) sum of scores of each category; categories: (N,) int8, that of most votes.
     existence: (N,) log odds of existence, from scores; assured: (N,) after the last detection.
     claims: (N,) evidence of the first detection; hits: (N,) detections so far.
+    streaks_s: (N,) seconds from the first detection after the last miss to the last detection.
     misses: (N,) ticks since the last detection; idle_s: (N,) seconds since then; away_s: (N,)
         seconds since then in which the target was not hidden by others.
     """
@@ -121,6 +132,7 @@ class BernoulliTargets(ArrayTable):
     assured: np.ndarray
     claims: np.ndarray
     hits: np.ndarray
+    streaks_s: np.ndarray
     misses: np.ndarray
     idle_s: np.ndarray
     away_s: np.ndarray
@@ -169,6 +181,7 @@ class BernoulliTargets(ArrayTable):
             assured=new.evidence,
             claims=new.evidence,
             hits=np.ones(n, np.int64),
+            streaks_s=np.zeros(n),
             misses=np.zeros(n, np.int64),
             idle_s=np.zeros(n),
             away_s=np.zeros(n),
@@ -233,6 +246,7 @@ class BernoulliTargets(ArrayTable):
             votes=votes,
             categories=votes.argmax(axis=1).astype(np.int8),
             hits=self.hits + 1,
+            streaks_s=np.where(self.misses == 1, self.streaks_s + self.idle_s, 0.0),
             misses=np.zeros(len(self), np.int64),
             idle_s=zeros,
             away_s=zeros,

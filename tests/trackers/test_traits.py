@@ -5,7 +5,15 @@ from hypothesis import strategies as st
 from tracked_scenes import make
 
 from roadscope.core import Category
-from roadscope.trackers import DECIDED, EDGES, FOLDER, TraitsChoice, detector_names, read_detector
+from roadscope.trackers import (
+    DECIDED,
+    EDGES,
+    FOLDER,
+    TraitsChoice,
+    UnknownDetectorWarning,
+    detector_names,
+    read_detector,
+)
 
 UNKNOWN = read_detector("unknown").traits
 KITTI = read_detector("kitti-pointrcnn")
@@ -46,7 +54,7 @@ def test_a_few_scores_decide_nothing_by_repetition(scores):
     assert choice.update(odds, people) == UNKNOWN
     for _ in range(999):
         choice.update(odds, people)
-    assert choice._lead() < DECIDED / 2
+        assert choice.is_unknown
 
 
 some_scores = st.lists(
@@ -61,8 +69,6 @@ def test_order_and_ticks_of_scores_do_not_matter(scores, shuffler):
     one.update(*map(np.array, zip(*scores, strict=True)))
     shuffler.shuffle(scores)
     for odds, category in scores:
-        if other._lead() >= DECIDED:
-            return
         other.update(np.array([odds]), np.array([category]))
     assert other._log_weights == pytest.approx(one._log_weights)
 
@@ -80,6 +86,24 @@ def test_scores_below_all_of_training_are_not_the_detectors():
         counts.append(sum(traits == KITTI.traits for traits in chosen))
     assert counts[0] >= 36
     assert counts[1] <= 5
+
+
+@pytest.mark.parametrize("transform", [lambda odds: odds / 2, lambda odds: odds / 4 - 3])
+def test_transformed_scores_are_of_no_known_detector_for_good(transform):
+    category, rng = Category.CAR, np.random.default_rng(4)
+    odds = transform(drawn(KITTI.scores.deciles[category], rng.uniform(size=(60, 10))))
+    choice = TraitsChoice("auto")
+    with pytest.warns(UnknownDetectorWarning):
+        chosen = [choice.update(some, np.full(10, category)) for some in odds]
+    assert all(traits == UNKNOWN for traits in chosen[5:])
+
+
+def test_a_choice_stays():
+    category, rng = Category.CAR, np.random.default_rng(5)
+    choice = TraitsChoice("auto")
+    for detector in (KITTI, read_detector("roadscope")):
+        odds = drawn(detector.scores.deciles[category], rng.uniform(size=DECIDED))
+        assert choice.update(odds, np.full(DECIDED, category)) == KITTI.traits
 
 
 def test_the_next_score_is_beyond_all_by_the_rule_of_succession():

@@ -1,0 +1,67 @@
+"""What scores of an unknown detector mean is learned from how long its detections go on."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from tracked_scenes import T, both, boxes, run
+
+from roadscope.core import Category, Pose
+from roadscope.trackers import TRACKERS, PendingDetections, ScoreMeaning, rising
+
+TICKS, CARS, CLUTTER = 60, 5, 6
+TRANSFORMS = {
+    "unchanged": lambda s: s,
+    "squashed": lambda s: 1 / (1 + np.sqrt((1 - s) / s)),
+    "rescaled": lambda s: 0.01 + 0.1 * s,
+    "cubed": lambda s: s**3,
+}
+
+
+def tracked(transform):
+    """Track cars of high scores, and boxes anywhere for one frame, most of them of low scores."""
+    rng, episode = np.random.default_rng(7), []
+    for tick in range(TICKS):
+        places = np.column_stack([np.linspace(5, 45, CARS) + 5 * T * tick, 8 * np.arange(CARS)])
+        places += rng.normal(0, 0.05, (CARS, 2))
+        anywhere = rng.uniform([0, -60], [60, -8], (CLUTTER, 2))
+        cars = boxes(places, tick, rng.uniform(0.5, 0.95, CARS))
+        frame = both(cars, boxes(anywhere, tick, rng.uniform(0.05, 0.6, CLUTTER)))
+        episode.append(replace(frame, scores=TRANSFORMS[transform](frame.scores)))
+    return run(TRACKERS.make("existence?traits=unknown"), episode, [Pose.identity()] * TICKS)
+
+
+@pytest.mark.parametrize("transform", ["squashed", "rescaled", "cubed"])
+def test_a_monotone_transform_of_scores_changes_no_track(transform):
+    assert tracked(transform) == tracked("unchanged")
+
+
+def test_cars_are_shown_and_clutter_is_not_whatever_the_scale():
+    """All scores are below 0.11."""
+    shown = [tracks.sure.centres[:, 1] for tracks in tracked("rescaled")[20:]]
+    assert np.mean([(y > -4).sum() for y in shown]) > CARS - 0.1
+    assert np.mean([(y < -4).sum() for y in shown]) < 0.1
+
+
+def test_probabilities_are_those_of_being_right():
+    """As many objects as boxes of one frame; from 0.4 to 0.6 scores of both are equally dense."""
+    rng, meaning = np.random.default_rng(1), ScoreMeaning()
+    for tick in range(400):
+        ids = np.append(np.arange(4), 4 + 4 * tick + np.arange(4))
+        scores = np.append(rng.uniform(0.4, 1, 4), rng.uniform(0, 0.6, 4))
+        streaks_s = np.repeat([tick * T, 0.0], 4)
+        detected = PendingDetections(
+            tick * T, ids, scores, np.zeros(8, np.int64), settled=streaks_s >= 1
+        )
+        meaning.count(detected, streaks_s)
+    asked, cars = np.array([0.2, 0.5, 0.8]), np.full(3, Category.CAR)
+    assert meaning.probabilities(asked, cars) == pytest.approx([0.02, 0.5, 0.98], abs=0.1)
+    meaning.reset()
+    assert (np.diff(meaning.probabilities(asked, cars)) > 0).all()
+
+
+def test_pools_rise_and_keep_the_mean():
+    values, weights = np.array([0.1, 0.5, 0.3, 0.2, 0.9]), np.array([1.0, 2.0, 1.0, 1.0, 3.0])
+    pooled = rising(values, weights)
+    assert pooled == pytest.approx([0.1, 0.375, 0.375, 0.375, 0.9])
+    assert pooled @ weights == pytest.approx(values @ weights)
