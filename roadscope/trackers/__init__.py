@@ -170,7 +170,7 @@ _PARTS = {
     "_pmbm_hypotheses": "Hypotheses HypothesisLimits PairCosts Sizes best_assignments "
     "continue_all continue_hypotheses",
     "_score_meaning": "PendingDetections ScoreMeaning rising",
-    "_traits": "DECIDED EDGES FOLDER TraitsChoice detector_names",
+    "_traits": "EDGES FOLDER TraitsChoice detector_names",
 }
 """What else the tests of this repository use, by the file that defines it. It is not public."""
 

@@ -21,7 +21,13 @@ from roadscope.trackers._kalman import Gaussians
 from roadscope.trackers._score_meaning import SETTLED_S, PendingDetections, ScoreMeaning
 from roadscope.trackers._settings import check_positive
 from roadscope.trackers._ticks import TrackerTick
-from roadscope.trackers._traits import SECTION_NUMBER, TraitsChoice, score_log_odds
+from roadscope.trackers._traits import (
+    SECTION_NUMBER,
+    UNSCALED,
+    TraitsChoice,
+    read_detector,
+    score_log_odds,
+)
 
 # None of these was fitted. 9 is what scores of 0.9999 say, 12 is exceeded by one right pair in 400,
 # the others are round figures chosen by hand; they only save work on targets that are given up.
@@ -58,7 +64,9 @@ class ExistenceTracker:
         """Set the tracker up; the last three values were chosen by hand, not fitted.
 
         traits: of the detector: a name in `roadscope/trackers/learned`, or a .toml file; `auto`
-            takes the known detector whose scores are most like those so far.
+            takes the known detector whose first scores are most like those of training, or
+            `unknown`, whose scores are probabilities unless detections contradict that; of
+            `unscaled` only the order of scores counts.
         least_overlap: a pair must have a higher generalised IoU in space.
         coast_s: how long a target is looked for after its last detection.
         shown_probability: of existence, from which on a track is confirmed or coasting.
@@ -71,6 +79,7 @@ class ExistenceTracker:
                 f"shown_probability must lie between 0 and 1, got {shown_probability!r}"
             )
         self._choice, self._meaning = TraitsChoice(traits), ScoreMeaning()
+        self._unscaled = read_detector(UNSCALED).traits
         self._least_overlap, self._coast_s = least_overlap, coast_s
         self._shown = float(np.log(shown_probability / (1 - shown_probability)))
         self.reset()
@@ -95,7 +104,10 @@ class ExistenceTracker:
         detections, dt, eye = tick.detections, tick.period_s, tick.sensor_position[:2]
         self._traits = self._choice.update(score_log_odds(detections.scores), detections.categories)
         learned = None
-        if self._choice.is_unknown:
+        if self._choice.is_unscaled or (
+            self._choice.is_unknown and self._meaning.contradicts_scores
+        ):
+            self._traits = self._unscaled
             learned = self._meaning.probabilities(detections.scores, detections.categories)
         measured = Measurements.of(detections, eye, self._traits, self._noise.factor, learned)
         before = self._targets

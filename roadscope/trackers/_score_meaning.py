@@ -29,6 +29,14 @@ PRIOR_SHARES, PRIOR_WEIGHT = (0.1, 0.9), 2.0
 """Shares at the lowest and the highest score before any was counted; their weight in a block."""
 LIMITS = (0.02, 0.98)
 """Probabilities that scores alone can give."""
+TRIAL = (60, 600)
+"""Number of detections from which on, and up to which, scores may prove to be no probabilities."""
+LEAST_OF_BEST = 0.9
+"""Share of right ones in the third of highest scores below which nothing is concluded: where
+detections of objects do not go on either, that they end says little."""
+MOST_WRONG, MOST_WRONG_OF_ONE = 0.15, 1.0
+"""Difference, in a third of the detections by score, of mean score and share of right ones; of n
+detections the first plus the second over the root of n."""
 
 
 class PendingDetections(NamedTuple):
@@ -56,6 +64,12 @@ class ScoreMeaning:
         self._scores = [np.empty(0)] * len(SECTIONS)
         self._went_on = [np.empty(0)] * len(SECTIONS)
         self._settled = SETTLED_WEIGHT * np.array([SETTLED_SHARE, 1.0])
+        self.contradicts_scores = False
+        """Whether scores proved to be no probabilities that detections are right."""
+
+    @property
+    def _settled_share(self) -> float:
+        return float(self._settled[0] / self._settled[1])
 
     def probabilities(self, scores: np.ndarray, categories: np.ndarray) -> np.ndarray:
         """Return (N,) probabilities that the detections of a tick are right."""
@@ -65,8 +79,7 @@ class ScoreMeaning:
             waiting = [each.scores[each.sections == section] for each in self._pending]
             everything = np.sort(np.concatenate([self._scores[section], *waiting, scores[own]]))
             shares[own] = self._shares(section, everything, scores[own])
-        right = shares * self._settled[1] / self._settled[0]
-        return np.clip(right, *LIMITS)
+        return np.clip(shares / self._settled_share, *LIMITS)
 
     def _shares(self, section: int, everything: np.ndarray, scores: np.ndarray) -> np.ndarray:
         """Return (N,) shares of detections like these that go on.
@@ -90,6 +103,17 @@ class ScoreMeaning:
         while self._pending and detected.stamp_s - self._pending[0].stamp_s > FOLLOW_S - 1e-6:
             self._resolve(self._pending.popleft(), detected, streaks_s)
         self._pending.append(detected)
+        if TRIAL[0] <= sum(map(len, self._scores)) <= TRIAL[1]:
+            self.contradicts_scores |= self._are_wrong()
+
+    def _are_wrong(self) -> bool:
+        """Return whether scores, taken for probabilities, are far from the shares of right ones."""
+        scores, went_on = np.concatenate(self._scores), np.concatenate(self._went_on)
+        thirds = np.array_split(np.argsort(scores, kind="stable"), 3)
+        right = np.minimum([went_on[third].mean() / self._settled_share for third in thirds], 1)
+        means = [scores[third].mean() for third in thirds]
+        limit = MOST_WRONG + MOST_WRONG_OF_ONE / np.sqrt(len(scores) / 3)
+        return bool(right[-1] >= LEAST_OF_BEST and (np.abs(right - means) > limit).any())
 
     def _resolve(
         self, old: PendingDetections, now: PendingDetections, streaks_s: np.ndarray

@@ -212,6 +212,8 @@ def _trait(path: Path, data: dict[str, object], trait: str) -> np.ndarray:
 # How a detector is recognised by its scores.
 AUTO = "auto"
 UNKNOWN = "unknown"
+UNSCALED = "unscaled"
+"""Of an unknown detector whose scores are no probabilities: only their order counts."""
 EDGES = np.concatenate([[-9.22], np.linspace(-9.16, 9.16, 25), [9.22]])
 """Of intervals of log odds; scores of 0 and of 1 have an interval each."""
 ROUNDING = 0.005
@@ -220,13 +222,13 @@ OUTLIER_SHARE = 0.05
 """Share of log odds taken to be anywhere between the lowest and the highest of training."""
 CONCENTRATION = 30.0
 """Scores that a detector's training counts for: scenes differ from training and from each other."""
-DECIDED = 100
-"""Scores from which on the choice no longer changes."""
+DECIDED = 20.0
+"""Lead in log likelihood from which on the choice no longer changes."""
 # Chosen by hand: of PointRCNN on five of KITTI's sequences the first 100 scores of cars were off by
 # up to 0.22, and by 0.32 and more where half of each log odds was taken for the score.
-FEWEST = 30
-"""Scores of a section below which their fit is not judged."""
-MOST_OFF, MOST_OFF_OF_ONE = 0.25, 0.5
+FEWEST, FEWEST_OFF = 30, 300
+"""Scores of a section below which neither those beyond training nor the shares are judged."""
+MOST_OFF, MOST_OFF_OF_ONE = 0.32, 0.5
 """Greatest difference of cumulative shares from those of training, of n scores: the first plus the
 second over the root of n."""
 MOST_BEYOND, MOST_BEYOND_SHARE = 2, 0.01
@@ -244,13 +246,15 @@ class TraitsChoice:
     that of the detector (Dirichlet), so a score that repeats tells less each time. Scores unlike
     those of any known detector are likeliest under `unknown`, whose scores are spread widely.
     The prior gives `unknown` as much weight as all others together, and it is chosen until another
-    is likelier than all the rest together and its scores fit those of training. After `DECIDED`
-    scores the choice stays. It only uses scores up to now.
+    is likelier than all the rest together and its scores fit those of training. Once the lead is
+    `DECIDED` the choice stays, unless scores turn out not to fit by then or by `FEWEST_OFF` scores.
+    It only uses scores up to now.
     """
 
     def __init__(self, name: str) -> None:
         """Take a name of `detector_names`, the path of a .toml file, or `auto`."""
-        names = detector_names() if name == AUTO else [name]
+        known = [each for each in detector_names() if each != UNSCALED]
+        names = known if name == AUTO else [name]
         self._names, self._detectors = names, [read_detector(each) for each in names]
         distributions = [detector.scores for detector in self._detectors]
         self._edges = _edges([each.deciles for each in distributions])
@@ -265,19 +269,24 @@ class TraitsChoice:
         """Forget all scores."""
         self._log_weights = self._prior.copy()
         self._counts = np.zeros(self._shares.shape[1])
-        self._best = self._unknown
+        self._best, self._decided = self._unknown, False
 
     def update(self, score_log_odds: np.ndarray, categories: np.ndarray) -> DetectorTraits:
         """Take the (N,) scores of a tick and return the traits that fit all scores best."""
-        if len(self._detectors) > 1 and len(score_log_odds) and self._counts.sum() < DECIDED:
+        before = self._counts.sum()
+        settled = self._decided and before >= FEWEST_OFF
+        if len(self._detectors) > 1 and len(score_log_odds) and not settled:
             # The outermost intervals have no end.
             interval = np.searchsorted(self._edges[1:-1], score_log_odds, "right")
             self._weigh(SECTION_NUMBER[categories] * (len(self._edges) - 1) + interval)
-            self._best = self._likeliest()
-            if self.is_unknown and self._counts.sum() >= DECIDED:
+            if not self._decided:
+                self._best = self._likeliest()
+            elif not self._fit()[self._best]:
+                self._best = self._unknown
+            if self.is_unknown and before < FEWEST_OFF <= self._counts.sum():
                 warnings.warn(
-                    "nothing was learned of this detector: what its scores mean is learned from "
-                    "how long its detections go on",
+                    "nothing was learned of this detector: its scores are taken for probabilities, "
+                    "unless how long its detections go on contradicts that",
                     UnknownDetectorWarning,
                     stacklevel=3,
                 )
@@ -299,10 +308,17 @@ class TraitsChoice:
         """Whether nothing was learned of the detector."""
         return self._names[self._best] == UNKNOWN
 
+    @property
+    def is_unscaled(self) -> bool:
+        """Whether only the order of scores counts."""
+        return self._names[self._best] == UNSCALED
+
     def _likeliest(self) -> int:
         weights = np.where(self._fit(), self._log_weights, -np.inf)
         first = int(weights.argmax())
         rest = np.delete(weights, first)
+        second, most = sorted(self._log_weights.tolist())[-2:]
+        self._decided = most - second >= DECIDED
         return first if weights[first] > np.logaddexp.reduce(rest) else self._unknown
 
     def _fit(self) -> np.ndarray:
@@ -316,7 +332,8 @@ class TraitsChoice:
                 for each in (self._shares, self._inside)
             )
             off = np.abs(np.cumsum(shares, axis=1) - np.cumsum(own) / total).max(axis=1)
-            fit &= off <= MOST_OFF + MOST_OFF_OF_ONE / np.sqrt(total)
+            if total >= FEWEST_OFF:
+                fit &= off <= MOST_OFF + MOST_OFF_OF_ONE / np.sqrt(total)
             fit &= (own * ~inside).sum(axis=1) <= MOST_BEYOND + MOST_BEYOND_SHARE * total
         fit[self._unknown] = True
         return fit
@@ -329,7 +346,8 @@ class TraitsChoice:
         used = np.flatnonzero(new)
         before = CONCENTRATION * self._shares[:, used] + self._counts[used]
         # Factors that all detectors share, widths and counts, are left out.
-        self._log_weights += (gammaln(before + new[used]) - gammaln(before)).sum(axis=1)
+        if not self._decided:
+            self._log_weights += (gammaln(before + new[used]) - gammaln(before)).sum(axis=1)
         self._counts += new
 
 

@@ -18,7 +18,7 @@ TRANSFORMS = {
 }
 
 
-def tracked(transform):
+def tracked(transform, traits="unscaled"):
     """Track cars of high scores, and boxes anywhere for one frame, most of them of low scores."""
     rng, episode = np.random.default_rng(7), []
     for tick in range(TICKS):
@@ -28,7 +28,7 @@ def tracked(transform):
         cars = boxes(places, tick, rng.uniform(0.5, 0.95, CARS))
         frame = both(cars, boxes(anywhere, tick, rng.uniform(0.05, 0.6, CLUTTER)))
         episode.append(replace(frame, scores=TRANSFORMS[transform](frame.scores)))
-    return run(TRACKERS.make("existence?traits=unknown"), episode, [Pose.identity()] * TICKS)
+    return run(TRACKERS.make(f"existence?traits={traits}"), episode, [Pose.identity()] * TICKS)
 
 
 @pytest.mark.parametrize("transform", ["squashed", "rescaled", "cubed"])
@@ -41,6 +41,20 @@ def test_cars_are_shown_and_clutter_is_not_whatever_the_scale():
     shown = [tracks.sure.centres[:, 1] for tracks in tracked("rescaled")[20:]]
     assert np.mean([(y > -4).sum() for y in shown]) > CARS - 0.1
     assert np.mean([(y < -4).sum() for y in shown]) < 0.1
+
+
+@pytest.mark.parametrize(("scale", "contradicted"), [(1.0, False), (0.1, True), (3.0, True)])
+def test_scores_that_are_no_probabilities_are_found_out(scale, contradicted):
+    """Of as many objects as boxes of one frame; scores are even odds, times a scale."""
+    rng, meaning = np.random.default_rng(2), ScoreMeaning()
+    for tick in range(40):
+        ids = np.append(np.arange(4), 4 + 4 * tick + np.arange(4))
+        odds = scale * rng.normal(np.repeat([2.0, -2.0], 4), 2.0)
+        streaks_s = np.repeat([tick * T, 0.0], 4)
+        sections = np.zeros(8, np.int64)
+        scores = 1 / (1 + np.exp(-odds + 2 * (scale > 1)))
+        meaning.count(PendingDetections(tick * T, ids, scores, sections, streaks_s >= 1), streaks_s)
+    assert meaning.contradicts_scores is contradicted
 
 
 def test_probabilities_are_those_of_being_right():
