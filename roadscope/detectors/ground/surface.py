@@ -44,9 +44,9 @@ class GroundRule(NamedTuple):
     gate: float = 2.5
     kerb_m: float = 0.15
     across: float = 0.17
-    gap_m: float = 0.2
+    gap_m: float = 0.12
     lean_m: float = 0.1
-    leap_m: float = 0.4
+    leap_m: float = 0.15
 
 
 RULE = GroundRule()
