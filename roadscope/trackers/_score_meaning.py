@@ -31,9 +31,9 @@ LIMITS = (0.02, 0.98)
 """Probabilities that scores alone can give."""
 TRIAL = (60, 600)
 """Number of detections from which on, and up to which, scores may prove to be no probabilities."""
-LEAST_OF_BEST = 0.9
-"""Share of right ones in the third of highest scores below which nothing is concluded: where
-detections of objects do not go on either, that they end says little."""
+LEAST_SETTLED, LEAST_OF_BEST = 0.7, 0.9
+"""Shares of detections of settled targets that go on, and of right ones in the third of highest
+scores, below which nothing is concluded: where a detector often misses, ends say little."""
 MOST_WRONG, MOST_WRONG_OF_ONE = 0.15, 1.0
 """Difference, in a third of the detections by score, of mean score and share of right ones; of n
 detections the first plus the second over the root of n."""
@@ -79,7 +79,8 @@ class ScoreMeaning:
             waiting = [each.scores[each.sections == section] for each in self._pending]
             everything = np.sort(np.concatenate([self._scores[section], *waiting, scores[own]]))
             shares[own] = self._shares(section, everything, scores[own])
-        return np.clip(shares / self._settled_share, *LIMITS)
+        right: np.ndarray = np.clip(shares / self._settled_share, *LIMITS)
+        return right
 
     def _shares(self, section: int, everything: np.ndarray, scores: np.ndarray) -> np.ndarray:
         """Return (N,) shares of detections like these that go on.
@@ -89,7 +90,8 @@ class ScoreMeaning:
         ranks = _middle_ranks(everything, scores)
         order = np.argsort(self._scores[section], kind="stable")
         if not len(order):
-            return np.interp(ranks, [0, 1], PRIOR_SHARES)
+            first: np.ndarray = np.interp(ranks, [0, 1], PRIOR_SHARES)
+            return first
         blocks = np.array_split(order, np.clip(len(order) // BLOCK, 1, MOST_BLOCKS))
         own_ranks = _middle_ranks(everything, self._scores[section])
         knots = np.array([own_ranks[block].mean() for block in blocks])
@@ -113,7 +115,8 @@ class ScoreMeaning:
         right = np.minimum([went_on[third].mean() / self._settled_share for third in thirds], 1)
         means = [scores[third].mean() for third in thirds]
         limit = MOST_WRONG + MOST_WRONG_OF_ONE / np.sqrt(len(scores) / 3)
-        return bool(right[-1] >= LEAST_OF_BEST and (np.abs(right - means) > limit).any())
+        sure = self._settled_share >= LEAST_SETTLED and right[-1] >= LEAST_OF_BEST
+        return bool(sure and (np.abs(right - means) > limit).any())
 
     def _resolve(
         self, old: PendingDetections, now: PendingDetections, streaks_s: np.ndarray

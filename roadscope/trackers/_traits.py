@@ -32,7 +32,7 @@ SECTION_OF = {
 SECTIONS = tuple(dict.fromkeys(SECTION_OF.values()))
 SECTION_NUMBER = np.array([SECTIONS.index(SECTION_OF[category]) for category in Category])
 """For each value of `Category` the number of its section."""
-FIRST_OF_SECTION = [int((n == SECTION_NUMBER).argmax()) for n in range(len(SECTIONS))]
+FIRST_OF_SECTION = [int(np.equal(SECTION_NUMBER, n).argmax()) for n in range(len(SECTIONS))]
 """For each section the value of its first `Category`."""
 COUNT = len(Category)
 
