@@ -98,7 +98,9 @@ class ScoreMeaning:
         counts = np.array([len(block) for block in blocks]) + PRIOR_WEIGHT
         went_on = np.array([self._went_on[section][block].sum() for block in blocks])
         prior = np.interp(knots, [0, 1], PRIOR_SHARES)
-        return np.interp(ranks, knots, rising((went_on + PRIOR_WEIGHT * prior) / counts, counts))
+        pooled = rising((went_on + PRIOR_WEIGHT * prior) / counts, counts)
+        shares: np.ndarray = np.interp(ranks, knots, pooled)
+        return shares
 
     def count(self, detected: PendingDetections, streaks_s: np.ndarray) -> None:
         """Take the detections of a tick, and (N,) since when their targets were not missed."""
