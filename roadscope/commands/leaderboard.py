@@ -24,26 +24,24 @@ DEFAULT_SUITE = "quick"
 BoardName = Annotated[
     str | None,
     typer.Argument(
-        help="A board (roadscope list boards); if left out, all boards that the suite has "
-        "entries for.",
+        help="A board (roadscope list boards). If left out, all that the suite has entries for.",
         autocompletion=completion.boards,
     ),
 ]
 SuiteName = Annotated[
     str | None,
     typer.Option(
-        help="Episodes and entries: a name (roadscope list suites) or a .toml file; if left "
-        "out, the "
-        "usual suite of the board, or quick.",
+        metavar="NAME",
+        help="Episodes and entries: a name (roadscope list suites) or a .toml file.",
         autocompletion=completion.suites,
     ),
 ]
 Entry = Annotated[
     list[str] | None,
     typer.Option(
-        help="A plug-in to rank beside the suite's entries: a name, module:Class or "
-        "file.py:Class, with "
-        "?argument=value. Can be given several times. Your code runs in a process of its own.",
+        metavar="SPEC",
+        help="A plug-in to rank too: a name, module:Class or file.py:Class, with "
+        "?argument=value. Can be given several times.",
         autocompletion=completion.entries,
     ),
 ]
@@ -51,32 +49,24 @@ Only = Annotated[bool, typer.Option("--only", help="Run only the plug-ins named 
 By = Annotated[
     list[str] | None,
     typer.Option(
-        help="Break the metrics down by this too, such as weather or scenario; roadscope "
-        "list boards "
-        "says what is possible. Can be given several times."
+        metavar="NAME", help="Break the metrics down by this too, such as weather; can be repeated."
     ),
 ]
 Seeds = Annotated[
     int | None,
-    typer.Option(
-        min=1, help="Run only this many of the suite's seeds, the first ones, for a quick look."
-    ),
+    typer.Option(min=1, metavar="N", help="Run only the first N seeds of the suite."),
 ]
 Out = Annotated[
     Path | None,
     typer.Option(
-        help="Folder for leaderboard.json, .csv, .md, .tex and the results database. Boards "
-        "of other "
-        "suites that are in it are renamed to leaderboard-SUITE-BOARD, with the name of the "
-        "calibration if there was one."
+        metavar="DIR", help="Folder for leaderboard.json, .csv, .md, .tex and the results database."
     ),
 ]
 Open = Annotated[
     bool,
     typer.Option(
         "--open",
-        help="Write the page of roadscope report, too, and show it in a browser: report.html in "
-        "the folder of --out, else in the cache folder.",
+        help="Show the boards as a page in a browser, see roadscope report.",
     ),
 ]
 Fresh = Annotated[
@@ -88,87 +78,80 @@ Fresh = Annotated[
 Kitti = Annotated[
     Path | None,
     typer.Option(
-        help="Rank plug-ins on your folder of KITTI's data (docs/recorded-data.md). Detectors: "
-        "velodyne (image_2 or image_02), calib, and label_2 or label_02. Odometries: sequences and "
-        "poses. Trackers: SEQ.txt in label_02, calib, "
-        "ego_pose (12 numbers a line) or oxts, and det_NAME/Car (Pedestrian, Cyclist), whose "
-        "lines are, with commas, frame class left top right bottom score height width length "
-        "x y z rotation_y alpha; class 1 pedestrian, 2 car, 3 cyclist."
+        metavar="DIR",
+        help="Rank plug-ins on your folder of KITTI's data, see docs/recorded-data.md.",
     ),
 ]
 LidarHeight = Annotated[
     float,
-    typer.Option(min=0.1, help="With --kitti: height of the LiDAR above the road, metres."),
+    typer.Option(
+        min=0.1, metavar="METRES", help="With --kitti: height of the LiDAR above the road."
+    ),
 ]
 Mot = Annotated[
     Path | None,
     typer.Option(
-        help="Rank trackers on your folder of MOTChallenge data: SEQ/det/det.txt, SEQ/gt/gt.txt, "
-        "SEQ/seqinfo.ini; lines are, with commas, frame id left top width height confidence, in "
-        "gt also class visibility."
+        metavar="DIR", help="Rank trackers on your folder of MOTChallenge data, see the same page."
     ),
 ]
 Tracks = Annotated[
     Path | None,
     typer.Option(
-        help="With --kitti or --mot: folder for every tracker's tracks, SEQ.txt in kitti/TRACKER "
-        "and motchallenge/TRACKER/CLASS."
+        metavar="DIR", help="With --kitti or --mot: folder for the tracks of every tracker."
     ),
 ]
 Detections = Annotated[
     list[str] | None,
     typer.Option(
-        help="The detector whose detections trackers get, in place of the suite's: a name or "
-        "fused?lidar=A&camera=B&fusion=C. Can be given several times.",
+        metavar="SPEC",
+        help="The detector whose detections trackers get. Can be given several times.",
         autocompletion=completion.detectors,
     ),
 ]
 Calibration = Annotated[
     Path | None,
-    typer.Option(help="The calibration that plug-ins get: a file of roadscope calibrate."),
+    typer.Option(
+        metavar="FILE", help="The calibration that plug-ins get: a file of roadscope calibrate."
+    ),
 ]
 Deadline = Annotated[
     float,
     typer.Option(
         min=1,
-        help="Time limit of one episode, in seconds, for plug-ins that are not part of roadscope.",
+        metavar="SECONDS",
+        help="Time limit of one episode for plug-ins of others.",
     ),
 ]
 Trust = Annotated[
     bool,
     typer.Option(
         "--trust",
-        help="Run plug-ins in the processes of the benchmark, for debugging: they can then "
-        "crash or "
-        "falsify the run.",
+        help="Run plug-ins inside the benchmark, where they can crash or falsify it.",
     ),
 ]
 Sandbox = Annotated[
     bool,
     typer.Option(
         "--sandbox",
-        help="Give plug-ins that are not part of roadscope no network and no files but a scratch "
-        "folder (needs Linux and bubblewrap).",
+        help="Give plug-ins of others no network and no files (needs bubblewrap).",
     ),
 ]
 Backend = Annotated[
     str,
     typer.Option(
-        help="What provides worker processes: loky (this machine), ray or dask (extras).",
+        metavar="NAME",
+        help="Where workers run: loky (this machine), ray or dask.",
         autocompletion=completion.backends,
     ),
 ]
 Address = Annotated[
     str | None,
     typer.Option(
-        help="Address of a running cluster of Ray or Dask, such as tcp://HOST:8786; --jobs "
-        "0 is then "
-        "one for each of its cores. Its machines should share the folder ROADSCOPE_CACHE."
+        metavar="URL",
+        help="Address of a running cluster of Ray or Dask, such as tcp://HOST:8786.",
     ),
 ]
-Width = Annotated[
-    int | None, typer.Option(min=40, help="Width of the tables; that of the terminal, else 80.")
-]
+Width = Annotated[int | None, typer.Option(min=40, metavar="COLUMNS", help="Width of the tables.")]
 Quiet = Annotated[bool, typer.Option("--quiet", help="Show no progress and no tables.")]
 Json = Annotated[bool, typer.Option("--json", help="Print leaderboard.json instead of tables.")]
 
