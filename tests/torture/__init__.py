@@ -4,8 +4,8 @@
 but for its act. `acts.py` lists the acts, for which kinds they are, and what a failure must say.
 `boards.py` has a suite of all five boards that takes seconds, and runs it in folders of its own.
 Runs without strangers are the measure: scores of all other entries are compared digit by digit, but
-for times. All acts are done with one worker and with two, those that the contract of a kind decides
-for all kinds. All of this is `slow`;
+for times. All acts are done with one worker and with two; with one worker, those about which the
+contract of a kind decides are done for all kinds. All of this is `slow`;
 `tests/benchmarks/isolation` has quick tests of the same mechanisms.
 
 What is prevented
