@@ -217,7 +217,8 @@ class BernoulliSettings:
     gate_share: share of right pairs that lie within the gate if the noise is as assumed.
     detection, birth_m2, lifetime_s, visible_s, hidden_s, score_weight: see `DetectionModel`.
     clutter_m2: false detections per square metre and tick; None estimates it while tracking.
-    traits: what scores mean, see `ExistenceTracker`.
+    traits: what scores mean, see `ExistenceTracker`; but here scores of unknown detectors always
+        are probabilities, also with `unscaled`.
     confirm, drop: probabilities of existence from which on a track is confirmed, and below which
         it is dropped or not even started.
     shown_misses: see `LifeCycle`.

@@ -285,8 +285,8 @@ class TraitsChoice:
                 self._best = self._unknown
             if self.is_unknown and before < FEWEST_OFF <= self._counts.sum():
                 warnings.warn(
-                    "nothing was learned of this detector: its scores are taken for probabilities, "
-                    "unless how long its detections go on contradicts that",
+                    "nothing was learned of this detector: its scores are taken for probabilities "
+                    "(by existence, unless how long its detections go on contradicts that)",
                     UnknownDetectorWarning,
                     stacklevel=3,
                 )
