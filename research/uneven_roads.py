@@ -243,6 +243,7 @@ def scene_of(seed: int, shape: str, slope_deg: float) -> UnevenScene:
         ranges = np.minimum(ranges, hit)
     lost = rng.random(len(rays)) < np.where((owners < 0) & (ranges > 40), 0.23, 0.03)
     rows = np.flatnonzero((ranges < FAR_M) & ~lost)
+    # After five cars and twenty walls come shrubs and posts.
     leaves = (owners[rows] >= 25) & (rng.random(len(rows)) < 0.3)
     measured = ranges[rows] + spec.range_noise_m * rng.standard_normal(len(rows))
     measured += np.where(leaves, rng.uniform(0, 0.8, len(rows)), 0.0)

@@ -8,11 +8,10 @@ from roadscope.detectors import Cloud
 
 
 @pytest.mark.parametrize("shape", study.SHAPES)
-def test_returns_lie_on_the_road_that_was_drawn(shape):
+def test_the_vehicle_stands_on_the_road_that_was_drawn(shape):
     scene = study.scene_of(3, shape, 5.0)
     scan = scene.frame.lidar
     road = study.road_of(np.random.default_rng(3), shape, 5.0)
-    # A rigid motion leads from the sensor to the world; find it by the ground's own heights.
     cloud = Cloud.of(scan, scene.frame.calibration.pose("lidar"))
     near = (scene.owners[cloud.rows] < 0) & (cloud.ranges < 8.0) & (cloud.azimuths**2 < 0.1)
     assert near.sum() > 500
