@@ -216,6 +216,7 @@ def _front(
             for side in (-1, 1):
                 n = (s + side) % SECTORS
                 _update(state[s], var[s], 0.0, before[n], spread[n] + aside)
+            # It is inf or nan where the bin shows no ground; neither is less than inf.
             off[s] = lows[s, b] - state[s, 0] - (ranges[s, b] - MIDDLES_M[b]) * state[s, 1]
         for s in range(SECTORS):
             # What most neighbours see: a car fills a third of them.

@@ -62,8 +62,7 @@ class Candidate(Record):
     """Returns of one moving vehicle.
 
     points: (N, 3) float64, metres, ego frame at the scan's stamp, sorted. They are corrected for
-    the
-        sensor's motion during the sweep, but not for the vehicle's.
+        the sensor's motion during the sweep, but not for the vehicle's.
     rows: (N,) int64, the points' rows in the scan.
     times_s: (N,) float64, seconds after the stamp. time_s: their median.
     origin: (2,) float64, metres, where the sensor was then.
