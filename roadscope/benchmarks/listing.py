@@ -32,7 +32,7 @@ def _detectors() -> list[tuple[str, str]]:
     from roadscope.detectors import DETECTORS
 
     composed = [
-        (CLUSTER_BOXES, "A box for every cluster, people too; an input of fusions."),
+        (CLUSTER_BOXES, "A box for every cluster, people too; for fusions."),
         (FUSED, "LiDAR and camera fused: ?lidar=A&camera=B&fusion=C."),
         (ORACLE, "The true boxes of all eligible objects."),
     ]

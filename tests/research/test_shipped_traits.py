@@ -50,7 +50,7 @@ def test_the_command_writes_the_same_file_again(tmp_path):
 
 def test_every_file_says_where_it_comes_from():
     known = {path.name for path in FOLDER.glob("*.toml")}
-    assert known == {KITTI, "unknown.toml", *SENSED}
+    assert known == {KITTI, "unknown.toml", "unscaled.toml", *SENSED}
     for name in SENSED:
         first, last = map(int, re.findall(r"train seeds (\d+) to (\d+)", shipped(name))[0])
         assert 0 <= first <= last < 10_000, "none of them is one of validation or test"

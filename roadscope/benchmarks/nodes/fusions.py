@@ -131,7 +131,7 @@ class FusionNode(Node):
         """Return which scans and images are lost by a fault."""
         sensing = sensing_of(self.episode)
         return Lost(
-            [sensing.scan_lost(row) is not None for row in rows],
+            [sensing.scan_lost(row) for row in rows],
             [sensing.image_lost(image) is not None for image in images],
         )
 

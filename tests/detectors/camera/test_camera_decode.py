@@ -16,7 +16,8 @@ def decode(heat: np.ndarray, distances: np.ndarray, vehicles: np.ndarray, least:
     maps = np.concatenate([heat, np.log(distances / UNIT_PX), vehicles])
     rows, columns = (n // 2 for n in heat.shape[1:])
     parts = maps.reshape(12, rows, 2, columns, 2).transpose(1, 3, 2, 4, 0)
-    return read(parts.reshape(rows, columns, 4, 12), (4 * rows, 4 * columns), least)
+    answers = parts.reshape(rows, columns, 4, 12)
+    return read(answers, height_px=4 * rows, width_px=4 * columns, least_log_odds=least)
 
 
 def test_a_peak_becomes_its_box() -> None:
