@@ -341,7 +341,6 @@ class _Parts:
 
 def _rendered(boards: Sequence[Mapping[str, Any]], left_out: Sequence[str] = ()) -> str:
     from jinja2 import Environment, StrictUndefined
-    from markupsafe import Markup
 
     parts = _Parts.read()
     environment = Environment(
@@ -354,11 +353,11 @@ def _rendered(boards: Sequence[Mapping[str, Any]], left_out: Sequence[str] = ())
         boards=boards,
         first_columns=FIRST_COLUMNS,
         left_out=left_out,
-        style=Markup(parts.style),
-        script=Markup(parts.script),
+        style=parts.style,
+        script=parts.script,
         script_digest=digest,
         # A less-than sign could end the script element that holds the text.
-        content=Markup(_as_json(content)),
+        content=_as_json(content),
     )
 
 
