@@ -273,7 +273,9 @@ def _boxes(record: Truth | Tracks | Detections, numbers: np.ndarray) -> _Boxes:
 def _events(scene: _Scene, kind: str) -> list[int]:
     """Return the frames in which most goes wrong, some seconds apart, the worst one first."""
     counts = scene.counts(kind)
-    sums = counts if kind == SWITCHES else np.convolve(counts, np.ones(SMOOTH), "same")
+    # The mode "same" of NumPy returns more than there is of an episode of few frames.
+    around = np.convolve(counts, np.ones(SMOOTH))[SMOOTH // 2 :][: len(counts)]
+    sums = counts if kind == SWITCHES else around
     sums = np.where(counts > 0, sums, 0)
     times_s = np.array([truth.stamp_s for truth in scene.truths])
     events: list[int] = []
