@@ -135,7 +135,7 @@ def _height(points: np.ndarray) -> float:
     return height_m if len(near) and np.median(near) <= FLATTEST * height_m else np.nan
 
 
-class SeenImage(NamedTuple):
+class DetectedImage(NamedTuple):
     """The detections in an image, and its width and height in pixels."""
 
     detections: ImageDetections
@@ -205,8 +205,8 @@ class DetectionJob:
             fusion = stack.enter_context(open_plugin(spec.plain, limits=LIMITS)) if spec else None
             if fusion is not None:
                 fusion.call("reset")
-            for row, seen in enumerate(self._image_detections(progress)):
-                yield row, self._frame(row, self._fused(fusion, row, points.get(row), seen), seen)
+            for row, image in enumerate(self._image_detections(progress)):
+                yield row, self._frame(row, self._fused(fusion, row, points.get(row), image), image)
 
     def losses(self) -> list[str]:
         """Return what could not be used of the recording so far, in sentences."""
@@ -247,7 +247,7 @@ class DetectionJob:
         previous_from_now = Pose(before).inverse() @ Pose(now)
         return self.ego_from_lidar @ previous_from_now @ self.ego_from_lidar.inverse()
 
-    def _image_detections(self, progress: Progress) -> Iterator[SeenImage | None]:
+    def _image_detections(self, progress: Progress) -> Iterator[DetectedImage | None]:
         """Yield the detections in the image of each frame; None where none can be read."""
         spec, images = self.detectors.camera, self.images
         assert spec is not None
@@ -262,7 +262,7 @@ class DetectionJob:
                     frame = self._image_frame(row, pixels)
                     check = partial(check_image_detections, stamp_s=frame.stamp_s)
                     boxes = _answer(plugin, spec, "detect", (frame,), check)
-                    yield SeenImage(boxes, ImageSize(*pixels.shape[1::-1]))
+                    yield DetectedImage(boxes, ImageSize(*pixels.shape[1::-1]))
                 progress("images", row + 1, len(self))
 
     def _image_frame(self, row: int, pixels: np.ndarray) -> Frame:
@@ -283,10 +283,10 @@ class DetectionJob:
         fusion: PluginHandle | None,
         row: int,
         points: Detections | None,
-        seen: SeenImage | None,
+        image: DetectedImage | None,
     ) -> FusedDetections:
         """Return the targets of one frame; without a fusion those of the camera."""
-        boxes, spec = None if seen is None else seen.detections, self.detectors.fusion
+        boxes, spec = None if image is None else image.detections, self.detectors.fusion
         if points is not None and self._problem(row, of_lidar=True):
             points = None
         if points is None and boxes is None:
@@ -295,7 +295,7 @@ class DetectionJob:
             return FusedDetections.of(None, boxes)
         assert self.cameras is not None
         assert self.images is not None
-        size = self.images.size() if seen is None else seen.size
+        size = self.images.size() if image is None else image.size
         if size is None:
             return FusedDetections.of(points, None)
         camera = self.cameras.of(self.names[row])
@@ -304,7 +304,7 @@ class DetectionJob:
         return _answer(fusion, spec, "fuse", (points, boxes, projection), check)
 
     def _frame(
-        self, row: int, detections: FusedDetections, seen: SeenImage | None = None
+        self, row: int, detections: FusedDetections, image: DetectedImage | None = None
     ) -> DetectedFrame:
         """Return a frame with what else is written of it."""
         name, lidar_from_ego = self.names[row], self.ego_from_lidar.inverse()
@@ -312,7 +312,7 @@ class DetectionJob:
         camera = LabelCamera(CAMERA_FROM_EGO @ at_lidar)
         if self.cameras is not None:
             known = self.cameras.of(name)
-            size = None if seen is None else seen.size
+            size = None if image is None else image.size
             if size is None and self.image_rows[row] != ALONE and self.images is not None:
                 size = self.images.size(self.image_rows[row])
             camera = LabelCamera(known.camera_from_lidar @ lidar_from_ego, known.projection, size)
@@ -361,7 +361,7 @@ def _answered_scan(answered: Sequence[Detections], answer: Any) -> tuple[int, De
     return row, detections
 
 
-class JobOptions(NamedTuple):
+class RecordingOptions(NamedTuple):
     """What a user says of a recording.
 
     detector: a spec; empty: what is there decides. images: folder of the images, if elsewhere.
@@ -381,7 +381,7 @@ class JobOptions(NamedTuple):
     topics: Sequence[str] = ()
 
 
-def detection_job(folder: Path, options: JobOptions) -> DetectionJob:
+def detection_job(folder: Path, options: RecordingOptions) -> DetectionJob:
     """Return what is to be detected in a folder, and by what."""
     images = ImageFolder.find(options.images or folder, () if options.images else options.topics)
     has_scans = bool(scan_files(folder)) or has_clouds(folder)
@@ -425,7 +425,7 @@ def detection_job(folder: Path, options: JobOptions) -> DetectionJob:
     )
 
 
-def _mounting(scans: ScanFolder, options: JobOptions) -> tuple[Pose, str]:
+def _mounting(scans: ScanFolder, options: RecordingOptions) -> tuple[Pose, str]:
     """Return `ego_from_lidar`, the ego on the ground below the LiDAR, and how high that is."""
     height_m, source = options.height_m, "as named"
     if height_m is None:

@@ -110,13 +110,13 @@ def detect(
     the results so far are written. A scan that cannot be read counts as empty.
     """
     from roadscope.benchmarks.detection_files import ResultWriter
-    from roadscope.benchmarks.detection_runner import JobOptions, detection_job
+    from roadscope.benchmarks.detection_runner import RecordingOptions, detection_job
     from roadscope.benchmarks.detection_views import picture_folder, save_views
     from roadscope.benchmarks.formats.point_layout import parse_columns
 
     columns = parse_columns(layout) if layout else ()
     turn, height_m = _turn(lidar_mounting), _checked_height(height)
-    options = JobOptions(
+    options = RecordingOptions(
         detector,
         images,
         calibration,

@@ -151,7 +151,7 @@ class KittiDrives:
             drive.check()
 
 
-class _Place(NamedTuple):
+class _FramePoses(NamedTuple):
     """Where the vehicle and its sensors are at one frame; posed: whether the files say so."""
 
     view: KittiView
@@ -217,14 +217,14 @@ class _Place(NamedTuple):
 
 
 @lru_cache(maxsize=64)
-def places_of(drive: KittiDrive) -> tuple[_Place, ...]:
+def places_of(drive: KittiDrive) -> tuple[_FramePoses, ...]:
     """Return where everything is at each frame."""
     views, poses = drive.files.views(), drive.files.poses()
     mount = drive.ego_from_lidar
     if poses is None:
-        return tuple(_Place(view, mount, Pose.identity(), posed=False) for view in views)
+        return tuple(_FramePoses(view, mount, Pose.identity(), posed=False) for view in views)
     return tuple(
-        _Place(
+        _FramePoses(
             view,
             mount,
             pose @ EGO_FROM_CAMERA @ view.camera.camera_from_lidar @ mount.inverse(),

@@ -49,7 +49,7 @@ def kitti_suite(
     boards: `tracking` and the like; None: those that the folder has files for.
     lidar_height_m: height of the LiDAR above the road.
     """
-    place = _Place(Path(folder), lidar_height_m)
+    place = _DataFolder(Path(folder), lidar_height_m)
     names = MAKERS if boards is None else [name for name in boards if name in MAKERS]
     if boards is None:
         names = [name for name in MARKERS if place.has(MARKERS[name])] or [TRACKING_BOARD]
@@ -72,7 +72,7 @@ def _refuse(folder: Path) -> None:
         ) from None
 
 
-class _Place(NamedTuple):
+class _DataFolder(NamedTuple):
     """A folder of KITTI's data; lidar_height_m: of the LiDAR above the road."""
 
     folder: Path
@@ -84,7 +84,7 @@ class _Place(NamedTuple):
         return any(visible(place, pattern) for place in places for pattern in patterns)
 
 
-def _tracking(place: _Place) -> dict[str, BoardSettings]:
+def _tracking(place: _DataFolder) -> dict[str, BoardSettings]:
     """Return the settings of the boards of trackers."""
     files = KittiFolder.find(place.folder)
     files.choose_detector(files.detectors()[0] if files.detectors() else None)
@@ -112,22 +112,24 @@ def _tracking(place: _Place) -> dict[str, BoardSettings]:
     return tracking_settings(KITTI, recordings, labelled=len(files.sequences()), remarks=remarks)
 
 
-def _detection(place: _Place) -> dict[str, BoardSettings]:
+def _detection(place: _DataFolder) -> dict[str, BoardSettings]:
     """Return the settings of the boards of LiDAR detectors."""
     return _object_settings(place, "detection", (SCANS,))
 
 
-def _camera(place: _Place) -> dict[str, BoardSettings]:
+def _camera(place: _DataFolder) -> dict[str, BoardSettings]:
     """Return the settings of the boards of camera detectors."""
     return _object_settings(place, "camera", (IMAGES,))
 
 
-def _fusion(place: _Place) -> dict[str, BoardSettings]:
+def _fusion(place: _DataFolder) -> dict[str, BoardSettings]:
     """Return the settings of the boards of fusions."""
     return _object_settings(place, "fusion", (SCANS, IMAGES))
 
 
-def _object_settings(place: _Place, board: str, sensors: Sequence[str]) -> dict[str, BoardSettings]:
+def _object_settings(
+    place: _DataFolder, board: str, sensors: Sequence[str]
+) -> dict[str, BoardSettings]:
     """Return the settings of a board of each class that has labels."""
     found = find_kitti_frames(place.folder, sensors)
     drives = tuple(
@@ -154,7 +156,9 @@ def _object_settings(place: _Place, board: str, sensors: Sequence[str]) -> dict[
     return {f"{KITTI} {board} {name.lower()}": settings for name in names if counts[name.lower()]}
 
 
-def _frames_in_words(drives: Sequence[KittiDrive], place: _Place, sensors: Sequence[str]) -> str:
+def _frames_in_words(
+    drives: Sequence[KittiDrive], place: _DataFolder, sensors: Sequence[str]
+) -> str:
     """Return how many frames there are, and in which frame of coordinates scans are."""
     frames = sum(len(drive.files.numbers) for drive in drives)
     by_sequence = drives[0].files.layout.by_sequence
@@ -171,7 +175,7 @@ def _frames_in_words(drives: Sequence[KittiDrive], place: _Place, sensors: Seque
     )
 
 
-def _odometry(place: _Place) -> dict[str, BoardSettings]:
+def _odometry(place: _DataFolder) -> dict[str, BoardSettings]:
     """Return the settings of the board of odometries."""
     found = find_kitti_odometry(place.folder)
     drives = [KittiOdometryDrive.of(each, k) for k, each in enumerate(found.sequences)]
@@ -202,7 +206,7 @@ def _stretches_in_words(drives: Sequence[KittiOdometryDrive]) -> str:
 
 
 TRACKING_BOARD = "tracking"
-MAKERS: Mapping[str, Callable[[_Place], dict[str, BoardSettings]]] = {
+MAKERS: Mapping[str, Callable[[_DataFolder], dict[str, BoardSettings]]] = {
     TRACKING_BOARD: _tracking,
     "detection": _detection,
     "camera": _camera,

@@ -80,7 +80,7 @@ class MovingBox(msgspec.Struct, frozen=True, array_like=True):
     motion: list[int]
 
 
-class Lane(msgspec.Struct, frozen=True, array_like=True):
+class LaneStrip(msgspec.Struct, frozen=True, array_like=True):
     """A lane: width, decimetres, and x, y of its points, the first one, then differences."""
 
     width: int
@@ -112,7 +112,7 @@ class Moment(msgspec.Struct, frozen=True, kw_only=True):
     focus: tuple[int, int, int, int]
     objects: list[MovingBox] = []
     answers: list[MovingBox] = []
-    lanes: list[Lane] = []
+    lanes: list[LaneStrip] = []
     estimate: list[int] = []
     errors: list[int] = []
 
@@ -468,7 +468,7 @@ def _near_lanes(
     origin: np.ndarray,
     egos: np.ndarray,
     reach_m: float,
-) -> list[Lane]:
+) -> list[LaneStrip]:
     """Return the parts of lanes that come near the ego, with no more points than bends need."""
     shown = []
     for points, widths in lanes:
@@ -481,7 +481,7 @@ def _near_lanes(
                 poses = np.column_stack([points[part], np.zeros(len(part))])
                 line = _simplified(_moved(poses, origin)[:, :2])
                 width = round(float(np.median(widths[part])) * DECIMETRES)
-                shown.append(Lane(width, _differences(np.rint(line * DECIMETRES).astype(int))))
+                shown.append(LaneStrip(width, _differences(np.rint(line * DECIMETRES).astype(int))))
     return shown
 
 
