@@ -8,8 +8,6 @@ from hashlib import sha256
 from pathlib import Path
 from typing import NamedTuple
 
-import numpy as np
-
 from roadscope.benchmarks.formats.kitti_calibration import (
     read_kitti_calibration,
     read_kitti_oxts,
@@ -355,17 +353,6 @@ def check_scan_files(files: Sequence[Path]) -> None:
     columns = layout_of([files[0]], ()).columns
     if len(columns) != len(SCAN_COLUMNS):
         raise FormatError(f"{files[0]}: expected {POINTS}, got {len(columns)} numbers a point")
-
-
-def read_image(path: Path) -> np.ndarray:
-    """Read an image as (H, W, 3) uint8 RGB; one that is damaged raises `FormatError`."""
-    from PIL import Image
-
-    try:
-        with Image.open(path) as opened:
-            return np.array(opened.convert("RGB"))
-    except OSError as error:
-        raise FormatError(f"{path}: expected a PNG image: {error}") from error
 
 
 def _size_of(path: Path) -> ImageSize:

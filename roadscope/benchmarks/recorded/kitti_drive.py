@@ -11,6 +11,7 @@ import numpy as np
 
 from roadscope.benchmarks.episode import Episode
 from roadscope.benchmarks.fingerprint import code_hash
+from roadscope.benchmarks.formats.image_folder import read_image
 from roadscope.benchmarks.formats.kitti_frames import (
     EGO_FROM_CAMERA,
     NOT_COUNTED,
@@ -25,7 +26,6 @@ from roadscope.benchmarks.formats.kitti_scans import (
     KittiFrames,
     KittiView,
     check_frames,
-    read_image,
 )
 from roadscope.core import (
     Calibration,
@@ -125,8 +125,10 @@ class KittiDrive(Episode):
         for number, place, truth in zip(
             self.files.numbers, places_of(self), truths_of(self), strict=True
         ):
-            seen = read_image(self.files.file(IMAGES, number)) if pixels else grey
-            image = CameraImage(seen, place.view.camera.projection[:, :3], truth.stamp_s, "camera")
+            content = read_image(self.files.file(IMAGES, number)) if pixels else grey
+            image = CameraImage(
+                content, place.view.camera.projection[:, :3], truth.stamp_s, "camera"
+            )
             yield Frame(truth.stamp_s, place.calibration, camera=image), truth
 
     def rows(self, detections: Sequence[Detections]) -> list[KittiObjects]:
