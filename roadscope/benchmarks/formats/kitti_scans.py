@@ -251,7 +251,8 @@ def _parts(root: Path, sensors: Sequence[str]) -> FoundFrames:
     whole = KittiFrames(str(root), "", OBJECT, tuple(filled))
     if not filled:
         raise FormatError(
-            f"{root / OBJECT.folder(sensors[0])}: expected files 000000.bin, got none"
+            f"{root / OBJECT.folder(sensors[0])}: expected files 000000.{ENDINGS[sensors[0]]} "
+            "that are not empty, got none"
         )
     for path_of in (whole.calibration, whole.label_file):
         missing = [number for number in filled if not path_of(number).is_file()]
@@ -260,11 +261,9 @@ def _parts(root: Path, sensors: Sequence[str]) -> FoundFrames:
                 f"{path_of(missing[0])}: missing; {by_sensor[0][missing[0]]} needs it "
                 f"({len(missing)} of {len(filled)} frames have none)"
             )
-    labelled = len(numbered_files(root / OBJECT.labels, "txt"))
-    if labelled > len(filled):
-        notes.append(
-            f"{labelled - len(filled)} of {labelled} labelled frames are left out: no file."
-        )
+    labelled = set(numbered_files(root / OBJECT.labels, "txt"))
+    if without := labelled.difference(set.intersection(*map(set, by_sensor))):
+        notes.append(f"{len(without)} of {len(labelled)} labelled frames are left out: no file.")
     empty = sum(not whole.label_file(number).stat().st_size for number in filled)
     if empty:
         notes.append(f"{empty} of {len(filled)} files of labels are empty: nothing to be found.")
