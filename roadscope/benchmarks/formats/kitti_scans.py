@@ -148,16 +148,21 @@ class KittiFrames:
         }
 
     def digest(self, sensors: Iterable[str]) -> str:
-        """Return a digest of the files: bytes of text files, names, sizes and times of others."""
+        """Return a digest of the files: bytes of text files, names, sizes and times of others.
+
+        Images count without their sensor, too: boxes are clipped to their size.
+        """
         digest = sha256()
         texts = [each(k) for k in self.numbers for each in (self.calibration, self.label_file)]
         texts += [Path(self.root, f, f"{self.name}.txt") for f in (*POSE_FOLDERS, "times")]
         for path in dict.fromkeys(texts):
             digest.update(path.read_bytes() if path.is_file() else b"none")
             digest.update(b"\0")
-        for path in (self.file(sensor, k) for sensor in sensors for k in self.numbers):
-            state = path.stat()
-            digest.update(f"{path.name} {state.st_size} {state.st_mtime_ns}\n".encode())
+        kinds = dict.fromkeys((*sensors, IMAGES))
+        for path in (self.file(sensor, k) for sensor in kinds for k in self.numbers):
+            if path.is_file():
+                state = path.stat()
+                digest.update(f"{path.name} {state.st_size} {state.st_mtime_ns}\n".encode())
         return digest.hexdigest()[:16]
 
     def _view(self, number: int) -> KittiView:
