@@ -18,7 +18,7 @@ from roadscope.benchmarks.kinds import entry_kind
 from roadscope.benchmarks.loop import RunOptions
 from roadscope.benchmarks.manifest import manifest
 from roadscope.benchmarks.progress import Progress, silent
-from roadscope.benchmarks.recorded.kitti_drive import LIDAR_HEIGHT_M, KittiDrive
+from roadscope.benchmarks.recorded.kitti_drive import LIDAR_HEIGHT_M
 from roadscope.benchmarks.recorded.kitti_odometry import KittiOdometryDrive
 from roadscope.benchmarks.recorded.mot import mot_suite
 from roadscope.benchmarks.recorded.suite import kitti_suite
@@ -199,7 +199,7 @@ def plan(
 def read_recordings(run_plan: RunPlan) -> None:
     """Read all recordings of a plan; a malformed file raises `FormatError`."""
     for episode in dict.fromkeys(job.episode for job in run_plan.jobs):
-        if not isinstance(episode, Episode) or isinstance(episode, KittiDrive | KittiOdometryDrive):
+        if not isinstance(episode, Episode) or isinstance(episode, KittiOdometryDrive):
             episode.check()
 
 
