@@ -227,14 +227,14 @@ def _name(results: Results, standing: Standing, width: int | None = None) -> Tex
 
 
 def remarks_of(results: Results, standing: Standing) -> list[str]:
-    """Return what is told beside the name of an entry: its mark, and whether it is offline."""
+    """Return what stands beside the name of an entry: its mark, and whether it is offline."""
     board, entry, mark = standing.board, standing.entry, standing.mark or ""
     # Some names already contain their mark, or that they are offline.
     own = not mark or entry.endswith(f" on {ORACLE}") or mark.split()[0] in entry
     offline = results.row(board, entry, OFFLINE)
     called_so = entry.split()[0].partition("?")[0].endswith(OFFLINE)
-    told = offline is not None and offline.value and not called_so
-    return [mark] * (not own) + [OFFLINE] * bool(told)
+    is_offline = offline is not None and offline.value and not called_so
+    return [mark] * (not own) + [OFFLINE] * bool(is_offline)
 
 
 def failure_of(results: Results, standing: Standing) -> str:
