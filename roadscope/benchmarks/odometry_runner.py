@@ -10,6 +10,7 @@ from typing import Generic, NamedTuple, TypeVar
 import numpy as np
 
 from roadscope.benchmarks.formats.kitti_calibration import read_camera_from_lidar
+from roadscope.benchmarks.formats.kitti_cameras import CALIBRATION_FILE
 from roadscope.benchmarks.formats.scan_folder import ScanFolder
 from roadscope.benchmarks.formats.table import FormatError, read_lines
 from roadscope.benchmarks.formats.trajectories import (
@@ -27,8 +28,6 @@ from roadscope.odometry import ODOMETRIES
 TRUTH_STEPS = 3.0
 """Poses are interpolated between true ones that are at most this many median steps apart. Chosen by
 hand: a pose or two may be missing."""
-CALIBRATION_FILE = "calib.txt"
-"""KITTI's calibration of a sequence, beside its folder of scans."""
 LEAST_AHEAD_M = 2.0
 """Metres along an axis from which on it cannot be the one that points up. Chosen by hand: on a
 slope of 20 % the motion ahead is five times as large."""

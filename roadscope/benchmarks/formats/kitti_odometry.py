@@ -11,6 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from roadscope.benchmarks.formats.kitti_calibration import read_camera_from_lidar
+from roadscope.benchmarks.formats.kitti_cameras import CALIBRATION_FILE
 from roadscope.benchmarks.formats.kitti_scans import check_scan_files, numbered_files, read_scans
 from roadscope.benchmarks.formats.table import FormatError, names_in, read_table, visible
 from roadscope.benchmarks.formats.trajectories import read_trajectory
@@ -64,7 +65,7 @@ class KittiOdometrySequence:
 
     def camera_from_lidar(self) -> Pose:
         """Return the pose of the LiDAR in the frame of the left grey camera."""
-        return read_camera_from_lidar(self.folder / "calib.txt")
+        return read_camera_from_lidar(self.folder / CALIBRATION_FILE)
 
     def camera_poses(self) -> list[Pose]:
         """Return the true pose of the camera at each scan, in the frame of the first one."""
@@ -80,7 +81,7 @@ class KittiOdometrySequence:
     def digest(self) -> str:
         """Return a digest of the files: bytes of text files, names, sizes and times of scans."""
         digest = sha256()
-        for path in (self.folder / "times.txt", self.folder / "calib.txt", self.pose_file):
+        for path in (self.folder / "times.txt", self.folder / CALIBRATION_FILE, self.pose_file):
             digest.update(path.read_bytes() + b"\0")
         for path in self.scan_files:
             state = path.stat()
@@ -135,7 +136,7 @@ def find_kitti_odometry(folder: Path | str) -> FoundSequences:
         if not numbers:
             continue
         sequence = KittiOdometrySequence(str(root), name, tuple(numbers))
-        for path in (sequence.folder / "calib.txt", sequence.folder / "times.txt"):
+        for path in (sequence.folder / CALIBRATION_FILE, sequence.folder / "times.txt"):
             if not path.is_file():
                 raise FormatError(f"{path}: missing; sequence {name} needs it")
         sequences.append(sequence)
