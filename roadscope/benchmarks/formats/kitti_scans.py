@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from hashlib import sha256
+from itertools import pairwise
 from pathlib import Path
 from typing import NamedTuple
 
@@ -113,7 +114,10 @@ class KittiFrames:
             return tuple(PERIOD_S * number for number in self.numbers)
         stamps_s = read_table(times, ("seconds",)).numbers(0, 1)[:, 0].tolist()
         self._require(times, stamps_s, "a stamp")
-        return tuple(stamps_s[number] for number in self.numbers)
+        chosen = tuple(stamps_s[number] for number in self.numbers)
+        if any(after <= before for before, after in pairwise(chosen)):
+            raise FormatError(f"{times}: expected stamps that rise from frame to frame")
+        return chosen
 
     def poses(self) -> list[Pose] | None:
         """Return `world_from_ego` of each frame, for the ego of `kitti_frames`; None without."""
@@ -328,8 +332,13 @@ def _frames_of(path: Path) -> list[int]:
 
 
 def check_frames(frames: KittiFrames, sensors: Sequence[str]) -> None:
-    """Read labels, calibration and poses, and look at the scans; raise `FormatError`."""
-    reads: list[Callable[[], object]] = [frames.labels, frames.poses, frames.views]
+    """Read labels, calibration, poses and stamps, and look at the scans; raise `FormatError`."""
+    reads: list[Callable[[], object]] = [
+        frames.labels,
+        frames.poses,
+        frames.views,
+        lambda: frames.stamps_s,
+    ]
     for read in reads:
         read()
     if IMAGES in sensors:
