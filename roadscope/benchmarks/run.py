@@ -10,7 +10,7 @@ from typing import Any
 
 from roadscope.benchmarks.boards import Board, board_named, chosen_boards
 from roadscope.benchmarks.boards.board import JobOptions, SuiteCheck
-from roadscope.benchmarks.cache import cache_dir, usable_folder
+from roadscope.benchmarks.cache import FolderError, cache_dir, usable_folder
 from roadscope.benchmarks.episode import Episode
 from roadscope.benchmarks.graph import Job, run_jobs
 from roadscope.benchmarks.isolation import Limits
@@ -150,13 +150,22 @@ def leaderboard(
     results = save_logs(results, folder)
     if out_dir is not None:
         save_all(results, folder)
+        # A run that is stopped now leaves no moments of an earlier one beside its boards.
+        save_moments([], folder)
     if out_dir is None and page is None:
         return results
     latest = Run(results, worst_moments(run_plan.jobs, results, progress or silent))
     if out_dir is not None:
         save_moments(latest.moments, folder)
     if page is not None:
-        save_page([latest] if out_dir is None else read_runs(folder), Path(page))
+        runs = [latest]
+        if out_dir is not None:
+            try:
+                runs = read_runs(folder)
+            except FolderError as error:
+                if notice is not None:
+                    notice(f"the page shows this run alone: {error}")
+        save_page(runs, Path(page))
     return results
 
 

@@ -104,10 +104,11 @@ class ScoreMeaning:
 
     def count(self, detected: PendingDetections, streaks_s: np.ndarray) -> None:
         """Take the detections of a tick, and (N,) since when their targets were not missed."""
+        before = sum(map(len, self._scores))
         while self._pending and detected.stamp_s - self._pending[0].stamp_s > FOLLOW_S - 1e-6:
             self._resolve(self._pending.popleft(), detected, streaks_s)
         self._pending.append(detected)
-        if TRIAL[0] <= sum(map(len, self._scores)) <= TRIAL[1]:
+        if before <= TRIAL[1] and sum(map(len, self._scores)) >= TRIAL[0]:
             self.contradicts_scores |= self._are_wrong()
 
     def _are_wrong(self) -> bool:

@@ -247,7 +247,7 @@ class TraitsChoice:
     those of any known detector are likeliest under `unknown`, whose scores are spread widely.
     The prior gives `unknown` as much weight as all others together, and it is chosen until another
     is likelier than all the rest together and its scores fit those of training. Once the lead is
-    `DECIDED` the choice stays, unless scores turn out not to fit by then or by `FEWEST_OFF` scores.
+    `DECIDED` the choice stays, unless scores turn out not to fit until a section has `FEWEST_OFF`.
     It only uses scores up to now.
     """
 
@@ -273,7 +273,7 @@ class TraitsChoice:
 
     def update(self, score_log_odds: np.ndarray, categories: np.ndarray) -> DetectorTraits:
         """Take the (N,) scores of a tick and return the traits that fit all scores best."""
-        before = self._counts.sum()
+        before = self._most_of_section()
         settled = self._decided and before >= FEWEST_OFF
         if len(self._detectors) > 1 and len(score_log_odds) and not settled:
             # The outermost intervals have no end.
@@ -283,7 +283,7 @@ class TraitsChoice:
                 self._best = self._likeliest()
             elif not self._fit()[self._best]:
                 self._best = self._unknown
-            if self.is_unknown and before < FEWEST_OFF <= self._counts.sum():
+            if self.is_unknown and before < FEWEST_OFF <= self._most_of_section():
                 warnings.warn(
                     "nothing was learned of this detector: its scores are taken for probabilities "
                     "(by existence, unless how long its detections go on contradicts that)",
@@ -312,6 +312,10 @@ class TraitsChoice:
     def is_unscaled(self) -> bool:
         """Whether only the order of scores counts."""
         return self._names[self._best] == UNSCALED
+
+    def _most_of_section(self) -> float:
+        """Return the number of scores of the section that has most."""
+        return float(self._counts.reshape(len(SECTIONS), -1).sum(axis=1).max())
 
     def _likeliest(self) -> int:
         weights = np.where(self._fit(), self._log_weights, -np.inf)

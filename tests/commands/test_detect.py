@@ -170,7 +170,7 @@ def test_results_are_kept_when_a_plugin_fails(folder):
     done, found = run(folder, detector="Falls")
     assert isinstance(done.exception, PluginError)
     assert len(found["frames"]) == 2
-    assert "2 of 3 scans" in done.stderr
+    assert "2 of 3 frames" in done.stderr
 
 
 def test_an_answer_in_another_frame_fails(folder):

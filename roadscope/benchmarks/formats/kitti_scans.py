@@ -271,7 +271,7 @@ def _parts(root: Path, sensors: Sequence[str]) -> FoundFrames:
                 f"({len(missing)} of {len(filled)} frames have none)"
             )
     labelled = set(numbered_files(root / OBJECT.labels, "txt"))
-    if without := labelled.difference(set.intersection(*map(set, by_sensor))):
+    if without := {k for k in labelled if any(k not in files for files in by_sensor)}:
         notes.append(f"{len(without)} of {len(labelled)} labelled frames are left out: no file.")
     empty = sum(not whole.label_file(number).stat().st_size for number in filled)
     if empty:
