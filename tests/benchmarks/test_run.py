@@ -165,8 +165,9 @@ def test_a_second_run_does_nothing_again(suite, tmp_path) -> None:
             progress=lambda stage, done, total: stages.append((stage, done, total)),
         )
     assert log.read_text().count("begun") == EPISODES
-    assert stages[-1][1:] == (EPISODES, EPISODES)
-    assert "detection" in stages[-1][0]
+    computed = [each for each in stages if each[0] != "worst moments"]
+    assert computed[-1][1:] == (EPISODES, EPISODES)
+    assert "detection" in computed[-1][0]
     leaderboard(
         suite, [entry], boards=["detection"], only=True, out_dir=tmp_path / "out", fresh=True
     )

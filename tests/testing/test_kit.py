@@ -18,7 +18,7 @@ TRACKERS, SENSORS, ODOMETRIES = (
     HERE / f"bad_{name}.py" for name in ("trackers", "sensors", "odometries")
 )
 DETECTORS = HERE.parent / "benchmarks" / "plugins.py"
-NAME, METHODS, ANSWERS, FIGURE = "by its name alone", "has reset and", "answers", "two seconds"
+NAME, METHODS, ANSWERS, FIGURE = "without arguments", "has reset and", "answers", "two seconds"
 INPUT, REPEATS, RESET = "input alone", "gives the same", "at a reset"
 BROKEN = [
     (TRACKERS, "tracker", "NeedsArguments", NAME, "'gate_m'"),
@@ -53,7 +53,7 @@ BROKEN = [
     (TRACKERS, "tracker", "LateSwapped", "rescores every frame", "stamped 1.9"),
     (TRACKERS, "tracker", "LateScribbles", "history alone", "rescored changed its argument 1"),
     (TRACKERS, "tracker", "LateCounts", "rescores the same history", "the second time"),
-    (TRACKERS, "tracker", "LateForgets", "updates go on", "changes what update answers"),
+    (TRACKERS, "tracker", "LateForgets", "updates as before", "changes what update answers"),
     (DETECTORS, "detector", "Raises", ANSWERS, "KeyError"),
     (DETECTORS, "detector", "ReturnsNonsense", ANSWERS, "not Detections"),
     (DETECTORS, "detector", "ReturnsNan", ANSWERS, "must be finite"),
@@ -86,7 +86,7 @@ BROKEN = [
     (SENSORS, "fusion", "MakesUp", "with one sensor", "no detections"),
     (SENSORS, "fusion", "ReturnsDetections", ANSWERS, "Detections, not FusedDetections"),
     (SENSORS, "fusion", "Unsettled", REPEATS, "the second time"),
-    (SENSORS, "fusion", "FindsAQuarter", FIGURE, "what one sensor finds"),
+    (SENSORS, "fusion", "FindsAQuarter", FIGURE, "one sensor alone"),
 ]
 """File, kind, class, promise that it breaks (part of its words), part of what is said of it."""
 GOOD = [

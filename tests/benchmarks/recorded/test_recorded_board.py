@@ -162,7 +162,7 @@ def test_what_was_done_is_not_done_again(results):
         out_dir=out,
         progress=lambda stage, done, of: stages.append(stage),
     )
-    assert stages == []
+    assert set(stages) <= {"worst moments"}, "these come from kept answers"
     assert again.rows == results[0].rows
 
 
