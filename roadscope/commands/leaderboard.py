@@ -83,9 +83,11 @@ Kitti = Annotated[
     ),
 ]
 LidarHeight = Annotated[
-    float,
+    float | None,
     typer.Option(
-        min=0.1, metavar="METRES", help="With --kitti: height of the LiDAR above the road."
+        min=0.1,
+        metavar="METRES",
+        help="With --kitti: height of the LiDAR above the road; 1.73 if left out.",
     ),
 ]
 Mot = Annotated[
@@ -169,7 +171,7 @@ def leaderboard(
     browse: Open = False,
     fresh: Fresh = False,
     kitti: Kitti = None,
-    lidar_height: LidarHeight = 1.73,
+    lidar_height: LidarHeight = None,
     mot: Mot = None,
     tracks: Tracks = None,
     detections: Detections = None,
@@ -413,11 +415,12 @@ class _RecordedData:
 
     kitti: Path | None
     mot: Path | None
-    lidar_height_m: float
+    lidar_height_m: float | None
 
 
 def _suite(suite: str | None, board: str | None, recorded: _RecordedData) -> Suite:
     """Return the suite of that name, or one of a folder of recorded data."""
+    from roadscope.benchmarks.recorded.kitti_drive import LIDAR_HEIGHT_M
     from roadscope.benchmarks.recorded.mot import MOT, mot_suite
     from roadscope.benchmarks.recorded.suite import KITTI, kitti_suite
     from roadscope.benchmarks.suite_files import load_suite
@@ -425,6 +428,8 @@ def _suite(suite: str | None, board: str | None, recorded: _RecordedData) -> Sui
     kitti, mot = recorded.kitti, recorded.mot
     if kitti is not None and mot is not None:
         raise ValueError("--kitti and --mot are suites of their own; give one of them")
+    if kitti is None and recorded.lidar_height_m is not None:
+        raise ValueError("--lidar-height is of KITTI's LiDAR: name its folder with --kitti DIR")
     for name, folder in ((KITTI, kitti), (MOT, mot)):
         if folder is None and suite == name:
             raise ValueError(f"suite {name} is of recorded data: name its folder with --{name} DIR")
@@ -432,7 +437,8 @@ def _suite(suite: str | None, board: str | None, recorded: _RecordedData) -> Sui
             raise ValueError(f"--{name} is a suite of its own; leave --suite {suite} out")
     if kitti is not None:
         boards = None if board is None else [board]
-        return kitti_suite(kitti, boards, lidar_height_m=recorded.lidar_height_m)
+        height_m = LIDAR_HEIGHT_M if recorded.lidar_height_m is None else recorded.lidar_height_m
+        return kitti_suite(kitti, boards, lidar_height_m=height_m)
     return load_suite(suite or _usual_suite(board)) if mot is None else mot_suite(mot)
 
 

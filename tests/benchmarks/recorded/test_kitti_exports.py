@@ -39,7 +39,7 @@ def test_the_labels_of_an_export_are_found_where_the_labels_are(folder, board, m
     found = leaderboard(suite, boards=[board])
     assert not found.failures
     assert set(found.boards()) == set(boards)
-    for name in boards:
-        best = found.row(name, "oracle", metric)
-        if best.samples:
-            assert best.value >= (min(best.samples, 41) - 2) / 40
+    marks = [found.row(name, "oracle", metric) for name in boards]
+    assert max(mark.samples for mark in marks) >= 10
+    for mark in marks:
+        assert not mark.samples or mark.value >= (min(mark.samples, 41) - 2) / 40
