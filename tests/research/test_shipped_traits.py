@@ -14,7 +14,7 @@ from roadscope.trackers import FOLDER, read_detector
 KITTI = "kitti-pointrcnn.toml"
 CONSISTENT = "fused?lidar=cluster-boxes&camera=network&fusion=consistent"
 SENSED = {
-    "roadscope.toml": [],
+    "roadscope.toml": ["--detector", "distance-l-shape?level=False"],
     "fused.toml": [
         "--scenarios",
         "street,town-crossing",
