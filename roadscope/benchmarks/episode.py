@@ -57,6 +57,9 @@ class Episode:
         parts += [self.light] if self.light != "day" else []
         return " + ".join([*parts, *self.faults]) or "clear"
 
+    def check(self) -> None:
+        """Read what is recorded; nothing is here, as traffic is simulated when it is needed."""
+
     def traffic_spec(self) -> dict[str, object]:
         """Return what the traffic depends on."""
         from roadscope.envs.traffic.scenarios import find

@@ -11,7 +11,6 @@ from typing import Any
 from roadscope.benchmarks.boards import Board, board_named, chosen_boards
 from roadscope.benchmarks.boards.board import JobOptions, SuiteCheck
 from roadscope.benchmarks.cache import FolderError, cache_dir, usable_folder
-from roadscope.benchmarks.episode import Episode
 from roadscope.benchmarks.graph import Job, run_jobs
 from roadscope.benchmarks.isolation import Limits
 from roadscope.benchmarks.kinds import entry_kind
@@ -19,7 +18,6 @@ from roadscope.benchmarks.loop import RunOptions
 from roadscope.benchmarks.manifest import manifest
 from roadscope.benchmarks.progress import Progress, silent
 from roadscope.benchmarks.recorded.kitti_drive import LIDAR_HEIGHT_M
-from roadscope.benchmarks.recorded.kitti_odometry import KittiOdometryDrive
 from roadscope.benchmarks.recorded.mot import mot_suite
 from roadscope.benchmarks.recorded.suite import kitti_suite
 from roadscope.benchmarks.report.board_files import check_targets, label_of
@@ -109,7 +107,8 @@ def leaderboard(
         on their machine, and other machines compute them again.
     page: file for one HTML page of the boards, with plots and a replay of the worst moments; with
         `out_dir` it also has the other boards in that folder.
-    notice: called before anything runs with a text for each entry that is not installed.
+    notice: called before anything runs with a text for each entry that is not installed, and for
+        each board that recorded data are not complete for.
 
     A worker process that dies costs only the jobs that it runs, and they are tried again.
 
@@ -128,7 +127,7 @@ def leaderboard(
     options = RunOptions(limits, trust, sandbox, fresh, hidden=(folder,))
     with options.probing():
         run_plan = plan(
-            _suite(suite, kitti, mot, boards, lidar_height_m),
+            _suite(suite, kitti, mot, boards, lidar_height_m, notice),
             entries,
             boards=boards,
             only=only,
@@ -208,8 +207,7 @@ def plan(
 def read_recordings(run_plan: RunPlan) -> None:
     """Read all recordings of a plan; a malformed file raises `FormatError`."""
     for episode in dict.fromkeys(job.episode for job in run_plan.jobs):
-        if not isinstance(episode, Episode) or isinstance(episode, KittiOdometryDrive):
-            episode.check()
+        episode.check()
 
 
 def agreements(
@@ -280,9 +278,10 @@ def _suite(
     mot: Path | str | None,
     boards: Sequence[str] | None,
     lidar_height_m: float,
+    notice: Callable[[str], None] | None,
 ) -> Suite:
     if kitti is not None:
-        return kitti_suite(kitti, boards, lidar_height_m=lidar_height_m)
+        return kitti_suite(kitti, boards, lidar_height_m=lidar_height_m, notice=notice)
     if mot is not None:
         return mot_suite(mot)
     return load_suite(suite) if isinstance(suite, str) else suite

@@ -438,7 +438,7 @@ def _suite(suite: str | None, board: str | None, recorded: _RecordedData) -> Sui
     if kitti is not None:
         boards = None if board is None else [board]
         height_m = LIDAR_HEIGHT_M if recorded.lidar_height_m is None else recorded.lidar_height_m
-        return kitti_suite(kitti, boards, lidar_height_m=height_m)
+        return kitti_suite(kitti, boards, lidar_height_m=height_m, notice=complain)
     return load_suite(suite or _usual_suite(board)) if mot is None else mot_suite(mot)
 
 

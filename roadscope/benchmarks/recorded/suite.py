@@ -43,21 +43,44 @@ def kitti_suite(
     boards: Sequence[str] | None = None,
     *,
     lidar_height_m: float = LIDAR_HEIGHT_M,
+    notice: Callable[[str], None] | None = None,
 ) -> Suite:
     """Return the suite of a folder; a missing folder or a wrong layout raises `FormatError`.
 
-    boards: `tracking` and the like; None: those that the folder has files for.
+    boards: `tracking` and the like; None: those that the folder has complete data for.
     lidar_height_m: height of the LiDAR above the road.
+    notice: called with a text for each board that is left out as its data are not complete.
     """
     place = _DataFolder(Path(folder), lidar_height_m)
-    names = MAKERS if boards is None else [name for name in boards if name in MAKERS]
-    if boards is None:
-        names = [name for name in MARKERS if place.has(MARKERS[name])] or [TRACKING_BOARD]
-        names += ["fusion"] * ({"detection", "camera"} <= set(names))
-    if boards is None and not any(place.has(patterns) for patterns in MARKERS.values()):
-        _refuse(place.folder)
-    settings = {k: v for name in names for k, v in MAKERS[name](place).items()}
+    if boards is not None:
+        names = [name for name in boards if name in MAKERS]
+        settings = {k: v for name in names for k, v in MAKERS[name](place).items()}
+    else:
+        settings = _complete_boards(place, notice)
     return suite_of(KITTI, settings)
+
+
+def _complete_boards(
+    place: _DataFolder, notice: Callable[[str], None] | None
+) -> dict[str, BoardSettings]:
+    """Return the settings of all boards that a folder has complete data for."""
+    names = [name for name in MARKERS if place.has(MARKERS[name])]
+    names += ["fusion"] * ({"detection", "camera"} <= set(names))
+    if not names:
+        _refuse(place.folder)
+    settings: dict[str, BoardSettings] = {}
+    errors: dict[str, FormatError] = {}
+    for name in names or [TRACKING_BOARD]:
+        try:
+            settings |= MAKERS[name](place)
+        except FormatError as error:
+            errors[name] = error
+    if not settings:
+        raise next(iter(errors.values()))
+    for name, error in errors.items():
+        if notice is not None:
+            notice(f"the board {name} is left out: {error}")
+    return settings
 
 
 def _refuse(folder: Path) -> None:
@@ -108,6 +131,9 @@ def _tracking(place: _DataFolder) -> dict[str, BoardSettings]:
             f"{files.root}: expected {DETECTOR_PREFIX}NAME/Car/SEQ.txt for a sequence of label_02 "
             f"({known}), got {_detection_files(files)}"
         )
+    for sequence in dict.fromkeys(recording.sequence for recording in recordings):
+        files.calibration(sequence)  # It says what is missing.
+        files.poses(sequence)
     remarks = _remarks(files, recordings)
     return tracking_settings(KITTI, recordings, labelled=len(files.sequences()), remarks=remarks)
 

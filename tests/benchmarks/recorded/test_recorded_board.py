@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 from rich.console import Console
 from toy_kitti import write_kitti
+from toy_kitti_scans import write_tracking
 from typer.testing import CliRunner
 
 from roadscope import TRACKERS as REGISTRY
@@ -396,3 +397,42 @@ def test_only_trackers_that_came_through_a_suite_are_compared(results):
     # Two that came through are too few to compare.
     assert agreements(found, recorded, outcomes) == ()
     assert agreements(found, recorded, lambda keys: {}) == ()
+
+
+def _no_scans(folder):
+    (folder / "velodyne").mkdir()
+
+
+def _no_poses_of_the_vehicle(folder):
+    write_tracking(folder)
+    (folder / "ego_pose" / "0001.txt").unlink()
+
+
+def _no_images(folder):
+    write_tracking(folder)
+    (folder / "image_02").mkdir()
+
+
+@pytest.mark.parametrize(
+    ("change", "kinds", "left_out"),
+    [
+        (_no_scans, {"tracker"}, {"detection": "velodyne"}),
+        (_no_poses_of_the_vehicle, {"detector"}, {"tracking": "no poses of sequence 0001"}),
+        (
+            _no_images,
+            {"tracker", "detector"},
+            {"camera": "image_02", "fusion": "expected files 0000/000000.bin"},
+        ),
+    ],
+)
+def test_boards_without_complete_data_are_left_out_with_the_reason(change, kinds, left_out, folder):
+    change(folder)
+    notices = []
+    suite = kitti_suite(folder, notice=notices.append)
+    assert {board_named(name).kind.name for name in suite.boards} == kinds
+    assert len(notices) == len(left_out)
+    for notice, (board, reason) in zip(notices, left_out.items(), strict=True):
+        assert board in notice
+        assert reason in notice
+    with pytest.raises(FormatError):
+        kitti_suite(folder, list(left_out))
