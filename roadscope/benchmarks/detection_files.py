@@ -58,7 +58,8 @@ class ResultWriter:
         boxes = [
             self._box(frame.detections.select(np.array([k]))) for k in range(len(frame.detections))
         ]
-        problem = {"problem": frame.problem} if frame.problem else {}
+        problems = [frame.problem, "" if frame.fused else "stopped before detections were fused"]
+        problem = {"problem": "; ".join(filter(None, problems))} if any(problems) else {}
         return {"name": frame.name, "stamp_s": frame.stamp_s, **problem, "detections": boxes}
 
     def _box(self, target: FusedDetections) -> dict[str, Any]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
@@ -149,6 +149,7 @@ class DetectedFrame:
     name: of the scan or image, without ending.
     camera: in whose frame label files are.
     problem: what could not be read, or "".
+    fused: False for the detections of the LiDAR alone, before those of the camera are there.
     """
 
     name: str
@@ -156,6 +157,7 @@ class DetectedFrame:
     detections: FusedDetections
     camera: LabelCamera
     problem: str = ""
+    fused: bool = True
 
 
 @dataclass(frozen=True, slots=True)
@@ -190,6 +192,8 @@ class DetectionJob:
         """Yield the number of a frame and what is detected in it.
 
         A LiDAR detector that answers late has an empty answer for a scan first, and then another.
+        A fusion comes after the LiDAR detector has had all scans: each frame is yielded with the
+        detections of the LiDAR alone first, and fused later.
         A plug-in that fails raises `PluginError`. One that is not part of roadscope runs in a
         process of its own, without a time limit for the whole recording.
         """
@@ -197,9 +201,11 @@ class DetectionJob:
             for row, detections in self._scan_detections(progress):
                 yield row, self._frame(row, FusedDetections.of(detections, None))
             return
-        points = {}
-        if self.detectors.lidar is not None:
-            points = dict(self._scan_detections(progress))
+        points: dict[int, Detections] = {}
+        for row, detections in self._scan_detections(progress) if self.detectors.lidar else ():
+            points[row] = detections
+            alone = self._frame(row, FusedDetections.of(detections, None))
+            yield row, replace(alone, fused=False)
         with ExitStack() as stack:
             spec = self.detectors.fusion
             fusion = stack.enter_context(open_plugin(spec.plain, limits=LIMITS)) if spec else None
@@ -224,15 +230,16 @@ class DetectionJob:
         assert scans is not None
         calibration = Calibration(((LIDAR, self.ego_from_lidar),))
         answered: list[Detections] = []
+        stamps_s: list[float] = []
         with open_plugin(spec.plain, limits=LIMITS) as plugin:
             plugin.call("reset")
             for now, scan in enumerate(scans):
                 motion = self._motion(now)
                 frame = Frame(scan.stamp_s, calibration, lidar=scan, previous_from_ego=motion)
                 answered.append(Detections.empty(scan.stamp_s))
-                row, detections = _answer(
-                    plugin, spec, "detect", (frame,), partial(_answered_scan, answered)
-                )
+                stamps_s.append(scan.stamp_s)
+                check = partial(_answered_scan, answered, stamps_s)
+                row, detections = _answer(plugin, spec, "detect", (frame,), check)
                 answered[row] = detections
                 progress("scans", now + 1, len(scans))
                 if row != now:
@@ -345,12 +352,14 @@ def _answer(
         raise PluginError(str(spec), str(error), plugin.log) from error
 
 
-def _answered_scan(answered: Sequence[Detections], answer: Any) -> tuple[int, Detections]:
+def _answered_scan(
+    answered: Sequence[Detections], stamps_s: Sequence[float], answer: Any
+) -> tuple[int, Detections]:
     """Return the scan that an answer is for, and its detections.
 
     answered: the answers to all scans so far; one that has detections is not answered again.
+    stamps_s: of these scans.
     """
-    stamps_s = [each.stamp_s for each in answered]
     detections = check_detections(answer, stamps_s=stamps_s)
     if detections.frame != "ego":
         raise AnswerError(f"detections in frame '{detections.frame}'; possible here: ego")

@@ -107,8 +107,8 @@ def detect(
     The results are a label file of KITTI for each scan (labels/NAME.txt) and one JSON file with
     all boxes (detections.json). Boxes in the JSON file are in the LiDAR's own axes. Label files are
     in the frame of the camera; without a calibration, it is taken to be at the LiDAR. After Ctrl-C
-    the results so far are written; a fusion has none until all scans are done. A scan that cannot
-    be read counts as empty.
+    the results so far are written, those of a fusion's LiDAR detector too. A scan that cannot be
+    read counts as empty.
     """
     from roadscope.benchmarks.detection_files import ResultWriter
     from roadscope.benchmarks.detection_runner import RecordingOptions, detection_job
@@ -142,8 +142,10 @@ def detect(
             about = _about(job)
             if frames:
                 writer.write(frames, about)
-            if 0 < len(frames) < len(job):
-                complain(f"results of {len(frames)} of {len(job)} frames are kept in {out}")
+            unfused = sum(not frame.fused for frame in frames)
+            if unfused or 0 < len(frames) < len(job):
+                alone = f", of the LiDAR alone in {unfused} of them" if unfused else ""
+                complain(f"results of {len(frames)} of {len(job)} frames are kept in {out}{alone}")
         for row, frame in enumerate(frames if views is not None else ()):
             assert views is not None
             save_views(job, row, frame, views)

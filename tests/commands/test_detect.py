@@ -295,6 +295,28 @@ def fused_spec(folder: Path) -> str:
     return f"fused?lidar={stranger}:Echo&camera={camera}:Eye&fusion={camera}:Join"
 
 
+def test_scans_are_kept_when_a_fused_run_is_stopped(both):
+    done, found = run(both, "--detector", fused_spec(both).replace("Echo", "Falls"))
+    assert isinstance(done.exception, PluginError)
+    assert len(found["frames"]) == 2
+    assert "2 of 3 frames" in done.stderr
+    assert all(frame["problem"] for frame in found["frames"])
+    assert all(frame["detections"][0]["sensors"] == ["lidar"] for frame in found["frames"])
+
+
+def test_a_fused_run_that_is_stopped_among_images_keeps_all_scans(both):
+    write_images(both / "image_2", SCANS - 1)
+    pixels = np.zeros((HEIGHT, WIDTH, 3), np.uint8)  # The toy fails on an image without its spot.
+    Image.fromarray(pixels).save(both / "image_2" / f"{SCANS - 1:06d}.png")
+    done, found = run(both, "--detector", fused_spec(both))
+    assert isinstance(done.exception, PluginError)
+    sensors = [frame["detections"][0]["sensors"] for frame in found["frames"]]
+    assert sensors == [["lidar", "camera"], ["lidar", "camera"], ["lidar"]]
+    assert [bool(frame.get("problem")) for frame in found["frames"]] == [False, False, True]
+    assert "3 of 3 frames" in done.stderr
+    assert "the LiDAR alone in 1" in done.stderr
+
+
 @pytest.mark.parametrize("ending", ["png", "jpg"])
 def test_images_alone(folder, ending):
     place = folder.parent / "images"
