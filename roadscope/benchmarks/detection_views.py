@@ -44,11 +44,10 @@ def save_views(job: DetectionJob, row: int, frame: DetectedFrame, folder: Path) 
 
 def _image_boxes(frame: DetectedFrame) -> ImageDetections:
     """Return the boxes of a frame in its image, those of boxes in space included."""
-    boxes = kitti_results(frame.detections, frame.camera).boxes
-    shown = (boxes[:, 2:] > boxes[:, :2]).all(axis=1) & (frame.detections.scores >= LEAST_SCORE)
-    rows = np.flatnonzero(shown)
-    categories, scores = frame.detections.categories[rows], frame.detections.scores[rows]
-    return ImageDetections(boxes[rows], categories, scores, frame.stamp_s)
+    rows = kitti_results(frame.detections, frame.camera)
+    shown = rows.in_image & (rows.scores >= LEAST_SCORE)
+    categories = frame.detections.categories[shown]
+    return ImageDetections(rows.boxes[shown], categories, rows.scores[shown], frame.stamp_s)
 
 
 def _save(picture: np.ndarray, path: Path) -> None:

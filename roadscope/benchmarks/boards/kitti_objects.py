@@ -23,6 +23,7 @@ from roadscope.benchmarks.boards.camera import CameraBoard
 from roadscope.benchmarks.boards.detection import DetectionBoard
 from roadscope.benchmarks.boards.fusion import INPUTS, PASSED_ON, FusionBoard
 from roadscope.benchmarks.eligibility import Eligibility
+from roadscope.benchmarks.formats.kitti_frames import LabelCamera, kitti_results
 from roadscope.benchmarks.formats.kitti_labels import DETECTED_TYPES, KittiObjects, KittiType
 from roadscope.benchmarks.graph import Job, Node
 from roadscope.benchmarks.kinds import CAMERA_DETECTOR, DETECTOR, FUSION
@@ -38,7 +39,6 @@ from roadscope.benchmarks.nodes.kitti import (
 from roadscope.benchmarks.recorded.kitti_drive import (
     KittiDrive,
     KittiDrives,
-    image_rows,
     labels_of,
     places_of,
 )
@@ -61,7 +61,8 @@ from roadscope.benchmarks.references import (
     image_source,
 )
 from roadscope.benchmarks.suite import Suite
-from roadscope.core import Category, Family, Spec
+from roadscope.core import Category, Family, Pose, Spec
+from roadscope.core.fused import FusedDetections
 from roadscope.core.spec import ORACLE
 
 EVERYTHING = Eligibility((0.0, 1e4), 1, tuple(family.value for family in Family))
@@ -224,7 +225,8 @@ class KittiCameraBoard(KittiObjectsBoard):
 
     def rows(self, drive: KittiDrive, answers: EpisodeImageDetections) -> list[KittiObjects]:
         """Return the image boxes."""
-        return [image_rows(d.boxes, d.categories, d.scores) for d in answers.filled]
+        camera = LabelCamera(Pose.identity())
+        return [kitti_results(FusedDetections.of(None, each), camera) for each in answers.filled]
 
 
 class KittiFusionBoard(KittiObjectsBoard):

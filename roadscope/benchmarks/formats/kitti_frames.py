@@ -197,29 +197,12 @@ def kitti_objects(
     all_around: keep the tracks outside of the image too, with empty image boxes.
     """
     in_ego = tracks.moved(world_from_ego.inverse(), "ego") if tracks.frame == "world" else tracks
-    bottoms = bottoms_from_centres(in_ego.centres, in_ego.sizes)
     # The exact inverse of what `Detections.moved` does to yaws. The inverse of a tilted pose would
     # give yaws that differ by a few hundredths of a degree.
     yaws = tracks.yaws - world_from_ego.yaw if tracks.frame == "world" else tracks.yaws
-    rotations = rotations_from_yaws(yaws)
-    corners = box_corners(bottoms, in_ego.sizes, rotations)
-    boxes = clipped_image_boxes(corners, projection, image_size)
-    shown = np.flatnonzero(np.all(boxes[:, 2:] > boxes[:, :2], axis=1) | all_around)
-    types = np.array([TYPE_FROM_CATEGORY[Category(c)] for c in in_ego.categories], np.int8)
-    unknown = np.full(len(shown), -1)
-    return KittiObjects(
-        frames=np.full(len(shown), frame),
-        ids=in_ego.ids[shown],
-        types=types[shown],
-        truncated=unknown,
-        occluded=unknown,
-        alphas=observation_angles(bottoms, rotations)[shown],
-        boxes=boxes[shown],
-        sizes=in_ego.sizes[shown],
-        bottoms=bottoms[shown],
-        rotations_y=rotations[shown],
-        scores=in_ego.scores[shown],
-    )
+    rows = _rows_in_space(in_ego, yaws, projection, image_size)
+    rows = replace(rows, frames=np.full(len(rows), frame), ids=in_ego.ids)
+    return rows if all_around else rows.select(rows.in_image)
 
 
 @dataclass(frozen=True, slots=True)
@@ -241,38 +224,66 @@ def kitti_results(fused: FusedDetections, camera: LabelCamera) -> KittiObjects:
     A box in space without an image box gets that around its corners, if the projection is known
     and shows it.
     """
-    placed = np.flatnonzero(fused.has_box)
-    boxes, alphas, rotations = fused.image_boxes.copy(), *np.full((2, len(fused)), UNKNOWN_ANGLE)
-    boxes[~fused.has_image_box] = UNKNOWN_BOX
-    sizes = np.full((len(fused), 3), UNKNOWN_SIZE)
-    bottoms = np.full((len(fused), 3), UNKNOWN_PLACE)
     in_camera = fused.detections().moved(EGO_FROM_CAMERA @ camera.camera_from_ego, "ego")
-    sizes[placed] = in_camera.sizes
-    bottoms[placed] = bottoms_from_centres(in_camera.centres, in_camera.sizes)
-    rotations[placed] = rotations_from_yaws(in_camera.yaws)
-    alphas[placed] = observation_angles(bottoms[placed], rotations[placed])
-    if camera.projection is not None:
-        corners = box_corners(bottoms[placed], sizes[placed], rotations[placed])
+    in_space = _rows_in_space(in_camera, in_camera.yaws, camera.projection, camera.image_size)
+    rows = _rows_of(fused.categories, fused.scores)
+    columns: dict[str, np.ndarray] = {}
+    for name in ("boxes", "alphas", "sizes", "bottoms", "rotations_y"):
+        columns[name] = getattr(rows, name).copy()
+        columns[name][fused.has_box] = getattr(in_space, name)
+    columns["boxes"][fused.has_image_box] = fused.image_boxes[fused.has_image_box]
+    return replace(rows, **columns)
+
+
+def _rows_in_space(
+    boxes: Detections | Tracks,
+    yaws: np.ndarray,
+    projection: np.ndarray | None,
+    image_size: ImageSize | None,
+) -> KittiObjects:
+    """Return boxes in the ego frame as rows without frame and id.
+
+    yaws: of the boxes, in place of their own.
+    Image boxes are those around the corners, empty where the image does not show the box; -1
+    without a projection.
+    """
+    rows = _rows_of(boxes.categories, boxes.scores)
+    bottoms = bottoms_from_centres(boxes.centres, boxes.sizes)
+    rotations = rotations_from_yaws(yaws)
+    around = rows.boxes
+    if projection is not None:
+        corners = box_corners(bottoms, boxes.sizes, rotations)
         around = (
-            np.nan_to_num(image_boxes(corners, camera.projection), nan=0.0)
-            if camera.image_size is None
-            else clipped_image_boxes(corners, camera.projection, camera.image_size)
+            np.nan_to_num(image_boxes(corners, projection), nan=0.0)
+            if image_size is None
+            else clipped_image_boxes(corners, projection, image_size)
         )
-        shown = (around[:, 2:] > around[:, :2]).all(axis=1) & ~fused.has_image_box[placed]
-        boxes[placed[shown]] = around[shown]
-    unknown = np.full(len(fused), -1)
-    return KittiObjects(
-        frames=np.zeros(len(fused), np.int64),
-        ids=unknown,
-        types=np.array([TYPE_FROM_CATEGORY[Category(c)] for c in fused.categories], np.int8),
-        truncated=unknown,
-        occluded=unknown,
-        alphas=alphas,
-        boxes=boxes,
-        sizes=sizes,
+    return replace(
+        rows,
+        alphas=observation_angles(bottoms, rotations),
+        boxes=around,
+        sizes=boxes.sizes,
         bottoms=bottoms,
         rotations_y=rotations,
-        scores=fused.scores,
+    )
+
+
+def _rows_of(categories: np.ndarray, scores: np.ndarray) -> KittiObjects:
+    """Return rows of which only category and score are known."""
+    n = len(scores)
+    unknown = np.full(n, -1)
+    return KittiObjects(
+        frames=np.zeros(n, np.int64),
+        ids=unknown,
+        types=np.array([TYPE_FROM_CATEGORY[Category(c)] for c in categories], np.int8),
+        truncated=unknown,
+        occluded=unknown,
+        alphas=np.full(n, UNKNOWN_ANGLE),
+        boxes=np.full((n, 4), UNKNOWN_BOX),
+        sizes=np.full((n, 3), UNKNOWN_SIZE),
+        bottoms=np.full((n, 3), UNKNOWN_PLACE),
+        rotations_y=np.full(n, UNKNOWN_ANGLE),
+        scores=scores,
     )
 
 

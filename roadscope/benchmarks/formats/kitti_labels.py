@@ -136,6 +136,12 @@ class KittiObjects(Record):
         return KittiObjects(**selected)
 
     @property
+    def in_image(self) -> np.ndarray:
+        """(N,) bool, which rows have an image box that is not empty."""
+        shown: np.ndarray = np.all(self.boxes[:, 2:] > self.boxes[:, :2], axis=1)
+        return shown
+
+    @property
     def has_3d_box(self) -> np.ndarray:
         """(N,) bool, which rows have a 3-D box."""
         return np.asarray(np.all(self.sizes > 0, axis=1))

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import lru_cache
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -15,12 +15,10 @@ from roadscope.benchmarks.formats.image_folder import read_image
 from roadscope.benchmarks.formats.kitti_frames import (
     EGO_FROM_CAMERA,
     NOT_COUNTED,
-    TYPE_FROM_CATEGORY,
-    UNKNOWN_ANGLE,
-    UNKNOWN_PLACE,
-    UNKNOWN_SIZE,
+    LabelCamera,
     centres_from_bottoms,
     kitti_objects,
+    kitti_results,
     yaws_from_rotations,
 )
 from roadscope.benchmarks.formats.kitti_labels import KittiObjects, KittiType
@@ -137,7 +135,7 @@ class KittiDrive(Episode):
     def rows(self, detections: Sequence[Detections]) -> list[KittiObjects]:
         """Return detections of each frame, world frame, as KITTI's rows: those in the image."""
         pairs = zip(detections, places_of(self), strict=True)
-        return [place.rows(Tracks.of(each, np.arange(len(each)))) for each, place in pairs]
+        return [place.rows(each) for each, place in pairs]
 
 
 @dataclass(frozen=True, slots=True)
@@ -190,18 +188,12 @@ class _FramePoses(NamedTuple):
             return None
         return world_from_previous.inverse() @ self.world_from_ego
 
-    def rows(self, tracks: Tracks, *, all_around: bool = False) -> KittiObjects:
-        """Return tracks, world frame, as rows.
-
-        all_around: whether those outside of the image stay, with empty image boxes.
-        """
+    def rows(self, detections: Detections) -> KittiObjects:
+        """Return detections, world frame, as rows, those in the image."""
+        tracks = Tracks.of(detections, np.arange(len(detections)))
+        camera = self.view.camera
         return kitti_objects(
-            tracks,
-            0,
-            self.world_from_turned,
-            self.view.camera.projection,
-            self.view.image_size,
-            all_around=all_around,
+            tracks, 0, self.world_from_turned, camera.projection, self.view.image_size
         )
 
     def fused_rows(self, fused: FusedDetections) -> KittiObjects:
@@ -209,16 +201,10 @@ class _FramePoses(NamedTuple):
 
         Their image boxes are their own, or those around their boxes in space.
         """
-        boxes = fused.detections().moved(self.world_from_ego, "world")
-        in_space = self.rows(Tracks.of(boxes, np.arange(len(boxes))), all_around=True)
-        rows = image_rows(fused.image_boxes, fused.categories, fused.scores)
-        filled: dict[str, Any] = {}
-        for name in ("boxes", "sizes", "bottoms", "rotations_y"):
-            filled[name] = getattr(rows, name).copy()
-            filled[name][fused.has_box] = getattr(in_space, name)
-        filled["boxes"][fused.has_image_box] = fused.image_boxes[fused.has_image_box]
-        rows = replace(rows, **filled)
-        return rows.select(np.all(rows.boxes[:, 2:] > rows.boxes[:, :2], axis=1))
+        projection, size = self.view.camera.projection, self.view.image_size
+        camera = LabelCamera(self.ego_from_camera.inverse(), projection, size)
+        rows = kitti_results(fused, camera)
+        return rows.select(rows.in_image)
 
 
 @lru_cache(maxsize=64)
@@ -236,25 +222,6 @@ def places_of(drive: KittiDrive) -> tuple[_FramePoses, ...]:
             posed=True,
         )
         for view, pose in zip(views, poses, strict=True)
-    )
-
-
-def image_rows(boxes: np.ndarray, categories: np.ndarray, scores: np.ndarray) -> KittiObjects:
-    """Return (N, 4) image boxes without a box in space as KITTI's rows."""
-    n = len(boxes)
-    unknown = np.full(n, -1)
-    return KittiObjects(
-        frames=np.zeros(n),
-        ids=unknown,
-        types=np.array([TYPE_FROM_CATEGORY[Category(c)] for c in categories], np.int8),
-        truncated=unknown,
-        occluded=unknown,
-        alphas=np.full(n, UNKNOWN_ANGLE),
-        boxes=boxes,
-        sizes=np.full((n, 3), UNKNOWN_SIZE),
-        bottoms=np.full((n, 3), UNKNOWN_PLACE),
-        rotations_y=np.full(n, UNKNOWN_ANGLE),
-        scores=scores,
     )
 
 
