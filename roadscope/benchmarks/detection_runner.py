@@ -12,11 +12,12 @@ from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 
+from roadscope.benchmarks.formats.bags import CLOUDS, open_bag
 from roadscope.benchmarks.formats.image_folder import IMAGE_ENDINGS, ImageFolder, read_image
 from roadscope.benchmarks.formats.kitti_cameras import KittiCameras
 from roadscope.benchmarks.formats.kitti_frames import CAMERA_FROM_EGO, LabelCamera
 from roadscope.benchmarks.formats.point_fields import READERS
-from roadscope.benchmarks.formats.scan_folder import ScanFolder, has_clouds, scan_files
+from roadscope.benchmarks.formats.scan_folder import ScanFolder, scan_files
 from roadscope.benchmarks.formats.table import FormatError, names_in
 from roadscope.benchmarks.formats.tracking_rows import ImageSize
 from roadscope.benchmarks.isolation import Limits, PluginError, PluginHandle, open_plugin
@@ -392,8 +393,14 @@ class RecordingOptions(NamedTuple):
 
 def detection_job(folder: Path, options: RecordingOptions) -> DetectionJob:
     """Return what is to be detected in a folder, and by what."""
-    images = ImageFolder.find(options.images or folder, () if options.images else options.topics)
-    has_scans = bool(scan_files(folder)) or has_clouds(folder)
+    files = scan_files(folder)
+    bag = None if files else open_bag(folder)
+    has_scans = bool(files) or (bag is not None and bool(bag.topics(CLOUDS)))
+    images = (
+        ImageFolder.find(options.images)
+        if options.images
+        else ImageFolder.find(folder, options.topics, bag=bag)
+    )
     if images is None and (options.images or (not has_scans and folder.is_dir())):
         place = options.images or folder
         scans_too = "" if options.images else f"scans {', '.join(READERS)} or "
@@ -407,7 +414,7 @@ def detection_job(folder: Path, options: RecordingOptions) -> DetectionJob:
     if detectors is not None and detectors.lidar is None:
         raise FormatError(f"{folder}: {named} needs images, and there are none")
     scans = ScanFolder.find(
-        folder, rate_hz=options.rate_hz, columns=options.columns, topics=options.topics
+        folder, rate_hz=options.rate_hz, columns=options.columns, topics=options.topics, bag=bag
     )
     cameras, notes = _cameras(folder, scans, options.calibration)
     rows, problem = [ALONE] * len(scans), "no images"

@@ -499,7 +499,11 @@ def test_an_empty_folder_is_refused(tmp_path):
 # Bags.
 
 
-def test_a_bag_with_both_sensors(folder):
+def test_a_bag_with_both_sensors(folder, monkeypatch):
+    from rosbags.rosbag2 import Reader
+
+    opened, open_reader = [], Reader.open
+    monkeypatch.setattr(Reader, "open", lambda self: opened.append(self) or open_reader(self))
     pixels = np.zeros((HEIGHT, WIDTH, 3), np.uint8)
     pixels[200:260, 300:340] = 255
     rows, content = rows_of(), BytesIO()
@@ -518,6 +522,7 @@ def test_a_bag_with_both_sensors(folder):
     )
     done, found = run(bag, "--detector", fused_spec(bag), "--calibration", str(calibration))
     assert done.exit_code == 0, done.output
+    assert len(opened) == 1
     targets = [frame["detections"] for frame in found["frames"]]
     assert [[box["sensors"] for box in each] for each in targets] == [[["lidar", "camera"]]] * SCANS
     assert [each[0]["image_box_px"] for each in targets] == [[300, 200, 340, 260]] * SCANS

@@ -194,7 +194,7 @@ def _close(reader: Any, cursors: dict[str, _Cursor]) -> None:
         reader.close()
 
 
-def bag_path(path: Path) -> Path | None:
+def _bag_path(path: Path) -> Path | None:
     """Return the bag that a path is or holds; None if there is none."""
     if path.is_file():
         if path.suffix.lower() == ROS_1_ENDING:
@@ -209,6 +209,12 @@ def bag_path(path: Path) -> Path | None:
         names = ", ".join(each.name for each in bags)
         raise FormatError(f"{path}: several bags: {names}; name one of them, or add {METADATA}")
     return bags[0] if bags else None
+
+
+def open_bag(path: Path) -> Bag | None:
+    """Return the bag that a path is or holds, open; None if there is none."""
+    place = _bag_path(path)
+    return None if place is None else Bag(place)
 
 
 def cloud_fields(message: BagMessage) -> dict[str, np.ndarray]:

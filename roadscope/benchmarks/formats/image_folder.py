@@ -18,8 +18,8 @@ from roadscope.benchmarks.formats.bags import (
     Bag,
     BagMessage,
     Source,
-    bag_path,
     image_pixels,
+    open_bag,
 )
 from roadscope.benchmarks.formats.scan_stamps import (
     OrderedScans,
@@ -54,10 +54,13 @@ class ImageFolder:
     losses: dict[Source, FormatError] = field(default_factory=dict, compare=False)
 
     @staticmethod
-    def find(folder: Path | str, topics: Sequence[str] = ()) -> ImageFolder | None:
+    def find(
+        folder: Path | str, topics: Sequence[str] = (), *, bag: Bag | None = None
+    ) -> ImageFolder | None:
         """Return the images of a folder or of a bag; None without any.
 
         They are in it or in one of `IMAGE_FOLDERS` in it. Those of KITTI's scans are beside these.
+        bag: that of the folder, if it is open already.
         """
         root = Path(folder).absolute()
         within = [root, *(root / name for name in IMAGE_FOLDERS)]
@@ -70,8 +73,7 @@ class ImageFolder:
         if files is not None:
             ordered = in_order(files, IMAGE_ENDINGS)
             return ImageFolder(ordered.files, ordered)
-        path = bag_path(Path(folder))
-        bag = None if path is None else Bag(path)
+        bag = bag or open_bag(Path(folder))
         topic = None if bag is None else bag.topic(IMAGES, topics)
         return None if bag is None or topic is None else ImageFolder(bag.messages(topic))
 

@@ -17,7 +17,7 @@ from roadscope.benchmarks.formats.bags import (
     Bag,
     BagMessage,
     Source,
-    bag_path,
+    open_bag,
 )
 from roadscope.benchmarks.formats.point_fields import ENDINGS, READERS, ending_of
 from roadscope.benchmarks.formats.point_layout import MAX_SWEEP_S, PointLayout, layout_of
@@ -90,6 +90,7 @@ class ScanFolder:
         rate_hz: float = 10.0,
         columns: Sequence[str] = (),
         topics: Sequence[str] = (),
+        bag: Bag | None = None,
     ) -> ScanFolder:
         """Return the scans of a folder; they must all be of one kind. Hidden files are no scans.
 
@@ -98,12 +99,13 @@ class ScanFolder:
         columns: names of the columns of `.bin` and `.npy` files, if what is in them is not to
             decide: of x, y, z, intensity, ring, time, and `_` for one that is not used.
         topics: of a bag, if it has several of the type PointCloud2.
+        bag: that of the folder, if it is open already.
         """
         root, suffixes = Path(folder), ", ".join((*READERS, *BAG_ENDINGS))
         files = scan_files(root)
-        bag = None if files else bag_path(root)
+        bag = None if files else bag or open_bag(root)
         if bag is not None:
-            return _scans_of_bag(Bag(bag), columns, topics)
+            return _scans_of_bag(bag, columns, topics)
         if topics:
             raise FormatError(f"{root}: topics are of a bag, and there is none")
         if not root.is_dir():
@@ -169,12 +171,6 @@ def scan_files(root: Path) -> list[Path]:
     within = (root, *(root / name for name in SCAN_FOLDERS))
     found = ([path for path in visible(each) if ending_of(path)] for each in within)
     return next((each for each in found if each), [])
-
-
-def has_clouds(root: Path) -> bool:
-    """Return whether a path is or holds a bag with point clouds."""
-    path = bag_path(root)
-    return path is not None and bool(Bag(path).topics(CLOUDS))
 
 
 def _samples(files: Sequence[Source]) -> list[Source]:
