@@ -59,6 +59,15 @@ def detect_scene(instance: Instance) -> list[ImageDetections]:
     return [detect(instance, frame) for frame in frames()]
 
 
+def detect_mirrored(instance: Instance) -> list[ImageDetections]:
+    """Return the detections in mirror images of the scene, the last of them first."""
+    return [
+        detect(instance, _with_pixels(frame.camera.pixels[:, ::-1].copy()))
+        for frame in reversed(frames())
+        if frame.camera is not None
+    ]
+
+
 def answers(subject: Subject) -> str:
     """Run it over the scene, and have every answer checked."""
     with subject.started() as instance:
@@ -130,7 +139,7 @@ PROMISES = (
     *start_promises("detect", "frame"),
     Promise("answers with boxes in the image that it got", answers),
     input_promise(detect_scene),
-    *memory_promises(detect_scene, Words("images", "boxes")),
+    *memory_promises(detect_scene, detect_mirrored, Words("images", "boxes")),
     Promise("finds nothing in a black image", black_image),
     Promise("takes images of other sizes", other_sizes),
     Promise("detects in two seconds of a street", compare),

@@ -30,6 +30,8 @@ from roadscope.testing.subject import Instance, Promise, PromiseError, Subject
 
 SCENE = Episode("motorway", 0, "lux", 2.0)
 """Traffic, one of the training seeds, sensors, seconds."""
+OTHER_SCENE = Episode("roundabout", 1, "lux", 1.0)
+"""What a detector gets before the reset that it has to forget at."""
 RULE = Eligibility()
 REFERENCE = "distance-l-shape"
 SHARE_OF_ONE_CLUSTER = 0.5
@@ -42,10 +44,10 @@ WATCHED_FRAMES = 8
 speed."""
 
 
-@lru_cache(maxsize=1)
-def frames() -> tuple[Frame, ...]:
-    """Return the frames of the scene."""
-    return tuple(frame for frame, _ in sensed(SCENE))
+@lru_cache(maxsize=2)
+def frames(scene: Episode = SCENE) -> tuple[Frame, ...]:
+    """Return the frames of a scene."""
+    return tuple(frame for frame, _ in sensed(scene))
 
 
 def detect(instance: Instance, consecutive: Sequence[Frame]) -> list[Detections]:
@@ -115,6 +117,10 @@ PROMISES = (
     Promise("answers with detections of a frame that it got", answers),
     Promise("goes on where a scan is missing or empty", nothing_to_detect),
     input_promise(lambda instance: detect(instance, frames()[:WATCHED_FRAMES])),
-    *memory_promises(detect_scene, Words("frames", "detections")),
+    *memory_promises(
+        detect_scene,
+        lambda instance: detect(instance, frames(OTHER_SCENE)),
+        Words("frames", "detections"),
+    ),
     Promise("detects two seconds of traffic", compare),
 )

@@ -49,6 +49,8 @@ SCAN_S, IMAGE_S = 2.0, 2.02
 """Stamps of the scan and of the image."""
 CENTRES = np.array([[12.0, 1.0, 0.8], [20.0, -4.0, 0.85], [28.0, 5.0, 0.8], [15.0, 3.5, 0.85]])
 SIZES = np.array([[4.4, 1.8, 1.6], [0.5, 0.6, 1.7], [4.4, 1.8, 1.6], [1.8, 0.6, 1.7]])
+OTHER_M = 6.0
+"""How much further ahead all are in the scene before the reset that a fusion has to forget at."""
 CATEGORIES = np.array([Category.CAR, Category.PEDESTRIAN, Category.CAR, Category.CYCLIST], np.int8)
 SCENE, EVERY_S = Episode("street", 0, "wide", 2.0), 0.2
 """Traffic, one of the training seeds, sensors, seconds; and the seconds from scan to scan."""
@@ -70,21 +72,25 @@ class FusionInput:
     camera: ImageDetections | None
 
 
-@lru_cache(maxsize=1)
-def of_both_sensors() -> FusionInput:
-    """Return two cars, a cyclist and a pedestrian as both sensors detect them."""
-    lidar = Detections(CENTRES, SIZES, np.zeros(4), CATEGORIES, np.full(4, 0.8), "ego", SCAN_S)
+@lru_cache(maxsize=2)
+def of_both_sensors(further_m: float = 0.0) -> FusionInput:
+    """Return two cars, a cyclist and a pedestrian as both sensors detect them.
+
+    further_m: how much further ahead they are than at `CENTRES`.
+    """
+    centres = CENTRES + np.array([further_m, 0.0, 0.0])
+    lidar = Detections(centres, SIZES, np.zeros(4), CATEGORIES, np.full(4, 0.8), "ego", SCAN_S)
     boxes, _ = projected_boxes(lidar, PROJECTION)
     return FusionInput(lidar, ImageDetections(boxes, CATEGORIES, np.full(4, 0.9), IMAGE_S))
 
 
-@lru_cache(maxsize=1)
-def moments() -> tuple[FusionInput, ...]:
+@lru_cache(maxsize=2)
+def moments(further_m: float = 0.0) -> tuple[FusionInput, ...]:
     """Return all cases: both sensors, one of them, and either or both without detections."""
-    lidar, camera = of_both_sensors().lidar, of_both_sensors().camera
+    lidar, camera = of_both_sensors(further_m).lidar, of_both_sensors(further_m).camera
     no_lidar, no_camera = Detections.empty(SCAN_S), ImageDetections.empty(IMAGE_S)
     return (
-        of_both_sensors(),
+        of_both_sensors(further_m),
         FusionInput(lidar, None),
         FusionInput(None, camera),
         FusionInput(no_lidar, camera),
@@ -99,9 +105,9 @@ def fuse(instance: Instance, moment: FusionInput) -> FusedDetections:
     return check_fused(answer, stamp_s=SCAN_S if moment.lidar is not None else IMAGE_S)
 
 
-def fuse_all(instance: Instance) -> list[FusedDetections]:
+def fuse_all(instance: Instance, further_m: float = 0.0) -> list[FusedDetections]:
     """Return the targets of all moments."""
-    return [fuse(instance, moment) for moment in moments()]
+    return [fuse(instance, moment) for moment in moments(further_m)]
 
 
 def answers(subject: Subject) -> str:
@@ -197,7 +203,11 @@ PROMISES = (
     Promise("answers with targets of the moment", answers),
     Promise("goes on with one sensor, and finds nothing where neither detects", one_sensor),
     input_promise(fuse_all),
-    *memory_promises(fuse_all, Words("detections", "targets")),
+    *memory_promises(
+        fuse_all,
+        lambda instance: fuse_all(instance, OTHER_M),
+        Words("detections", "targets"),
+    ),
     Promise("does not depend on the order of detections", order),
     Promise("fuses two seconds of a street", compare),
 )

@@ -74,8 +74,11 @@ class Words:
     answers: str
 
 
-def memory_promises(run: Run, words: Words) -> tuple[Promise, ...]:
-    """Return the promises that answers depend on nothing but the inputs since the last reset."""
+def memory_promises(run: Run, run_other: Run, words: Words) -> tuple[Promise, ...]:
+    """Return the promises that answers depend on nothing but the inputs since the last reset.
+
+    run, run_other: answer a scene, and another one.
+    """
 
     def repeats(subject: Subject) -> str:
         answers = []
@@ -90,12 +93,14 @@ def memory_promises(run: Run, words: Words) -> tuple[Promise, ...]:
 
     def forgets(subject: Subject) -> str:
         with subject.started() as instance:
-            before = run(instance)
+            fresh = run(instance)
+        with subject.started() as instance:
+            run_other(instance)
             instance.call("reset")
             after = run(instance)
-        if before != after:
+        if fresh != after:
             raise PromiseError(
-                f"reset does not forget: the same {words.inputs} after it give other "
+                f"reset does not forget: after another scene the same {words.inputs} give other "
                 f"{words.answers}"
             )
         return ""
