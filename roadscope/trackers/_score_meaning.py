@@ -96,7 +96,8 @@ class ScoreMeaning:
         own_ranks = _middle_ranks(everything, self._scores[section])
         knots = np.array([own_ranks[block].mean() for block in blocks])
         counts = np.array([len(block) for block in blocks]) + PRIOR_WEIGHT
-        went_on = np.array([self._went_on[section][block].sum() for block in blocks])
+        shares_of_ties = _means_of_ties(self._scores[section], self._went_on[section])
+        went_on = np.array([shares_of_ties[block].sum() for block in blocks])
         prior = np.interp(knots, [0, 1], PRIOR_SHARES)
         pooled = rising((went_on + PRIOR_WEIGHT * prior) / counts, counts)
         shares: np.ndarray = np.interp(ranks, knots, pooled)
@@ -115,6 +116,7 @@ class ScoreMeaning:
         """Return whether scores, taken for probabilities, are far from the shares of right ones."""
         scores, went_on = np.concatenate(self._scores), np.concatenate(self._went_on)
         thirds = np.array_split(np.argsort(scores, kind="stable"), 3)
+        went_on = _means_of_ties(scores, went_on)
         right = np.minimum([went_on[third].mean() / self._settled_share for third in thirds], 1)
         means = [scores[third].mean() for third in thirds]
         limit = MOST_WRONG + MOST_WRONG_OF_ONE / np.sqrt(len(scores) / 3)
@@ -138,6 +140,16 @@ def _middle_ranks(everything: np.ndarray, scores: np.ndarray) -> np.ndarray:
     below, upto = (np.searchsorted(everything, scores, side) for side in ("left", "right"))
     ranks: np.ndarray = (below + upto) / (2 * len(everything))
     return ranks
+
+
+def _means_of_ties(scores: np.ndarray, values: np.ndarray) -> np.ndarray:
+    """Return (N,) for each value the mean of the values with an equal score.
+
+    So it does not matter which of them are counted in which block.
+    """
+    _, which, counts = np.unique(scores, return_inverse=True, return_counts=True)
+    means: np.ndarray = (np.bincount(which, values) / counts)[which]
+    return means
 
 
 def rising(values: np.ndarray, weights: np.ndarray) -> np.ndarray:

@@ -74,6 +74,26 @@ def test_probabilities_are_those_of_being_right():
     assert (np.diff(meaning.probabilities(asked, cars)) > 0).all()
 
 
+def meaning_of_one_score(went_on):
+    """Learn from ticks of eight detections of one score; went_on: for each tick, of all eight."""
+    meaning = ScoreMeaning()
+    for tick, goes_on in enumerate(went_on):
+        ids = np.arange(8) if goes_on else 100 + 8 * tick + np.arange(8)
+        detected = PendingDetections(
+            tick, ids, np.full(8, 0.7), np.zeros(8, np.int64), settled=np.zeros(8, bool)
+        )
+        meaning.count(detected, np.full(8, 10.0 if goes_on else 0.0))
+    return meaning.probabilities(np.array([0.7]), np.array([Category.CAR]))[0]
+
+
+def test_equal_scores_mean_the_same_in_whatever_order_they_came():
+    ended, went_on = [False] * 12, [True] * 12
+    first, last = meaning_of_one_score(ended + went_on), meaning_of_one_score(went_on + ended)
+    assert first == pytest.approx(last, abs=0.02)
+    # Half of them went on, of which 0.8 are taken to be right.
+    assert first == pytest.approx(0.5 / 0.8, abs=0.05)
+
+
 def test_pools_rise_and_keep_the_mean():
     values, weights = np.array([0.1, 0.5, 0.3, 0.2, 0.9]), np.array([1.0, 2.0, 1.0, 1.0, 3.0])
     pooled = rising(values, weights)
