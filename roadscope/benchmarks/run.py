@@ -151,21 +151,29 @@ def leaderboard(
         save_all(results, folder)
         # A run that is stopped now leaves no moments of an earlier one beside its boards.
         save_moments([], folder)
-    if out_dir is None and page is None:
-        return results
-    latest = Run(results, worst_moments(run_plan.jobs, results, progress or silent))
-    if out_dir is not None:
-        save_moments(latest.moments, folder)
-    if page is not None:
-        runs = [latest]
-        if out_dir is not None:
-            try:
-                runs = read_runs(folder)
-            except FolderError as error:
-                if notice is not None:
-                    notice(f"the page shows this run alone: {error}")
-        save_page(runs, Path(page))
+    if out_dir is not None or page is not None:
+        latest = Run(results, worst_moments(run_plan.jobs, results, progress or silent))
+        kept_in = None if out_dir is None else folder
+        _save_moments_and_page(latest, kept_in, None if page is None else Path(page), notice)
     return results
+
+
+def _save_moments_and_page(
+    latest: Run, folder: Path | None, page: Path | None, notice: Callable[[str], None] | None
+) -> None:
+    """Write the worst moments to the folder of a run, and the page with the other runs in it."""
+    runs = [latest]
+    if folder is not None:
+        save_moments(latest.moments, folder)
+    if page is None:
+        return
+    if folder is not None:
+        try:
+            runs = read_runs(folder)
+        except FolderError as error:
+            if notice is not None:
+                notice(f"the page shows this run alone: {error}")
+    save_page(runs, page)
 
 
 def plan(

@@ -160,17 +160,16 @@ def run_odometry(
         raise
     errors = None if true is None else true.errors(poses)
     if json:
-        last = poses[-1].translation.tolist()
         print_json(
             {
                 "odometry": odometry,
                 "scans": len(poses),
-                "last_position_m": last,
+                "last_position_m": poses[-1].translation.tolist(),
                 "degraded": dict(reasons),
                 "errors": None if errors is None else errors._asdict(),
             }
         )
-    if not (json or quiet):
+    elif not quiet:
         _report_poses(odometry, poses, reasons)
     for note in scans.losses.notes():
         complain(note)

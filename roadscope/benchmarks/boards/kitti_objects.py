@@ -166,16 +166,12 @@ class KittiObjectsBoard(Board):
         return scores
 
 
-class KittiDetectionBoard(KittiObjectsBoard):
-    """Ranks LiDAR detectors on one class of KITTI's objects by AP of 3-D boxes."""
+class OneSensorBoard(KittiObjectsBoard):
+    """Ranks the detectors of one sensor."""
 
-    kind = DETECTOR
-    word = DetectionBoard.name
-    overlaps = ("3d", "bev")
-
-    def check_entry(self, spec: Spec) -> Spec:
-        """Return a detector's resolved spec; those that only suites name are entries here too."""
-        return detection_source(spec) if spec.name in NAMED_BY_SUITES else super().check_entry(spec)
+    @abstractmethod
+    def node(self, source: Spec, drive: KittiDrive) -> Node:
+        """Return the node with the answers of a detector to a drive."""
 
     def jobs(self, suite: Suite, entries: Sequence[Spec], options: JobOptions) -> list[Job]:
         """Return every detector on all drives, and the labels as a mark."""
@@ -187,41 +183,44 @@ class KittiDetectionBoard(KittiObjectsBoard):
             _job(
                 self,
                 name,
-                [KittiDetectionNode(source, drive, EVERYTHING) for drive in drives],
+                [self.node(source, drive) for drive in drives],
                 drives,
                 mark=UPPER_MARK if source.kind == ORACLE else None,
             )
             for name, source in sources.items()
         ]
+
+
+class KittiDetectionBoard(OneSensorBoard):
+    """Ranks LiDAR detectors on one class of KITTI's objects by AP of 3-D boxes."""
+
+    kind = DETECTOR
+    word = DetectionBoard.name
+    overlaps = ("3d", "bev")
+
+    def check_entry(self, spec: Spec) -> Spec:
+        """Return a detector's resolved spec; those that only suites name are entries here too."""
+        return detection_source(spec) if spec.name in NAMED_BY_SUITES else super().check_entry(spec)
+
+    def node(self, source: Spec, drive: KittiDrive) -> Node:
+        """Return the node with the boxes of a detector in a drive."""
+        return KittiDetectionNode(source, drive, EVERYTHING)
 
     def rows(self, drive: KittiDrive, answers: EpisodeDetections) -> list[KittiObjects]:
         """Return the boxes in space, with the image boxes around them."""
         return drive.rows(answers.detections)
 
 
-class KittiCameraBoard(KittiObjectsBoard):
+class KittiCameraBoard(OneSensorBoard):
     """Ranks camera detectors on one class of KITTI's objects by AP of image boxes."""
 
     kind = CAMERA_DETECTOR
     word = CameraBoard.name
     overlaps = ("2d",)
 
-    def jobs(self, suite: Suite, entries: Sequence[Spec], options: JobOptions) -> list[Job]:
-        """Return every detector on all drives, and the labels as a mark."""
-        drives = suite.settings(self.name, KittiSettings).drives
-        sources = {str(entry): entry for entry in entries}
-        if options.marks:
-            sources[ORACLE] = image_source(ORACLE)
-        return [
-            _job(
-                self,
-                name,
-                [KittiImageNode(source, drive, 0.0) for drive in drives],
-                drives,
-                mark=UPPER_MARK if source.kind == ORACLE else None,
-            )
-            for name, source in sources.items()
-        ]
+    def node(self, source: Spec, drive: KittiDrive) -> Node:
+        """Return the node with the image boxes of a detector in a drive."""
+        return KittiImageNode(source, drive, 0.0)
 
     def rows(self, drive: KittiDrive, answers: EpisodeImageDetections) -> list[KittiObjects]:
         """Return the image boxes."""

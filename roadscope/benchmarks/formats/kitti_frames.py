@@ -168,13 +168,7 @@ def truths_from_rows(
         centres[r] = box.centres
     velocities = _velocities(labels, centres)
     return tuple(
-        _truth(
-            labels.ids[r],
-            box,
-            velocities=velocities[r],
-            world_from_ego=pose,
-            stamp_s=PERIOD_S * t,
-        )
+        truth_of_labels(labels.ids[r], box, velocities[r], pose, stamp_s=PERIOD_S * t)
         for t, (r, box, pose) in enumerate(zip(rows, in_world, world_from_ego, strict=True))
     )
 
@@ -287,14 +281,16 @@ def _rows_of(categories: np.ndarray, scores: np.ndarray) -> KittiObjects:
     )
 
 
-def _truth(
+def truth_of_labels(
     ids: np.ndarray,
     boxes: Detections,
-    *,
     velocities: np.ndarray,
     world_from_ego: Pose,
+    *,
     stamp_s: float,
+    image_boxes: np.ndarray | None = None,
 ) -> Truth:
+    """Return labelled boxes, world frame, as truth; labels do not say what shows of an object."""
     unknown = np.full(len(ids), NOT_COUNTED)
     return Truth(
         ids=ids,
@@ -309,6 +305,7 @@ def _truth(
         world_from_ego=world_from_ego,
         stamp_s=stamp_s,
         sources=np.empty(0, np.int64),
+        image_boxes=image_boxes,
     )
 
 

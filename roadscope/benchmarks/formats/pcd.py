@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from roadscope.benchmarks.formats.table import FormatError, refuse
+from roadscope.benchmarks.formats.table import FormatError, read_content, refuse
 
 DTYPES = {
     **{("F", size): f"f{size}" for size in (4, 8)},
@@ -50,10 +50,7 @@ class _Entry(NamedTuple):
 def read_pcd(path: Path | str) -> dict[str, np.ndarray]:
     """Return the fields of all points by name, each (N,); x, y and z are among them."""
     path = Path(path)
-    try:
-        content = path.read_bytes()
-    except OSError as error:
-        raise FormatError(f"{path}: cannot be read: {error.strerror}") from error
+    content = read_content(path)
     header = _read_header(path, content)
     read = {"ascii": _read_ascii, "binary": _read_binary, "binary_compressed": _read_compressed}
     columns = read[header.data](path, header, content[header.offset :])

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from roadscope.benchmarks.formats.table import FormatError, refuse
+from roadscope.benchmarks.formats.table import FormatError, read_content, refuse
 
 DTYPES = {
     **{"char": "i1", "uchar": "u1", "short": "i2", "ushort": "u2", "int": "i4", "uint": "u4"},
@@ -42,10 +42,7 @@ class PlyHeader:
 def read_ply(path: Path | str) -> dict[str, np.ndarray]:
     """Return the properties of all vertices by name, each (N,); x, y and z are among them."""
     path = Path(path)
-    try:
-        content = path.read_bytes()
-    except OSError as error:
-        raise FormatError(f"{path}: cannot be read: {error.strerror}") from error
+    content = read_content(path)
     header = _read_header(path, content)
     read = _read_ascii if header.encoding == "ascii" else _read_binary
     rows = read(path, header, content[header.offset :])

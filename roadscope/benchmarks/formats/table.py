@@ -136,12 +136,17 @@ def names_in(folder: Path) -> str:
     return ", ".join(path.name for path in visible(folder)[:8]) or "nothing"
 
 
-def read_lines(path: Path) -> list[str]:
-    """Return the lines of a UTF-8 text file; line ends of every system are accepted."""
+def read_content(path: Path) -> bytes:
+    """Return the bytes of a file; `FormatError` says why it cannot be read."""
     try:
-        content = path.read_bytes()
+        return path.read_bytes()
     except OSError as error:
         raise FormatError(f"{path}: cannot be read: {error.strerror}") from error
+
+
+def read_lines(path: Path) -> list[str]:
+    """Return the lines of a UTF-8 text file; line ends of every system are accepted."""
+    content = read_content(path)
     try:
         text = content.decode("utf-8-sig")
     except UnicodeDecodeError as error:

@@ -14,11 +14,11 @@ from roadscope.benchmarks.fingerprint import code_hash
 from roadscope.benchmarks.formats.image_folder import read_image
 from roadscope.benchmarks.formats.kitti_frames import (
     EGO_FROM_CAMERA,
-    NOT_COUNTED,
     LabelCamera,
     centres_from_bottoms,
     kitti_objects,
     kitti_results,
+    truth_of_labels,
     yaws_from_rotations,
 )
 from roadscope.benchmarks.formats.kitti_labels import KittiObjects, KittiType
@@ -255,19 +255,11 @@ def _truth(
         "ego",
         stamp_s,
     ).moved(world_from_turned, "world")
-    unknown = np.full(n, NOT_COUNTED)
-    return Truth(
-        ids=np.arange(n),
-        categories=boxes.categories,
-        centres=boxes.centres,
-        sizes=boxes.sizes,
-        yaws=boxes.yaws,
-        velocities=np.zeros((n, 2)),
-        lidar_returns=unknown,
-        visible_pixels=unknown,
-        occluded_fraction=unknown.astype(np.float64),
-        world_from_ego=world_from_ego,
+    return truth_of_labels(
+        np.arange(n),
+        boxes,
+        np.zeros((n, 2)),
+        world_from_ego,
         stamp_s=stamp_s,
-        sources=np.empty(0, np.int64),
         image_boxes=rows.boxes,
     )

@@ -77,9 +77,9 @@ def _complete_boards(
             errors[name] = error
     if not settings:
         raise next(iter(errors.values()))
-    for name, error in errors.items():
+    for name, reason in errors.items():
         if notice is not None:
-            notice(f"the board {name} is left out: {error}")
+            notice(f"the board {name} is left out: {reason}")
     return settings
 
 

@@ -219,20 +219,11 @@ def _front(
             # It is inf or nan where the bin shows no ground; neither is less than inf.
             off[s] = lows[s, b] - state[s, 0] - (ranges[s, b] - MIDDLES_M[b]) * state[s, 1]
         for s in range(SECTORS):
-            # What most neighbours see: a car fills a third of them.
-            count = 0
-            for n in range(s - BESIDE, s + BESIDE + 1):
-                value = off[n % SECTORS]
-                if value < np.inf:
-                    k = count
-                    while k > 0 and beside[k - 1] > value:
-                        beside[k] = beside[k - 1]
-                        k -= 1
-                    beside[k] = value
-                    count += 1
+            count = _neighbours(off, s, beside)
             near, unsure = 2 * rule.noise_m, np.sqrt(var[s, 0])
             continues = unsure < near or (unsure < rule.gap_m and count >= BELIEVED)
             if not continues and count > BESIDE:
+                # What most neighbours see: a car fills a third of them.
                 common = beside[count // 3]
                 gate = near + min(rule.gate * unsure, rule.leap_m)
                 if common < -gate:
@@ -253,6 +244,25 @@ def _front(
             state[s, 1] = min(max(state[s, 1], -rule.steepest), rule.steepest)
             heights[s, b] = state[s, 0]
     return heights, accepted
+
+
+@compiled()
+def _neighbours(off: np.ndarray, s: int, beside: np.ndarray) -> int:
+    """Sort the values of a sector and of its neighbours that show ground into `beside`.
+
+    off: (S,) metres; inf or nan where there is no ground. Returns how many there are.
+    """
+    count = 0
+    for n in range(s - BESIDE, s + BESIDE + 1):
+        value = off[n % SECTORS]
+        if value < np.inf:
+            k = count
+            while k > 0 and beside[k - 1] > value:
+                beside[k] = beside[k - 1]
+                k -= 1
+            beside[k] = value
+            count += 1
+    return count
 
 
 @compiled()
