@@ -33,23 +33,36 @@ MAX_BEAM_SPREAD_RAD = np.deg2rad(1.5)
 point, so that near points are at other elevations. Chosen by hand."""
 
 
+MAX_ZIGZAG_RAD = np.deg2rad(0.2)
+"""Elevations of three neighbours along a beam differ from a line by less, at the median. Those of
+two units that are stacked 0.25 m apart differ by 0.7 degrees at 20 m. Chosen by hand."""
+
+
 def rings_of(points: np.ndarray) -> np.ndarray:
     """Return the beam of each of (N, 3) points, (N,) int16, 0 the lowest, found by directions.
 
     Points may be in the order of their beams, as in KITTI's files. Otherwise beams are separated by
-    gaps between elevations. If there are no gaps, as in a deskewed scan, bands of elevation take
-    their place; one of them may hold two beams of the sensor.
+    gaps between elevations. If there are no gaps, as in a deskewed scan or one of several units,
+    bands of elevation take their place (`shows_beams`); one of them may hold two beams.
     """
     if not len(points):
         return np.zeros(0, np.int16)
     elevations = elevations_of(points)
-    rings = _rings_by_order(azimuths_of(points), elevations)
-    if rings is None:
-        rings = _rings_by_gaps(elevations)
+    rings = _rings_shown(points, elevations)
     if rings is None:
         rings = np.floor((elevations - elevations.min()) / MAX_BEAM_HEIGHT_RAD)
     numbers: np.ndarray = rings.astype(np.int16)
     return numbers
+
+
+def shows_beams(points: np.ndarray) -> bool:
+    """Return whether order or directions of (N, 3) points show which beam each is of."""
+    return bool(len(points)) and _rings_shown(points, elevations_of(points)) is not None
+
+
+def _rings_shown(points: np.ndarray, elevations: np.ndarray) -> np.ndarray | None:
+    rings = _rings_by_order(azimuths_of(points), elevations)
+    return _rings_by_gaps(elevations) if rings is None else rings
 
 
 def azimuth_steps(points: np.ndarray) -> np.ndarray:
@@ -80,7 +93,17 @@ def why_no_beams(points: np.ndarray, numbers: np.ndarray) -> str:
     whole = float(np.subtract(*np.quantile(elevations, [0.95, 0.05])))
     if np.average(high - low, weights=counts) > MAX_BEAM_SHARE * whole:
         return "points of one number are at all elevations, those of a beam are not"
+    if _zigzag_rad(azimuths_of(points), elevations, beams) > MAX_ZIGZAG_RAD:
+        return "points of one number are of several beams: are there several units?"
     return ""
+
+
+def _zigzag_rad(azimuths: np.ndarray, elevations: np.ndarray, beams: np.ndarray) -> float:
+    """Return by how much elevations differ from a line of three neighbours of a number, median."""
+    order = np.lexsort((azimuths, beams))
+    one_number = beams[order][2:] == beams[order][:-2]
+    bends = np.abs(np.diff(elevations[order], n=2))[one_number] / 2
+    return float(np.median(bends)) if len(bends) else 0.0
 
 
 def ranked_rings(points: np.ndarray, numbers: np.ndarray) -> np.ndarray | None:
@@ -147,7 +170,13 @@ def _rings_by_order(azimuths: np.ndarray, elevations: np.ndarray) -> np.ndarray 
             continue
         if np.quantile(np.abs(elevations - mean[beams]), LEAST_ORDERED) > MAX_BEAM_SPREAD_RAD:
             continue
-        return beams if rises.mean() > 0.5 else beams.max() - beams
+        rising_beams = beams if rises.mean() > 0.5 else beams.max() - beams
+        steps_back = np.where(rises == (rises.mean() > 0.5), 0.0, np.abs(np.diff(mean)))
+        if steps_back.max() < MAX_BEAM_SPREAD_RAD:
+            return rising_beams
+        # Several units, one after the other.
+        ranked: np.ndarray = np.argsort(np.argsort(mean))[beams]
+        return ranked
     return None
 
 

@@ -12,10 +12,12 @@ import numpy as np
 
 from roadscope.benchmarks.formats.bags import Source
 from roadscope.benchmarks.formats.beams import (
+    MAX_BEAM_HEIGHT_RAD,
     azimuth_steps,
     azimuths_of,
     ranked_rings,
     rings_of,
+    shows_beams,
     why_no_beams,
 )
 from roadscope.benchmarks.formats.point_fields import (
@@ -47,7 +49,7 @@ MAX_SWEEP_S = 1.0
 known. Chosen by hand."""
 TIME_FIELDS = (TIME, "t", "timestamp", "offset_time", "time_offset_s", "gps_time")
 INTENSITY_FIELDS = ("intensity", "i", "reflectivity")
-RING_FIELDS = ("ring", "channel", "line")
+RING_FIELDS = ("ring", "channel", "line", "laser_number")
 """Names of a point's time, intensity and beam where fields have names; drivers differ."""
 COLUMN_NAMES = (*PLACE, "intensity", "ring", TIME, IGNORED)
 """Names of columns in a layout that a user gives."""
@@ -280,6 +282,11 @@ def layout_of(samples: Sequence[Source], columns: Sequence[str] = ()) -> PointLa
         notes.append(
             "points without times: each scan is taken to be seen at once, or to be deskewed already"
         )
+    if layout.ring is None and not any(shows_beams(_sound_points(each)) for each in files):
+        notes.append(
+            "nothing shows which beam a point is of: bands of elevation stand for beams, of "
+            f"{np.rad2deg(MAX_BEAM_HEIGHT_RAD):g} degrees each"
+        )
     layout = replace(layout, columns=chosen, notes=tuple(notes))
     _check_readable(layout, samples)
     return layout
@@ -371,9 +378,19 @@ def _with_unnamed(layout: PointLayout, files: Sequence[PointFields]) -> PointLay
     return replace(layout, notes=tuple(notes))
 
 
+def _sound(file: PointFields) -> np.ndarray:
+    """Return (N,) bool, which points have finite coordinates that are not all 0."""
+    sound: np.ndarray = np.isfinite(file.points).all(axis=1) & file.points.any(axis=1)
+    return sound
+
+
+def _sound_points(file: PointFields) -> np.ndarray:
+    return file.points[_sound(file)]
+
+
 def _why_not_ring(name: str) -> Callable[[PointFields], str]:
     def why_not(file: PointFields) -> str:
-        sound = np.isfinite(file.points).all(axis=1) & file.points.any(axis=1)
+        sound = _sound(file)
         return why_no_beams(file.points[sound], file.others[name][sound]) if sound.any() else ""
 
     return why_not

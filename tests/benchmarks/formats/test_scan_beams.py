@@ -61,6 +61,81 @@ def test_beams_one_after_the_other_need_no_gaps(from_top, clockwise):
     assert len(np.unique(shuffled)) != 64
 
 
+VLP32_DEG = np.fromstring(
+    "-25 -15.639 -11.31 -8.843 -7.254 -6.148 -5.333 -4.667 -4 -3.667 -3.333 -3 -2.667 -2.333 -2 "
+    "-1.667 -1.333 -1 -0.667 -0.333 0 0.333 0.667 1 1.333 1.667 2.333 3.333 4.667 7 10.333 15",
+    sep=" ",
+)
+"""Elevations of the beams of a VLP-32C, by its data sheet."""
+UNITS_M = (-0.13, 0.13)
+"""Heights of two units above the origin of their points."""
+
+
+def two_units():
+    """Points of a street between walls as two stacked units measure them, and their beams, 0 to 63.
+
+    They are in the order of the units, then of beams, then of azimuths. Argoverse has such units.
+    """
+    azimuths, points, beams = np.deg2rad(np.arange(-180, 180, 0.4)), [], []
+    for unit, height_m in enumerate(UNITS_M):
+        for beam, rise in enumerate(np.deg2rad(VLP32_DEG)):
+            ways = np.column_stack([np.cos(azimuths), np.sin(azimuths)]) * np.cos(rise)
+            with np.errstate(divide="ignore"):
+                walls_m = np.minimum(8 / np.abs(ways[:, 1]), 40 / np.abs(ways[:, 0]))
+            ground_m = (1.7 + height_m) / -np.sin(rise) if rise < 0 else np.inf
+            reach = np.minimum(walls_m, ground_m)
+            points.append(np.column_stack([reach[:, None] * ways, reach * np.sin(rise) + height_m]))
+            beams.append(np.full(len(reach), 32 * unit + beam))
+    return np.concatenate(points), np.concatenate(beams)
+
+
+def saved_cloud(folder, points, **fields):
+    """A PLY file with the fields of Argoverse's, as a folder of scans."""
+    names, columns = ["x", "y", "z", *fields], np.column_stack([points, *fields.values()])
+    lines = ["ply", "format ascii 1.0", f"element vertex {len(points)}"]
+    lines += [*(f"property float {name}" for name in names), "end_header"]
+    folder.mkdir()
+    rows = "\n".join(" ".join(f"{value:.6g}" for value in row) for row in columns.tolist())
+    (folder / "0.ply").write_text("\n".join(lines) + f"\n{rows}\n")
+    return ScanFolder.find(folder)
+
+
+def test_beams_of_two_units_are_those_of_their_numbers(tmp_path):
+    points, beams = two_units()
+    order = np.random.default_rng(3).permutation(len(points))
+    folder = saved_cloud(tmp_path / "two", points[order], laser_number=beams[order])
+    (scan,) = folder
+    assert len(np.unique(scan.ring)) == 64
+    # Each ring is one beam, and lower ones have lower numbers.
+    assert len(set(zip(scan.ring.tolist(), beams[order].tolist(), strict=True))) == 64
+    elevations = np.arctan2(points[order, 2], np.hypot(*points[order, :2].T))
+    means = [elevations[scan.ring == ring].mean() for ring in range(64)]
+    assert np.all(np.diff(means) >= 0)
+    assert not any("beam" in note for note in folder.notes)
+
+
+def test_numbers_that_two_units_share_are_refused(tmp_path):
+    points, beams = two_units()
+    order = np.random.default_rng(3).permutation(len(points))
+    folder = saved_cloud(tmp_path / "two", points[order], laser_number=beams[order] % 32)
+    assert any("laser_number" in note and "several beams" in note for note in folder.notes)
+    assert any("bands of elevation" in note for note in folder.notes)
+
+
+def test_two_units_without_numbers_are_no_hundred_beams(tmp_path):
+    points, _ = two_units()
+    folder = saved_cloud(tmp_path / "mixed", np.random.default_rng(3).permutation(points))
+    assert any("bands of elevation" in note for note in folder.notes)
+
+
+def test_two_units_one_after_the_other_are_ranked_by_elevation():
+    points, beams = two_units()
+    ring = rings_of(points)
+    assert len(set(zip(ring.tolist(), beams.tolist(), strict=True))) == 64
+    elevations = np.arctan2(points[:, 2], np.hypot(*points[:, :2].T))
+    assert np.all(np.diff([elevations[ring == each].mean() for each in range(64)]) >= 0)
+
+
 @pytest.fixture(scope="module")
 def recorded(tmp_path_factory):
     """A drive as `.npy` files without beams, the samples of its IMU, and the drive itself."""
