@@ -17,6 +17,7 @@ from roadscope.benchmarks.papers.drawing import (
 )
 from roadscope.benchmarks.papers.reproduction import FIRST_SEED
 from roadscope.benchmarks.papers.zhang2022 import (
+    AS_PRINTED,
     LEGO_LOAM,
     LONG_ROUTE,
     SCAN_TO_SCAN,
@@ -36,7 +37,12 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-SHOWN = {SCAN_TO_SCAN: COLOURS[0], WITH_MAP: COLOURS[2], LEGO_LOAM: COLOURS[1]}
+SHOWN = {
+    SCAN_TO_SCAN: COLOURS[0],
+    WITH_MAP: COLOURS[2],
+    AS_PRINTED: COLOURS[3],
+    LEGO_LOAM: COLOURS[1],
+}
 """The methods of the trajectories and their colours."""
 VIEW_M = 12.0
 """Half the side of the views from above."""
