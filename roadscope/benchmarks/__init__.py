@@ -86,7 +86,6 @@ _PARTS = {
     "tables": "MEANINGS name_table speed_table",
     "target_views": "TargetPose TargetViews calibrate_from_corners held_out_error_px "
     "random_poses target_prisms target_view true_corners",
-    "travel": "direction_of_travel turned_back turned_scan",
     "workers": "BackendError EXTRAS WorkerError WorkerSettings in_parallel open_workers",
 }
 """What else the tests of this repository use, by the file that defines it. It is not public."""

@@ -30,7 +30,6 @@ from roadscope.benchmarks.references import (
     check_image_source,
     made_from_truth,
 )
-from roadscope.benchmarks.travel import turned_scan
 from roadscope.core import (
     Calibration,
     CameraImage,
@@ -52,6 +51,7 @@ from roadscope.core.fused import FusedDetections
 from roadscope.core.spec import FUSED, FUSED_PARTS
 from roadscope.fusion.pairing import ALONE, ClocksApartError, nearest_images
 from roadscope.odometry.above_ground import NEAR_M, sensor_height
+from roadscope.odometry.travel import turned_scan
 
 LIMITS = Limits(episode_s=float("inf"))
 """A recording may be of any length."""

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from roadscope.benchmarks.travel import SETTLING, STEPS, matched_window
 from roadscope.odometry.rigid import exp_so3, log_so3
+from roadscope.odometry.travel import SETTLING, STEPS, matched_window
 
 if TYPE_CHECKING:
     from roadscope.benchmarks.formats.scan_folder import ScanFolder

@@ -20,10 +20,10 @@ from roadscope.benchmarks.formats.trajectories import (
     trajectory_text,
 )
 from roadscope.benchmarks.isolation import Limits, PluginError, open_plugin
-from roadscope.benchmarks.travel import turned_back, turned_scan
 from roadscope.core import ImuSamples, LidarScan, OdometryEstimate, Pose, WheelSamples
 from roadscope.core.answers import AnswerError, check_estimate
 from roadscope.odometry import ODOMETRIES
+from roadscope.odometry.travel import turned_back, turned_scan
 
 TRUTH_STEPS = 3.0
 """Poses are interpolated between true ones that are at most this many median steps apart. Chosen by

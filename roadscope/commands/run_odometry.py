@@ -211,8 +211,8 @@ def _turn(scans: ScanFolder, mounting: str | None) -> Pose | None:
     import numpy as np
 
     from roadscope.benchmarks.formats.samples import parse_mounting
-    from roadscope.benchmarks.travel import AGREEMENT_RAD, direction_of_travel
     from roadscope.core import Pose
+    from roadscope.odometry.travel import AGREEMENT_RAD, direction_of_travel
 
     if mounting is not None:
         rotation = parse_mounting(mounting).rotation

@@ -10,6 +10,7 @@ if TYPE_CHECKING:
     from roadscope.odometry.api import WheeledOdometry
     from roadscope.odometry.cloud_kernels import placed, thinned
     from roadscope.odometry.estimates import estimate
+    from roadscope.odometry.mounted import MountedOdometry
     from roadscope.odometry.voxels.matching import PosePrior, ScanMatch, best_match
     from roadscope.odometry.voxels.surfaces import VoxelMap
 
@@ -60,6 +61,7 @@ ODOMETRIES: Registry[Odometry] = Registry(
 
 _PLACES = {
     "WheeledOdometry": "roadscope.odometry.api:WheeledOdometry",
+    "MountedOdometry": "roadscope.odometry.mounted:MountedOdometry",
     "PosePrior": "roadscope.odometry.voxels.matching:PosePrior",
     "ScanMatch": "roadscope.odometry.voxels.matching:ScanMatch",
     "VoxelMap": "roadscope.odometry.voxels.surfaces:VoxelMap",
@@ -72,6 +74,7 @@ _PLACES = {
 
 __all__ = [
     "ODOMETRIES",
+    "MountedOdometry",
     "Odometry",
     "PosePrior",
     "ScanMatch",
@@ -96,6 +99,7 @@ _PARTS = {
     "rigid": "adjoint exp_se3 exp_so3 hat inverse log_se3 log_so3 orthonormal",
     "scatter": "LARGEST_NOISE_M LEAST_TRIPLES excessive_noise range_noise_m",
     "still": "StillOdometry",
+    "travel": "direction_of_travel turned_back turned_scan",
     "zhang": "LARGEST_DYNAMIC_SHARE DynamicThreshold ZhangOdometry ZhangSettings",
 }
 """What else the tests of this repository use, by the file that defines it. It is not public."""

@@ -1,5 +1,7 @@
 """Protocol of odometries.
 
+The LiDAR's x axis points ahead, z up; `MountedOdometry` is for other mountings.
+
 Frames: an estimated pose is that of the LiDAR at the stamp of the scan, in the LiDAR's frame at the
 first scan after the reset. The pose of the IMU is an argument of the reset, since scans do not
 contain it.

@@ -9,12 +9,12 @@ from toy_drive import Drive, driven
 from typer.testing import CliRunner
 
 from roadscope.__main__ import app
-from roadscope.benchmarks import Episode, direction_of_travel, turned_back, turned_scan
+from roadscope.benchmarks import Episode
 from roadscope.benchmarks.drive import drive
 from roadscope.benchmarks.formats import trajectory_text
 from roadscope.core import LidarScan, Pose
 from roadscope.formats import read_trajectory
-from roadscope.odometry import ODOMETRIES
+from roadscope.odometry import ODOMETRIES, direction_of_travel, turned_back, turned_scan
 
 SCANS = 30
 TRUTH = [Pose(Drive().pose(0.05 + 0.1 * k)) for k in range(SCANS)]

@@ -2,18 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import Protocol
 
 import numpy as np
 
 from roadscope.core import LidarScan, OdometryEstimate, Pose, wrap_angle
-from roadscope.odometry import ODOMETRIES
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from roadscope.benchmarks.formats.scan_folder import ScanFolder
+from roadscope.odometry.voxel_map import VoxelMapOdometry
 
 STEPS = 11
 """Steps from scan to scan in a window in which scans are matched."""
@@ -36,15 +32,26 @@ SQUARE_RAD = np.deg2rad(15.0)
 """A direction this near to a right angle is taken for it."""
 
 
-def matched_window(folder: ScanFolder, start: int, guess: float = 0.0) -> list[OdometryEstimate]:
+class RecordedScans(Protocol):
+    """Scans in order that can be read again."""
+
+    def __len__(self) -> int:
+        """Return how many there are."""
+
+    def part(self, first: int, end: int) -> Iterable[LidarScan]:
+        """Return the scans from `first` up to but not including `end`."""
+
+
+def matched_window(
+    recorded: RecordedScans, start: int, guess: float = 0.0
+) -> list[OdometryEstimate]:
     """Return the estimates of `voxel-map` in a window once it knows the speed, without an IMU.
 
     start: number of its first scan. guess: azimuth of the direction of travel, radians. Empty where
     scans do not determine the motion.
     """
-    turn, odometry = Pose.from_euler(0, 0, 0, yaw=-guess), ODOMETRIES.make("voxel-map")
-    odometry.reset()
-    scans = folder.part(start, start + STEPS + 1)
+    turn, odometry = Pose.from_euler(0, 0, 0, yaw=-guess), VoxelMapOdometry()
+    scans = recorded.part(start, start + STEPS + 1)
     turned = (turned_scan(scan, turn.rotation) if guess else scan for scan in scans)
     settled = [odometry.update(scan) for scan in turned][SETTLING:]
     if len(settled) <= STEPS - SETTLING or not all(each.ok for each in settled):
@@ -52,30 +59,30 @@ def matched_window(folder: ScanFolder, start: int, guess: float = 0.0) -> list[O
     return [turned_back(each, turn) for each in settled] if guess else settled
 
 
-def direction_of_travel(folder: ScanFolder) -> float | None:
+def direction_of_travel(recorded: RecordedScans) -> float | None:
     """Return the azimuth of the direction of travel in the LiDAR's axes, radians; None if unclear.
 
     A LiDAR that drives backwards all the time counts as mounted backwards.
     """
-    last = len(folder) - STEPS - 1
+    last = len(recorded) - STEPS - 1
     if last < 0:
         return None
     starts: list[int] = np.unique(np.linspace(0, last, PLACES).round().astype(int)).tolist()
     for guess in GUESSES_RAD:
         matched, directions = 0, list[float]()
         for start in starts:
-            window = matched_window(folder, start, guess)
-            direction = _direction(window) if window else None
+            window = matched_window(recorded, start, guess)
+            direction = window_direction(window) if window else None
             matched += bool(window)
             directions += [] if direction is None else [direction]
             if len(directions) == WINDOWS:
-                return _agreed(directions)
+                return agreed_direction(directions)
         if matched >= WINDOWS:  # Scans can be matched, so it is slow or stands.
             return None
     return None
 
 
-def _agreed(directions: Sequence[float]) -> float | None:
+def agreed_direction(directions: Sequence[float]) -> float | None:
     """Return the direction that all windows agree on, radians; None if they do not agree."""
     middle = float(np.angle(np.exp(1j * np.array(directions)).mean()))
     if any(abs(wrap_angle(each - middle)) > AGREEMENT_RAD for each in directions):
@@ -85,7 +92,7 @@ def _agreed(directions: Sequence[float]) -> float | None:
     return float(wrap_angle(square if is_square else middle))
 
 
-def _direction(estimates: Sequence[OdometryEstimate]) -> float | None:
+def window_direction(estimates: Sequence[OdometryEstimate]) -> float | None:
     """Return the azimuth of the motion in a window, radians; None if it is short."""
     first, last = (each.start_from_lidar for each in (estimates[0], estimates[-1]))
     moved = first.inverse() @ last
