@@ -10,7 +10,7 @@ default:
 # Make the virtual environment and install the commit hooks
 setup:
     python3 -m venv .venv
-    .venv/bin/pip install -c constraints.txt -e ".[test,lint]"
+    .venv/bin/pip install -c constraints.txt -e ".[test,lint,docs]"
     .venv/bin/pre-commit install
 
 # Run the quick tests
@@ -49,6 +49,10 @@ check: lint imports types
 # Write the list of public names again
 names:
     {{bin}}/python tests/test_public_face.py
+
+# Build the site into build/site; what is wrong with it stops the build
+docs:
+    {{bin}}/sphinx-build --quiet --fail-on-warning --keep-going docs build/site
 
 # Build the wheel and the source distribution into dist/
 build:

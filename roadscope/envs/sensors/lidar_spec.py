@@ -20,7 +20,7 @@ from roadscope.core.record import Record
 class LidarSpec(Record):
     """A scanning LiDAR whose beams share one azimuth per column.
 
-        elevations: (B,) float64, radians, increasing.
+    elevations: (B,) float64, radians, increasing.
     firing_offsets_s: (B,) float64, seconds from the column's start at which each beam fires.
     azimuth_start, azimuth_span: radians; the first column's azimuth, counter-clockwise from x
         ahead, and the signed angle covered by all columns (negative: clockwise).

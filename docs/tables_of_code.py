@@ -1,0 +1,281 @@
+"""A directive for Sphinx that puts tables and lists made from the code itself into pages.
+
+    ```{from-code} rigs
+    ```
+
+The argument names a function below; what it returns is Markdown.
+"""
+
+import importlib
+import inspect
+import sys
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import numpy as np
+from docutils import nodes
+from docutils.statemachine import StringList
+from sphinx.pycode import ModuleAnalyzer
+from sphinx.util.docutils import SphinxDirective
+
+from roadscope import CAMERA_DETECTORS, DETECTORS, FUSIONS, ODOMETRIES, TRACKERS
+from roadscope.benchmarks.listing import names_of
+from roadscope.envs import env_ids, find_rig
+from roadscope.envs.sensors.camera_spec import CAMERAS
+from roadscope.envs.sensors.imu_spec import IMUS
+from roadscope.envs.sensors.lidar_spec import SPECS
+from roadscope.envs.sensors.rigs import RIGS
+from roadscope.envs.traffic.scenarios import SCENARIOS
+
+REGISTRIES = {
+    "detectors": DETECTORS,
+    "camera-detectors": CAMERA_DETECTORS,
+    "trackers": TRACKERS,
+    "odometries": ODOMETRIES,
+    "fusions": FUSIONS,
+}
+
+
+def table(head: str, rows: list[list[str]]) -> str:
+    """Return a Markdown table. head: names of columns with commas between them."""
+    names = head.split(",")
+    lines = [names, ["---"] * len(names), *rows]
+    return "\n".join(f"| {' | '.join(line)} |" for line in lines)
+
+
+def lidars() -> str:
+    """Return the data sheets of LiDARs."""
+    rows = []
+    for name, s in SPECS.items():
+        low, high = np.degrees(s.elevations[[0, -1]])
+        rows.append(
+            [
+                f"`{name}`",
+                str(s.beams),
+                f"{low:.4g} to {high:.4g}",
+                f"{abs(np.degrees(s.azimuth_span)):.4g}",
+                f"{s.columns} ({abs(np.degrees(s.azimuth_span)) / s.columns:.3f})",
+                f"{1 / s.period_s:.4g}",
+                f"{s.range_min_m:g} to {s.range_max_m:g}",
+                f"{100 * s.range_noise_m:g}",
+                f"{1000 * s.range_resolution_m:g}",
+                f"{s.dropout:g}",
+                f"{s.detection_limit:.2g}",
+            ]
+        )
+    head = (
+        "name,beams,elevation (deg),field (deg),columns (step in deg),rate (Hz),range (m),"
+        "range noise (cm),range step (mm),dropout,detection limit"
+    )
+    return table(head, rows) + "\n\n" + "\n".join(_lidar_sources())
+
+
+def _lidar_sources() -> Iterator[str]:
+    module = importlib.import_module("roadscope.envs.sensors.lidar_spec")
+    for name in SPECS:
+        lines = (inspect.getdoc(getattr(module, f"_{name}")) or "").splitlines()
+        text = " ".join(line.strip() for line in lines).removeprefix("Return the ")
+        yield f"- `{name}`: {text}"
+
+
+def cameras() -> str:
+    """Return the data sheets of cameras."""
+    rows = []
+    for name, s in CAMERAS.items():
+        p = s.pinhole
+        angle = 2 * np.degrees(np.arctan(p.width / 2 / p.focal_px[0]))
+        rows.append(
+            [
+                f"`{name}`",
+                f"{p.width} x {p.height}",
+                f"{p.focal_px[0]:g}",
+                f"{angle:.0f}",
+                f"{1 / s.period_s:g}",
+                f"{1000 * s.exposure_s:g}",
+                f"{s.full_well:g}",
+                f"{s.read_noise:g}",
+                f"{s.vignetting:g}",
+            ]
+        )
+    head = (
+        "name,pixels,focal length (px),field (deg),rate (Hz),exposure (ms),full well (electrons),"
+        "read noise (electrons),light lost in corners"
+    )
+    return table(head, rows)
+
+
+def imus() -> str:
+    """Return the data sheets of inertial units."""
+    quantities = [
+        ("rate (Hz)", "rate_hz", 1.0),
+        ("gyro noise (rad/s/√Hz)", "gyro_noise", 1.0),
+        ("gyro walk (rad/s²/√Hz)", "gyro_walk", 1.0),
+        ("gyro bias at start (deg/s)", "gyro_turn_on", np.degrees(1.0)),
+        ("accelerometer noise (m/s²/√Hz)", "accelerometer_noise", 1.0),
+        ("accelerometer walk (m/s³/√Hz)", "accelerometer_walk", 1.0),
+        ("accelerometer bias at start (m/s²)", "accelerometer_turn_on", 1.0),
+        ("bandwidth (Hz)", "bandwidth_hz", 1.0),
+        ("gyro range (deg/s)", "gyro_range", np.degrees(1.0)),
+        ("accelerometer range (m/s²)", "accelerometer_range", 1.0),
+    ]
+    rows = [
+        [title, *(f"{factor * getattr(spec, name):.3g}" for spec in IMUS.values())]
+        for title, name, factor in quantities
+    ]
+    return table(",".join(["", *(f"`{name}`" for name in IMUS)]), rows)
+
+
+def rigs() -> str:
+    """Return which sensors the rigs have and where they sit."""
+    rows = []
+    for name in RIGS:
+        rig = find_rig(name)
+        rows.append(
+            [
+                f"`{name}`",
+                f"`{rig.lidar.spec.name}` at {_place(rig.lidar.ego_from_lidar)}",
+                f"`{rig.camera.spec.name}` at {_place(rig.camera.ego_from_camera)}"
+                if rig.camera
+                else "",
+                f"`{rig.imu.spec.name}` at {_place(rig.imu.ego_from_imu)}" if rig.imu else "",
+                "yes" if rig.wheels else "",
+            ]
+        )
+    return table("rig,LiDAR,camera,IMU,wheel speed and sway", rows)
+
+
+def _place(pose: Any) -> str:
+    x, _, z = pose.matrix[:3, 3]
+    return f"{x:g}; {z:g} m"
+
+
+def scenarios() -> str:
+    """Return all scenarios, each with its picture."""
+    from roadscope.envs.gym.registration import IDS
+
+    ids = {arguments["scenario"]: key for key, arguments in IDS.items()}
+    assert len(ids) == len(env_ids())
+    parts = []
+    for scenario in SCENARIOS.values():
+        known = f" Id: `roadscope/{ids[scenario.name]}`." if scenario.name in ids else ""
+        parts += [
+            f"### {scenario.name}",
+            f"{scenario.description}{known}",
+            f"![{scenario.name}: what the camera sees, and the scene from above]"
+            f"(images/scenarios/{scenario.name}.png)",
+        ]
+    return "\n\n".join(parts)
+
+
+def names(kind: str) -> str:
+    """Return a table of the names of one kind, as `roadscope list` shows them."""
+    return table("name,what it is", [[f"`{name}`", text] for name, text in names_of(kind)])
+
+
+def methods(kind: str) -> str:
+    """Return each registered class of a kind: its names, what it is, and where its code is."""
+    registry = REGISTRIES[kind]
+    by_class: dict[str, list[str]] = {}
+    for name in registry.summaries:
+        by_class.setdefault(registry.resolve(name).target, []).append(name)
+    parts = []
+    for target, own in by_class.items():
+        module, _, class_name = target.partition(":")
+        lines = ["### " + ", ".join(f"`{name}`" for name in own), ""]
+        lines += [f"- `{name}`: {registry.summaries[name]}" for name in own]
+        file = f"{module.replace('.', '/')}.py"
+        text = _docstrings(module, class_name)
+        parts.append("\n".join([*lines, "", *text, "", f"Code: `{file}`, class `{class_name}`."]))
+    return "\n\n".join(parts)
+
+
+def _docstrings(module: str, class_name: str) -> list[str]:
+    """Return the docstrings of a file and of its class as a block of reStructuredText."""
+    from conf import as_restructured_text
+
+    loaded = importlib.import_module(module)
+    of_file = (inspect.getdoc(loaded) or "").splitlines()
+    of_class = (inspect.getdoc(getattr(loaded, class_name)) or "").splitlines()
+    text = as_restructured_text([*of_file, "", *of_class])
+    return ["```{eval-rst}", *text, "```"]
+
+
+def public(module: str) -> str:
+    """Return the documentation of all public names of a module; each name once."""
+    loaded = importlib.import_module(module)
+    text = (inspect.getdoc(loaded) or "").splitlines()
+    from conf import as_restructured_text
+
+    lines = ["```{eval-rst}", *as_restructured_text(text), ""]
+    elsewhere = []
+    for name in sorted(loaded.__all__, key=str.lower):
+        value = getattr(loaded, name)
+        if inspect.ismodule(value):
+            continue
+        first = _first_place(value, name, module)
+        if first != module:
+            elsewhere.append(f":py:obj:`~{first}.{name}`")
+        elif inspect.isclass(value):
+            lines += [f".. autoclass:: {module}.{name}", "   :members:", ""]
+        elif callable(value):
+            lines += [f".. autofunction:: {module}.{name}", ""]
+        else:
+            text = as_restructured_text(_text_of_constant(name, value))
+            lines += [f".. py:data:: {module}.{name}", "", *(f"   {line}" for line in text), ""]
+    if elsewhere:
+        lines += ["Also here: " + ", ".join(elsewhere) + "."]
+    return "\n".join([*lines, "```"])
+
+
+def _text_of_constant(name: str, value: object) -> list[str]:
+    """Return the text below a constant in the file that defines it."""
+    for each in [each for each in sys.modules if each.startswith("roadscope.")]:
+        if vars(sys.modules[each]).get(name) is value:
+            texts = ModuleAnalyzer.for_module(each).find_attr_docs()
+            if ("", name) in texts:
+                return list(texts["", name])
+    return [type(value).__doc__.partition("\n")[0] if hasattr(value, "names") else ""]
+
+
+MODULES = (
+    "roadscope",
+    *(f"roadscope.{name}" for name in ("metrics", "formats", "testing", "envs", "detectors")),
+    *(f"roadscope.{name}" for name in ("odometry", "trackers", "fusion", "benchmarks")),
+)
+"""The modules whose names are public."""
+
+
+def _first_place(value: object, name: str, module: str) -> str:
+    """Return the first module that offers the same thing by the same name."""
+    for each in MODULES:
+        loaded = importlib.import_module(each)
+        if name in loaded.__all__ and getattr(loaded, name) is value:
+            return each
+    return module
+
+
+MAKERS: dict[str, Callable[..., str]] = {
+    maker.__name__: maker
+    for maker in (lidars, cameras, imus, rigs, scenarios, names, methods, public)
+}
+
+
+class CodeTable(SphinxDirective):
+    """The directive `{from-code} MAKER [ARGUMENT]`."""
+
+    required_arguments = 1
+    optional_arguments = 1
+
+    def run(self) -> list[nodes.Node]:
+        """Return what a function of this file makes, parsed."""
+        maker, *arguments = self.arguments
+        text = MAKERS[maker](*arguments)
+        place = nodes.container()
+        self.state.nested_parse(StringList(text.splitlines(), maker), 0, place)
+        return place.children
+
+
+def setup(app: Any) -> dict[str, bool]:
+    """Let Sphinx know the directive."""
+    app.add_directive("from-code", CodeTable)
+    return {"parallel_read_safe": True}
