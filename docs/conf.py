@@ -1,12 +1,15 @@
 """Settings of Sphinx: `sphinx-build -W docs build/site` builds the site, without network."""
 
+import os
 import re
 import sys
 from pathlib import Path
 
-import roadscope
+ROOT = Path(__file__).parents[1]
+sys.path[:0] = [str(ROOT), str(ROOT / "docs")]
 
-sys.path.insert(0, str(Path(__file__).parent))
+import roadscope  # noqa: E402
+
 
 project = "roadscope"
 author = "the roadscope authors"
@@ -14,7 +17,7 @@ project_copyright = f"2026, {author}"
 release = version = roadscope.__version__
 
 extensions = ["myst_nb", "sphinx.ext.autodoc", "tables_of_code"]
-exclude_patterns = ["pictures.py", "tables_of_code.py"]
+exclude_patterns = ["_*.md"]
 html_theme = "furo"
 html_title = "roadscope"
 html_static_path = ["static"]
@@ -24,7 +27,7 @@ html_copy_source = False
 
 # Tests run the notebooks; the build shows what they hold.
 nb_execution_mode = "off"
-myst_enable_extensions = ["colon_fence", "dollarmath"]
+myst_enable_extensions = ["html_image"]
 myst_heading_anchors = 3
 suppress_warnings = ["myst.xref_ambiguous"]
 
@@ -80,6 +83,34 @@ def inline(text: str) -> str:
     return "".join(a + b for a, b in zip(escaped, [*code, ""], strict=True))
 
 
+OUTSIDE = {
+    "contributing": "CONTRIBUTING.md",
+    "changelog": "CHANGELOG.md",
+    "release": "RELEASE.md",
+    "research": "research/README.md",
+}
+"""Pages whose text is a file outside of `docs`."""
+
+
+def read_outside(app: object, page: str, content: list[str]) -> None:
+    """Put the file into a page of `OUTSIDE`, with links that lead from there."""
+    if page not in OUTSIDE:
+        return
+    file = ROOT / OUTSIDE[page]
+    pages = {ROOT / path: f"{name}.md" for name, path in OUTSIDE.items()}
+    pages[ROOT / "README.md"] = "index.md"
+
+    def link(match: re.Match[str]) -> str:
+        path, hash_sign, place = match[1].partition("#")
+        if "://" in path or not path:
+            return match[0]
+        there = (file.parent / path).resolve()
+        target = pages.get(there) or os.path.relpath(there, ROOT / "docs")
+        return f"]({target}{hash_sign}{place})"
+
+    content[0] = re.sub(r"\]\(([^)\s]+)\)", link, file.read_text("utf-8"))
+
+
 def setup(app: object) -> None:
     """Let Sphinx read our docstrings."""
 
@@ -87,3 +118,4 @@ def setup(app: object) -> None:
         lines[:] = as_restructured_text(lines)
 
     app.connect("autodoc-process-docstring", process)  # type: ignore[attr-defined]
+    app.connect("source-read", read_outside)  # type: ignore[attr-defined]

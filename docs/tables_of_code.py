@@ -200,6 +200,21 @@ def _docstrings(module: str, class_name: str) -> list[str]:
     return ["```{eval-rst}", *text, "```"]
 
 
+def commands() -> str:
+    """Return what each command prints for `--help`."""
+    from typer.main import get_command
+
+    from roadscope.__main__ import app
+
+    def helps(command: Any, path: str) -> Iterator[str]:
+        context = command.make_context(path, [], resilient_parsing=True, max_content_width=96)
+        yield f"### `{path}`\n\n```text\n{context.get_help()}\n```"
+        for name, child in getattr(command, "commands", {}).items():
+            yield from helps(child, f"{path} {name}")
+
+    return "\n\n".join(helps(get_command(app), "roadscope"))
+
+
 def public(module: str) -> str:
     """Return the documentation of all public names of a module; each name once."""
     loaded = importlib.import_module(module)
@@ -256,7 +271,7 @@ def _first_place(value: object, name: str, module: str) -> str:
 
 MAKERS: dict[str, Callable[..., str]] = {
     maker.__name__: maker
-    for maker in (lidars, cameras, imus, rigs, scenarios, names, methods, public)
+    for maker in (lidars, cameras, imus, rigs, scenarios, names, methods, commands, public)
 }
 
 
