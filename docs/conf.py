@@ -10,7 +10,6 @@ sys.path[:0] = [str(ROOT), str(ROOT / "docs")]
 
 import roadscope  # noqa: E402
 
-
 project = "roadscope"
 author = "the roadscope authors"
 project_copyright = f"2026, {author}"
@@ -76,7 +75,7 @@ def as_restructured_text(lines: list[str]) -> list[str]:
 
 
 def inline(text: str) -> str:
-    """Return a line with `code` as a literal, and with nothing else that has a meaning to Sphinx."""
+    """Return a line with `code` as a literal and nothing else that means something to Sphinx."""
     parts = re.split(r"(`+[^`]+`+)", text)
     escaped = [re.sub(r"([*|\\])|(?<=\w)(_)(?!\w)", r"\\\1\2", part) for part in parts[::2]]
     code = [f"``{part.strip('`')}``" for part in parts[1::2]]

@@ -2,10 +2,10 @@
 
 python -m research.interval_coverage --trials 1000
 
-The first table shows how often a 95 % interval covers the true mean: ours, beside the BCa and the
-percentile bootstrap. The second one compares two equal entries, and two that differ, on many metrics
-at once: how often a verdict of `roadscope compare` is a false discovery, and how often a difference
-is noticed.
+The table shows how often a 95 % interval covers the true mean: ours, beside the BCa and the
+percentile bootstrap. Then two entries are compared on many metrics at once, of which none or some
+differ: which share of the verdicts of `roadscope compare` is false, and how many of the true
+differences are noticed.
 """
 
 from __future__ import annotations
@@ -115,7 +115,7 @@ def _run(values: np.ndarray) -> dict[str, Any]:
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
-    """Print both tables."""
+    """Print the shares."""
     parser = argparse.ArgumentParser(
         prog="python -m research.interval_coverage",
         description=__doc__,
@@ -132,7 +132,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     pooled, paired = scenarios_coverage(trials)
     print(f"6 scenarios of 3 seeds: pooled ratio {pooled:.3f}, paired difference {paired:.3f}")
     for difference in (0.0, 0.5, 1.0):
-        false_share, noticed = discoveries(max(trials // 10, 1), difference)
+        false_share, noticed = discoveries(max(trials // 2, 1), difference)
         print(f"difference {difference:g}: false {false_share:.3f}, noticed {noticed:.3f}")
 
 

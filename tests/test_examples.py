@@ -73,8 +73,8 @@ def test_pictures_of_the_documentation_are_what_the_cameras_draw_now(tmp_path: P
     written = {Path(line).name for line in run("camera_pictures.py", tmp_path).splitlines()}
     shown = Path(__file__).parents[1] / "docs" / "images"
     assert written == {path.name for path in shown.glob("*.png")}
-    readme = (shown.parents[1] / "README.md").read_text("utf-8")
+    page = (shown.parent / "sensors.md").read_text("utf-8")
     for name in written:
-        assert f"docs/images/{name}" in readme
+        assert f"images/{name}" in page
         now, before = (imread(folder / name) for folder in (tmp_path, shown))
         assert np.abs(now - before).mean() < 0.005

@@ -53,6 +53,7 @@ def make(name: str, **settings: Any) -> gym.Env[Any, Any]:
         `faults="fog:3"`, and those of `gymnasium.make`, such as `render_mode` or
         `max_episode_steps`.
 
+    >>> import roadscope
     >>> env = roadscope.make("roundabout", rig="hdl32e")
     """
     import gymnasium as gym

@@ -1,4 +1,4 @@
-"""Every block of Python in the README, run as it is printed."""
+"""Every block of Python in the README and on the pages of the site, run as it is printed."""
 
 import ast
 import re
@@ -9,8 +9,16 @@ from typing import Any
 import gymnasium as gym
 import pytest
 
-README = Path(__file__).parents[1] / "README.md"
-BLOCKS = re.findall(r"^```python\n(.*?)^```", README.read_text(), re.DOTALL | re.MULTILINE)
+ROOT = Path(__file__).parents[1]
+PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
+BLOCKS = {
+    block: f"{page.stem}: {block.splitlines()[0]} {number}"
+    for page in PAGES
+    for number, block in enumerate(
+        re.findall(r"^```python\n(.*?)^```", page.read_text(), re.S | re.M)
+    )
+}
+"""Block: its name; one that is printed on several pages runs once."""
 
 
 @cache
@@ -20,10 +28,10 @@ def values(block: str) -> list[Any]:
     found = []
     for statement in ast.parse(block).body:
         if isinstance(statement, ast.Expr):
-            code = compile(ast.Expression(statement.value), str(README), "eval")
+            code = compile(ast.Expression(statement.value), "printed", "eval")
             found.append(eval(code, names))
         else:
-            exec(compile(ast.Module([statement], []), str(README), "exec"), names)
+            exec(compile(ast.Module([statement], []), "printed", "exec"), names)
     for made in names.values():
         if isinstance(made, gym.Env):
             made.close()
@@ -36,13 +44,14 @@ def block(word: str) -> str:
 
 
 def test_all_blocks_are_found() -> None:
-    assert len(BLOCKS) == README.read_text().count("```python")
-    assert len(BLOCKS) >= 5
+    printed = sum(page.read_text().count("```python") for page in PAGES)
+    assert 10 <= len(BLOCKS) <= printed
 
 
 @pytest.mark.sampled(1)
-@pytest.mark.parametrize("printed", BLOCKS, ids=[each.splitlines()[0] for each in BLOCKS])
-def test_it_runs(printed: str) -> None:
+@pytest.mark.parametrize("printed", BLOCKS, ids=BLOCKS.get)
+def test_it_runs(printed: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(ROOT)
     values(printed)
 
 
