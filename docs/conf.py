@@ -8,6 +8,8 @@ from pathlib import Path
 ROOT = Path(__file__).parents[1]
 sys.path[:0] = [str(ROOT), str(ROOT / "docs")]
 
+from tables_of_code import as_restructured_text, with_tables  # noqa: E402
+
 import roadscope  # noqa: E402
 
 project = "roadscope"
@@ -15,8 +17,7 @@ author = "the roadscope authors"
 project_copyright = f"2026, {author}"
 release = version = roadscope.__version__
 
-extensions = ["myst_nb", "sphinx.ext.autodoc", "tables_of_code"]
-exclude_patterns = ["_*.md"]
+extensions = ["myst_nb", "sphinx.ext.autodoc"]
 html_theme = "furo"
 html_title = "roadscope"
 html_static_path = ["static"]
@@ -28,59 +29,12 @@ html_copy_source = False
 nb_execution_mode = "off"
 myst_enable_extensions = ["html_image"]
 myst_heading_anchors = 3
-suppress_warnings = ["myst.xref_ambiguous"]
 
 autodoc_member_order = "bysource"
 autodoc_typehints_format = "short"
 autodoc_preserve_defaults = True
 maximum_signature_line_length = 88
 add_module_names = False
-
-FIELDS = re.compile(r"((?:\*{0,2}[A-Za-z_]\w*)(?:, \*{0,2}[A-Za-z_]\w*)*): +(?=\S)")
-"""`name: text` or `name, name: text` at the beginning of a line: arguments, fields, results."""
-
-
-def as_restructured_text(lines: list[str]) -> list[str]:
-    """Return a docstring of ours, which is plain text with `names`, as reStructuredText.
-
-    Lines `name: text` become a list of fields; a block that is indented after a blank line is code.
-    """
-    out: list[str] = []
-    in_fields = in_code = False
-    for k, line in enumerate(lines):
-        before = lines[k - 1] if k else ""
-        indented = line.startswith("    ")
-        if in_code and (indented or not line.strip()):
-            out.append(line)
-            continue
-        in_code = False
-        if indented and not before.strip() and not in_fields:
-            out += ["::", "", line]
-            in_code = True
-            continue
-        field = FIELDS.match(line)
-        if field and (in_fields or not before.strip()):
-            in_fields = True
-            if out and not out[-1].startswith((":", " ")) and out[-1]:
-                out.append("")
-            names = field[1].replace("*", r"\*")
-            out.append(f":{names}: {inline(line[field.end() :])}")
-            continue
-        if not line.strip() or not indented:
-            if in_fields and line.strip() and before.strip():
-                out.append("")
-            in_fields = False
-        out.append(inline(line))
-    return [*out, ""]
-
-
-def inline(text: str) -> str:
-    """Return a line with `code` as a literal and nothing else that means something to Sphinx."""
-    parts = re.split(r"(`+[^`]+`+)", text)
-    escaped = [re.sub(r"([*|\\])|(?<=\w)(_)(?!\w)", r"\\\1\2", part) for part in parts[::2]]
-    code = [f"``{part.strip('`')}``" for part in parts[1::2]]
-    return "".join(a + b for a, b in zip(escaped, [*code, ""], strict=True))
-
 
 OUTSIDE = {
     "contributing": "CONTRIBUTING.md",
@@ -91,9 +45,10 @@ OUTSIDE = {
 """Pages whose text is a file outside of `docs`."""
 
 
-def read_outside(app: object, page: str, content: list[str]) -> None:
-    """Put the file into a page of `OUTSIDE`, with links that lead from there."""
+def read_page(app: object, page: str, content: list[str]) -> None:
+    """Put tables of the code into a page; into one of `OUTSIDE` its file, with links from there."""
     if page not in OUTSIDE:
+        content[0] = with_tables(content[0])
         return
     file = ROOT / OUTSIDE[page]
     pages = {ROOT / path: f"{name}.md" for name, path in OUTSIDE.items()}
@@ -117,4 +72,4 @@ def setup(app: object) -> None:
         lines[:] = as_restructured_text(lines)
 
     app.connect("autodoc-process-docstring", process)  # type: ignore[attr-defined]
-    app.connect("source-read", read_outside)  # type: ignore[attr-defined]
+    app.connect("source-read", read_page)  # type: ignore[attr-defined]

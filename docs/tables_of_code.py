@@ -1,22 +1,21 @@
-"""A directive for Sphinx that puts tables and lists made from the code itself into pages.
+"""Tables and lists that are made from the code itself; `conf.py` puts them into pages.
 
     ```{from-code} rigs
     ```
 
-The argument names a function below; what it returns is Markdown.
+The word names a function below; what it returns is Markdown.
 """
 
 import importlib
 import inspect
+import re
 import sys
 from collections.abc import Callable, Iterator
+from enum import Enum
 from typing import Any
 
 import numpy as np
-from docutils import nodes
-from docutils.statemachine import StringList
 from sphinx.pycode import ModuleAnalyzer
-from sphinx.util.docutils import SphinxDirective
 
 from roadscope import CAMERA_DETECTORS, DETECTORS, FUSIONS, ODOMETRIES, TRACKERS
 from roadscope.benchmarks.listing import names_of
@@ -26,6 +25,47 @@ from roadscope.envs.sensors.imu_spec import IMUS
 from roadscope.envs.sensors.lidar_spec import SPECS
 from roadscope.envs.sensors.rigs import RIGS
 from roadscope.envs.traffic.scenarios import SCENARIOS
+
+FIELDS = re.compile(r"((?:\*{0,2}[A-Za-z_]\w*)(?:, \*{0,2}[A-Za-z_]\w*)*): +(?=\S)")
+"""`name: text` or `name, name: text` at the beginning of a line: arguments, fields, results."""
+
+
+def as_restructured_text(lines: list[str]) -> list[str]:
+    """Return a docstring of ours, which is plain text with `names`, as reStructuredText.
+
+    Lines `name: text` become a list; a block that is indented after a blank line is code.
+    """
+    out: list[str] = []
+    place = "text"
+    for before, line in zip(["", *lines], lines, strict=False):
+        indented, new = line.startswith("    "), not before.strip()
+        field = FIELDS.match(line)
+        if place == "code" and (indented or not line.strip()):
+            out.append(line)
+        elif indented and new and place != "fields":
+            out += ["::", "", line]
+            place = "code"
+        elif field and (new or place == "fields"):
+            names = ", ".join(f"``{name}``" for name in field[1].split(", "))
+            out += [*[""] * (place != "fields"), f"- {names}: {inline(line[field.end() :])}"]
+            place = "fields"
+        elif place == "fields" and indented:
+            out.append(f"  {inline(line.strip())}")
+        elif line.strip():
+            out += [*[""] * (place != "text"), inline(line)]
+            place = "text"
+        else:
+            out.append("")
+    return [*out, ""]
+
+
+def inline(text: str) -> str:
+    """Return a line with `code` as a literal and nothing else that means something to Sphinx."""
+    parts = re.split(r"(`+[^`]+`+)", text)
+    escaped = [re.sub(r"([*|\\])|(?<=\w)(_)(?!\w)", r"\\\1\2", part) for part in parts[::2]]
+    code = [f"``{part.strip('`')}``" for part in parts[1::2]]
+    return "".join(a + b for a, b in zip(escaped, [*code, ""], strict=True))
+
 
 REGISTRIES = {
     "detectors": DETECTORS,
@@ -191,8 +231,6 @@ def methods(kind: str) -> str:
 
 def _docstrings(module: str, class_name: str) -> list[str]:
     """Return the docstrings of a file and of its class as a block of reStructuredText."""
-    from conf import as_restructured_text
-
     loaded = importlib.import_module(module)
     of_file = (inspect.getdoc(loaded) or "").splitlines()
     of_class = (inspect.getdoc(getattr(loaded, class_name)) or "").splitlines()
@@ -219,8 +257,6 @@ def public(module: str) -> str:
     """Return the documentation of all public names of a module; each name once."""
     loaded = importlib.import_module(module)
     text = (inspect.getdoc(loaded) or "").splitlines()
-    from conf import as_restructured_text
-
     lines = ["```{eval-rst}", *as_restructured_text(text), ""]
     elsewhere = []
     for name in sorted(loaded.__all__, key=str.lower):
@@ -231,7 +267,8 @@ def public(module: str) -> str:
         if first != module:
             elsewhere.append(f":py:obj:`~{first}.{name}`")
         elif inspect.isclass(value):
-            lines += [f".. autoclass:: {module}.{name}", "   :members:", ""]
+            members = ["   :members:", *["   :undoc-members:"] * issubclass(value, Enum)]
+            lines += [f".. autoclass:: {module}.{name}", *members, ""]
         elif callable(value):
             lines += [f".. autofunction:: {module}.{name}", ""]
         else:
@@ -275,22 +312,11 @@ MAKERS: dict[str, Callable[..., str]] = {
 }
 
 
-class CodeTable(SphinxDirective):
-    """The directive `{from-code} MAKER [ARGUMENT]`."""
+def with_tables(text: str) -> str:
+    """Return the text of a page with what the functions of this file make in their places."""
 
-    required_arguments = 1
-    optional_arguments = 1
+    def made(match: re.Match[str]) -> str:
+        maker, *arguments = match[1].split()
+        return MAKERS[maker](*arguments)
 
-    def run(self) -> list[nodes.Node]:
-        """Return what a function of this file makes, parsed."""
-        maker, *arguments = self.arguments
-        text = MAKERS[maker](*arguments)
-        place = nodes.container()
-        self.state.nested_parse(StringList(text.splitlines(), maker), 0, place)
-        return place.children
-
-
-def setup(app: Any) -> dict[str, bool]:
-    """Let Sphinx know the directive."""
-    app.add_directive("from-code", CodeTable)
-    return {"parallel_read_safe": True}
+    return re.sub(r"^```\{from-code\} (.+)\n```$", made, text, flags=re.MULTILINE)

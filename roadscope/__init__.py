@@ -1,9 +1,9 @@
 """Evaluation of driving perception on synthetic LiDAR, camera and IMU data.
 
-These names are public. They are loaded when they are first used: `_PLACES` says where each is
-defined. More public names are in `roadscope.metrics`, `formats` and `testing`, and in the packages
-`roadscope.envs`, `detectors`, `odometry`, `trackers`, `fusion` and `benchmarks`. Modules inside
-those packages are private: they may change in any version.
+These names are public. They are loaded when they are first used. More public names are in
+`roadscope.metrics`, `formats` and `testing`, and in the packages `roadscope.envs`, `detectors`,
+`odometry`, `trackers`, `fusion` and `benchmarks`. Modules inside those packages are private: they may
+change in any version.
 
 Importing the package makes its environments known to Gymnasium.
 """
