@@ -15,11 +15,12 @@ BOUNDS_M = (0.5, 120.0)
 """Least and greatest range of the returns that are used."""
 ARRAYS = ("points", "intensity", "ring", "column", "time_offset_s")
 
-NEAR_M = 20.0
+NEAR_M, DEEPEST_M = 20.0, 5.0
+"""The ground is looked for up to this range, and down to this depth below the sensor."""
 BIN_M = 0.05
-DEEPEST_M = 5.0
+"""Thickness of the layers in which returns are counted."""
 LEAST = 0.02
-"""Least share of the low and near returns that the ground has in two adjacent bins."""
+"""Least share of these returns in the fullest two adjacent layers; else no ground is visible."""
 
 
 @compiled()
@@ -27,7 +28,7 @@ def sensor_height(points: np.ndarray) -> float:
     """Return the height in metres; nan without visible ground.
 
     points: (N, 3) metres, lidar frame, z up to within a few degrees. The ground is the lowest
-    horizontal layer with at least half as many returns as the fullest one.
+    pair of adjacent layers with at least half as many returns as the fullest pair.
     """
     bins = int(DEEPEST_M / BIN_M)
     counts, sums, low = np.zeros(bins + 1, np.int64), np.zeros(bins + 1), 0

@@ -44,7 +44,7 @@ class Clock:
         self.last_s = math.nan
         self._old_clock_s, self._since_restart = math.inf, 0
         self._periods_s: deque[float] = deque(maxlen=PERIODS)
-        self._late = 0
+        self._stamps_back = 0
 
     def tick(self, stamp_s: float) -> ScanTick:
         """Return the time of the scan with the next stamp, seconds."""
@@ -55,13 +55,13 @@ class Clock:
             return ScanTick(0.0)
         elapsed_s = stamp_s - self.last_s
         if elapsed_s <= 0:
-            self._late += 1
-            if self._late >= RESTART:
-                self._old_clock_s, self.last_s, self._late = self.last_s, stamp_s, 0
+            self._stamps_back += 1
+            if self._stamps_back >= RESTART:
+                self._old_clock_s, self.last_s, self._stamps_back = self.last_s, stamp_s, 0
                 self._since_restart = 0
             problem = "repeats the last" if elapsed_s == 0 else f"is {-elapsed_s:.3g} s before it"
             return ScanTick(0.0, f"the stamp {problem}", in_order=False)
-        self.last_s, self._late = stamp_s, 0
+        self.last_s, self._stamps_back = stamp_s, 0
         usual_s = median(self._periods_s) if self._periods_s else math.inf
         self._since_restart += 1
         is_gap, since_s = elapsed_s > GAP_PERIODS * usual_s, stamp_s - self._old_clock_s

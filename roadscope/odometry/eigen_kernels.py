@@ -7,6 +7,7 @@ import numpy as np
 from roadscope.core.jit import compiled
 
 SWEEPS = 8
+"""Most rounds of rotations in all three planes."""
 NEGLIGIBLE = 1e-24
 """Ratio of squares off the diagonal to those on it at which the iteration ends."""
 

@@ -7,6 +7,7 @@ import numpy as np
 from roadscope.core import ImuSamples, Pose
 
 BUFFER_S = 3.0
+"""Samples of at least this time are stored. A step back by more is a reset of the clock."""
 GAP_S = 0.03
 """Longest time without a sample that is no gap: a dozen samples at 400 Hz, three at 100 Hz."""
 NO_SAMPLES = "no inertial samples"

@@ -39,7 +39,7 @@ USUAL_UNIT = "adis16448"
 LEAST_POINTS = 60
 """Least number of points for a match, also of those that lie on known surfaces."""
 LEAST_AGREEMENT = 0.3
-"""Least share of the points on surfaces that must agree with them."""
+"""Least share of the points on surfaces that must agree with them. Chosen by hand."""
 SUFFICIENT_INFORMATION, SUFFICIENT_AGREEMENT = 1.0, 0.5
 """Mean information of a point about the forward motion, 1/m^2, that is sufficient: 2 and more on
 streets, less in platoons, tunnels and between barriers. With less information, at least half of
@@ -48,14 +48,15 @@ everything moves along."""
 VAGUE_M_S = 0.5
 """Largest standard deviation of a speed that is not degraded."""
 GUESS_M_S, GUESS_RAD_S = 10.0, 0.1
-"""Standard deviations of the motion while its speed is unknown."""
+"""Standard deviations of speed and turn rate while the speed is unknown. Chosen by hand."""
 SPEED_UNKNOWN = "too few fixtures determine the speed"
 SCANS_IN_MAP = 10.0
-"""Number of scans that a scan is matched with: it shares most of their errors."""
+"""Consecutive scans are matched with nearly the same scans in the map, about so many. So only this
+part of the variance of a pose on the map is new from scan to scan."""
 LOST = 5
 """After this many rejected scans in a row everything is started again."""
 SLIP = 10
-"""Most scans in a row during which tyres may slip."""
+"""Tyres may slip during so many scans in a row; then a wheel speed is accepted however far off."""
 
 
 class LidarInertialOdometry:
@@ -63,8 +64,8 @@ class LidarInertialOdometry:
 
     The first scans determine the speed: static objects in them coincide at it. From then on the
     inertial prediction is so precise that traffic which moves along cannot pull the pose with it.
-    Returns at places that earlier beams passed have moved there. Returns that earlier beams could
-    not reach because they ended at the same range before may move along with the sensor. Both are
+    Returns at places that earlier beams passed have moved there. Returns at places that something
+    at the same range hid before may be of that thing, which moves along with the sensor. Both are
     dynamic and left out. The filter follows Xu 2022 (FAST-LIO2); map, speed search and the
     detection of dynamic returns are ours. Without an IMU the prediction has constant velocity.
     """
@@ -105,8 +106,8 @@ class LidarInertialOdometry:
         self._lever = np.zeros(3) if lidar_from_imu is None else lidar_from_imu.translation.copy()
         self._pose, self._covariance = np.eye(4), np.zeros((6, 6))
         self._earlier_state: InertialState | None = None
-        self._level = True
-        self._integrated_speed, self._fast_s = IntegratedSpeed(self.noise), -np.inf
+        self._trust_gravity = True
+        self._integrated_speed, self._last_fast_s = IntegratedSpeed(self.noise), -np.inf
         self._begin(np.eye(4))
 
     def _begin(self, start_from_map: np.ndarray) -> None:
@@ -175,8 +176,8 @@ class LidarInertialOdometry:
 
     def _new_track(self, state: InertialState) -> InertialTrack:
         if self._earlier_state is not None:
-            resume(state, self._earlier_state, level=self._level)
-            self._level = True
+            resume(state, self._earlier_state, with_gravity=self._trust_gravity)
+            self._trust_gravity = True
         return InertialTrack(
             state, self._lever, self.noise, reach_m=self.reach_m, drop_dynamic=self.drop_dynamic
         )
@@ -188,7 +189,7 @@ class LidarInertialOdometry:
         track.predict(interval)
         scan = sweep.scan
         if not track.slow:
-            self._fast_s = scan.stamp_s
+            self._last_fast_s = scan.stamp_s
         rolled = self._use_wheels(track, scan.stamp_s)
         points = track.points_at_stamp(sweep)
         moving = track.moving(points, scan.stamp_s)
@@ -238,7 +239,7 @@ class LidarInertialOdometry:
 
         Steady braking has samples as constant as rest, but then the sensor was recently faster.
         """
-        slow = now_s >= self._fast_s + WINDOW_S
+        slow = now_s >= self._last_fast_s + WINDOW_S
         means = measured_rest(self._imu, now_s, self.noise) if slow else None
         if means is not None and self._rest.may_continue(interval, now_s):
             rate, force = means
@@ -252,7 +253,10 @@ class LidarInertialOdometry:
         track.doubt_m = self._rest.doubt_m(track)
 
     def _check_by_fixtures(self, track: InertialTrack, scan: LidarScan) -> str:
-        """Correct the speed by fixtures; return a reason if they contradict it."""
+        """Correct the speed by fixtures; return a reason if they contradict it.
+
+        Then `_follow` starts everything again, as after `LOST` rejected scans.
+        """
         ahead_m_s, rate_rad_s = track.twist()[[0, 5]]
         measured = self._check.speed_error(
             scan,
@@ -271,7 +275,7 @@ class LidarInertialOdometry:
             off_m_s, track.speed_deviation_m_s(max(spread_m_s, ROUGHLY_M_S))
         ):
             # The error of the speed was learned as a slope of the road.
-            self._misfits, self._level = LOST, False
+            self._misfits, self._trust_gravity = LOST, False
             return "fixtures beside the road repeatedly show another speed"
         track.correct_speed(off_m_s, spread_m_s)
         self._speed_known = True

@@ -173,7 +173,7 @@ class VoxelMapOdometry:
     def _first_twist(
         self, first: TimedPoints, cloud: TimedPoints, twist: np.ndarray, elapsed_s: float
     ) -> np.ndarray:
-        """Return the speed at which the first scan, deskewed by it, fits the second best."""
+        """Return the twist at which the second scan fits best onto the first, which it deskews."""
         tried = []
         for speed in sorted(SPEEDS_M_S, key=abs):
             guess = np.array([speed, 0.0, 0.0, *twist[3:]])

@@ -88,7 +88,9 @@ def test_two_unlikely_differences_of_one_sign_contradict():
 def levels(monkeypatch):
     """Return a list of whether each restart got the direction of gravity."""
     told = []
-    monkeypatch.setattr(lidar_inertial, "resume", lambda *_, level: told.append(level))
+    monkeypatch.setattr(
+        lidar_inertial, "resume", lambda *_, with_gravity: told.append(with_gravity)
+    )
     return told
 
 
@@ -114,15 +116,15 @@ def test_a_wrong_speed_with_too_small_a_covariance_causes_a_restart(monkeypatch,
     assert levels == [False]
 
 
-@pytest.mark.parametrize("level", [True, False])
-def test_a_restart_keeps_gravity_or_only_the_gyro_bias(level):
+@pytest.mark.parametrize("with_gravity", [True, False])
+def test_a_restart_keeps_gravity_or_only_the_gyro_bias(with_gravity):
     tilted, upright = (
         started(np.array(force), np.zeros(3), (0.1, 0.1, 0.1), InertialNoise())
         for force in ([1.0, 0, 9.76], [0, 0, 9.81])
     )
     tilted.rate_bias = np.array([0.01, 0.0, 0.0])
-    resume(upright, tilted, level=level)
-    assert upright.gravity[0] == pytest.approx(-1.0 if level else 0.0, abs=1e-3)
+    resume(upright, tilted, with_gravity=with_gravity)
+    assert upright.gravity[0] == pytest.approx(-1.0 if with_gravity else 0.0, abs=1e-3)
     assert upright.rate_bias[0] == 0.01
 
 

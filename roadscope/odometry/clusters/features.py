@@ -149,8 +149,8 @@ class ClusterMatch:
     """The clusters of a scan matched with those of the previous scan.
 
     partners: (K,) int64, cluster of the scan before; -1 where there is none.
-    moved_m: (K,) float64, horizontal motion of the centre after ego-motion compensation; inf
-        without a partner.
+    moved_m: (K,) float64, motion of the centre after ego-motion compensation, in space or from
+        above as asked for; inf without a partner.
     dynamic: (K,) bool, moved farther than the threshold, or has no partner: walls that only one
         of the scans shows are dropped too, as the paper says.
     """

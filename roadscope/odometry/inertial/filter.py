@@ -125,6 +125,7 @@ GYRO, FORCE, GRAVITY = slice(9, 12), slice(12, 15), slice(15, 18)
 WHEELS = 18
 POSE = slice(0, 6)
 SIZE = 19
+"""Rows of the errors in the state's covariance, and their number."""
 GRAVITY_M_S2 = 9.81
 TILTED_M_S2 = 0.2
 """Standard deviation of the learned direction of gravity after a restart."""
@@ -228,13 +229,14 @@ def started(
     covariance[GYRO, GYRO] = noise.rate_bias**2 * np.eye(3)
     covariance[FORCE, FORCE] = noise.force_bias**2 * np.eye(3)
     covariance[WHEELS, WHEELS] = WHEEL_SCALE**2
-    level = np.eye(3) - np.outer(up, up)
-    # The bias is part of the specific force, so errors of both are correlated.
+    horizontal = np.eye(3) - np.outer(up, up)
+    # The bias is part of the specific force, so errors of both are correlated. The magnitude of
+    # gravity is known to 0.01 m/s^2.
     covariance[GRAVITY, GRAVITY] = (
         noise.accelerating**2 + noise.force_bias**2
-    ) * level + 1e-4 * np.outer(up, up)
-    covariance[GRAVITY, FORCE] = noise.force_bias**2 * level
-    covariance[FORCE, GRAVITY] = noise.force_bias**2 * level
+    ) * horizontal + 1e-4 * np.outer(up, up)
+    covariance[GRAVITY, FORCE] = noise.force_bias**2 * horizontal
+    covariance[FORCE, GRAVITY] = noise.force_bias**2 * horizontal
     zero = np.zeros(3)
     return InertialState(
         np.eye(4),
@@ -246,17 +248,18 @@ def started(
     )
 
 
-def resume(state: InertialState, earlier: InertialState, *, level: bool = True) -> None:
+def resume(state: InertialState, earlier: InertialState, *, with_gravity: bool = True) -> None:
     """Copy what an earlier state has learned to a state at a new start: biases and gravity.
 
     The axes of the new map are those of the sensor at the earlier state. Other parts of the earlier
-    state may be wrong and are not copied; gravity is copied only if `level`.
+    state may be wrong and are not copied; gravity is copied only `with_gravity`. The standard
+    deviation of the gyro's bias is doubled.
     """
     state.rate_bias = earlier.rate_bias.copy()
     state.covariance[GYRO, GYRO] = 4 * earlier.covariance[GYRO, GYRO]
     state.wheel_scale = earlier.wheel_scale
     state.covariance[WHEELS, WHEELS] = earlier.covariance[WHEELS, WHEELS]
-    if not level:
+    if not with_gravity:
         return
     down = earlier.pose[:3, :3].T @ earlier.gravity
     state.gravity = down * (GRAVITY_M_S2 / max(float(np.linalg.norm(down)), 1e-9))
@@ -342,8 +345,8 @@ def coast(
 def update_pose(state: InertialState, pose: np.ndarray, information: np.ndarray) -> None:
     """Update a state with the (4, 4) pose at which measurement and prediction agree best.
 
-    information: (6, 6) of the measurement alone, as in the covariance. The rest of the state is
-    corrected by its correlation with the pose.
+    information: (6, 6) of the measurement alone, along the same axes as the covariance. The rest of
+    the state is corrected by its correlation with the pose.
     """
     P = state.covariance
     prior = np.linalg.inv(P[POSE, POSE] + 1e-12 * np.eye(6))

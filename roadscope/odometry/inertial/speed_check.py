@@ -8,7 +8,7 @@ from roadscope.core import LidarScan
 from roadscope.odometry.inertial.speed_search import Ends, standing_speed_of
 
 SCANS, EVERY_S = 5, 0.5
-"""Number of scans of a measurement, and the pause after a successful one."""
+"""Number of scans of a measurement, half a second at 10 Hz; pause after one that succeeds."""
 FAR_M_S = 2.5
 """Errors of this size mean that the map consists of moving traffic."""
 NEAR_M_S, BELIEVED_S = 1.0, 2.0
@@ -29,7 +29,7 @@ class SpeedCheck:
         self._ends: list[Ends] = []
         self._speeds: list[float] = []
         self._done_s, self._confirmed_s = -np.inf, -np.inf
-        self._last_off_m_s, self._deviations = np.inf, 0.0
+        self._last_off_m_s, self._last_deviations = np.inf, 0.0
 
     def speed_error(
         self,
@@ -78,9 +78,9 @@ class SpeedCheck:
 
         off_m_s, deviation_m_s: difference of the speed and its standard deviation.
         """
-        before, self._deviations = self._deviations, off_m_s / deviation_m_s
-        both_unlikely = min(abs(before), abs(self._deviations)) > UNLIKELY
-        return both_unlikely and before * self._deviations > 0
+        before, self._last_deviations = self._last_deviations, off_m_s / deviation_m_s
+        both_unlikely = min(abs(before), abs(self._last_deviations)) > UNLIKELY
+        return both_unlikely and before * self._last_deviations > 0
 
     def confirmed(self, now_s: float) -> bool:
         """Return whether fixtures have recently confirmed the speed."""

@@ -241,7 +241,7 @@ class BeamTable:
 # How well ends of objects in several scans coincide at a speed.
 
 STEPS, REACH = 6, 3.0
-"""Gauss-Newton steps; standard deviations beyond which a pair does not count."""
+"""Number of Gauss-Newton steps, and standard deviations beyond which a pair does not count."""
 
 
 @compiled()
@@ -340,7 +340,8 @@ CELL_M = 0.4
 """Side of the cells of the ground plane in which ends must meet."""
 LOWEST_M, TALLEST_M = 0.4, 4.3
 """Heights above the ground: lower returns are the ground; no road user is taller."""
-FARTHEST_M = 60.0
+NEAREST_M, FARTHEST_M = 1.5, 60.0
+"""Ends and slim objects are used between these ranges; nearer is the own vehicle."""
 NEAR_M, GROUND_SHARE = 25.0, 0.05
 """The ground is the lowest share of the returns within that distance."""
 BESIDE_M_S = 2.0
@@ -386,7 +387,7 @@ class Ends:
         flat = np.hypot(points[:, 0], points[:, 1])
         near = (flat < NEAR_M) & (flat > 0)
         height_m = points[:, 2] - (np.quantile(points[near, 2], GROUND_SHARE) if near.any() else 0)
-        usable = (flat < FARTHEST_M) & (flat > 1.5)
+        usable = (flat < FARTHEST_M) & (flat > NEAREST_M)
         table = BeamTable.of(points, scan.ring, scan.column)
         # Without visible ground, the height of objects is unknown.
         grounded = usable & near.any()
@@ -422,6 +423,7 @@ class Speed:
     spread_m_s: float = ROUGHLY_M_S
 
     CLEAR: ClassVar = 1.25
+    """Least clarity of a speed that no other one competes with."""
 
     @staticmethod
     def measured(ahead_m_s: float) -> Speed:
@@ -517,7 +519,7 @@ class _JoinedEnds:
         if len(self.points) < 2:
             return Speed(0.0, 0.0)
         scores = gathered(self.points, self.ahead, self.scans, SPEEDS_M_S, CELL_M)
-        scores = scores - np.median(scores)
+        scores = scores - np.median(scores)  # Ends meet by chance at any speed.
         best = int(scores.argmax())
         others = scores[np.abs(SPEEDS_M_S - SPEEDS_M_S[best]) > BESIDE_M_S]
         around = slice(max(best - 1, 0), best + 2)

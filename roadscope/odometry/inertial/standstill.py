@@ -14,6 +14,7 @@ from roadscope.odometry.inertial.track import ImuInterval, InertialTrack
 # Detection of rest: constant inertial samples.
 
 WINDOW_S, BLOCK_S = 1.0, 0.1
+"""Samples are at rest if the means of all blocks of a window are alike; lengths of both."""
 STANDSTILL_SIGMAS = 3.8
 """Largest deviation of the means of blocks from that of the window, in deviations of the noise.
 Driving vehicles exceed it unless they drive straight at constant speed for a second."""
@@ -123,8 +124,8 @@ class RestHistory:
 # The speed gained since a rest by inertial samples alone.
 
 LEAST_M_S, DEVIATIONS = 1.0, 3.0
-"""Allowance for errors of the gained speed: the first hides in the end of a rest; the second is a
-number of standard deviations."""
+"""Allowances for errors of the gained speed. A vehicle can reach the first before its start is
+noticed; the second is a number of standard deviations."""
 
 
 class IntegratedSpeed:

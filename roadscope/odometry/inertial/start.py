@@ -25,20 +25,20 @@ FEWEST, MOST = 4, 6
 """Least and greatest number of first scans. Fewer may agree by chance; after the greatest number
 the best speed is used, even if it is not clear."""
 DEVIATIONS_M_S = SpeedDeviations(0.5, 0.2, 0.1)
-"""Standard deviations of the speed of a search."""
+"""Standard deviations of the velocity that the speed search gives."""
 REST_DEVIATIONS_M_S = SpeedDeviations(0.05, 0.05, 0.05)
-"""Standard deviations of the speed of a sensor at rest."""
+"""Standard deviations of the velocity of a sensor that is at rest."""
 SLOW_M_S = 2 * DEVIATIONS_M_S.ahead
 FORCE_S = 0.1
-"""Largest speed of a sensor that may be at rest, and time over which its first force is
-averaged."""
+"""A speed that the search gives below the first may be that of a sensor at rest. The specific force
+at the first scan is averaged over the second."""
 
 
 class InertialStart:
     """Collects scans and the samples between them.
 
-    anew: whether this is a restart. A sensor at the first start without changing samples is at rest
-    unless fixtures show that it moves.
+    anew: whether this is a restart. At the first start a sensor whose samples are constant is taken
+    to be at rest, unless fixtures show that it moves; at a restart it is not.
     """
 
     def __init__(self, noise: InertialNoise, *, anew: bool = False) -> None:

@@ -43,13 +43,14 @@ STEPS = 8
 """Greatest number of Gauss-Newton steps."""
 SIMILAR = 20.0
 """Number of returns that count as one: errors of neighbours on one surface are correlated."""
-NARROW, WIDEST = 3.0, 12.0
-"""Robust scale in standard deviations: in the last steps, and at first with a vague prediction."""
+NARROW, WIDEST, NARROWING = 3.0, 12.0, 0.6
+"""Robust scale in standard deviations: in the last steps, at first with a vague prediction, and its
+factor from step to step."""
 SURFACE_M = 0.04
 """Usual standard deviation of a return from its surface."""
-OPEN = 400.0
-"""Information, 1/m^2, about a shift that clutter and the beam pattern produce by themselves; real
-information must exceed it."""
+UNREAL = 400.0
+"""Information, 1/m^2, about a shift that clutter and the beam pattern produce by themselves, also
+where no surface bounds the shift, as along a tunnel; real information must exceed it."""
 
 
 def matched_with_prediction(
@@ -74,7 +75,7 @@ def matched_with_prediction(
     estimate = pose.copy()
     for _ in range(STEPS):
         H, b, _ = normal_equations(voxels, points, estimate, scale, floor_m)
-        H, b = _with_common_error(*_without_open(H, b), doubt_m)
+        H, b = _with_common_error(*_without_unreal(H, b), doubt_m)
         residual = np.concatenate(
             [estimate[:3, 3] - pose[:3, 3], log_so3(estimate[:3, :3] @ pose[:3, :3].T)]
         )
@@ -84,18 +85,18 @@ def matched_with_prediction(
         small = np.abs(move[:3]).max() < SHIFT_M and np.abs(move[3:]).max() < TURN_RAD
         if small and scale == NARROW:
             break
-        scale = max(NARROW, 0.6 * scale)
+        scale = max(NARROW, NARROWING * scale)
     estimate = orthonormal(estimate)
     H, b, sums = normal_equations(voxels, points, estimate, NARROW, floor_m)
-    H, _ = _with_common_error(*_without_open(H, b), doubt_m)
+    H, _ = _with_common_error(*_without_unreal(H, b), doubt_m)
     return ScanMatch(estimate, H / SIMILAR, len(points), int(sums[0]), float(sums[1]))
 
 
-def _without_open(H: np.ndarray, b: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the equations with reduced information about shifts in open directions."""
+def _without_unreal(H: np.ndarray, b: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the equations with less information about shifts where it hardly exceeds `UNREAL`."""
     values, axes = np.linalg.eigh(H[:3, :3])
     values = np.maximum(values, 0.0)
-    shares = values / (values + OPEN)
+    shares = values / (values + UNREAL)
     half, whole = np.eye(6), np.eye(6)
     half[:3, :3] = (axes * np.sqrt(shares)) @ axes.T
     whole[:3, :3] = (axes * shares) @ axes.T
@@ -124,15 +125,15 @@ SLOW_M_S = 0.3
 STANDING_M_S, RESTING_RAD_S, RESTING_M_S2 = 5e-3, 1e-3, 3e-3
 """Standard deviations at rest: of the velocity, the turn rate and the specific force."""
 RENEWED_S = 1.0
-"""Time after which the map consists of newer scans: it contains their errors, and poses on it are
-only as accurate as these."""
+"""Time after which the map around the sensor consists of newer scans, with the errors of their
+poses: by these errors the map drifts."""
 DRIFT_LIMITS = np.array([0.3] * 3 + [0.01] * 3)
-"""Limits of that drift, m and rad, in directions without information."""
+"""Standard deviations of that drift, m and rad, in directions without information."""
 CLOSE_FLOOR_M = 0.02
 """Least standard deviation of a point between near walls: there the map consists of few scans from
 nearby and has their errors of attitude."""
 SLIPPING = 6.0
-"""Standard deviations from which wheels count as slipping or locked."""
+"""A wheel speed that is so many standard deviations off is of wheels that slip or are locked."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -211,6 +212,7 @@ class InertialTrack:
     def moving(self, points: np.ndarray, stamp_s: float) -> np.ndarray:
         """Return (K,) whether points are dynamic, see `FreeSpace.entered`."""
         points_in_map, from_lidar = placed(points, self.state.pose), points + self.lever
+        # Only vehicles can move along; 0 means that a point is not of one.
         votes = self.space.entered(
             stamp_s, points_in_map, np.where(_of_vehicles(from_lidar)[:, None], from_lidar, 0.0)
         )

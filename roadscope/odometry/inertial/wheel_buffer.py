@@ -7,9 +7,11 @@ import numpy as np
 from roadscope.core import WheelSamples
 
 BUFFER_S = 1.0
+"""Time for which samples are stored."""
 AROUND_S = 0.05
 """Samples within this time of an instant give its speed."""
 LEAST_FOR_A_LINE = 4
+"""Samples from which on a line is fitted to their speeds; fewer are averaged."""
 SAMPLE_M_S, STRAY_M_S = 0.03, 0.02
 """Standard deviations of a single sample, and of a common error of neighbours: wheels slip."""
 
@@ -37,7 +39,8 @@ class WheelBuffer:
     def at(self, stamp_s: float) -> tuple[float, float] | None:
         """Return the speed, m/s, at an instant and its variance; None without samples near it.
 
-        It is read from a line fitted to the samples, so that acceleration does not bias it.
+        It is read from a line fitted to the samples, so that acceleration does not bias it; from
+        the mean of fewer than `LEAST_FOR_A_LINE`.
         """
         near = np.abs(self.stamps_s - stamp_s) <= AROUND_S
         times, speeds = self.stamps_s[near] - stamp_s, self.speeds[near]

@@ -15,6 +15,7 @@ from roadscope.odometry.rigid import adjoint, exp_se3, hat, inverse, log_se3, or
 # Point-to-point ICP (Besl and McKay 1992).
 
 ICP_STEPS = 30
+"""Most steps of ICP, each with a new search for pairs."""
 INLIER_SHARE = 0.8
 """Share of the pairs, the nearest ones, that are used: parts of a scan have no counterpart."""
 
@@ -60,7 +61,7 @@ def best_motion(points: np.ndarray, target: np.ndarray) -> np.ndarray:
     """Return the (4, 4) motion that brings (N, 3) points nearest to their (N, 3) partners."""
     centre, aim = points.mean(axis=0), target.mean(axis=0)
     left, _, right = np.linalg.svd((target - aim).T @ (points - centre))
-    motion = exp_se3(np.zeros(6))
+    motion = np.eye(4)
     motion[:3, :3] = left @ np.diag([1.0, 1.0, np.linalg.det(left @ right)]) @ right
     motion[:3, 3] = aim - motion[:3, :3] @ centre
     return motion
@@ -157,13 +158,13 @@ NEAR_M = 15.0
 DRIVEN_M = 50.0
 """Least distance driven since a candidate: recent keyframes are in the map anyway."""
 AGAIN_M = 10.0
-"""Least distance driven between two loops."""
+"""Least distance driven between two attempts to close a loop."""
 BESIDE = 10
 """Number of keyframes before and after a candidate in its local map."""
 RESIDUAL_M = 0.2
 """Greatest weighted root mean square distance of the matched features."""
 AGREED, WITHIN_M = 0.5, 0.3
-"""Least share of edges that lie within that distance of an edge of the local map."""
+"""Least share of edges that have an edge of the local map within `WITHIN_M`."""
 DRIFTED = 0.05
 """Largest drift as a share of the distance driven since. Without this bound, self-similar places
 such as corridors would close false loops."""

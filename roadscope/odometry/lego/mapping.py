@@ -39,7 +39,7 @@ def match_two_steps(now: Features, before: Features, start: np.ndarray) -> Featu
 REACH_M = 100.0
 """Radius of the map, as published."""
 APART_M, APART_RAD = 0.3, 0.2
-"""Least motion since the last keyframe for a new one."""
+"""A scan becomes a keyframe if the LiDAR has moved or turned by more since the last one."""
 
 
 class LegoMapping:
@@ -58,7 +58,7 @@ class LegoMapping:
         self._last = np.eye(4)
 
     def take(self, features: Features, start_from_lidar: np.ndarray) -> None:
-        """Match the features of every `every`-th scan with the map and add them to it.
+        """Match the features of every `every`-th scan with the map, and add those of keyframes.
 
         start_from_lidar: (4, 4), the odometry's pose.
         """

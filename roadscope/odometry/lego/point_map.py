@@ -23,7 +23,8 @@ CUBE_M = 1.0
 NEAREST = 5
 """Number of nearest points of a line or plane."""
 LONG = 3.0
-"""Least ratio of a line's greatest eigenvalue to the next."""
+"""Least ratio of the greatest eigenvalue of a line's points to the next, and of the second of a
+plane's to the least."""
 THICK_M, WIDE_M = 0.1, 0.1
 """Largest root mean square distance of a plane's points from it, and the least from their line:
 points of a single ring lie on a line and have no plane."""

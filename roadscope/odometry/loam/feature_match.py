@@ -271,6 +271,7 @@ def _cross(a: np.ndarray, b: np.ndarray, out: np.ndarray) -> None:
 STEPS = 4
 """Steps between two searches for neighbours."""
 FIRST_LAMBDA, SHRUNK, RAISED = 1e-4, 0.3, 10.0
+"""First damping, and its factors after a step that lowers the cost and after one that does not."""
 TUKEY = 4.685
 """Robust deviations beyond which a pair has no weight: the bisquare's for 95 % efficiency."""
 DEVIATION = 1.4826

@@ -145,8 +145,9 @@ class Groups(NamedTuple):
 class PickRule(NamedTuple):
     """Which returns of a group are picked.
 
-    most: greatest number. bound: roughness beyond which they are. sign: 1 for the roughest, -1 for
-    the smoothest. neighbours: number on each side of a picked one that become unusable.
+    most: greatest number. bound: roughness above which returns are picked, or below which. sign: 1
+    for the roughest, which are above it, -1 for the smoothest. neighbours: number on each side of a
+    picked one that become unusable.
     """
 
     most: int
@@ -262,7 +263,8 @@ class FeatureLimits:
 
     sharp, edges: the roughest, rougher than `edge_above`; the first `sharp` are matched.
     flat, planes: the smoothest, smoother than `plane_below`; the first `flat` are matched.
-    thin_m: of the planes of the other scan one in each cube of this size is used; 0: all.
+    thin_m: of the planes that features of the next scan are matched with, one in each cube of this
+        size is used; 0: all.
     """
 
     sharp: int = 2
@@ -366,7 +368,7 @@ def _planes(
     groups: Groups,
     limits: FeatureLimits,
 ) -> np.ndarray:
-    """Return the rows of the planes of the other scan: smooth returns that are not beside edges."""
+    """Return the rows of planes to match the next scan with: smooth returns not beside edges."""
     smooth = usable & (rough < limits.plane_below)
     rows = np.flatnonzero(smooth)
     places, starts = groups

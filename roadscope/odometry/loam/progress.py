@@ -208,7 +208,7 @@ class Progress:
         self._agreed, self._doubted = 0, 0
 
     def since(self, stamp_s: float) -> float:
-        """Return the time, s, since the last scan that counts; 1 s if there is none."""
+        """Return the time, s, since the last scan that counts; 1 s before the first."""
         return 1.0 if np.isnan(self.stamp_s) else stamp_s - self.stamp_s
 
     def predicted(self, stamp_s: float) -> np.ndarray:
@@ -278,7 +278,7 @@ def covariance_of(feature_match: FeatureMatch) -> np.ndarray:
 
 
 def with_prediction(predicted: np.ndarray, feature_match: FeatureMatch) -> np.ndarray:
-    """Return the (4, 4) motion of features, with the prediction in unobservable directions.
+    """Return the (4, 4) motion of features, displaced as predicted in unobservable directions.
 
     J. Zhang, M. Kaess and S. Singh, "On degeneracy of optimization-based state estimation
     problems", ICRA 2016.

@@ -26,7 +26,8 @@ LOST = 5
 STEP = np.diag([0.05] * 3 + [0.005] * 3) ** 2
 """Nominal covariance of a step, metres and radians: the libraries report none."""
 CARRIED = np.diag([8.0] * 3 + [2.0] * 3) ** 2
-"""Covariance of a pose predicted for a second: vehicles do not exceed these accelerations."""
+"""Covariance of a motion predicted for a second: vehicles do not exceed these accelerations. It
+grows with the fourth power of time."""
 
 
 class OdometryAdapter:
@@ -68,7 +69,7 @@ class OdometryAdapter:
         """Start the library; its second scan defines the pose of its world frame."""
         self._library = self._start(self._mounting)
         self._before: Placed | None = None
-        self._taken_s = 0.0
+        self._last_taken_s = 0.0
         self._start_from_world: np.ndarray | None = None
         self._refused = 0
 
@@ -105,13 +106,14 @@ class OdometryAdapter:
         new = self._imu.stamps_s > self._last_imu_s
         stamps_s = self._imu.stamps_s[new]
         self._last_imu_s = float(stamps_s[-1]) if len(stamps_s) else self._last_imu_s
-        late_s = self._now_s - scan.stamp_s
-        samples = ImuSamples(stamps_s + late_s, self._imu.rates[new], self._imu.forces[new])
+        # The clock of the library has no steps back.
+        offset_s = self._now_s - scan.stamp_s
+        samples = ImuSamples(stamps_s + offset_s, self._imu.rates[new], self._imu.forces[new])
         return LibraryScan(
             scan.points[usable].astype(np.float64),
             scan.time_offset_s[usable].astype(np.float64),
             self._now_s,
-            self._now_s - self._taken_s if self._before else 0.0,
+            self._now_s - self._last_taken_s if self._before else 0.0,
             samples,
         )
 
@@ -129,7 +131,7 @@ class OdometryAdapter:
             self._begin()
             return "the library's pose is not finite"
         before, self._before = self._before, placed
-        taken_s, self._taken_s = self._taken_s, scan.stamp_s
+        taken_s, self._last_taken_s = self._last_taken_s, scan.stamp_s
         if before is None:
             self._first_pose = self._pose
             anew, self._placed_any = self._placed_any, True

@@ -23,7 +23,7 @@ class KissIcpOdometry:
     takes_imu: ClassVar = False
 
     def __init__(self, *, voxel_m: float = 1.0, deskew: bool = True, ground: bool = True) -> None:
-        """Store the settings; voxel_m: `mapping.voxel_size`, `data.max_range` / 100 when not given.
+        """Store the settings; voxel_m: `mapping.voxel_size`, by default a hundredth of the range.
 
         ground: see `OdometryAdapter`, also for the other peers.
         """

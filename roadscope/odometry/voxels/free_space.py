@@ -26,6 +26,7 @@ MARGIN_M, MARGIN_SHARE = 0.5, 0.02
 BESIDE_RAD = np.deg2rad(0.35)
 """A single beam this close in elevation is sufficient; else both neighbours must have passed."""
 UNKNOWN = np.float32(0.0)
+"""Range of a bin without a return."""
 CERTAIN = 2
 """Votes from which a point counts as moved."""
 

@@ -14,6 +14,7 @@ from roadscope.odometry.eigen_kernels import eigen3
 # A hash table of voxels of several sizes, with the moments of their points.
 
 SIZES_M = (1.0, 2.0, 4.0)
+"""Edges of the voxels; each point is in one of each size, its level."""
 LEAST = 5
 """Points from which a voxel has a surface."""
 MOST = 120.0
@@ -198,6 +199,7 @@ def copy_near(old: Voxels, new: Voxels, centre: np.ndarray, reach_m: float) -> N
 # A map of surfaces in voxels.
 
 SLOTS = 1 << 15
+"""Slots of a new table."""
 FULL = 0.5
 """Share of used slots at which far voxels are dropped, and the table grows if necessary."""
 
@@ -221,10 +223,9 @@ class VoxelMap:
 
     def add(self, points: np.ndarray, centre: np.ndarray) -> None:
         """Add (N, 3) points, metres, measured from a place, (3,) metres, map frame."""
-        levels = 3
-        slots = len(self.voxels.keys)
-        if len(self) + levels * len(points) > FULL * slots:
-            self._clear_up(centre, levels * len(points))
+        most_new = len(SIZES_M) * len(points)
+        if len(self) + most_new > FULL * len(self.voxels.keys):
+            self._clear_up(centre, most_new)
         insert(self.voxels, points)
 
     def _clear_up(self, centre: np.ndarray, new_voxels: int) -> None:
