@@ -295,7 +295,7 @@ def test_a_sensor_that_was_just_faster_is_not_at_rest():
     for k in range(14):
         odometry.update(drive.scan(k), drive.imu(k))
     assert not odometry._rest.is_empty
-    odometry._rest, odometry._fast_s = RestHistory(NOISE), drive.scan(13).stamp_s
+    odometry._rest, odometry._last_fast_s = RestHistory(NOISE), drive.scan(13).stamp_s
     at_rest = []
     for k in range(14, 26):
         odometry.update(drive.scan(k), drive.imu(k))
