@@ -1,9 +1,10 @@
 """Settings shared by all tests."""
 
+import gc
 import os
 import sys
 import warnings
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Generator, Iterator
 from pathlib import Path
 
 import pytest
@@ -13,9 +14,23 @@ from hypothesis import settings
 sys.dont_write_bytecode = False
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 
+# Workers share the cores. This stands before the first import of NumPy.
+for library in ("OMP", "OPENBLAS", "MKL", "NUMBA"):
+    os.environ.setdefault(f"{library}_NUM_THREADS", "1")
+
 # Shared machines stall for longer than any deadline; a fixed seed keeps CI repeatable.
 settings.register_profile("roadscope", deadline=None, max_examples=50, derandomize=True)
 settings.load_profile("roadscope")
+
+
+LONGEST = tuple(
+    f"tests/{name}.py"
+    for name in (
+        "benchmarks/papers/test_li2021",
+        "research/test_shipped_traits",
+    )
+)
+"""Files that take longest. They are first, so that no worker is left alone with one at the end."""
 
 
 @pytest.hookimpl(optionalhook=True)
@@ -24,6 +39,17 @@ def pytest_xdist_auto_num_workers(config: pytest.Config) -> int | None:
     files = {argument.partition("::")[0] for argument in config.args}
     alone = len(files) == 1 and files.pop().endswith(".py")
     return 0 if alone else None
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_collection() -> Generator[None, object, object]:
+    """Collect no garbage meanwhile, nor look later at what is collected: it stays."""
+    gc.disable()
+    try:
+        return (yield)
+    finally:
+        gc.freeze()
+        gc.enable()
 
 
 @pytest.hookimpl(tryfirst=True)
@@ -41,6 +67,7 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
         for number, item in enumerate(of_test):
             if number not in quick:
                 item.add_marker(pytest.mark.slow)
+    items.sort(key=lambda item: not item.nodeid.startswith(LONGEST))
 
 
 @pytest.fixture(autouse=True, scope="session")
