@@ -1,6 +1,7 @@
 """Whatever comes in, every odometry tells what is wrong, and soon follows again."""
 
 import copy
+from dataclasses import replace
 from functools import cache
 from itertools import pairwise
 
@@ -9,7 +10,7 @@ import pytest
 from toy_drive import Drive, columns_for, emptied, kept
 
 from roadscope.core import ImuSamples
-from roadscope.odometry import ODOMETRIES
+from roadscope.odometry import NO_SAMPLES, ODOMETRIES
 
 READ_NO_SCANS = {"still", "dead-reckoning"}
 """What they tell does not depend on points."""
@@ -27,6 +28,11 @@ WRONG_M, WRONG_RAD = 0.5, 0.1
 RIGHT_M, RIGHT_RAD = 0.05, 0.01
 """In the end no step is further off than this, or by more than a quarter more than it ever is
 where nothing is spoilt: these scans are coarse, and who matches few features of them errs."""
+FEEL = {
+    "dead-reckoning", "lidar-inertial", "voxel-map", "zhang2022", "zhang2022-guarded",
+    "zhang2022-map", "zhang2022-loop", "loam", "lego-loam", "lego-loam-loop",
+}  # fmt: skip
+"""They tell when an inertial unit that was there falls silent or sends what is no number."""
 TELL_ALONG = {"lidar-inertial"}
 """They are right, by the inertial unit, where all that is seen moves along, and yet tell it."""
 
@@ -184,7 +190,7 @@ NOTHING = ImuSamples(np.empty(0), np.empty((0, 3)), np.empty((0, 3)))
     [
         (name, kind)
         for name in ODOMETRIES.names()
-        for kind in ("gap", "none", "no numbers")
+        for kind in ("gap", "none", "no numbers", "backward")
         if name not in VARIANTS or kind == "gap"
     ],
     indirect=["name"],
@@ -195,6 +201,8 @@ def test_a_faulty_imu_is_left_behind(name, kind):
     given = [(s, spoilt_imu(i, kind) if first <= k < last else i)
              for k, (s, i) in enumerate(inputs)]  # fmt: skip
     told, off = follow(name, given)
+    if name in FEEL and kind != "none":
+        assert any(each.reason == NO_SAMPLES for each in told[first:last])
     if name not in READ_NO_SCANS:
         check_told_and_recovered(name, told, off)
 
@@ -202,4 +210,5 @@ def test_a_faulty_imu_is_left_behind(name, kind):
 def spoilt_imu(imu, kind):
     spoilt = copy.deepcopy(imu)
     spoilt.angular_velocity[:] = np.nan
-    return {"gap": NOTHING, "none": None, "no numbers": spoilt}[kind]
+    backward = replace(imu, stamps_s=imu.stamps_s[::-1])
+    return {"gap": NOTHING, "none": None, "no numbers": spoilt, "backward": backward}[kind]
