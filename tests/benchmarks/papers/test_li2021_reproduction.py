@@ -3,7 +3,7 @@ import pytest
 
 from roadscope.benchmarks import SensorPair
 from roadscope.benchmarks.metrics import FusionTargets, fusion_rates, match_targets
-from roadscope.benchmarks.papers import MOST_COLUMNS, FigureKey, by_figure, li2021
+from roadscope.benchmarks.papers import MOST_COLUMNS, li2021
 from roadscope.core import Calibration, Detections, Frame, ImageDetections, Pose, Projection, Truth
 from roadscope.fusion import projected_boxes
 
@@ -106,33 +106,6 @@ def test_crowds_are_people_beside_people() -> None:
         np.zeros(3),
     )
     assert not li2021.crowds_only(apart).eligible.any()
-
-
-@pytest.mark.slow
-def test_one_seed_gives_every_figure_of_the_paper() -> None:
-    figures = {}
-    for measure in li2021.REPRODUCTION.parts.values():
-        figures |= measure(10300)
-    rows = li2021.rows(by_figure([figures]))
-    targets = [row for row in rows if row.method == li2021.TARGETS and row.ours]
-    assert {row.experiment for row in targets} >= {"clear", "fog", "clear, camera imitated"}
-    assert li2021.DISTANCE not in {row.quantity for row in targets}
-    assert not any(row.ours == 0 and row.n == 0 for row in rows)
-    calibrated = [row for row in rows if row.experiment == li2021.CALIBRATION]
-    assert all(row.ours > 0 for row in calibrated)
-    assert len(calibrated) == 12
-    for verdict in li2021.verdicts(by_figure([figures])):
-        assert verdict.n <= 1
-    camera = FigureKey("clear", li2021.CAMERA, li2021.DISTANCE)
-    assert np.isnan(figures[camera])
-    for camera in (li2021.IMAGES, li2021.IMITATED):
-        clear = li2021.with_camera("clear", camera)
-        printed = {(li2021.with_camera(e, camera), *rest) for e, *rest in li2021.PAPER}
-        assert printed <= set(figures)
-        right = [
-            figures[FigureKey(clear, each, li2021.DISTANCE)] for each in ("consistent", "li2021")
-        ]
-        assert right[0] > right[1]
 
 
 def test_all_methods_of_a_condition_fit_one_table() -> None:
