@@ -1,5 +1,9 @@
 """What single entries answer on an episode, computed anew; the one place that names nodes."""
 
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
 from roadscope.benchmarks import (
     Eligibility,
     Episode,
@@ -23,6 +27,26 @@ from roadscope.benchmarks.nodes import (
 
 def poses_of(spec: str, episode: Episode) -> EpisodePoses:
     return PoseNode(pose_source(spec), episode).compute(RunOptions())
+
+
+@dataclass(frozen=True)
+class _PosesOnScans(PoseNode):
+    """The poses of an odometry on scans that are there."""
+
+    scans: tuple[Any, ...] = ()
+
+    def steps(self) -> tuple[Any, ...]:
+        return self.scans
+
+
+def poses_of_each(specs: Sequence[str], episode: Episode) -> dict[str, EpisodePoses]:
+    """Return the poses of several odometries, for which the episode is sensed once."""
+    sources = {spec: pose_source(spec) for spec in specs}
+    scans = tuple(PoseNode(sources[specs[0]], episode).steps())
+    return {
+        spec: _PosesOnScans(source, episode, scans).compute(RunOptions())
+        for spec, source in sources.items()
+    }
 
 
 def detections_of(spec: str, episode: Episode, rule: Eligibility) -> EpisodeDetections:

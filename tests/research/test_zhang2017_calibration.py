@@ -26,7 +26,7 @@ from roadscope.core import wrap_angle
 from roadscope.detectors.pose import TURN_SD, axis_difference
 from roadscope.envs.world import CORNER_RADII_M, with_corners
 
-SEED, CARS = 4000, 20
+SEED, CARS = 4000, 10
 """Outside the seeds of the published figures."""
 
 
@@ -180,7 +180,7 @@ def test_covariance_is_right_over_all_cars_that_are_possible(column, nees):
 
 @pytest.fixture(scope="module")
 def nees():
-    """(80, 3) of cars at all distances, by how many frames of them are joined."""
+    """(40, 3) of cars at all distances, by how many frames of them are joined."""
     model = MODELS["any corners"]
     return np.array([squared_errors(model, band, [SEED, k]) for band in BANDS for k in range(CARS)])
 

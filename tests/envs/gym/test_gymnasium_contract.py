@@ -22,16 +22,8 @@ from roadscope.envs.traffic import record
 
 AGENT_IDS = ("roadscope/Merge-v0", "roadscope/Intersection-v0", "roadscope/Racetrack-v0")
 """Discrete and continuous actions; other agents' environments are of the same class."""
-IN_TOWN = {"Street-v0", "TownCrossing-v0"}
-"""Their many people take long to record: not more of it than is played here."""
-CHECKED_IDS = [
-    pytest.param(f"roadscope/{name}", marks=pytest.mark.slow if name in IN_TOWN else ())
-    for name in IDS
-]
-FOREIGN = ("merge-v1", "parking-parked-v0", "racetrack-v1", "two-way-v0", "u-turn-v1",
-           "highway-v0", "intersection-v1", "roundabout-v1", "exit-v0",
-           "lane-keeping-v0")  # fmt: skip
-"""One of each road of highway-env; other ids are versions of these."""
+FOREIGN = ("merge-v1", "parking-parked-v0", "racetrack-v1", "lane-keeping-v0")
+"""One of each kind of actions and observations; `test_sensor_wrapper.py` wraps all ids."""
 PLAYED = {"ego": "idm", "duration_s": 1.0}
 
 
@@ -41,10 +33,10 @@ def digest(observation: dict[str, np.ndarray]) -> str:
 
 
 @pytest.mark.sampled(1)
-@pytest.mark.parametrize("name", CHECKED_IDS)
+@pytest.mark.parametrize("name", IDS)
 def test_check_env_passes_without_warnings(name: str) -> None:
-    brief = {"duration_s": 2.0} if name.partition("/")[2] in IN_TOWN else {}
-    env = gym.make(name, rig="lux", render_mode="rgb_array", **brief)
+    """Not more is recorded than is played here."""
+    env = gym.make(f"roadscope/{name}", rig="lux", render_mode="rgb_array", duration_s=2.0)
     assert isinstance(env.unwrapped, ScenarioEnv)
     check_env(env.unwrapped)
     env.close()

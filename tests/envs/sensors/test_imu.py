@@ -1,4 +1,5 @@
 from dataclasses import replace
+from functools import cache
 from itertools import pairwise
 
 import gymnasium as gym
@@ -58,6 +59,11 @@ def drifted(timeline: Timeline, sway: BodySway | None, until_s: float = 20.0) ->
     )
 
 
+@cache
+def recorded(name: str) -> Timeline:
+    return record(name, 10_003, 20.5)
+
+
 def allan_deviation(series: np.ndarray, size: int) -> np.ndarray:
     """(3,) of (N, 3) from means over as many samples, without overlap."""
     means = series[: len(series) // size * size].reshape(-1, size, series.shape[1]).mean(axis=1)
@@ -76,7 +82,7 @@ def test_ideal_samples_lead_to_where_the_ego_is(sway: BodySway | None) -> None:
 @pytest.mark.parametrize("sway", [None, BodySway()], ids=["level", "swaying"])
 @pytest.mark.parametrize("name", ["motorway", "roundabout", "racetrack", "intersection"])
 def test_ideal_samples_lead_there_in_traffic(name: str, sway: BodySway | None) -> None:
-    away, faster, turned = drifted(record(name, 10_003, 20.5), sway)
+    away, faster, turned = drifted(recorded(name), sway)
     assert away < 0.01
     assert faster < 0.002
     assert turned < 1e-4

@@ -162,17 +162,16 @@ def test_the_same_seed_gives_the_same_bytes_in_another_process():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", FLOWING)
-def test_most_traffic_is_accepted_as_first_drawn(name, monkeypatch):
-    """Scenarios do not live on being drawn again: 3 of 4 seeds pass at once."""
+def test_most_traffic_is_accepted_as_first_drawn(monkeypatch):
+    """Scenarios do not live on being drawn again: 3 of 4 pass at once."""
     monkeypatch.setattr(scenarios, "TRIES", 1)
-    refused = 0
-    for seed in range(100, 104):
+    refused = []
+    for name in FLOWING:
         try:
-            record(name, seed)
+            record(name, 100)
         except ScenarioError:
-            refused += 1
-    assert refused <= 1
+            refused.append(name)
+    assert len(refused) <= len(FLOWING) // 4, refused
 
 
 def test_seeds_differ():
