@@ -29,6 +29,7 @@ from roadscope.commands.speed import speed
 from roadscope.commands.submit import submit
 from roadscope.commands.terminal import complain
 from roadscope.commands.train import train
+from roadscope.commands.view import view
 
 USAGE, FAILED, INTERRUPTED = 2, 1, 130
 
@@ -49,6 +50,7 @@ COMMANDS: Mapping[str, tuple[Callable[..., None], str]] = {
     "run": (run_scenario, "roadscope run roundabout --seed 3 --picture scene.png"),
     "leaderboard": (leaderboard, 'roadscope leaderboard --entry "my_tracker.py:Mine?gate_m=2.5"'),
     "report": (report, "roadscope report results --open"),
+    "view": (view, "roadscope view roundabout --rig wide --seconds 5 --save scene.rrd"),
     "new": (new, "roadscope new tracker my_tracker.py"),
     "check": (check, "roadscope check my_tracker.py:MyTracker"),
     "compare": (compare, "roadscope compare before after --fail-on-regression"),

@@ -154,6 +154,13 @@ class Store:
                     outcomes[row["key"]] = outcome
         return outcomes
 
+    def spec(self, **columns: str | int) -> str | None:
+        """Return the `StoredJob.spec` of the latest row with these values; None without one."""
+        where = " AND ".join(f"{name} = ?" for name in columns)
+        query = f"SELECT spec FROM results WHERE {where} ORDER BY finished DESC, manifest DESC"
+        row = self._execute(query, list(columns.values())).fetchone()
+        return None if row is None else str(row[0])
+
     def _execute(self, query: str, values: Sequence[Any] = ()) -> sqlite3.Cursor:
         try:
             return self._db.execute(query, values)

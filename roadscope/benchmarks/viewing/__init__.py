@@ -1,0 +1,14 @@
+"""Shows an episode in Rerun, a viewer of recordings with a timeline."""
+
+from roadscope._lazy import lazy_names
+
+_PARTS = {
+    "curves": "Curve running_scores",
+    "kept": "Choice view_of_results",
+    "program": "ViewerError arguments environment show",
+    "recording": "save_recording",
+    "view": "EpisodeView view_of_scenario",
+}
+"""Names by the file that defines them, loaded when first used: the face of this folder."""
+
+__getattr__, __dir__ = lazy_names(__name__, parts=_PARTS)

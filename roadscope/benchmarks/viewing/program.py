@@ -1,0 +1,109 @@
+"""Starts the program of Rerun: on this machine alone, and without usage statistics.
+
+What this relies on was seen in rerun-sdk 0.41: the program listens on all network interfaces
+unless `--bind` says otherwise, and it sends usage statistics unless its file of settings says
+otherwise; no option and no environment variable turns them off. So it gets settings of its own,
+and before it starts it is asked whether it takes them.
+"""
+
+from __future__ import annotations
+
+import importlib
+import json
+import os
+import subprocess
+import sys
+import tempfile
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import psutil
+
+LOOPBACK = "127.0.0.1"
+ANSWER_S = 60.0
+"""Longest time in which the program has to say what its settings are; it takes 0.1 s."""
+
+
+class ViewerError(RuntimeError):
+    """Rerun is not installed, or would do what it must not."""
+
+
+def rerun_module() -> Any:
+    """Return the module `rerun`; raise `ViewerError` where it is not installed."""
+    try:
+        return importlib.import_module("rerun")
+    except ImportError as error:
+        raise ViewerError("rerun-sdk is not installed: pip install 'roadscope[view]'") from error
+
+
+def show(recording: Path, *, web: bool = False) -> int:
+    """Show a recording until the viewer is closed; return its exit status.
+
+    web: in a browser, by a server on this machine, until the program is interrupted.
+    `ViewerError` if Rerun is not installed or its usage statistics cannot be turned off.
+    """
+    rerun_module()
+    with environment() as variables:
+        process = psutil.Popen(arguments(recording, web=web), env=variables)
+        try:
+            return int(process.wait())
+        finally:
+            # The program runs in a child of this process, which an interrupt may not reach.
+            if process.is_running():
+                for each in [*process.children(recursive=True), process]:
+                    each.terminate()
+                process.wait()
+
+
+def arguments(recording: Path, *, web: bool = False) -> list[str]:
+    """Return the command that shows a recording; it listens on the loopback interface alone."""
+    command = [sys.executable, "-m", "rerun_cli", "--bind", LOOPBACK, "--port", "auto"]
+    if web:
+        command += ["--web-viewer", "--web-viewer-port", "0"]
+    return [*command, "--hide-welcome-screen", str(recording)]
+
+
+@contextmanager
+def environment() -> Iterator[Mapping[str, str]]:
+    """Yield the variables of a process of Rerun that sends no usage statistics.
+
+    Its settings are in a folder that is removed at the end. Where they have no effect (not Linux),
+    those of the user have to turn the statistics off, or `ViewerError` is raised.
+    """
+    with tempfile.TemporaryDirectory(prefix="roadscope-view-") as folder:
+        settings = {
+            "analytics_enabled": False,
+            "analytics_id": "",
+            "metadata": {},
+            "config_file_path": f"{folder}/rerun/analytics.json",
+            "data_dir_path": f"{folder}/rerun/analytics",
+        }
+        path = Path(settings["config_file_path"])
+        path.parent.mkdir()
+        path.write_text(json.dumps(settings), encoding="utf-8")
+        variables = {**os.environ, "XDG_CONFIG_HOME": folder}
+        # It turns the statistics on in spite of the settings.
+        variables.pop("FORCE_RERUN_ANALYTICS", None)
+        _check_settings(variables)
+        yield variables
+
+
+def _check_settings(variables: Mapping[str, str]) -> None:
+    """Raise `ViewerError` unless a process of Rerun says that it sends no usage statistics."""
+    command = [sys.executable, "-m", "rerun_cli", "analytics", "config"]
+    try:
+        done = subprocess.run(
+            command, env=variables, capture_output=True, text=True, timeout=ANSWER_S, check=True
+        )
+        enabled = json.loads(done.stdout)["analytics_enabled"]
+    except (OSError, subprocess.SubprocessError, ValueError, KeyError, TypeError) as error:
+        raise ViewerError(
+            f"Rerun does not say whether it sends usage statistics: {error}"
+        ) from error
+    if enabled is not False:
+        raise ViewerError(
+            "Rerun would send usage statistics; turn them off with 'rerun analytics disable', or "
+            "write a file with --save"
+        )

@@ -1,0 +1,438 @@
+"""Writes an episode as a recording of Rerun (`.rrd`).
+
+Everything is on one timeline, `time`, in seconds since reset. Frames are those of ISO 8855, and
+transforms are entities: `world/ego` is `world_from_ego`, and below it each sensor has its
+mounting pose. The optical frame of a camera is z ahead, x right, y down.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from roadscope.benchmarks.boards import board_named
+from roadscope.benchmarks.cache import usable_file, write_atomically
+from roadscope.benchmarks.episode import Episode, sensed
+from roadscope.benchmarks.images import camera_of, image_rows, pictures
+from roadscope.benchmarks.metrics.trajectory_errors import aligned
+from roadscope.benchmarks.progress import Progress, silent
+from roadscope.benchmarks.viewing.program import rerun_module
+from roadscope.benchmarks.viewing.view import EpisodeView
+from roadscope.core import (
+    GROUND,
+    WEATHER,
+    Category,
+    Detections,
+    Pose,
+    Tracks,
+    TrackState,
+    Truth,
+)
+from roadscope.envs.gym.render import (
+    ASPHALT,
+    COASTING_LINE_PX,
+    DETECTION,
+    EGO,
+    FAMILIES,
+    GROUND_RETURN,
+    MARKING,
+    SOLID,
+    TRACK_LINE_PX,
+    WEATHER_RETURN,
+    track_colour,
+)
+from roadscope.envs.sensors.rigs import rig
+from roadscope.envs.traffic.road_map import RoadMap
+
+if TYPE_CHECKING:
+    from roadscope.core import LidarScan
+
+ENDING = ".rrd"
+RETURNS = ("object", "intensity")
+"""By what returns are coloured."""
+TIMELINE = "time"
+GROUND_CLASS, SCENERY_CLASS, WEATHER_CLASS = (len(Category) + k for k in range(3))
+"""Classes of returns that come from no road user; those of road users are their categories."""
+ODOMETRY = (255, 99, 99)
+TAIL_S = 3.0
+"""Length of the line behind a track."""
+JPEG_QUALITY = 90
+TRIANGLES = np.array([[0, 1, 2], [2, 1, 3]])
+"""Corners of the two triangles between a point of a lane, left and right, and the next."""
+BELOW_M = 0.02
+"""The asphalt is drawn so far below the ground, so that it hides no line."""
+LINE_PX = 1.5
+RETURN_PX = 1.2
+"""Radii of lines and returns on the screen; these and the colour of odometries, the length of
+tails and the quality of images are chosen by hand."""
+
+
+def save_recording(
+    view: EpisodeView, path: Path | str, *, returns: str = "object", progress: Progress = silent
+) -> Path:
+    """Write a view to a file of Rerun and return its path.
+
+    returns: by what returns of a LiDAR are coloured: by the `object` that they truly came from, or
+    by `intensity`. `ViewerError` without Rerun, `FolderError` if the file cannot be written.
+    """
+    rr = rerun_module()
+    place = usable_file(path, (ENDING,), "a recording")
+
+    def write(part: Path) -> None:
+        with rr.RecordingStream("roadscope") as stream:
+            stream.set_log_time_enabled(False)
+            stream.set_log_tick_enabled(False)
+            stream.save(part, default_blueprint=_layout(view))
+            stream.send_recording_name(view.title)
+            _Recording(rr, stream, view, returns).write(progress)
+            stream.disconnect()
+
+    write_atomically(place, write)
+    return place
+
+
+class _Recording:
+    """Logs the parts of a view to a stream of Rerun."""
+
+    def __init__(self, rr: Any, stream: Any, view: EpisodeView, returns: str) -> None:
+        self.rr, self.stream, self.view, self.returns = rr, stream, view, returns
+        lidar_pose = None if view.episode is None else rig(view.episode.rig).lidar.ego_from_lidar
+        self.ego_from_lidar = lidar_pose or Pose.identity()
+
+    def write(self, progress: Progress) -> None:
+        view = self.view
+        self._write_frames()
+        if view.timeline is not None:
+            self._write_road(view.timeline.road)
+            centre = [view.timeline.centre_ahead_m[0], 0, view.timeline.sizes[0, 2] / 2]
+            box = self.rr.Boxes3D(
+                centers=[centre], sizes=view.timeline.sizes[:1], colors=EGO, radii=self._px(LINE_PX)
+            )
+            self.log("world/ego/body", box)
+        self._write_paths()
+        for truth in view.truths:
+            self.at(truth.stamp_s)
+            self._write_ego(truth)
+            self.log("world/truth", self._truth_boxes(truth), static=False)
+        for detections in view.detections:
+            self.at(detections.stamp_s)
+            place = "world" if detections.frame == "world" else "world/ego"
+            self.log(f"{place}/detections", self._detection_boxes(detections), static=False)
+        self._write_tracks(view.tracks)
+        self._write_scores()
+        if view.episode is not None:
+            self._write_scans(view.episode, progress)
+            if rig(view.episode.rig).camera is not None:
+                self._write_images(view.episode, progress)
+
+    def log(self, entity: str, content: Any, *, static: bool = True) -> None:
+        self.stream.log(entity, content, static=static)
+
+    def at(self, stamp_s: float) -> None:
+        """Set the time of what is logged next."""
+        self.stream.set_time(TIMELINE, duration=stamp_s)
+
+    def _px(self, radius: float | Sequence[float]) -> Any:
+        return self.rr.Radius.ui_points(radius)
+
+    # ----------------------------------------------------------------------------------------------
+
+    def _write_frames(self) -> None:
+        rr = self.rr
+        infos = [
+            rr.AnnotationInfo(each.value, each.name.lower(), FAMILIES[each.family])
+            for each in Category
+        ]
+        infos += [
+            rr.AnnotationInfo(GROUND_CLASS, "ground", GROUND_RETURN),
+            rr.AnnotationInfo(SCENERY_CLASS, "scenery", SOLID),
+            rr.AnnotationInfo(WEATHER_CLASS, "rain or fog", WEATHER_RETURN),
+        ]
+        self.log("world", rr.AnnotationContext(infos))
+        self.log("world", rr.ViewCoordinates.RIGHT_HAND_Z_UP)
+        self.log("world/ego", rr.ViewCoordinates.FLU)
+        episode = self.view.episode
+        if episode is None:
+            return
+        sensors = rig(episode.rig)
+        self.log(f"world/ego/{sensors.lidar.name}", self._transform(sensors.lidar.ego_from_lidar))
+        if sensors.camera is not None:
+            place, pinhole = f"world/ego/{sensors.camera.name}", sensors.camera.spec.pinhole
+            self.log(place, self._transform(sensors.camera.ego_from_camera))
+            image_from_camera = rr.Pinhole(
+                image_from_camera=pinhole.intrinsics,
+                resolution=(pinhole.width, pinhole.height),
+                camera_xyz=rr.ViewCoordinates.RDF,
+                image_plane_distance=2.0,
+            )
+            self.log(place, image_from_camera)
+
+    def _transform(self, a_from_b: Pose) -> Any:
+        return self.rr.Transform3D(translation=a_from_b.translation, mat3x3=a_from_b.rotation)
+
+    def _write_road(self, road: RoadMap) -> None:
+        """Write asphalt, and the borders of each lane."""
+        borders, points, triangles, count = [], [], [], 0
+        for line, widths in road.lanes():
+            if len(line) < 2:
+                continue
+            ahead = np.gradient(line, axis=0)
+            ahead /= np.linalg.norm(ahead, axis=1, keepdims=True)
+            aside = np.column_stack([-ahead[:, 1], ahead[:, 0]]) * widths[:, None] / 2
+            sides = [np.column_stack([line + s * aside, np.zeros(len(line))]) for s in (1, -1)]
+            borders += sides
+            points.append(np.stack(sides, axis=1).reshape(-1, 3))
+            first = count + 2 * np.arange(len(line) - 1)[:, None, None]
+            triangles.append((first + TRIANGLES).reshape(-1, 3))
+            count += 2 * len(line)
+        if not borders:
+            return
+        lines = self.rr.LineStrips3D(borders, colors=MARKING, radii=self._px(LINE_PX / 2))
+        self.log("world/road/borders", lines)
+        vertices = np.concatenate(points) - [0, 0, BELOW_M]
+        asphalt = self.rr.Mesh3D(
+            vertex_positions=vertices,
+            triangle_indices=np.concatenate(triangles),
+            vertex_colors=np.tile(np.array(ASPHALT, np.uint8), (len(vertices), 1)),
+        )
+        self.log("world/road/asphalt", asphalt)
+
+    def _write_paths(self) -> None:
+        """Write the true path of the ego, and beside it that of an odometry with its pose."""
+        poses, lidar_from_ego = self.view.poses, self.ego_from_lidar.inverse().matrix
+        path = np.array([each.world_from_ego.translation for each in self.view.truths])
+        if poses is not None:
+            estimates = aligned(poses.trajectories, "origin") @ lidar_from_ego
+            if not len(path):
+                path = (poses.trajectories.truth @ lidar_from_ego)[:, :3, 3]
+            self._write_path("world/paths/odometry", estimates[:, :3, 3], ODOMETRY)
+            box = self.rr.Boxes3D(half_sizes=[[1.0, 0.5, 0.2]], colors=ODOMETRY)
+            self.log("world/odometry", box)
+            for stamp_s, estimate in zip(poses.stamps_s, estimates, strict=True):
+                self.at(stamp_s)
+                pose = self.rr.Transform3D(translation=estimate[:3, 3], mat3x3=estimate[:3, :3])
+                self.log("world/odometry", pose, static=False)
+        if len(path):
+            self._write_path("world/paths/ego", path, EGO)
+
+    def _write_path(self, entity: str, points: np.ndarray, colour: Sequence[int]) -> None:
+        self.log(entity, self.rr.LineStrips3D([points], colors=colour, radii=self._px(LINE_PX)))
+
+    # ----------------------------------------------------------------------------------------------
+
+    def _write_ego(self, truth: Truth) -> None:
+        self.log("world/ego", self._transform(truth.world_from_ego), static=False)
+
+    def _truth_boxes(self, truth: Truth) -> Any:
+        return self.rr.Boxes3D(
+            **_boxes(truth),
+            class_ids=truth.categories,
+            labels=_object_names(truth),
+            radii=self._px(LINE_PX),
+        )
+
+    def _detection_boxes(self, detections: Detections) -> Any:
+        return self.rr.Boxes3D(
+            **_boxes(detections),
+            colors=np.tile(DETECTION, (len(detections), 1)),
+            labels=_detection_names(detections.categories, detections.scores),
+            radii=self._px(LINE_PX),
+        )
+
+    def _write_tracks(self, tracks: Sequence[Tracks]) -> None:
+        """Write the boxes of tracks with their ids, their motion in 1 s, and tails behind them."""
+        tails: dict[int, list[tuple[float, np.ndarray]]] = {}
+        for each in tracks:
+            self.at(each.stamp_s)
+            ids = each.ids.tolist()
+            colours = np.array([track_colour(number) for number in ids]).reshape(-1, 3)
+            widths = np.where(
+                each.states == TrackState.COASTING, COASTING_LINE_PX, TRACK_LINE_PX
+            ).tolist()
+            boxes = self.rr.Boxes3D(
+                **_boxes(each), colors=colours, labels=[str(n) for n in ids], radii=self._px(widths)
+            )
+            self.log("world/tracks", boxes, static=False)
+            ahead = np.column_stack([each.velocities, np.zeros(len(each))])
+            arrows = self.rr.Arrows3D(
+                vectors=ahead, origins=each.centres, colors=colours, radii=self._px(LINE_PX / 2)
+            )
+            self.log("world/tracks/motion", arrows, static=False)
+            tails = {number: tails.get(number, []) for number in ids}
+            for number, centre in zip(ids, each.centres, strict=True):
+                tail = [*tails[number], (each.stamp_s, centre)]
+                tails[number] = [p for p in tail if p[0] >= each.stamp_s - TAIL_S]
+            lines = [np.array([centre for _, centre in tails[number]]) for number in ids]
+            strips = self.rr.LineStrips3D(lines, colors=colours, radii=self._px(LINE_PX))
+            self.log("world/tracks/tails", strips, static=False)
+
+    def _write_scores(self) -> None:
+        for curve in self.view.curves:
+            entity = f"scores/{curve.board}/{curve.metric}"
+            self.log(entity, self.rr.SeriesLines(names=f"{curve.board}: {curve.metric}"))
+            self.stream.send_columns(
+                entity,
+                indexes=[self.rr.TimeColumn(TIMELINE, duration=curve.stamps_s)],
+                columns=self.rr.Scalars.columns(scalars=curve.values),
+            )
+        text = self.rr.TextDocument(_summary(self.view), media_type=self.rr.MediaType.MARKDOWN)
+        self.log("summary", text)
+
+    # ----------------------------------------------------------------------------------------------
+
+    def _write_scans(self, episode: Episode, progress: Progress) -> None:
+        """Write the returns of each scan where they were at its stamp, as the ego truly moved."""
+        truths = self.view.truths
+        poses = [each.world_from_ego @ self.ego_from_lidar for each in truths]
+        for k, (frame, truth) in enumerate(sensed(episode)):
+            progress("scans", k, len(truths))
+            self.at(truth.stamp_s)
+            name = rig(episode.rig).lidar.name
+            entity = f"world/ego/{name}/returns"
+            scan = frame.lidar
+            if scan is None:
+                self.log(entity, self.rr.Points3D(np.empty((0, 3))), static=False)
+                continue
+            before, after = max(k - 1, 0), min(k + 1, len(truths) - 1)
+            passed_s = truths[after].stamp_s - truths[before].stamp_s
+            points = _at_stamp(scan, poses[before], poses[k], poses[after], passed_s)
+            colours = (
+                {"colors": _grey(scan.intensity)}
+                if self.returns == "intensity"
+                else {"class_ids": _classes(truth)}
+            )
+            dots = self.rr.Points3D(points, radii=self._px(RETURN_PX), **colours)
+            self.log(entity, dots, static=False)
+        progress("scans", len(truths), len(truths))
+
+    def _write_images(self, episode: Episode, progress: Progress) -> None:
+        """Write images with the boxes of road users and those that were detected."""
+        rows = tuple(image_rows(episode, 0.0))
+        images = self.view.images
+        pairs = () if images is None else zip(images.rows.tolist(), images.filled, strict=True)
+        detected = dict(pairs)
+        place = f"world/ego/{camera_of(rig(episode.rig)).name}"
+        for k, picture in enumerate(pictures(episode, rows)):
+            progress("images", k, len(rows))
+            truth, image = picture.truth, picture.frame.camera
+            self.at(truth.stamp_s)
+            self._write_ego(truth)
+            if image is None:
+                self.log(f"{place}/image", self.rr.Clear(recursive=False), static=False)
+            else:
+                pixels = self.rr.Image(image.pixels).compress(jpeg_quality=JPEG_QUALITY)
+                self.log(f"{place}/image", pixels, static=False)
+            self.log(f"{place}/image/truth", self._image_truth(truth), static=False)
+            if picture.index in detected:
+                found = detected[picture.index]
+                boxes = self.rr.Boxes2D(
+                    array=found.boxes,
+                    array_format=self.rr.Box2DFormat.XYXY,
+                    colors=np.tile(DETECTION, (len(found), 1)),
+                    labels=_detection_names(found.categories, found.scores),
+                )
+                self.log(f"{place}/image/detections", boxes, static=False)
+        progress("images", len(rows), len(rows))
+
+    def _image_truth(self, truth: Truth) -> Any:
+        """Return the boxes of the road users of which a pixel is visible."""
+        assert truth.image_boxes is not None
+        rows = np.flatnonzero(truth.visible_pixels > 0)
+        names = _object_names(truth)
+        return self.rr.Boxes2D(
+            array=truth.image_boxes[rows],
+            array_format=self.rr.Box2DFormat.XYXY,
+            class_ids=truth.categories[rows],
+            labels=[names[row] for row in rows],
+        )
+
+
+def _boxes(record: Truth | Detections | Tracks) -> dict[str, Any]:
+    half = record.yaws / 2
+    none = np.zeros(len(record))
+    turns = np.column_stack([none, none, np.sin(half), np.cos(half)])
+    return {"centers": record.centres, "sizes": record.sizes, "quaternions": turns}
+
+
+def _object_names(truth: Truth) -> list[str]:
+    pairs = zip(truth.categories.tolist(), truth.ids.tolist(), strict=True)
+    return [f"{Category(category).name.lower()} {number}" for category, number in pairs]
+
+
+def _detection_names(categories: np.ndarray, scores: np.ndarray) -> list[str]:
+    pairs = zip(categories.tolist(), scores.tolist(), strict=True)
+    return [f"{Category(category).name.lower()} {score:.2f}" for category, score in pairs]
+
+
+def _classes(truth: Truth) -> np.ndarray:
+    """Return (P,) uint16, the class of each return: a category, or one of the three others."""
+    sources = truth.sources
+    classes = np.full(len(sources), SCENERY_CLASS, np.uint16)
+    classes[sources == GROUND] = GROUND_CLASS
+    classes[sources == WEATHER] = WEATHER_CLASS
+    for number, category in zip(truth.ids, truth.categories, strict=True):
+        classes[sources == number] = category
+    return classes
+
+
+def _grey(intensity: np.ndarray) -> np.ndarray:
+    """Return (N, 3) uint8, brighter for stronger returns; none is black."""
+    levels = (55 + 200 * np.clip(intensity, 0, 1)).astype(np.uint8)
+    return np.repeat(levels[:, None], 3, axis=1)
+
+
+def _at_stamp(scan: LidarScan, before: Pose, now: Pose, after: Pose, passed_s: float) -> np.ndarray:
+    """Return (N, 3) points in the LiDAR's frame at the stamp of a scan.
+
+    before, now, after: `world_from_lidar` at the scan and those beside it; between them the LiDAR
+    is taken to move at constant rates. passed_s: from the first to the last of them.
+    """
+    from scipy.spatial.transform import Rotation
+
+    if passed_s <= 0:
+        return scan.points
+    turn = Rotation.from_matrix(before.rotation.T @ after.rotation).as_rotvec() / passed_s
+    shift = now.rotation.T @ (after.translation - before.translation) / passed_s
+    offsets_s = scan.time_offset_s.astype(np.float64)[:, None]
+    moved: np.ndarray = Rotation.from_rotvec(offsets_s * turn).apply(scan.points)
+    return moved + offsets_s * shift
+
+
+def _summary(view: EpisodeView) -> str:
+    """Return the scores of the whole episode, and what is not shown, as Markdown."""
+    lines = [f"# {view.title}", ""]
+    for name, scores in view.scores.items():
+        lines += ["| | |", "|---|---|"]
+        for column in board_named(name).columns:
+            if column.metric in scores and np.isfinite(scores[column.metric].value):
+                value = f"{scores[column.metric].value:.{column.decimals}f}"
+                lines.append(f"| {column.heading} | {value} |")
+        lines.append("")
+    return "\n".join([*lines, *view.notes]) + "\n"
+
+
+def _layout(view: EpisodeView) -> Any:
+    """Return which views are shown at first: the world large, images and scores beside it."""
+    import rerun.blueprint as rrb
+
+    follow = rrb.EyeControls3D(tracking_entity="world/ego")
+    world = rrb.Spatial3DView(origin="world", name="world", eye_controls=follow)
+    return rrb.Blueprint(
+        rrb.Horizontal(world, rrb.Vertical(*_views_beside(view, rrb)), column_shares=[3, 2]),
+        rrb.TimePanel(timeline=TIMELINE),
+        collapse_panels=True,
+    )
+
+
+def _views_beside(view: EpisodeView, rrb: Any) -> Iterator[Any]:
+    mount = None if view.episode is None else rig(view.episode.rig).camera
+    if mount is not None:
+        yield rrb.Spatial2DView(origin=f"world/ego/{mount.name}", name=mount.name)
+    for unit in dict.fromkeys(curve.unit for curve in view.curves):
+        entities = [f"scores/{c.board}/{c.metric}" for c in view.curves if c.unit == unit]
+        name = "ratios so far" if unit == "1" else unit
+        yield rrb.TimeSeriesView(origin="/", contents=entities, name=name)
+    yield rrb.TextDocumentView(origin="summary", name="whole episode")

@@ -1,0 +1,96 @@
+"""An episode with everything that a viewer shows of it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+from roadscope.benchmarks.boards.odometry import pose_scores
+from roadscope.benchmarks.eligibility import Eligibility
+from roadscope.benchmarks.episode import Episode, check_episode, timeline_of
+from roadscope.benchmarks.loop import RunOptions
+from roadscope.benchmarks.metrics.score import Score
+from roadscope.benchmarks.nodes.images import ImageNode
+from roadscope.benchmarks.nodes.poses import PoseNode
+from roadscope.benchmarks.progress import Progress, silent
+from roadscope.benchmarks.records import EpisodeImageDetections, EpisodePoses
+from roadscope.benchmarks.references import check_image_source, check_pose_source
+from roadscope.benchmarks.single import run_episode
+from roadscope.benchmarks.viewing.curves import Curve, running_scores
+from roadscope.core import Detections, Tracks, Truth
+from roadscope.envs.sensors.rigs import rig
+from roadscope.envs.traffic.timeline import Timeline
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class EpisodeView:
+    """What is known of an episode; all but the title may be missing.
+
+    episode: to make sensor data of; None if they cannot be made again.
+    timeline: its traffic, for the road and the size of the ego.
+    truths: at the stamps of the scans.
+    detections: of a LiDAR detector or a fusion, in frame `world` or `ego`.
+    tracks: in frame `world`.
+    scores: of the whole episode, by board and metric. curves: scores over time.
+    notes: what is not shown, and why.
+    """
+
+    title: str
+    episode: Episode | None = None
+    timeline: Timeline | None = None
+    truths: Sequence[Truth] = ()
+    detections: Sequence[Detections] = ()
+    tracks: Sequence[Tracks] = ()
+    poses: EpisodePoses | None = None
+    images: EpisodeImageDetections | None = None
+    scores: Mapping[str, Mapping[str, Score]] = field(default_factory=dict)
+    curves: Sequence[Curve] = ()
+    notes: Sequence[str] = ()
+
+
+def view_of_scenario(
+    episode: Episode,
+    *,
+    detector: str,
+    tracker: str,
+    odometry: str | None = None,
+    camera_detector: str = "network",
+    progress: Progress | None = None,
+) -> EpisodeView:
+    """Run plug-ins on an episode as `run_episode` does; unknown names raise before anything runs.
+
+    odometry: source of poses, which are shown beside the true ones; trackers do not get them.
+    camera_detector: for a rig with a camera.
+    """
+    report, options = progress or silent, RunOptions()
+    pose_node = None if odometry is None else PoseNode(check_pose_source(odometry), episode)
+    check_episode(episode)
+    has_camera = rig(episode.rig).camera is not None
+    image_node = (
+        ImageNode(check_image_source(camera_detector), episode, 0.0) if has_camera else None
+    )
+    summary = run_episode(episode, detector=detector, tracker=tracker, progress=report)
+    poses = images = None
+    scores = {"detection": summary.detection, "tracking": summary.tracking}
+    if pose_node is not None:
+        report("odometry", 0, 1)
+        poses = pose_node.compute(options)
+        scores["odometry"] = pose_scores(poses)
+        report("odometry", 1, 1)
+    if image_node is not None:
+        report("images", 0, 1)
+        images = image_node.compute(options)
+        report("images", 1, 1)
+    named = [detector, tracker, *([odometry] if odometry else [])]
+    return EpisodeView(
+        title=f"{episode.scenario}, seed {episode.seed}, {episode.rig}: {', '.join(named)}",
+        episode=episode,
+        timeline=timeline_of(episode),
+        truths=summary.detections.truths,
+        detections=summary.detections.detections,
+        tracks=summary.tracks,
+        poses=poses,
+        images=images,
+        scores=scores,
+        curves=running_scores(Eligibility(), summary.detections, summary.tracks, poses),
+    )

@@ -1,0 +1,173 @@
+"""`roadscope view`."""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from click.core import ParameterSource
+
+from roadscope.commands import completion
+from roadscope.commands.options import Quiet, Rig
+from roadscope.commands.run import (
+    CameraDetector,
+    Detector,
+    Faults,
+    Light,
+    Seconds,
+    Tracker,
+    Weather,
+)
+from roadscope.commands.terminal import complain, progress_bars
+
+Source = Annotated[
+    str,
+    typer.Argument(
+        metavar="SCENARIO|DIR",
+        help="A scenario (roadscope list scenarios), or a folder of roadscope leaderboard --out.",
+        autocompletion=completion.scenarios,
+    ),
+]
+Save = Annotated[
+    Path | None,
+    typer.Option(metavar="FILE", help="Write a .rrd file here, and open no viewer."),
+]
+Web = Annotated[
+    bool,
+    typer.Option("--web", help="Show it in a browser, by a server that only this machine reaches."),
+]
+Returns = Annotated[
+    str, typer.Option(help="Colour LiDAR returns by their object, or by intensity.")
+]
+Seed = Annotated[
+    int | None, typer.Option(min=0, help="Seed of the episode; of a scenario, 0 if left out.")
+]
+Odometry = Annotated[
+    str | None,
+    typer.Option(
+        help="Odometry whose path is shown beside the true one.",
+        autocompletion=completion.odometries,
+    ),
+]
+BoardName = Annotated[
+    str | None, typer.Option(help="Of a DIR: the board.", autocompletion=completion.boards)
+]
+Entry = Annotated[
+    str | None, typer.Option(help="Of a DIR: the entry; the best one if left out.", metavar="NAME")
+]
+OfScenario = Annotated[
+    str | None,
+    typer.Option(help="Of a DIR: the scenario or sequence.", autocompletion=completion.scenarios),
+]
+Condition = Annotated[
+    str | None, typer.Option(help="Of a DIR: weather, light and faults, such as rain-3.")
+]
+OF_SCENARIO = (
+    *("rig", "weather", "light", "faults", "tracker", "odometry", "camera_detector", "seconds"),
+)
+OF_RESULTS = ("board", "entry", "scenario", "condition")
+"""Parameters that have a meaning for a scenario alone, and for a folder alone."""
+
+
+def view(
+    context: typer.Context,
+    source: Source,
+    *,
+    save: Save = None,
+    web: Web = False,
+    seed: Seed = None,
+    detector: Detector = "distance-l-shape",
+    tracker: Tracker = "existence",
+    odometry: Odometry = None,
+    rig: Rig = "lux",
+    camera_detector: CameraDetector = "network",
+    seconds: Seconds = None,
+    weather: Weather = "clear",
+    light: Light = "day",
+    faults: Faults = "clear",
+    board: BoardName = None,
+    entry: Entry = None,
+    scenario: OfScenario = None,
+    condition: Condition = None,
+    returns: Returns = "object",
+    quiet: Quiet = False,
+) -> None:
+    """Show an episode in Rerun: world, sensors, truth, detections, tracks and scores over time.
+
+    Of a scenario, an episode is run as roadscope run does. Of a folder of results, the kept answers
+    of an entry are shown and nothing runs again. Needs: pip install 'roadscope[view]'.
+
+    The viewer listens on this machine alone and sends no usage statistics.
+    """
+    from roadscope.benchmarks.cache import usable_file
+    from roadscope.benchmarks.episode import Episode
+    from roadscope.benchmarks.viewing.kept import Choice, view_of_results
+    from roadscope.benchmarks.viewing.program import rerun_module, show
+    from roadscope.benchmarks.viewing.recording import ENDING, RETURNS, save_recording
+    from roadscope.benchmarks.viewing.view import view_of_scenario
+    from roadscope.core.names import unknown
+    from roadscope.envs.sensors.faults import faults_of
+    from roadscope.envs.traffic.scenarios import SCENARIOS
+
+    if returns not in RETURNS:
+        raise ValueError(unknown("colour of returns", returns, RETURNS))
+    if save is not None:
+        usable_file(save, (ENDING,), "a recording")
+    rerun_module()
+    of_results = source not in SCENARIOS and Path(source).is_dir()
+    _refuse(context, OF_SCENARIO if of_results else OF_RESULTS)
+    with tempfile.TemporaryDirectory(prefix="roadscope-view-") as scratch:
+        path = Path(scratch) / f"episode{ENDING}" if save is None else save
+        with progress_bars(quiet=quiet) as progress:
+            if of_results:
+                inputs = detector if _is_given(context, "detector") else None
+                choice = Choice(board, entry, scenario, seed, condition, inputs)
+                shown = view_of_results(source, choice)
+            else:
+                fault_names = tuple(map(str, faults_of(faults)))
+                shown = view_of_scenario(
+                    Episode(
+                        _scenario(source), seed or 0, rig, seconds, weather, light, fault_names
+                    ),
+                    detector=detector,
+                    tracker=tracker,
+                    odometry=odometry,
+                    camera_detector=camera_detector,
+                    progress=progress,
+                )
+            save_recording(shown, path, returns=returns, progress=progress)
+        if not quiet:
+            typer.echo(shown.title)
+            for note in shown.notes:
+                typer.echo(note)
+        if save is None:
+            if status := show(path, web=web):
+                complain(f"the viewer ended with status {status}; without a display, try --web")
+                raise typer.Exit(1)
+        elif not quiet:
+            typer.echo(f"written: {path}")
+
+
+def _scenario(name: str) -> str:
+    """Return the name of a scenario; raise `ScenarioError` if it is none."""
+    from roadscope.envs.traffic.scenarios import ScenarioError, find
+
+    try:
+        return find(name).name
+    except ScenarioError as error:
+        raise ScenarioError(f"{error}; or a folder of roadscope leaderboard --out") from error
+
+
+def _is_given(context: typer.Context, name: str) -> bool:
+    return context.get_parameter_source(name) is ParameterSource.COMMANDLINE
+
+
+def _refuse(context: typer.Context, names: Sequence[str]) -> None:
+    """Refuse options that have no meaning for what is shown."""
+    given = [f"--{name.replace('_', '-')}" for name in names if _is_given(context, name)]
+    if given:
+        kind = "a folder of results" if names is OF_SCENARIO else "a scenario"
+        raise typer.BadParameter(f"{', '.join(given)} has no meaning for {kind}")
