@@ -35,10 +35,6 @@ Save = Annotated[
     Path | None,
     typer.Option(metavar="FILE", help="Write a .rrd file here, and open no viewer."),
 ]
-Web = Annotated[
-    bool,
-    typer.Option("--web", help="Show it in a browser, by a server that only this machine reaches."),
-]
 Returns = Annotated[
     str, typer.Option(help="Colour LiDAR returns by their object, or by intensity.")
 ]
@@ -77,7 +73,6 @@ def view(
     source: Source,
     *,
     save: Save = None,
-    web: Web = False,
     seed: Seed = None,
     detector: Detector = "distance-l-shape",
     tracker: Tracker = "existence",
@@ -144,8 +139,10 @@ def view(
             for note in shown.notes:
                 typer.echo(note)
         if save is None:
-            if status := show(path, web=web):
-                complain(f"the viewer ended with status {status}; without a display, try --web")
+            if status := show(path):
+                complain(
+                    f"the viewer ended with status {status}; without a display, write a file with --save"
+                )
                 raise typer.Exit(1)
         elif not quiet:
             typer.echo(f"written: {path}")

@@ -1,9 +1,11 @@
-"""Starts the program of Rerun: on this machine alone, and without usage statistics.
+"""Starts the viewer of Rerun: on this machine alone, and without usage statistics.
 
-What this relies on was seen in rerun-sdk 0.41: the program listens on all network interfaces
-unless `--bind` says otherwise, and it sends usage statistics unless its file of settings says
-otherwise; no option and no environment variable turns them off. So it gets settings of its own,
-and before it starts it is asked whether it takes them.
+What this relies on was seen in rerun-sdk 0.41. The viewer listens on all network interfaces unless
+`--bind` says otherwise. It sends usage statistics unless its file of settings says otherwise; no
+option and no environment variable turns them off. So it gets settings of its own, and before it
+starts it is asked whether it takes them. It looks for a newer version of itself on the internet,
+which nothing turns off; so it gets a proxy that does not exist. The viewer in a browser does all
+of this too and cannot be stopped: it is not offered.
 """
 
 from __future__ import annotations
@@ -22,6 +24,9 @@ from typing import Any
 import psutil
 
 LOOPBACK = "127.0.0.1"
+NO_PROXY = f"http://{LOOPBACK}:9"
+"""Nothing answers here: 9 is the port of the service `discard`, which no system offers today."""
+PROXIES = ("http_proxy", "https_proxy", "all_proxy")
 ANSWER_S = 60.0
 """Longest time in which the program has to say what its settings are; it takes 0.1 s."""
 
@@ -38,36 +43,33 @@ def rerun_module() -> Any:
         raise ViewerError("rerun-sdk is not installed: pip install 'roadscope[view]'") from error
 
 
-def show(recording: Path, *, web: bool = False) -> int:
+def show(recording: Path) -> int:
     """Show a recording until the viewer is closed; return its exit status.
 
-    web: in a browser, by a server on this machine, until the program is interrupted.
     `ViewerError` if Rerun is not installed or its usage statistics cannot be turned off.
     """
     rerun_module()
     with environment() as variables:
-        process = psutil.Popen(arguments(recording, web=web), env=variables)
+        process = psutil.Popen(arguments(recording), env=variables)
         try:
             return int(process.wait())
         finally:
-            # The program runs in a child of this process, which an interrupt may not reach.
+            # The viewer is a child of this process, which an interrupt may not reach.
             if process.is_running():
                 for each in [*process.children(recursive=True), process]:
                     each.terminate()
                 process.wait()
 
 
-def arguments(recording: Path, *, web: bool = False) -> list[str]:
+def arguments(recording: Path) -> list[str]:
     """Return the command that shows a recording; it listens on the loopback interface alone."""
-    command = [sys.executable, "-m", "rerun_cli", "--bind", LOOPBACK, "--port", "auto"]
-    if web:
-        command += ["--web-viewer", "--web-viewer-port", "0"]
-    return [*command, "--hide-welcome-screen", str(recording)]
+    program = [sys.executable, "-m", "rerun_cli"]
+    return [*program, "--bind", LOOPBACK, "--port", "auto", "--hide-welcome-screen", str(recording)]
 
 
 @contextmanager
 def environment() -> Iterator[Mapping[str, str]]:
-    """Yield the variables of a process of Rerun that sends no usage statistics.
+    """Yield the variables of a process of Rerun that sends nothing to other machines.
 
     Its settings are in a folder that is removed at the end. Where they have no effect (not Linux),
     those of the user have to turn the statistics off, or `ViewerError` is raised.
@@ -83,7 +85,9 @@ def environment() -> Iterator[Mapping[str, str]]:
         path = Path(settings["config_file_path"])
         path.parent.mkdir()
         path.write_text(json.dumps(settings), encoding="utf-8")
-        variables = {**os.environ, "XDG_CONFIG_HOME": folder}
+        variables = {**os.environ, "XDG_CONFIG_HOME": folder, "NO_PROXY": "", "no_proxy": ""}
+        for name in PROXIES:
+            variables[name] = variables[name.upper()] = NO_PROXY
         # It turns the statistics on in spite of the settings.
         variables.pop("FORCE_RERUN_ANALYTICS", None)
         _check_settings(variables)

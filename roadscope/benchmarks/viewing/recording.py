@@ -33,6 +33,7 @@ from roadscope.core import (
 )
 from roadscope.envs.gym.render import (
     ASPHALT,
+    BACKGROUND,
     COASTING_LINE_PX,
     DETECTION,
     EGO,
@@ -419,7 +420,10 @@ def _layout(view: EpisodeView) -> Any:
     import rerun.blueprint as rrb
 
     follow = rrb.EyeControls3D(tracking_entity="world/ego")
-    world = rrb.Spatial3DView(origin="world", name="world", eye_controls=follow)
+    # Colours are made for a dark background, whatever the user's theme is.
+    world = rrb.Spatial3DView(
+        origin="world", name="world", background=BACKGROUND, eye_controls=follow
+    )
     return rrb.Blueprint(
         rrb.Horizontal(world, rrb.Vertical(*_views_beside(view, rrb)), column_shares=[3, 2]),
         rrb.TimePanel(timeline=TIMELINE),
@@ -432,7 +436,9 @@ def _views_beside(view: EpisodeView, rrb: Any) -> Iterator[Any]:
     if mount is not None:
         yield rrb.Spatial2DView(origin=f"world/ego/{mount.name}", name=mount.name)
     for unit in dict.fromkeys(curve.unit for curve in view.curves):
-        entities = [f"scores/{c.board}/{c.metric}" for c in view.curves if c.unit == unit]
-        name = "ratios so far" if unit == "1" else unit
+        own = [curve for curve in view.curves if curve.unit == unit]
+        entities = [f"scores/{each.board}/{each.metric}" for each in own]
+        metrics = ", ".join(each.metric for each in own)
+        name = "ratios so far" if unit == "1" else f"{metrics} so far ({unit})"
         yield rrb.TimeSeriesView(origin="/", contents=entities, name=name)
     yield rrb.TextDocumentView(origin="summary", name="whole episode")
