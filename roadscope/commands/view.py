@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
-from click.core import ParameterSource
 
 from roadscope.commands import completion
 from roadscope.commands.options import Quiet, Rig
@@ -140,9 +139,7 @@ def view(
                 typer.echo(note)
         if save is None:
             if status := show(path):
-                complain(
-                    f"the viewer ended with status {status}; without a display, write a file with --save"
-                )
+                complain(f"the viewer ended with status {status}; without a display, use --save")
                 raise typer.Exit(1)
         elif not quiet:
             typer.echo(f"written: {path}")
@@ -159,7 +156,8 @@ def _scenario(name: str) -> str:
 
 
 def _is_given(context: typer.Context, name: str) -> bool:
-    return context.get_parameter_source(name) is ParameterSource.COMMANDLINE
+    source = context.get_parameter_source(name)
+    return source is not None and source.name == "COMMANDLINE"
 
 
 def _refuse(context: typer.Context, names: Sequence[str]) -> None:

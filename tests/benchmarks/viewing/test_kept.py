@@ -1,0 +1,90 @@
+"""Episodes of a leaderboard run, shown from its kept files."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from roadscope import leaderboard
+from roadscope.benchmarks import FolderError, load_suite
+from roadscope.benchmarks.viewing import Choice, KeptError, view_of_results
+
+SUITE = """
+name = "tiny"
+version = 1
+rig = "lux"
+scenarios = ["lu2018-three-vehicles", "lu2018-occlusion"]
+seeds = 2
+duration_s = 0.6
+[detection]
+entries = ["distance-l-shape"]
+[tracking]
+entries = ["nearest", "gnn"]
+detectors = ["distance-l-shape"]
+[odometry]
+entries = ["still"]
+"""
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    place = tmp_path_factory.mktemp("results")
+    suite = place / "tiny.toml"
+    suite.write_text(SUITE)
+    for board in ("odometry", "detection", "tracking"):
+        leaderboard(load_suite(suite), boards=[board], out_dir=place)
+    return place
+
+
+def test_an_entry_is_shown_with_all_that_is_kept(folder: Path) -> None:
+    choice = Choice("tracking", "gnn", "lu2018-occlusion", 1)
+    view = view_of_results(folder, choice)
+    assert "gnn" in view.title
+    assert "lu2018-occlusion, seed 1" in view.title
+    assert len(view.tracks) == len(view.truths) == len(view.detections) > 5
+    assert sum(map(len, view.tracks)) > 0
+    assert view.timeline is not None
+    assert view.episode is not None
+    assert (view.episode.scenario, view.episode.seed) == ("lu2018-occlusion", 1)
+    assert "hota" in view.scores["tracking"]
+    stamps_s = [truth.stamp_s for truth in view.truths]
+    assert [tracks.stamp_s for tracks in view.tracks] == pytest.approx(stamps_s)
+
+
+def test_another_choice_is_another_episode(folder: Path) -> None:
+    views = [view_of_results(folder, Choice("tracking", seed=seed)) for seed in (0, 1)]
+    ends = [view.truths[-1].world_from_ego.translation for view in views]
+    assert not np.allclose(*ends)
+    detection = view_of_results(folder, Choice("detection"))
+    assert detection.tracks == ()
+    assert len(detection.detections) == len(detection.truths)
+    odometry = view_of_results(folder, Choice("odometry"))
+    assert odometry.poses is not None
+    assert [curve.metric for curve in odometry.curves] == ["position_error"]
+    assert len(odometry.truths) == len(odometry.poses.stamps_s)
+
+
+@pytest.mark.parametrize(
+    ("choice", "named"),
+    [
+        (Choice(entry="nobody"), "nearest"),
+        (Choice(seed=77), "seed: 0, 1"),
+        (Choice(board="fusion"), "tracking"),
+    ],
+)
+def test_what_is_not_there_is_refused_with_what_is(
+    folder: Path, choice: Choice, named: str
+) -> None:
+    with pytest.raises(KeptError, match=named):
+        view_of_results(folder, choice)
+
+
+def test_a_folder_without_results_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(FolderError):
+        view_of_results(tmp_path, Choice())
+
+
+def test_answers_that_were_removed_are_said_to_be(folder: Path, tmp_path, monkeypatch) -> None:
+    monkeypatch.setenv("ROADSCOPE_CACHE", str(tmp_path / "another"))
+    with pytest.raises(KeptError, match="ROADSCOPE_CACHE"):
+        view_of_results(folder, Choice())
