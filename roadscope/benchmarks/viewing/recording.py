@@ -65,6 +65,8 @@ TRIANGLES = np.array([[0, 1, 2], [2, 1, 3]])
 """Corners of the two triangles between a point of a lane, left and right, and the next."""
 BELOW_M = 0.02
 """The asphalt is drawn so far below the ground, so that it hides no line."""
+EYE_M = (-30.0, 0.0, 18.0)
+"""From where the world is seen at first: the ego frame."""
 LINE_PX = 1.5
 RETURN_PX = 1.2
 """Radii of lines and returns on the screen; these and the colour of odometries, the length of
@@ -232,6 +234,7 @@ class _Recording:
             **_boxes(truth),
             class_ids=truth.categories,
             labels=_object_names(truth),
+            show_labels=False,
             radii=self._px(LINE_PX),
         )
 
@@ -240,6 +243,7 @@ class _Recording:
             **_boxes(detections),
             colors=np.tile(DETECTION, (len(detections), 1)),
             labels=_detection_names(detections.categories, detections.scores),
+            show_labels=False,
             radii=self._px(LINE_PX),
         )
 
@@ -254,7 +258,11 @@ class _Recording:
                 each.states == TrackState.COASTING, COASTING_LINE_PX, TRACK_LINE_PX
             ).tolist()
             boxes = self.rr.Boxes3D(
-                **_boxes(each), colors=colours, labels=[str(n) for n in ids], radii=self._px(widths)
+                **_boxes(each),
+                colors=colours,
+                labels=[str(number) for number in ids],
+                show_labels=True,
+                radii=self._px(widths),
             )
             self.log("world/tracks", boxes, static=False)
             ahead = np.column_stack([each.velocities, np.zeros(len(each))])
@@ -404,7 +412,7 @@ def _at_stamp(scan: LidarScan, before: Pose, now: Pose, after: Pose, passed_s: f
 
 def _summary(view: EpisodeView) -> str:
     """Return the scores of the whole episode, and what is not shown, as Markdown."""
-    lines = [f"# {view.title}", ""]
+    lines = [f"**{view.title}**", ""]
     for name, scores in view.scores.items():
         lines += ["| | |", "|---|---|"]
         for column in board_named(name).columns:
@@ -419,26 +427,41 @@ def _layout(view: EpisodeView) -> Any:
     """Return which views are shown at first: the world large, images and scores beside it."""
     import rerun.blueprint as rrb
 
-    follow = rrb.EyeControls3D(tracking_entity="world/ego")
-    # Colours are made for a dark background, whatever the user's theme is.
-    world = rrb.Spatial3DView(
-        origin="world", name="world", background=BACKGROUND, eye_controls=follow
-    )
+    beside = rrb.Vertical(*_views_beside(view, rrb))
     return rrb.Blueprint(
-        rrb.Horizontal(world, rrb.Vertical(*_views_beside(view, rrb)), column_shares=[3, 2]),
-        rrb.TimePanel(timeline=TIMELINE),
+        rrb.Horizontal(_world_view(view, rrb), beside, column_shares=[3, 2]),
+        rrb.TimePanel(timeline=TIMELINE, state="collapsed"),
         collapse_panels=True,
     )
 
 
+def _world_view(view: EpisodeView, rrb: Any) -> Any:
+    """Return the world from behind the ego, which the view follows."""
+    eye: dict[str, Any] = {"tracking_entity": "world/ego"}
+    if len(view.truths):
+        start = view.truths[0].world_from_ego
+        eye |= {"position": start.apply(np.array(EYE_M)), "look_target": start.translation}
+    # Colours are made for a dark background, whatever the user's theme is.
+    return rrb.Spatial3DView(
+        origin="world",
+        name="world",
+        background=BACKGROUND,
+        eye_controls=rrb.EyeControls3D(**eye),
+    )
+
+
 def _views_beside(view: EpisodeView, rrb: Any) -> Iterator[Any]:
+    """Yield images, ratios, and one behind the other the remaining scores."""
     mount = None if view.episode is None else rig(view.episode.rig).camera
     if mount is not None:
         yield rrb.Spatial2DView(origin=f"world/ego/{mount.name}", name=mount.name)
+    behind = [rrb.TextDocumentView(origin="summary", name="whole episode")]
     for unit in dict.fromkeys(curve.unit for curve in view.curves):
         own = [curve for curve in view.curves if curve.unit == unit]
         entities = [f"scores/{each.board}/{each.metric}" for each in own]
-        metrics = ", ".join(each.metric for each in own)
-        name = "ratios so far" if unit == "1" else f"{metrics} so far ({unit})"
-        yield rrb.TimeSeriesView(origin="/", contents=entities, name=name)
-    yield rrb.TextDocumentView(origin="summary", name="whole episode")
+        if unit == "1":
+            yield rrb.TimeSeriesView(origin="/", contents=entities, name="ratios so far")
+        else:
+            name = f"{', '.join(each.metric for each in own)} ({unit})"
+            behind.append(rrb.TimeSeriesView(origin="/", contents=entities, name=name))
+    yield rrb.Tabs(*behind)

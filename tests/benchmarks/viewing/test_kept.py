@@ -9,12 +9,13 @@ from roadscope import leaderboard
 from roadscope.benchmarks import FolderError, load_suite
 from roadscope.benchmarks.viewing import Choice, KeptError, view_of_results
 
+SEEDS = 20000, 20001
 SUITE = """
 name = "tiny"
 version = 1
 rig = "lux"
 scenarios = ["lu2018-three-vehicles", "lu2018-occlusion"]
-seeds = 2
+seeds = [20000, 20001]
 duration_s = 0.6
 [detection]
 entries = ["distance-l-shape"]
@@ -37,22 +38,22 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_an_entry_is_shown_with_all_that_is_kept(folder: Path) -> None:
-    choice = Choice("tracking", "gnn", "lu2018-occlusion", 1)
+    choice = Choice("tracking", "gnn", "lu2018-occlusion", SEEDS[1])
     view = view_of_results(folder, choice)
     assert "gnn" in view.title
-    assert "lu2018-occlusion, seed 1" in view.title
+    assert f"lu2018-occlusion, seed {SEEDS[1]}" in view.title
     assert len(view.tracks) == len(view.truths) == len(view.detections) > 5
     assert sum(map(len, view.tracks)) > 0
     assert view.timeline is not None
     assert view.episode is not None
-    assert (view.episode.scenario, view.episode.seed) == ("lu2018-occlusion", 1)
+    assert (view.episode.scenario, view.episode.seed) == ("lu2018-occlusion", SEEDS[1])
     assert "hota" in view.scores["tracking"]
     stamps_s = [truth.stamp_s for truth in view.truths]
     assert [tracks.stamp_s for tracks in view.tracks] == pytest.approx(stamps_s)
 
 
 def test_another_choice_is_another_episode(folder: Path) -> None:
-    views = [view_of_results(folder, Choice("tracking", seed=seed)) for seed in (0, 1)]
+    views = [view_of_results(folder, Choice("tracking", seed=seed)) for seed in SEEDS]
     ends = [view.truths[-1].world_from_ego.translation for view in views]
     assert not np.allclose(*ends)
     detection = view_of_results(folder, Choice("detection"))
@@ -68,7 +69,7 @@ def test_another_choice_is_another_episode(folder: Path) -> None:
     ("choice", "named"),
     [
         (Choice(entry="nobody"), "nearest"),
-        (Choice(seed=77), "seed: 0, 1"),
+        (Choice(seed=77), f"seed: {SEEDS[0]}, {SEEDS[1]}"),
         (Choice(board="fusion"), "tracking"),
     ],
 )
