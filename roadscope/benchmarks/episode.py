@@ -167,18 +167,24 @@ def sensed(episode: Episode) -> Iterator[tuple[Frame, Truth]]:
 def check_episode(episode: Episode) -> None:
     """Raise `ValueError` for an episode that cannot be sensed.
 
-    That is: unknown names, less time than one sweep or more than an hour, and a light for a rig
-    without a camera.
+    That is: unknown names, less time than one sweep or more than an hour, a light for a rig
+    without a camera, and a camera on uneven ground.
     """
     from roadscope.envs.imaging.light import LIGHTS
     from roadscope.envs.sensors.sensing import check_light
     from roadscope.envs.traffic.scenarios import find
 
-    find(episode.scenario)
+    scenario = find(episode.scenario)
     if episode.light not in LIGHTS:
         raise ValueError(unknown("light", episode.light, LIGHTS))
     sensors = sensing_of(episode).rig
     check_light(episode.light, sensors)
+    if scenario.uneven and sensors.camera is not None:
+        raise ValueError(
+            f"images show level ground only: scenario '{scenario.name}' is uneven, and rig "
+            f"'{episode.rig}' has a camera; its LiDAR alone is, for example, rig "
+            f"'{sensors.lidar.spec.name}'"
+        )
     mount = sensors.lidar
     least_s = mount.stamp_s(0) + mount.spec.sweep_s / 2
     duration_s = episode.duration_s

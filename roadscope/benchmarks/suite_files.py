@@ -28,6 +28,7 @@ SUITES = (
     "quick",
     "standard",
     "detection",
+    "uneven",
     "tracking",
     "camera",
     "camera-unseen",

@@ -262,6 +262,21 @@ class ActorMotion(NamedTuple):
     extents: np.ndarray
 
 
+class Stances(NamedTuple):
+    """How U units stand on the ground; all zeros on the plane z = 0.
+
+    uneven: whether there is a terrain; shears and tilts are empty without one.
+    shears: (S, 3) of scenery: height of the ground under it, slopes along x and y.
+    tilts: (K, A, 3) of actors at the knots: height, rise ahead and lean to the left.
+    bounds: (U, 3) least and greatest height, and greatest slope.
+    """
+
+    uneven: bool
+    shears: np.ndarray
+    tilts: np.ndarray
+    bounds: np.ndarray
+
+
 class BlockUnits(NamedTuple):
     """Units of each block.
 
@@ -303,8 +318,33 @@ def bound_motion(poses: np.ndarray, knots_s: np.ndarray) -> ActorMotion:
 
 
 @compiled()
+def bound_stances(shapes: Shapes, shears: np.ndarray, tilts: np.ndarray, uneven: bool) -> Stances:
+    """Return how the units stand, with bounds over all knots."""
+    bounds = np.zeros((len(shapes.unit_poses), 3))
+    if uneven:
+        for u in range(len(bounds)):
+            actor = shapes.unit_poses[u]
+            if actor == STILL:
+                bounds[u, 0] = bounds[u, 1] = shears[u, 0]
+                bounds[u, 2] = abs(shears[u, 1]) + abs(shears[u, 2])
+                continue
+            bounds[u, 0], bounds[u, 1] = np.inf, -np.inf
+            for k in range(len(tilts)):
+                bounds[u, 0] = min(bounds[u, 0], tilts[k, actor, 0])
+                bounds[u, 1] = max(bounds[u, 1], tilts[k, actor, 0])
+                slope = abs(tilts[k, actor, 1]) + abs(tilts[k, actor, 2])
+                bounds[u, 2] = max(bounds[u, 2], slope)
+    return Stances(uneven, shears, tilts, bounds)
+
+
+@compiled()
 def units_by_block(
-    rays: RayColumns, blocks: Blocks, shapes: Shapes, motion: ActorMotion, max_range_m: float
+    rays: RayColumns,
+    blocks: Blocks,
+    shapes: Shapes,
+    motion: ActorMotion,
+    stances: Stances,
+    max_range_m: float,
 ) -> BlockUnits:
     """Return for each block a superset of the units that its rays can hit within the range."""
     x_low = y_low = np.inf
@@ -317,7 +357,8 @@ def units_by_block(
     steepest = max(abs(rays.slopes[0]), abs(rays.slopes[-1]))
     spans = np.empty((len(shapes.unit_poses), 4), np.int64)
     nearest = np.empty(len(shapes.unit_poses))
-    _find_spans(blocks, shapes, motion, sensor, _ray_spread(blocks, steepest), spans, nearest)
+    ray_spread = _ray_spread(blocks, steepest)
+    _find_spans(blocks, shapes, motion, stances.bounds, sensor, ray_spread, spans, nearest)
     return _fill(len(blocks.lows), stable_order(nearest), spans)
 
 
@@ -339,6 +380,7 @@ def _find_spans(
     blocks: Blocks,
     shapes: Shapes,
     motion: ActorMotion,
+    bounds: np.ndarray,
     sensor: SensorRegion,
     ray_spread: float,
     spans: np.ndarray,
@@ -356,6 +398,7 @@ def _find_spans(
         if actor != STILL:
             reach += np.sqrt(x * x + y * y) + motion.extents[actor, 2]
             x, y = motion.extents[actor, 0], motion.extents[actor, 1]
+            reach += bounds[u, 2] * shapes.unit_heights[u, 1]
         reach = (reach + sensor.radius) * (1.0 + SLACK)
         dx, dy = x - sensor.x, y - sensor.y
         distance = np.sqrt(dx * dx + dy * dy)

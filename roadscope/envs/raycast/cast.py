@@ -13,7 +13,8 @@ from roadscope.envs.raycast.blocks import RayColumns, is_level
 from roadscope.envs.raycast.depth import NOTHING, Surfaces
 from roadscope.envs.raycast.kernels import CastWorld, cast_all
 from roadscope.envs.raycast.scene import Scene
-from roadscope.envs.raycast.shapes import shapes_of
+from roadscope.envs.raycast.shapes import STILL, Shapes, shapes_of
+from roadscope.envs.traffic.terrain import HeightGrid
 
 __all__ = ["GROUND", "NOTHING", "Columns", "Hits", "cast"]
 
@@ -92,13 +93,19 @@ def cast(
     )
     outline = np.zeros(len(scene.present) if outlines else 0, np.int64)
     # With other number types Numba would compile everything again.
+    shapes = shapes_of(scene)
+    grid, shears = _ground(scene, shapes)
     world = CastWorld(
-        shapes_of(scene),
+        shapes,
         scene.poses,
         scene.knots_s,
         int(scene.seed),
         float(scene.ground_reflectivity),
         float(max_range_m),
+        scene.terrain is not None,
+        grid,
+        shears,
+        scene.stances,
     )
     cast_all(rays, world, surfaces, outline)
     ranges, owners, cosines, reflectivity = (surface.T for surface in surfaces)
@@ -108,13 +115,22 @@ def cast(
     return Hits(ranges, owners, cosines, reflectivity, outline, hits)
 
 
+def _ground(scene: Scene, shapes: Shapes) -> tuple[HeightGrid, np.ndarray]:
+    """Return the grid of the ground and, for each unit of scenery, how it is sheared."""
+    if scene.terrain is None:
+        return HeightGrid(np.empty((0, 0)), np.empty((0, 0)), 0.0, 0.0), np.empty((0, 3))
+    still = shapes.unit_poses == STILL
+    return scene.terrain.grid, scene.terrain.shears(shapes.unit_circles[still, :2])
+
+
 def _rays(scene: Scene, columns: Columns, slopes: np.ndarray) -> RayColumns:
     tangents = np.ascontiguousarray(slopes, np.float64)
     rising = tangents.ndim == 1 and len(tangents) > 0 and bool((np.diff(tangents) > 0).all())
     require(rising and len(columns) > 0, columns, "slopes", "columns and increasing slopes", slopes)
     knots, fractions = scene.segments(columns.stamps_s)
     ahead, up = columns.ahead, columns.up
-    level = is_level(ahead, up)
+    # On a terrain bodies are tilted.
+    level = scene.terrain is None and is_level(ahead, up)
     return RayColumns(
         columns.origins, ahead, up, columns.stamps_s, tangents, knots, fractions, level
     )

@@ -14,19 +14,23 @@ from typing import NamedTuple
 import numpy as np
 
 from roadscope.core.jit import compiled
-from roadscope.envs.raycast.batch import WIDTH, count, least, load, pick, put, spread
+from roadscope.envs.raycast.batch import WIDTH, count, least, load, pick, put, root, spread
 from roadscope.envs.raycast.blocks import (
     SLACK,
     ActorMotion,
     Blocks,
     BlockUnits,
     RayColumns,
+    Stances,
     bound_motion,
+    bound_stances,
     sort_into_blocks,
     units_by_block,
 )
 from roadscope.envs.raycast.depth import Depth, Surfaces, clear, load_columns, store
+from roadscope.envs.raycast.height_field import meet_ground
 from roadscope.envs.raycast.shapes import STILL, Shapes, fill_planes
+from roadscope.envs.traffic.terrain import HeightGrid
 from roadscope.envs.world.prisms import MAX_EDGES
 
 # --------------------------------------------------------------------------------------------------
@@ -45,8 +49,8 @@ class Scratch(NamedTuple):
     """Work space of one block, rows of `WIDTH`.
 
     world: (9, WIDTH) x y of origin, ahead, up, then z of the three, in the world's frame.
-    local: (6, WIDTH) x y of origin, ahead, up in the unit's frame.
-    turns: (4, WIDTH) x, y, cosine and sine of yaw of the unit.
+    local: (9, WIDTH) the same in the unit's frame.
+    turns: (7, WIDTH) x, y, cosine and sine of yaw of the unit; its height, rise and lean.
     upper, lower: (14 * 3, WIDTH) three rows for each line of a prism: its constant, its slope, and
     in upper lines the distance of the origin from the face. In a column where the face belongs to
     the other lines, a line that is never the least or the greatest.
@@ -91,12 +95,15 @@ def write_level_lines(shapes: Shapes, m: int, scratch: Scratch) -> tuple[int, in
     put(scratch.upper, 2, face)
     put(scratch.lower, 0, leave)
     put(scratch.lower, 1, spread(0.0))
-    return _write_bottom_and_top(shapes.heights, m, 1, 1, scratch)
+    return _write_bottom_and_top(shapes.heights, m, 1, 1, 1.0, scratch)
 
 
 @compiled(borrowing=True)
-def write_lines(shapes: Shapes, m: int, scratch: Scratch) -> tuple[int, int]:
-    """Write the lines of a prism; return the numbers of upper and lower ones."""
+def write_lines(shapes: Shapes, m: int, flatness: float, scratch: Scratch) -> tuple[int, int]:
+    """Write the lines of a prism; return the numbers of upper and lower ones.
+
+    flatness: cosine of the slope of bottom and top in a frame that is sheared.
+    """
     local, planes = scratch.local, shapes.planes
     x, y, ahead_x, ahead_y = load(local, 0), load(local, 1), load(local, 2), load(local, 3)
     up_x, up_y = load(local, 4), load(local, 5)
@@ -105,27 +112,36 @@ def write_lines(shapes: Shapes, m: int, scratch: Scratch) -> tuple[int, int]:
         nx, ny = planes[m, k, 0], planes[m, k, 1]
         distance = planes[m, k, 2] - nx * x - ny * y
         upper, lower = _write_line(
-            distance, nx * ahead_x + ny * ahead_y, nx * up_x + ny * up_y, upper, lower, scratch
+            distance, nx * ahead_x + ny * ahead_y, nx * up_x + ny * up_y, 1.0, upper, lower, scratch
         )
-    return _write_bottom_and_top(shapes.heights, m, upper, lower, scratch)
+    return _write_bottom_and_top(shapes.heights, m, upper, lower, flatness, scratch)
 
 
 @compiled(forceinline=True, borrowing=True)
 def _write_bottom_and_top(
-    heights: np.ndarray, m: int, upper: int, lower: int, scratch: Scratch
+    heights: np.ndarray, m: int, upper: int, lower: int, flatness: float, scratch: Scratch
 ) -> tuple[int, int]:
     """Write the lines of bottom and top after the given numbers of lines."""
-    z, ahead_z, up_z = load(scratch.world, 6), load(scratch.world, 7), load(scratch.world, 8)
-    upper, lower = _write_line(z - heights[m, 0], 0.0 - ahead_z, 0.0 - up_z, upper, lower, scratch)
-    return _write_line(heights[m, 1] - z, ahead_z, up_z, upper, lower, scratch)
+    z, ahead_z, up_z = load(scratch.local, 6), load(scratch.local, 7), load(scratch.local, 8)
+    upper, lower = _write_line(
+        z - heights[m, 0], 0.0 - ahead_z, 0.0 - up_z, flatness, upper, lower, scratch
+    )
+    return _write_line(heights[m, 1] - z, ahead_z, up_z, flatness, upper, lower, scratch)
 
 
 @compiled(forceinline=True, borrowing=True)
 def _write_line(
-    distance: float, a: float, b: float, upper: int, lower: int, scratch: Scratch
+    distance: float,
+    a: float,
+    b: float,
+    metres: float,
+    upper: int,
+    lower: int,
+    scratch: Scratch,
 ) -> tuple[int, int]:
     """Write the line q = (a + b s) / distance as an upper or a lower one.
 
+    metres: what a distance of 1 is.
     distance, a and b are batches. The face may be turned towards some columns and away from others.
     """
     distance = pick(distance == 0.0, spread(_TINY), distance)
@@ -135,7 +151,7 @@ def _write_line(
     if facing > 0:
         put(scratch.upper, 3 * upper, pick(towards, a * inverse, spread(np.inf)))
         put(scratch.upper, 3 * upper + 1, pick(towards, b * inverse, spread(0.0)))
-        put(scratch.upper, 3 * upper + 2, 0.0 - distance)
+        put(scratch.upper, 3 * upper + 2, (0.0 - distance) * metres)
         upper += 1
     if facing < WIDTH:
         put(scratch.lower, 3 * lower, pick(towards, spread(-np.inf), a * inverse))
@@ -241,6 +257,7 @@ class CastWorld(NamedTuple):
     """All surfaces that rays may hit up to the greatest range.
 
     poses: (K, A, 3) x, y, yaw of the actors at knots_s (K,). seed: of the free paths in foliage.
+    uneven: whether the ground is that of the grid, on which units stand as in `Stances`.
     """
 
     shapes: Shapes
@@ -249,12 +266,18 @@ class CastWorld(NamedTuple):
     seed: int
     ground_reflectivity: float
     max_range_m: float
+    uneven: bool
+    grid: HeightGrid
+    shears: np.ndarray
+    tilts: np.ndarray
 
 
 class UnitPose(NamedTuple):
     """Pose of a unit at a block's first column, and its greatest motion within the block.
 
     x, y, drift: metres. cosine, sine: of the yaw. turn: radians.
+    low, high, slope: of `Stances.bounds`. lever: 1 if the unit turns about its frame's origin as
+        it tilts, 0 if it is sheared in its place. flatness: as in `write_lines`.
     """
 
     x: float
@@ -263,6 +286,11 @@ class UnitPose(NamedTuple):
     sine: float
     drift: float
     turn: float
+    low: float
+    high: float
+    slope: float
+    lever: float
+    flatness: float
 
 
 @compiled()
@@ -270,7 +298,8 @@ def cast_all(rays: RayColumns, world: CastWorld, surfaces: Surfaces, outline: np
     """Fill the surfaces; count the rays of each actor in outline (A,) unless it is empty."""
     shapes, max_range_m = world.shapes, world.max_range_m
     blocks, motion = sort_into_blocks(rays), bound_motion(world.poses, world.knots_s)
-    units = units_by_block(rays, blocks, shapes, motion, max_range_m)
+    stances = bound_stances(shapes, world.shears, world.tilts, world.uneven)
+    units = units_by_block(rays, blocks, shapes, motion, stances, max_range_m)
     beams = len(rays.slopes)
     depth = Depth(
         np.empty((beams, WIDTH)),
@@ -283,8 +312,8 @@ def cast_all(rays: RayColumns, world: CastWorld, surfaces: Surfaces, outline: np
     )
     scratch = Scratch(
         np.empty((9, WIDTH)),
-        np.empty((6, WIDTH)),
-        np.empty((4, WIDTH)),
+        np.empty((9, WIDTH)),
+        np.empty((7, WIDTH)),
         np.empty((3 * LINES, WIDTH)),
         np.empty((3 * LINES, WIDTH)),
         np.empty((3, WIDTH)),
@@ -296,6 +325,8 @@ def cast_all(rays: RayColumns, world: CastWorld, surfaces: Surfaces, outline: np
         units,
         shapes,
         motion,
+        stances,
+        world.grid,
         world.seed,
         world.ground_reflectivity,
         scratch,
@@ -312,6 +343,8 @@ def _cast_blocks(
     units: BlockUnits,
     shapes: Shapes,
     motion: ActorMotion,
+    stances: Stances,
+    grid: HeightGrid,
     seed: int,
     ground_reflectivity: float,
     scratch: Scratch,
@@ -322,6 +355,8 @@ def _cast_blocks(
     for n in range(len(blocks.lows)):
         load_columns(rays, blocks, n, scratch.world)
         clear(rays.slopes, ground_reflectivity, scratch.world, depth)
+        if stances.uneven:
+            meet_ground(rays.slopes, ground_reflectivity, scratch.world, grid, depth)
         for i in range(units.starts[n], units.starts[n + 1]):
             _cast_unit(
                 rays,
@@ -329,6 +364,7 @@ def _cast_blocks(
                 n,
                 shapes,
                 motion,
+                stances,
                 units.units[i],
                 seed,
                 scratch,
@@ -346,6 +382,7 @@ def _cast_unit(
     n: int,
     shapes: Shapes,
     motion: ActorMotion,
+    stances: Stances,
     unit: int,
     seed: int,
     scratch: Scratch,
@@ -355,7 +392,7 @@ def _cast_unit(
     actor = shapes.unit_poses[unit]
     first, last = shapes.unit_starts[unit], shapes.unit_starts[unit + 1]
     counted = len(outline) > 0 and actor != STILL
-    pose = _unit_pose(rays, blocks, n, motion, actor)
+    pose = _unit_pose(rays, blocks, n, motion, stances, actor, unit)
     floors = depth.floors
     low, high = _beams_to_test(
         rays, blocks, n, pose, shapes.unit_circles, shapes.unit_heights, unit, floors, counted
@@ -363,6 +400,8 @@ def _cast_unit(
     if low >= high:
         return
     _localise(rays, blocks, n, motion, actor, scratch)
+    if stances.uneven:
+        _stand(rays, blocks, n, stances, shapes.unit_circles, unit, actor, scratch)
     for m in range(first, last):
         if last - first > 1:
             low, high = _beams_to_test(
@@ -375,7 +414,7 @@ def _cast_unit(
         if rays.level:
             upper, lower = write_level_lines(shapes, m, scratch)
         else:
-            upper, lower = write_lines(shapes, m, scratch)
+            upper, lower = write_lines(shapes, m, pose.flatness, scratch)
         if upper == 0:
             continue
         for j in range(low, high):
@@ -393,15 +432,28 @@ def _cast_unit(
 
 @compiled(borrowing=True)
 def _unit_pose(
-    rays: RayColumns, blocks: Blocks, n: int, motion: ActorMotion, actor: int
+    rays: RayColumns,
+    blocks: Blocks,
+    n: int,
+    motion: ActorMotion,
+    stances: Stances,
+    actor: int,
+    unit: int,
 ) -> UnitPose:
     """Return the pose of a unit at the block's first column, and its change within the block."""
+    low, high, slope = stances.bounds[unit, 0], stances.bounds[unit, 1], stances.bounds[unit, 2]
     if actor == STILL:
-        return UnitPose(0.0, 0.0, 1.0, 0.0, blocks.spreads[n], 0.0)
+        flatness = 1.0
+        if stances.uneven:
+            along, across = stances.shears[unit, 1], stances.shears[unit, 2]
+            flatness /= np.sqrt(1.0 + along * along + across * across)
+        spread_m = blocks.spreads[n]
+        return UnitPose(0.0, 0.0, 1.0, 0.0, spread_m, 0.0, low, high, slope, 0.0, flatness)
     x, y, yaw = _actor_pose(rays, motion, actor, blocks.order[n * WIDTH])
     duration = 2.0 * blocks.times[n, 1]
     drift = blocks.spreads[n] + motion.speeds[actor, 0] * duration
-    return UnitPose(x, y, np.cos(yaw), np.sin(yaw), drift, motion.speeds[actor, 1] * duration)
+    turn = motion.speeds[actor, 1] * duration
+    return UnitPose(x, y, np.cos(yaw), np.sin(yaw), drift, turn, low, high, slope, 1.0, 1.0)
 
 
 @compiled(forceinline=True, borrowing=True)
@@ -425,9 +477,11 @@ def _localise(
     """Write the block's columns in the unit's frame at each column's time."""
     world, local, turns = scratch.world, scratch.local, scratch.turns
     if actor == STILL:
-        for k in range(6):
+        for k in range(9):
             put(local, k, load(world, k))
         return
+    for k in range(6, 9):
+        put(local, k, load(world, k))
     _write_turns(rays, blocks, n, motion, actor, turns)
     cosine, sine = load(turns, 2), load(turns, 3)
     dx, dy = load(world, 0) - load(turns, 0), load(world, 1) - load(turns, 1)
@@ -437,6 +491,57 @@ def _localise(
         dx, dy = load(world, k), load(world, k + 1)
         put(local, k, cosine * dx + sine * dy)
         put(local, k + 1, cosine * dy - sine * dx)
+
+
+@compiled(borrowing=True)
+def _stand(
+    rays: RayColumns,
+    blocks: Blocks,
+    n: int,
+    stances: Stances,
+    circles: np.ndarray,
+    unit: int,
+    actor: int,
+    scratch: Scratch,
+) -> None:
+    """Turn the block's columns in the unit's frame as the unit stands on the ground."""
+    local = scratch.local
+    if actor == STILL:
+        z, along, across = stances.shears[unit, 0], stances.shears[unit, 1], stances.shears[unit, 2]
+        z -= along * circles[unit, 0] + across * circles[unit, 1]
+        put(local, 6, load(local, 6) - z)
+        for k in range(3):
+            x, y = load(local, 2 * k), load(local, 2 * k + 1)
+            put(local, 6 + k, load(local, 6 + k) - along * x - across * y)
+        return
+    _write_tilts(rays, blocks, n, stances.tilts, actor, scratch.turns)
+    put(local, 6, load(local, 6) - load(scratch.turns, 4))
+    rise, lean = load(scratch.turns, 5), load(scratch.turns, 6)
+    pitch_length = root(1.0 + rise * rise)
+    length = root(1.0 + rise * rise + lean * lean)
+    # Of the plane through the wheels: the nose is up, then the body turns about its own axis.
+    cos_pitch, sin_pitch = 1.0 / pitch_length, rise / pitch_length
+    cos_roll, sin_roll = pitch_length / length, lean / length
+    for k in range(3):
+        x, y, z = load(local, 2 * k), load(local, 2 * k + 1), load(local, 6 + k)
+        put(local, 2 * k, cos_pitch * x + sin_pitch * z)
+        z = cos_pitch * z - sin_pitch * x
+        put(local, 2 * k + 1, cos_roll * y + sin_roll * z)
+        put(local, 6 + k, cos_roll * z - sin_roll * y)
+
+
+@compiled(borrowing=True)
+def _write_tilts(
+    rays: RayColumns, blocks: Blocks, n: int, tilts: np.ndarray, actor: int, turns: np.ndarray
+) -> None:
+    """Write height, rise and lean of the actor at each column's time."""
+    for i in range(WIDTH):
+        c = blocks.order[min(n * WIDTH + i, len(blocks.order) - 1)]
+        k, f = rays.knots[c], rays.fractions[c]
+        after = min(k + 1, len(tilts) - 1)
+        for part in range(3):
+            start = tilts[k, actor, part]
+            turns[4 + part, i] = start + f * (tilts[after, actor, part] - start)
 
 
 @compiled(borrowing=True)
@@ -480,18 +585,24 @@ def _beams_to_test(
     counted: bool,
 ) -> tuple[int, int]:
     """Return the range of beams that may hit the cylinder of that row before their nearest hit."""
-    x, y, cosine, sine, drift, turn = pose
     cx, cy = circles[row, 0], circles[row, 1]
+    x, y, cosine, sine = pose.x, pose.y, pose.cosine, pose.sine
+    # What tilts reaches farther: sin(slope) <= slope, and 1 - cos(slope) <= slope^2.
+    arm = pose.lever * (abs(cx) + abs(cy))
+    bend = pose.lever * pose.slope * max(abs(heights[row, 0]), abs(heights[row, 1]))
+    sag = pose.slope * (arm + circles[row, 2] + bend)
     dx = x + cosine * cx - sine * cy - blocks.centres[n, 0]
     dy = y + sine * cx + cosine * cy - blocks.centres[n, 1]
-    reach = circles[row, 2] + drift + turn * (abs(cx) + abs(cy))
+    reach = circles[row, 2] + pose.drift + pose.turn * (abs(cx) + abs(cy))
+    reach += bend + pose.slope * pose.slope * arm
     distance = np.sqrt(dx * dx + dy * dy)
     near, far = (distance - reach) * (1.0 - SLACK), (distance + reach) * (1.0 + SLACK)
     beams = len(floors)
     if near <= 0.0:
         return 0, beams
     z, lift = blocks.centres[n, 2], blocks.lifts[n]
-    bottom, top = heights[row, 0] - z - lift, heights[row, 1] - z + lift
+    bottom = heights[row, 0] + pose.low - sag - z - lift
+    top = heights[row, 1] + pose.high + sag - z + lift
     bottom /= near if bottom < 0.0 else far
     top /= near if top > 0.0 else far
     climbs = blocks.climbs

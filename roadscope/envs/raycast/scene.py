@@ -2,20 +2,21 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from roadscope.core.checks import require, settle_arrays
 from roadscope.core.record import Record
+from roadscope.envs.traffic.terrain import Terrain
 from roadscope.envs.world.prisms import Prisms
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Scene(Record):
-    """Scenery and bodies in motion above the ground z = 0, world frame.
+    """Scenery and bodies in motion on the ground, world frame.
 
-    static: scenery, in the world frame.
+    static: scenery, in the world frame; heights are above the ground.
     moving: bodies; owner is the row of the actor, footprints in the frame of the actor's box
         centre on the ground, x ahead.
     knots_s: (K,) float64, increasing, seconds since reset.
@@ -25,6 +26,10 @@ class Scene(Record):
     present: (A,) bool; bodies of absent actors are invisible.
     seed: of the random paths of rays through porous prisms.
     ground_reflectivity: of the road at normal incidence; dry asphalt at 905 nm.
+    terrain: the ground; None: the plane z = 0. Scenery is sheared upwards so that its bottom is
+        parallel to the ground under its middle; its sides stay upright.
+    stances: (K, A, 3) float64, how actors stand on the terrain at the knots, as
+        `Terrain.stances`, linear in time as the poses; bodies are pitched and rolled.
     """
 
     static: Prisms
@@ -34,6 +39,8 @@ class Scene(Record):
     present: np.ndarray
     seed: int = 0
     ground_reflectivity: float = 0.15
+    terrain: Terrain | None = None
+    stances: np.ndarray = field(default_factory=lambda: np.zeros((0, 0, 3)))
 
     def __post_init__(self) -> None:
         settle_arrays(
@@ -41,7 +48,10 @@ class Scene(Record):
             knots_s=(np.float64, ("K",)),
             poses=(np.float64, ("K", "A", 3)),
             present=(np.bool_, ("A",)),
+            stances=(np.float64, ("S", "T", 3)),
         )
+        shape = (0, 0, 3) if self.terrain is None else self.poses.shape
+        require(self.stances.shape == shape, self, "stances", f"shape {shape}", self.stances.shape)
         rising = len(self.knots_s) > 0 and bool((np.diff(self.knots_s) > 0).all())
         require(rising, self, "knots_s", "at least one knot, increasing", self.knots_s.tolist())
         owners = self.moving.owners

@@ -11,6 +11,7 @@ from roadscope.core import Pose
 from roadscope.core.checks import require, settle_arrays
 from roadscope.core.record import Record
 from roadscope.envs.sensors.imu_spec import STANDARD_GRAVITY_M_S2
+from roadscope.envs.traffic.terrain import tilt_angles
 from roadscope.envs.traffic.timeline import Timeline
 
 if TYPE_CHECKING:
@@ -183,9 +184,10 @@ class Kinematics(Record):
 class EgoMotion:
     """A motion with continuous acceleration, fitted to the recorded states of the ego.
 
-    Rear axle and yaw are cubic B-splines whose control points are the recorded states: weighted
-    means of four of them, so steps of the physics leave no spikes. At equal steps dt the path runs
-    inside the recorded one by dt^2 / 6 times the acceleration (1.3 mm at 3 m/s^2 and 20 Hz).
+    Rear axle, yaw, and pitch and roll of the ground under the wheels are cubic B-splines whose
+    control points are the recorded states: weighted means of four of them, so steps of the physics
+    leave no spikes. At equal steps dt the path runs inside the recorded one by dt^2 / 6 times the
+    acceleration (1.3 mm at 3 m/s^2 and 20 Hz).
     Raw timelines, in which speeds jump and collisions move vehicles aside in one step, are limited
     to the band of a vehicle's motion: their control points are means over `RAW_S` either way with
     triangular weights, 10 mm inside the recorded path for each m/s^2. An instant depends
@@ -214,17 +216,17 @@ class EgoMotion:
         times = np.asarray(stamps_s, np.float64)
         levels = [self._level(times, nu=order) for order in range(3)]
         leans = [self._leaning(times, order) for order in range(3)]
-        none = np.zeros((len(times), 2))
-        wheels = Turning.of(*(np.column_stack([level[:, 2], none]) for level in levels))
+        wheels = Turning.of(*(level[:, 3:] for level in levels))
         body = Turning.of(
-            *(np.column_stack([a[:, 2], b]) for a, b in zip(levels, leans, strict=True))
+            *(
+                np.column_stack([level[:, 3], level[:, 4:] + lean])
+                for level, lean in zip(levels, leans, strict=True)
+            )
         )
         pivot = np.zeros(3) if self.sway is None else np.array(self.sway.pivot_m)
         foot = wheels.rotations @ pivot
         arm = body.rotations @ ((np.zeros(3) if point is None else point) - pivot)
-        position, velocity, acceleration = (
-            np.column_stack([level[:, :2], none[:, 0]]) for level in levels
-        )
+        position, velocity, acceleration = (level[:, :3] for level in levels)
         return Kinematics(
             body.rotations,
             position + foot + arm,
@@ -245,14 +247,15 @@ class EgoMotion:
 
     def speeds(self, stamps_s: np.ndarray) -> np.ndarray:
         """Return (T,) speeds of the rear axle along the vehicle, m/s."""
-        yaws = self._level(stamps_s)[:, 2]
-        x, y = self._level(stamps_s, nu=1)[:, :2].T
-        speeds: np.ndarray = np.cos(yaws) * x + np.sin(yaws) * y
+        yaws, pitches = self._level(stamps_s)[:, 3:5].T
+        x, y, z = self._level(stamps_s, nu=1)[:, :3].T
+        level = np.cos(yaws) * x + np.sin(yaws) * y
+        speeds: np.ndarray = np.cos(pitches) * level - np.sin(pitches) * z
         return speeds
 
     def _accelerations(self, stamps_s: np.ndarray) -> np.ndarray:
         """Return (T, 2) accelerations of the rear axle, ahead and to the left, m/s^2."""
-        yaws = self._level(stamps_s)[:, 2]
+        yaws = self._level(stamps_s)[:, 3]
         x, y = self._level(stamps_s, nu=2)[:, :2].T
         cos, sin = np.cos(yaws), np.sin(yaws)
         return np.column_stack([cos * x + sin * y, cos * y - sin * x])
@@ -282,13 +285,19 @@ def _ego_only(timeline: Timeline) -> Timeline:
 
 
 def _control_points(ego: Timeline, stamps_s: np.ndarray) -> np.ndarray:
-    """Return (T, 3) x, y and yaw of the rear axle at (T,) stamps; averaged for raw timelines."""
+    """Return (T, 6) place, yaw, pitch and roll of the rear axle at (T,) stamps.
+
+    They are averaged for raw timelines.
+    """
     offsets = np.arange(-RAW_STEPS, RAW_STEPS + 1) if ego.raw else np.zeros(1, np.int64)
     weights = (1.0 + RAW_STEPS - np.abs(offsets)).astype(np.float64)
-    total = np.zeros((len(stamps_s), 3))
+    total = np.zeros((len(stamps_s), 6))
     for offset, weight in zip(offsets, weights / weights.sum(), strict=True):
         states = ego.at(stamps_s + offset * (RAW_S / RAW_STEPS))
-        total += weight * np.column_stack([states.axles[:, 0], states.yaws[:, 0]])
+        height, rise, lean = ego.stances(states)[:, 0].T
+        z = height - rise * ego.centre_ahead_m[0]
+        angles = states.yaws[:, 0], *tilt_angles(rise, lean)
+        total += weight * np.column_stack([states.axles[:, 0], z, *angles])
     return total
 
 

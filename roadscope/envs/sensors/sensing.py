@@ -85,25 +85,20 @@ def pixel_truth_of(timeline: Timeline, stamp_s: float, image_truth: ImageTruth) 
 def _present_users(timeline: Timeline, stamp_s: float) -> tuple[np.ndarray, dict[str, Any]]:
     """Return the rows of all present road users except the ego, and their states."""
     around = timeline.at(np.array([stamp_s - 1e-3, stamp_s, stamp_s + 1e-3]))
-    centres = around.axles + timeline.centre_ahead_m[:, None] * directions(around.yaws)
+    centres = timeline.centres(around)
     rows = np.flatnonzero(around.present[1])
     rows = rows[rows > 0]
-    heights = timeline.sizes[rows, 2]
+    heights = timeline.stances(around)[1, rows, 0] + timeline.sizes[rows, 2] / 2
     return rows, {
         "ids": timeline.ids[rows],
         "categories": timeline.categories[rows],
-        "centres": np.column_stack([centres[1, rows], heights / 2]),
+        "centres": np.column_stack([centres[1, rows], heights]),
         "sizes": timeline.sizes[rows],
         "yaws": around.yaws[1, rows],
         "velocities": (centres[2, rows] - centres[0, rows]) / 2e-3,
         "world_from_ego": timeline.world_from_ego(stamp_s),
         "stamp_s": stamp_s,
     }
-
-
-def directions(yaws: np.ndarray) -> np.ndarray:
-    """Return unit vectors (..., 2) of headings in radians."""
-    return np.stack([np.cos(yaws), np.sin(yaws)], axis=-1)
 
 
 # --------------------------------------------------------------------------------------------------
@@ -212,6 +207,8 @@ class Sensing:
         yield from self._sweeps(timeline, timeline.end_s)
 
     def _sweeps(self, timeline: Timeline, until_s: float) -> Iterator[tuple[Frame, Truth]]:
+        if self.rig.camera is not None:
+            _refuse_terrain(timeline)
         # Rounding errors of stamps must not delay a sweep.
         settled_until_s = settled_s(timeline) if self.rig.inertial else timeline.end_s
         end_s = min(until_s, settled_until_s) + 1e-9
@@ -268,6 +265,7 @@ class Sensing:
 
     def sense_image_at(self, timeline: Timeline, stamp_s: float) -> tuple[Frame, Truth]:
         """Return the frame and the truth of an image whose exposure has its middle at the stamp."""
+        _refuse_terrain(timeline)
         mount = self._camera()
         scene, ego_poses = self._place_bodies(timeline, np.array([stamp_s]), IMAGE_RANGE_M)
         ego_at = self._ego_at(timeline)
@@ -306,9 +304,11 @@ class Sensing:
     def _has_smooth_motion(self, timeline: Timeline) -> bool:
         """Return whether the sensors follow a smooth motion instead of the recorded states.
 
-        They do on a body with sway, and on an inertial rig if the recorded motion may jump.
+        They do on a body with sway, and on an inertial rig if the recorded motion may jump or the
+        ground is uneven.
         """
-        return self.rig.sway is not None or (timeline.raw and self.rig.inertial)
+        rough = timeline.raw or timeline.terrain is not None
+        return self.rig.sway is not None or (rough and self.rig.inertial)
 
     def _ego_at(self, timeline: Timeline) -> Callable[[float], Pose]:
         """Return the function from a stamp to the pose of the body with the sensors."""
@@ -395,13 +395,15 @@ class Sensing:
         states = timeline.at(stamps_s)
         present = states.present[-1].copy()
         present[0] = False
-        centres = states.axles + timeline.centre_ahead_m[:, None] * directions(states.yaws)
+        centres = timeline.centres(states)
         poses = np.concatenate([centres, states.yaws[..., None]], axis=-1)[: len(knots)]
         world = self._world_of(timeline)
         scenery = world.static_around(states.axles[-1, 0], radius_m)
         scene = Scene(scenery, world.moving, knots, poses, present, self._world_seed)
-        ego = zip(states.axles[: len(knots), 0], states.yaws[: len(knots), 0], strict=True)
-        return scene, [Pose.planar(x, y, yaw) for (x, y), yaw in ego]
+        if timeline.terrain is not None:
+            stances = timeline.stances(states)[: len(knots)]
+            scene = replace(scene, terrain=timeline.terrain, stances=stances)
+        return scene, timeline.ego_poses(states)[: len(knots)]
 
     def _world_of(self, timeline: Timeline) -> World:
         if self._world is None:
@@ -431,6 +433,12 @@ def check_light(light: str | Light | None, rig: Rig) -> None:
         f"light '{name}' changes only images, and rig '{rig.name}' has no camera; rigs with one: "
         f"{', '.join(name for name, place in RIGS.items() if place.camera)}"
     )
+
+
+def _refuse_terrain(timeline: Timeline) -> None:
+    """Raise `RecordError` for images of uneven ground."""
+    if timeline.terrain is not None:
+        raise RecordError("images show level ground only, and the ground here is uneven")
 
 
 def _refuse_night(light: str | Light, faults: tuple[Fault, ...]) -> None:

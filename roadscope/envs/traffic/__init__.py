@@ -14,6 +14,7 @@ _PARTS = {
     "scenarios": "SCENARIOS ScenarioError accept find record scenario_of_environment",
     "script": "Change ScriptedMotion",
     "scripts": "convoy_pull_away",
+    "terrain": "Terrain",
     "timeline": "Timeline",
     "walkers": "rounded_path",
 }

@@ -5,13 +5,14 @@ from __future__ import annotations
 import importlib
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from types import MappingProxyType
 
 import numpy as np
 
 from roadscope.core import Category
 from roadscope.core.names import unknown
+from roadscope.envs.traffic.terrain import terrain_of
 from roadscope.envs.traffic.timeline import Timeline
 
 LEAST_OBJECTS = 5
@@ -21,6 +22,8 @@ MOST_CRASHED = 0.05
 most the share `MOST_CRASHED` of all actors crashes; chosen by hand."""
 TRIES = 10
 """Sub-seeds that are tried until traffic is accepted."""
+_GROUND_SALT = 0x47726E64
+"""Keeps this stream of random numbers apart from others of the same seed."""
 
 
 class ScenarioError(ValueError):
@@ -38,6 +41,7 @@ class Scenario:
     duration_s: default length of a recording.
     scripted: whether all motion is written down; such scenarios are exempt from `accept`.
     unseen: whether vehicles have the shapes of `mix.UNSEEN`, on which no detector was trained.
+    uneven: whether the ground has the terrain of that name in `terrain.TERRAINS`.
     """
 
     name: str
@@ -47,6 +51,7 @@ class Scenario:
     duration_s: float = 20.0
     scripted: bool = False
     unseen: bool = False
+    uneven: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,6 +76,12 @@ def _simulated(
     function = name.removeprefix("unseen-").replace("-", "_")
     builder = f"{_PACKAGE}.simulated:{function}"
     return Scenario(name, description, style, builder, duration_s, unseen=unseen)
+
+
+def _uneven(name: str, traffic: str, style: str, description: str) -> Scenario:
+    """Return a scenario with the traffic of a function in `simulated` on its own terrain."""
+    builder = f"{_PACKAGE}.simulated:{traffic}"
+    return Scenario(name, description, style, builder, uneven=True)
 
 
 def _scripted(name: str, style: str, duration_s: float, description: str) -> Scenario:
@@ -124,6 +135,24 @@ _SCENARIOS = (
         "town",
         "As street, with flatbeds, tankers and other bodies that no detector was trained on.",
         unseen=True,
+    ),
+    _uneven(
+        "hills",
+        "two_way",
+        "urban",
+        "As two-way, over crests and through sags, on slopes of up to 12 %.",
+    ),
+    _uneven(
+        "camber",
+        "motorway",
+        "motorway",
+        "As motorway, on a road that leans or has a crown, between banks and ditches.",
+    ),
+    _uneven(
+        "bumps",
+        "street",
+        "town",
+        "As street, over humps of 6 to 12 cm, between raised pavements.",
     ),
     _scripted(
         "cut-ins", "motorway", 12.0, "Vehicles cut in and change lanes closely ahead of the ego."
@@ -215,6 +244,7 @@ def record(name: str, seed: int, duration_s: float | None = None) -> Timeline:
     from roadscope.envs.traffic.mix import with_unseen_bodies
     from roadscope.envs.traffic.simulated import play
 
+    ground = np.random.default_rng([_GROUND_SALT, seed])
     for child in np.random.SeedSequence(seed).spawn(TRIES):
         traffic, dressing = child.spawn(2)
         timeline = play(
@@ -224,8 +254,16 @@ def record(name: str, seed: int, duration_s: float | None = None) -> Timeline:
             seed=dressing,
         )
         if accept(timeline).accepted:
+            if scenario.uneven:
+                return with_terrain(timeline, scenario.name, ground)
             return with_unseen_bodies(timeline) if scenario.unseen else timeline
     raise ScenarioError(f"'{name}' with seed {seed}: no traffic accepted in {TRIES} tries")
+
+
+def with_terrain(timeline: Timeline, name: str, rng: np.random.Generator) -> Timeline:
+    """Return the same traffic on the terrain of a name in `terrain.TERRAINS`."""
+    terrain = terrain_of(name, timeline.road, timeline.axles[:, 0], rng)
+    return replace(timeline, terrain=terrain)
 
 
 def find(name: str) -> Scenario:

@@ -14,6 +14,7 @@ from roadscope.core import Pose, RecordError
 from roadscope.core.checks import require, settle_arrays
 from roadscope.core.record import Record
 from roadscope.envs.traffic.road_map import RoadMap
+from roadscope.envs.traffic.terrain import Terrain, standing
 
 FORMAT = "roadscope-timeline-1"
 
@@ -66,6 +67,7 @@ class Timeline(Record):
     raw: whether the motion comes from a foreign environment and may be unphysical.
     obstacles: (O, 6) float64, obstacles on the road, world frame: centre x and y, yaw, length,
         width, height.
+    terrain: the ground; None: the plane z = 0. Motion is in x and y only and does not depend on it.
     """
 
     stamps_s: np.ndarray
@@ -82,6 +84,7 @@ class Timeline(Record):
     style: str = "bare"
     raw: bool = False
     obstacles: np.ndarray = field(default_factory=lambda: np.empty((0, 6)))
+    terrain: Terrain | None = None
 
     def __post_init__(self) -> None:
         settle_arrays(
@@ -139,11 +142,27 @@ class Timeline(Record):
         outside = (t - np.clip(t, low, high))[..., None]
         return States(times, present, axles + velocities * outside, yaws, velocities)
 
+    def centres(self, states: States) -> np.ndarray:
+        """Return the (T, A, 2) middles of all boxes on the ground."""
+        ahead = np.stack([np.cos(states.yaws), np.sin(states.yaws)], axis=-1)
+        middles: np.ndarray = states.axles + self.centre_ahead_m[:, None] * ahead
+        return middles
+
+    def stances(self, states: States) -> np.ndarray:
+        """Return how all actors stand on the ground, (T, A, 3), as `Terrain.stances`."""
+        if self.terrain is None:
+            return np.zeros((*states.yaws.shape, 3))
+        return self.terrain.stances(self.centres(states), states.yaws, self.sizes, self.categories)
+
+    def ego_poses(self, states: States) -> list[Pose]:
+        """Return the pose of the ego's rear axle on the ground at each of T instants."""
+        ego = zip(states.axles[:, 0], states.yaws[:, 0], self.stances(states)[:, 0], strict=True)
+        ahead_m = float(self.centre_ahead_m[0])
+        return [standing(axle, yaw, ahead_m, stance) for axle, yaw, stance in ego]
+
     def world_from_ego(self, stamp_s: float) -> Pose:
         """Return the pose of the ego's rear axle on the ground."""
-        states = self.at(np.array([stamp_s]))
-        x, y = states.axles[0, 0]
-        return Pose.planar(x, y, states.yaws[0, 0])
+        return self.ego_poses(self.at(np.array([stamp_s])))[0]
 
     def save(self, file: Path | str | BinaryIO) -> None:
         """Write the timeline to a compressed `.npz` file."""
@@ -153,7 +172,13 @@ class Timeline(Record):
             return
         header = {"format": FORMAT, "style": self.style, "raw": self.raw}
         arrays = {name: getattr(self, name) for name in _ARRAYS}
-        contents = {"header": np.array(json.dumps(header)), **self.road.to_arrays(), **arrays}
+        ground = {} if self.terrain is None else self.terrain.to_arrays()
+        contents = {
+            "header": np.array(json.dumps(header)),
+            **self.road.to_arrays(),
+            **ground,
+            **arrays,
+        }
         np.savez_compressed(file, allow_pickle=False, **contents)
 
     @staticmethod
@@ -212,6 +237,7 @@ def _unpack(data: Mapping[str, np.ndarray]) -> Timeline:
         road=RoadMap.from_arrays(data),
         style=header["style"],
         raw=header["raw"],
+        terrain=Terrain.from_arrays(data) if "terrain_terms" in data else None,
     )
 
 

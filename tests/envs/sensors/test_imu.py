@@ -80,7 +80,9 @@ def test_ideal_samples_lead_to_where_the_ego_is(sway: BodySway | None) -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("sway", [None, BodySway()], ids=["level", "swaying"])
-@pytest.mark.parametrize("name", ["motorway", "roundabout", "racetrack", "intersection"])
+@pytest.mark.parametrize(
+    "name", ["motorway", "roundabout", "racetrack", "intersection", "hills", "bumps"]
+)
 def test_ideal_samples_lead_there_in_traffic(name: str, sway: BodySway | None) -> None:
     away, faster, turned = drifted(recorded(name), sway)
     assert away < 0.01

@@ -13,8 +13,11 @@ from roadscope.core import Category
 from roadscope.envs.traffic import SCENARIOS, ScenarioError, accept, find, record, scenarios
 from roadscope.envs.world import STYLES
 
-# Vehicles of unseen shapes drive as those do that they stand in for: `test_unseen.py`.
-FLOWING = [n for n, scenario in SCENARIOS.items() if not (scenario.scripted or scenario.unseen)]
+# Vehicles of unseen shapes drive as those do that they stand in for: `test_unseen.py`. On uneven
+# ground they drive as on level ground.
+FLOWING = [
+    name for name, each in SCENARIOS.items() if not (each.scripted or each.unseen or each.uneven)
+]
 QUICK = "merge"
 """The whole recordings of all take a minute."""
 EACH = [n if n == QUICK else pytest.param(n, marks=pytest.mark.slow) for n in FLOWING]
@@ -63,6 +66,9 @@ def test_the_named_scenarios_are_there():
         "tunnel",
         "stop-and-go",
         "racetrack-loop",
+        "hills",
+        "camber",
+        "bumps",
     }
     for name, scenario in SCENARIOS.items():
         assert scenario.name == name
