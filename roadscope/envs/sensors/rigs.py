@@ -171,9 +171,9 @@ class PresetPlace:
 
 
 PAVEMENT_LIMIT = 0.1 * (1.73 / 50.0) * (120.0 / 50.0) ** 2
-"""Detection limit of an HDL-64E that sees pavement 50 m away from 1.73 m above it. The manual does not
-say at which angle it is seen so far; `lidar_spec` takes it for normal incidence, and then roads end
-at about 20 m. Not compared with recorded scans."""
+"""Detection limit of an HDL-64E that sees pavement 50 m away from 1.73 m above it. The manual does
+not say at which angle it is seen so far; `lidar_spec` takes it for normal incidence, and then roads
+end at about 20 m. Not compared with recorded scans."""
 
 RIGS: Mapping[str, PresetPlace] = MappingProxyType(
     {

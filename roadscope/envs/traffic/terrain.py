@@ -145,7 +145,8 @@ def standing(axle: np.ndarray, yaw: float, ahead_m: float, stance: np.ndarray) -
 
 def tilt_angles(rise: np.ndarray, lean: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return pitch and roll, ISO 8855, radians, of a body on a plane of these slopes."""
-    return -np.arctan(rise), np.arctan(lean / np.hypot(1.0, rise))
+    # On level ground this is 0, not -0: poses are the same bytes as without a terrain.
+    return np.arctan(0.0 - rise), np.arctan(lean / np.hypot(1.0, rise))
 
 
 @lru_cache(maxsize=4)

@@ -1,4 +1,5 @@
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -24,7 +25,8 @@ def write(tmp_path):
 def test_presets_carry_what_they_say(name):
     made, place = rig(name), RIGS[name]
     assert made.name == name
-    assert made.lidar.spec == SPECS[place.sensor]
+    limit = {} if place.detection_limit is None else {"detection_limit": place.detection_limit}
+    assert made.lidar.spec == replace(SPECS[place.sensor], **limit)
     assert (made.camera is None) == (place.camera is None)
     if made.camera is not None:
         assert made.camera.spec == CAMERAS[place.camera]
