@@ -31,10 +31,11 @@ from roadscope.trackers._tracklets import Tracklets, track_states
 class JpdaSettings(BernoulliSettings):
     """Settings of the tracker.
 
-    exact_limit: see `association_marginals`. The others: see `BernoulliSettings`.
+    exact_limit, pruned: see `association_marginals`. The others: see `BernoulliSettings`.
     """
 
     exact_limit: float = EXACT_LIMIT
+    pruned: bool = True
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -49,8 +50,9 @@ class JpdaTracks(ArrayTable):
 class JpdaTracker:
     """Every track is corrected by all detections in its gate, weighted by their probabilities.
 
-    Probabilities are marginals of all joint events, exact up to `exact_limit`. Tracks are confirmed
-    and dropped by their probability of existence alone, which is also their score.
+    Probabilities are marginals of joint events, exact up to `exact_limit`. Of events that differ
+    only in who has which detection, the likeliest counts (JPDA*, Blom and Bloem 2000). Tracks are
+    confirmed and dropped by their probability of existence alone, which is also their score.
 
     The paper leaves open how tracks start. Here a detection starts a track unless it is most
     likely that of a known one.
@@ -61,10 +63,8 @@ class JpdaTracker:
     def __init__(self, settings: JpdaSettings = JpdaSettings()) -> None:
         self._model, self._filter = settings.detection_model(), settings.position_filter()
         self._scores = ScoreCalibration(settings.traits)
-        self._gate, self._exact_limit = (
-            chi_square_gate(settings.gate_share, 2),
-            settings.exact_limit,
-        )
+        self._gate = chi_square_gate(settings.gate_share, 2)
+        self._exact_limit, self._pruned = settings.exact_limit, settings.pruned
         self._confirm, self._least = settings.confirm, settings.drop
         self._shown_misses = settings.shown_misses
         self.reset()
@@ -124,6 +124,7 @@ class JpdaTracker:
             1 - detected,
             np.ones(len(detections)),
             self._exact_limit,
+            self._pruned,
         )
         return near.with_costs(marginals)
 
