@@ -27,9 +27,10 @@ from roadscope.benchmarks.formats.table import FormatError, names_in, visible
 from roadscope.benchmarks.formats.tracking_rows import ImageSize
 from roadscope.benchmarks.metrics.score import Score
 from roadscope.benchmarks.metrics.tracking.hota import hota
+from roadscope.benchmarks.metrics.tracking.sequence import TrackedSequence
 from roadscope.benchmarks.recorded.combined import alpha_parts
 from roadscope.benchmarks.recorded.recording import Recording
-from roadscope.benchmarks.recorded.rules import MOT_THRESHOLD, apply_mot_rules, distractors_of
+from roadscope.benchmarks.recorded.rules import IMAGE_THRESHOLD, apply_mot_rules, distractors_of
 from roadscope.benchmarks.recorded.scores import sequence_scores
 from roadscope.benchmarks.recorded.suite import suite_of, tracking_settings
 from roadscope.benchmarks.records import EpisodeDetections
@@ -139,19 +140,21 @@ class MotRecording(Recording):
             for frame, record in enumerate(tracks, start=1)
         ]
 
+    def counted(self, tracks: Sequence[Tracks]) -> TrackedSequence:
+        """Return what counts of the objects and of tracks, by image boxes."""
+        sequence, _ = image_sequence(self)
+        assert sequence.truth_rows is not None
+        distractors = distractors_of(sequence.name)
+        return apply_mot_rules(sequence.truth_rows, self.rows(tracks), distractors)
+
     def scores(self, tracks: Sequence[Tracks]) -> dict[str, Score]:
         """Return the scores by image boxes under MOTChallenge's rules.
 
         tracks: tentative ones are used for averages over recall only.
         """
-        sequence, _ = image_sequence(self)
-        assert sequence.truth_rows is not None
-        distractors = distractors_of(sequence.name)
-        counted, with_tentative = (
-            apply_mot_rules(sequence.truth_rows, self.rows(records), distractors)
-            for records in ([record.sure for record in tracks], tracks)
-        )
-        return sequence_scores(counted, MOT_THRESHOLD, with_tentative) | alpha_parts(hota(counted))
+        counted, with_tentative = map(self.counted, ([record.sure for record in tracks], tracks))
+        scores = sequence_scores(counted, IMAGE_THRESHOLD, with_tentative)
+        return scores | alpha_parts(hota(counted))
 
 
 @lru_cache(maxsize=1)

@@ -22,7 +22,7 @@ from roadscope.benchmarks.recorded.combined import SUFFIXES, alpha_parts
 from roadscope.benchmarks.recorded.object_rules import OVERLAPS, object_precisions
 from roadscope.benchmarks.recorded.rules import (
     BOX_SIMILARITIES,
-    MOT_THRESHOLD,
+    IMAGE_THRESHOLD,
     apply_kitti_rules,
     apply_mot_rules,
     distractors_of,
@@ -53,7 +53,7 @@ def score_mot_results(sequence: Path | str, results: Path | str) -> dict[str, Sc
     limit = FrameLimit(len(truth), f"the last of the sequence {sequence}")
     tracks = read_mot(Path(results), limit=limit).by_frame(len(truth))
     counted = apply_mot_rules(truth, tracks, distractors_of(labelled.name))
-    return sequence_scores(counted, MOT_THRESHOLD) | alpha_parts(hota(counted))
+    return sequence_scores(counted, IMAGE_THRESHOLD) | alpha_parts(hota(counted))
 
 
 def score_kitti_results(

@@ -1,11 +1,12 @@
 """Which objects and tracks count on recorded data, by the rules of KITTI and of MOTChallenge.
 
-KITTI (Geiger et al. 2012): the rules of the benchmark's own evaluation on image boxes. We apply
-them to 3-D boxes (Weng et al. 2020) and to distances of centres too. Some objects may be detected
-but need not be: vans beside cars, sitting people beside pedestrians, and objects whose occlusion is
-unknown (level 3) or that are truncated at all. A track on such a distractor counts
-neither as a hit nor as a false alarm. Neither does an unmatched track that is small in the image or
-in a region without labels.
+KITTI (Geiger et al. 2012): the rules of the benchmark's own evaluation on image boxes, as TrackEval
+has them. They decide what counts for 3-D boxes and distances of centres too, so all three scores
+are of the same objects and tracks. (AB3DMOT, Weng et al. 2020, finds distractors by overlap in
+space.) Some objects may be detected but need not be: vans beside cars, sitting people
+beside pedestrians, and objects whose occlusion is unknown (level 3) or that are truncated at all. A
+track on such a distractor counts neither as a hit nor as a false alarm. Neither does an unmatched
+track that is small in the image or in a region without labels.
 
 MOTChallenge (Milan et al. 2016): pedestrians count. A track on a distractor (people on vehicles,
 standing or sitting people, reflections) counts neither as a hit nor as a false alarm.
@@ -50,7 +51,7 @@ KITTI_DISTRACTORS: Mapping[KittiType, tuple[KittiType, ...]] = {
 MOT_DISTRACTORS = (PERSON_ON_VEHICLE, STATIC_PERSON, DISTRACTOR, REFLECTION)
 """Classes that are distractors in MOT16 and MOT17."""
 MOT20_DISTRACTORS = (*MOT_DISTRACTORS, NON_MOTOR_VEHICLE)
-MOT_THRESHOLD = 0.5
+IMAGE_THRESHOLD = 0.5
 """Image boxes with this intersection over union can be of the same object."""
 EPSILON = float(np.finfo(float).eps)
 
@@ -134,7 +135,7 @@ def apply_kitti_rules(
 
     labels: all labels of each frame, of every type.
     tracks: a tracker's rows of each frame; rows of other types than `kind` are left out.
-    similarity: a key of `BOX_SIMILARITIES`.
+    similarity: a key of `BOX_SIMILARITIES`, of the objects and tracks that count.
     """
     frames = [
         _kitti_frame(objects, rows, kind, BOX_SIMILARITIES[similarity])
@@ -186,18 +187,18 @@ def _kitti_frame(
     is_known = np.isin(labels.types, [kind, *KITTI_DISTRACTORS[kind]]) & (labels.ids >= 0)
     objects = labels.select(is_known)
     tracks = rows.select((rows.types == kind) & (rows.ids >= 0))
-    similarities = similarity.measure(objects, tracks)
     counts = _objects_that_count(objects, kind)
     regions = labels.boxes[labels.types == KittiType.DONT_CARE]
     excused = _is_small(tracks.boxes) | _is_in_region(tracks.boxes, regions)
-    object_rows, track_rows = _assigned_pairs(similarities, similarity.threshold)
+    object_rows, track_rows = _assigned_pairs(overlap_in_image(objects, tracks), IMAGE_THRESHOLD)
     excused[track_rows] = ~counts[object_rows]
+    objects, tracks = objects.select(counts), tracks.select(~excused)
     return CountedFrame(
-        object_ids=objects.ids[counts],
-        track_ids=tracks.ids[~excused],
-        similarities=similarities[np.ix_(counts, ~excused)],
-        scores=tracks.scores[~excused],
-        distances_m=centre_distances_m(objects.select(counts), tracks.select(~excused)),
+        object_ids=objects.ids,
+        track_ids=tracks.ids,
+        similarities=similarity.measure(objects, tracks),
+        scores=tracks.scores,
+        distances_m=centre_distances_m(objects, tracks),
     )
 
 
@@ -206,7 +207,7 @@ def _mot_frame(objects: MotRows, rows: MotRows, distractors: Collection[int]) ->
     tracks = rows.select((rows.ids >= 0) & has_box)
     similarities = image_overlaps(objects.boxes, tracks.boxes)
     counts = (objects.classes == PEDESTRIAN) & (objects.confidences != 0)
-    object_rows, track_rows = _assigned_pairs(similarities, MOT_THRESHOLD)
+    object_rows, track_rows = _assigned_pairs(similarities, IMAGE_THRESHOLD)
     excused = np.zeros(len(tracks), bool)
     excused[track_rows] = np.isin(objects.classes, list(distractors))[object_rows]
     return CountedFrame(

@@ -98,6 +98,17 @@ def test_matching_rules_hold_for_every_similarity(similarity):
     assert count(labels, rows(A, B, C), similarity=similarity) == ([0], [0, 2])
 
 
+@pytest.mark.parametrize("similarity", BOX_SIMILARITIES)
+def test_the_image_decides_what_counts_for_every_similarity(similarity):
+    """A track on a van in the image does not count, however far behind it in space."""
+    labels = rows(A, B, types=[KittiType.CAR, KittiType.VAN])
+    tracks = rows(A, B, C)
+    behind = replace(tracks, bottoms=tracks.bottoms + np.array([0.0, 0.0, 6.0]))
+    assert count(labels, behind, similarity=similarity) == ([0], [0, 2])
+    aside = rows(A, (260, 0, 360, 100), C)  # the van's place in space, another one in the image
+    assert count(labels, aside, similarity=similarity) == ([0], [0, 1, 2])
+
+
 def test_centres_at_the_gate_are_half_alike():
     labels, tracks = rows(A), rows(A)
     aside = replace(tracks, bottoms=tracks.bottoms + np.array([2.0, 5.0, 0.0]))
