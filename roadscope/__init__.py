@@ -2,8 +2,8 @@
 
 These names are public. They are loaded when they are first used. More public names are in
 `roadscope.metrics`, `formats` and `testing`, and in the packages `roadscope.envs`, `detectors`,
-`odometry`, `trackers`, `fusion` and `benchmarks`. Modules inside those packages are private: they may
-change in any version.
+`odometry`, `trackers`, `fusion` and `benchmarks`. Modules inside those packages are private: they
+may change in any version.
 
 Importing the package makes its environments known to Gymnasium.
 """
