@@ -14,7 +14,8 @@ if TYPE_CHECKING:
         score_mot_results,
     )
     from roadscope.benchmarks.results import Results
-    from roadscope.benchmarks.single import run_episode, save_picture
+    from roadscope.benchmarks.run_pictures import save_picture, save_video
+    from roadscope.benchmarks.single import run_episode
     from roadscope.benchmarks.suite import BoardSettings, Suite
     from roadscope.benchmarks.suite_files import load_suite
 
@@ -27,7 +28,8 @@ _PLACES = {
     "Suite": "roadscope.benchmarks.suite:Suite",
     "load_suite": "roadscope.benchmarks.suite_files:load_suite",
     "run_episode": "roadscope.benchmarks.single:run_episode",
-    "save_picture": "roadscope.benchmarks.single:save_picture",
+    "save_picture": "roadscope.benchmarks.run_pictures:save_picture",
+    "save_video": "roadscope.benchmarks.run_pictures:save_video",
     "score_kitti_object_results": "roadscope.benchmarks.recorded.result_files:"
     "score_kitti_object_results",
     "score_kitti_results": "roadscope.benchmarks.recorded.result_files:score_kitti_results",
@@ -45,6 +47,7 @@ __all__ = [
     "load_suite",
     "run_episode",
     "save_picture",
+    "save_video",
     "score_kitti_object_results",
     "score_kitti_results",
     "score_mot_results",
@@ -76,8 +79,8 @@ _PARTS = {
     "references": "LIDAR_ALONE check_ego check_pose_source detection_source image_source "
     "is_noise made_from_truth pose_source",
     "run": "RunError agreements plan",
+    "run_pictures": "RunPictures",
     "sensor_pairs": "SensorPair sense_pairs",
-    "single": "picture",
     "sources": "package source_hash",
     "store": "LOG_LENGTH Outcome Store StoreError StoredJob",
     "submit": "SubmitError submit_kitti submit_mot",

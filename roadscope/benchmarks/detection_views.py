@@ -7,12 +7,13 @@ from pathlib import Path
 import numpy as np
 
 from roadscope.benchmarks.cache import usable_folder
-from roadscope.benchmarks.camera_view import LEAST_SCORE, drawn
 from roadscope.benchmarks.detection_runner import DetectedFrame, DetectionJob
 from roadscope.benchmarks.formats.kitti_frames import kitti_results
 from roadscope.benchmarks.formats.table import FormatError
+from roadscope.benchmarks.run_pictures import LEAST_SCORE
 from roadscope.core import ImageDetections
-from roadscope.envs.gym.render import scan_view
+from roadscope.envs.drawing.birds_eye import scan_view
+from roadscope.envs.drawing.panels import image_view
 from roadscope.fusion.pairing import ALONE
 
 SCAN_VIEW, IMAGE_VIEW = "_scan.png", "_image.png"
@@ -39,7 +40,7 @@ def save_views(job: DetectionJob, row: int, frame: DetectedFrame, folder: Path) 
     image = job.image_rows[row]
     pixels = None if job.images is None or image == ALONE else job.images.read(image)
     if pixels is not None:
-        _save(drawn(pixels, _image_boxes(frame)), folder / f"{frame.name}{IMAGE_VIEW}")
+        _save(image_view(pixels, _image_boxes(frame)), folder / f"{frame.name}{IMAGE_VIEW}")
 
 
 def _image_boxes(frame: DetectedFrame) -> ImageDetections:

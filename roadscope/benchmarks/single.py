@@ -3,33 +3,29 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
-from pathlib import Path
+from dataclasses import asdict, dataclass, field
 from typing import Any
 
-import numpy as np
-
 from roadscope.benchmarks.boards.detection import detection_scores
+from roadscope.benchmarks.boards.odometry import pose_scores
 from roadscope.benchmarks.boards.tracking import track_node, tracking_scores
-from roadscope.benchmarks.cache import usable_file, write_atomically
 from roadscope.benchmarks.eligibility import Eligibility
-from roadscope.benchmarks.episode import Episode, check_episode, sensing_of, timeline_of
+from roadscope.benchmarks.episode import Episode, check_episode, timeline_of
 from roadscope.benchmarks.kinds import TRACKER, check_plugin_spec
 from roadscope.benchmarks.loop import RunOptions
 from roadscope.benchmarks.metrics.score import Score
 from roadscope.benchmarks.nodes.fusions import detection_node
-from roadscope.benchmarks.nodes.poses import start_from_ego
+from roadscope.benchmarks.nodes.poses import PoseNode, start_from_ego
 from roadscope.benchmarks.nodes.tracks import track
 from roadscope.benchmarks.progress import Progress, silent
-from roadscope.benchmarks.records import EpisodeDetections
+from roadscope.benchmarks.records import EpisodeDetections, EpisodePoses
 from roadscope.benchmarks.references import (
     check_detection_source,
     check_ego,
+    check_pose_source,
     made_from_truth,
 )
 from roadscope.core import Spec, Tracks
-
-PICTURES = (".png", ".jpg", ".webp")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -39,6 +35,9 @@ class Summary:
     detections: frame by frame, with the truth, frame `world`.
     tracks: frame by frame, frame `world`.
     detection, tracking: scores by metric.
+    rule: which objects are eligible.
+    poses: of the odometry, or of that which the tracker gets poses from; None: there is none.
+    odometry: scores of the odometry by metric; empty without one.
     """
 
     episode: Episode
@@ -46,14 +45,22 @@ class Summary:
     tracks: tuple[Tracks, ...]
     detection: Mapping[str, Score]
     tracking: Mapping[str, Score]
+    rule: Eligibility
+    poses: EpisodePoses | None = None
+    odometry: Mapping[str, Score] = field(default_factory=dict)
 
     def to_json(self) -> dict[str, Any]:
         """Return the episode and its scores as a dictionary that JSON can hold."""
+        kinds = {"detection": self.detection, "tracking": self.tracking}
+        if self.odometry:
+            kinds["odometry"] = self.odometry
         return {
             "episode": asdict(self.episode),
             "frames": len(self.tracks),
-            "detection": {name: score.to_json() for name, score in self.detection.items()},
-            "tracking": {name: score.to_json() for name, score in self.tracking.items()},
+            **{
+                kind: {name: score.to_json() for name, score in scores.items()}
+                for kind, scores in kinds.items()
+            },
         }
 
 
@@ -62,12 +69,14 @@ def run_episode(
     *,
     detector: str = "distance-l-shape",
     tracker: str = "existence",
+    odometry: str | None = None,
     eligibility: Eligibility | None = None,
     progress: Progress | None = None,
     options: RunOptions | None = None,
 ) -> Summary:
     """Run a detector and a tracker over one episode; unknown names raise before anything runs.
 
+    odometry: one to run too; it does not give poses to the tracker (`tracker?ego=` does).
     progress: called with the stage, steps done and steps in all.
     options: how plug-ins that are not part of roadscope are run; `PluginError` if one fails.
     """
@@ -75,6 +84,7 @@ def run_episode(
     tracker_spec = check_plugin_spec(Spec.parse(tracker), TRACKER)
     if tracker_spec.ego is not None:
         check_ego(tracker_spec.ego)
+    pose_spec = None if odometry is None else check_pose_source(odometry)
     check_episode(episode)
     rule = Eligibility() if eligibility is None else eligibility
     options = options or RunOptions()
@@ -88,51 +98,29 @@ def run_episode(
     report("detection", 1, 1)
     report("tracking", 0, 1)
     node = track_node(tracker_spec, detector, episode, rule)
-    poses = None
+    poses = ego_poses = None
     if node.ego is not None:
         stamps_s = [truth.stamp_s for truth in detections.truths]
-        poses = start_from_ego(node.ego.compute(options), episode, stamps_s)
+        ego_poses = node.ego.compute(options)
+        poses = start_from_ego(ego_poses, episode, stamps_s)
     no_poses = [None] * len(detections.truths)
     answers = track(
         tracker_spec, detections, poses=poses if node.posed else no_poses, options=options
     )
     report("tracking", 1, 1)
+    pose_figures: Mapping[str, Score] = {}
+    if pose_spec is not None:
+        report("odometry", 0, 1)
+        ego_poses = PoseNode(pose_spec, episode).compute(options)
+        pose_figures = pose_scores(ego_poses)
+        report("odometry", 1, 1)
     return Summary(
         episode,
         detections,
         answers.tracks,
         detection_scores(detections, rule, timed=not made_from_truth(source)),
         tracking_scores(answers, detections, rule),
+        rule,
+        ego_poses,
+        pose_figures,
     )
-
-
-def picture(summary: Summary, index: int | None = None) -> np.ndarray:
-    """Return a bird's-eye view of one frame, the middle one by default: (H, W, 3) uint8."""
-    from roadscope.envs.gym.render import birds_eye
-
-    episode = summary.episode
-    index = len(summary.tracks) // 2 if index is None else index
-    timeline = timeline_of(episode)
-    frame, truth = sensing_of(episode).sense(timeline, index)
-    ego_from_world = truth.world_from_ego.inverse()
-    return birds_eye(
-        frame,
-        truth,
-        timeline,
-        tracks=summary.tracks[index],
-        detections=summary.detections.detections[index].moved(ego_from_world, "ego"),
-    )
-
-
-def picture_path(path: Path | str) -> Path:
-    """Return the path; raise `FolderError` if no picture can be written there."""
-    return usable_file(path, PICTURES, "a picture")
-
-
-def save_picture(summary: Summary, path: Path | str) -> None:
-    """Write the bird's-eye view to an image file, in the format of its ending."""
-    from matplotlib.image import imsave
-
-    path = picture_path(path)
-    image = picture(summary)
-    write_atomically(path, lambda part: imsave(part, image, format=path.suffix[1:].lower()))

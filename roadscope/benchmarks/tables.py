@@ -44,6 +44,18 @@ MEANINGS: Mapping[str, Mapping[str, str]] = {
         "velocity_rmse_m_s": "error of velocities, RMS",
         "call_p50_ms": "processor time an update, median",
     },
+    "odometry": {
+        "t_rel": "drift of the position, of the distance",
+        "r_rel": "drift of the heading in 100 m",
+        "ate": "error of positions, RMS",
+        "end": "error of the last position",
+        "rpe": "error from scan to scan, RMS",
+        "rpe_rotation": "error of turns from scan to scan, RMS",
+        "false_motion": "farthest motion of a standing ego",
+        "degraded": "scans with an uncertain pose",
+        "dynamic_precision": "dynamic returns that are of moving objects",
+        "call_p50_ms": "processor time a scan, median",
+    },
 }
 """Meanings of the ten main figures of each kind of plug-in, in the order of display."""
 
@@ -51,7 +63,7 @@ MEANINGS: Mapping[str, Mapping[str, str]] = {
 def explained_table(kind: str, scores: Mapping[str, Score]) -> Table:
     """Return the main figures of one episode with their meaning; those without unit are shares.
 
-    kind: `detector` or `tracker`.
+    kind: `detector`, `tracker` or `odometry`.
     """
     table = plain_table()
     table.add_column("metric", no_wrap=True)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
@@ -54,17 +54,37 @@ Tracker = Annotated[
     ),
 ]
 Picture = Annotated[
-    Path | None, typer.Option(help="Write a bird's-eye view of the middle frame here.")
+    Path | None, typer.Option(help="Write a picture of the middle scan and all answers here.")
+]
+Video = Annotated[
+    Path | None,
+    typer.Option(
+        help="Write a video of the whole episode here: .gif, or .mp4 with roadscope[video]."
+    ),
+]
+ReturnColours = Annotated[
+    Literal["object", "intensity"],
+    typer.Option("--returns", help="What returns are coloured by in pictures and videos."),
+]
+Width = Annotated[
+    int, typer.Option("--video-width", min=320, max=1280, help="Width of the video, pixels.")
 ]
 Image = Annotated[
     Path | None,
     typer.Option(help="Write the camera's middle image here, with the boxes detected in it."),
 ]
-CameraDetector = Annotated[
-    str,
+Odometry = Annotated[
+    str | None,
     typer.Option(
-        help="Camera detector whose boxes --image shows, see: roadscope list "
-        "camera-detectors; or oracle.",
+        help="Odometry to run beside, see: roadscope list odometries.",
+        autocompletion=completion.odometries,
+    ),
+]
+CameraDetector = Annotated[
+    str | None,
+    typer.Option(
+        help="Camera detector whose boxes --video and --image show (--image: network if left out), "
+        "see: roadscope list camera-detectors; or oracle.",
         autocompletion=completion.camera_detectors,
     ),
 ]
@@ -85,47 +105,78 @@ def run_scenario(
     faults: Faults = "clear",
     detector: Detector = "distance-l-shape",
     tracker: Tracker = "existence",
+    odometry: Odometry = None,
     picture: Picture = None,
+    video: Video = None,
+    returns: ReturnColours = "object",
+    video_width: Width = 1280,
     image: Image = None,
-    camera_detector: CameraDetector = "network",
+    camera_detector: CameraDetector = None,
     seconds: Seconds = None,
     every: Every = False,
     quiet: Quiet = False,
     json: Json = False,
 ) -> None:
-    """Run one episode through one detector and one tracker.
+    """Run one episode through one detector and one tracker, and an odometry if one is named.
 
     Exit status: 1 if a name is unknown or a plug-in fails.
     """
-    from roadscope.benchmarks.camera_view import check_view, save_view
+    from roadscope.benchmarks.camera_view import check_camera_detector, check_view, save_view
     from roadscope.benchmarks.episode import Episode
-    from roadscope.benchmarks.single import picture_path, run_episode, save_picture
+    from roadscope.benchmarks.run_pictures import picture_path, save_picture, save_video, video_path
+    from roadscope.benchmarks.single import run_episode
+    from roadscope.benchmarks.tables import explained_table, score_table
     from roadscope.envs.sensors.faults import faults_of
 
     fault_names = tuple(map(str, faults_of(faults)))
     episode = Episode(scenario, seed, rig, seconds, weather, light, fault_names)
     if picture is not None:
         picture_path(picture)
+    if video is not None:
+        video_path(video)
+        if camera_detector is not None:
+            check_camera_detector(episode, camera_detector)
+    seen_by = camera_detector or "network"
     if image is not None:
-        check_view(episode, camera_detector, image)
+        check_view(episode, seen_by, image)
     with progress_bars(quiet=quiet) as progress:
-        summary = run_episode(episode, detector=detector, tracker=tracker, progress=progress)
+        summary = run_episode(
+            episode, detector=detector, tracker=tracker, odometry=odometry, progress=progress
+        )
         if picture is not None:
             progress("picture", 0, 1)
-            save_picture(summary, picture)
-        boxes = 0 if image is None else save_view(episode, camera_detector, image)
+            save_picture(summary, picture, colour_by=returns)
+        if video is not None:
+            save_video(
+                summary,
+                video,
+                colour_by=returns,
+                camera_detector=camera_detector,
+                width=video_width,
+                progress=progress,
+            )
+        boxes = 0 if image is None else save_view(episode, seen_by, image)
+    names = {"detector": detector, "tracker": tracker}
     if json:
-        print_json({**summary.to_json(), "detector": detector, "tracker": tracker})
+        print_json({**summary.to_json(), **names, **({"odometry": odometry} if odometry else {})})
     elif not quiet:
         _show(summary, detector, tracker, every=every)
+        if odometry is not None:
+            headline(f"odometry {odometry}")
+            figures = summary.odometry
+            show(score_table(figures) if every else explained_table("odometry", figures))
+        if not every:
+            show("--all shows all figures, with their numbers of samples.", dim=True)
         if picture is not None:
             typer.echo(f"picture: {picture}")
+        if video is not None:
+            typer.echo(f"video: {video}")
         if image is not None:
-            typer.echo(f"image: {image}, {_boxes_in_words(boxes, camera_detector)}")
+            typer.echo(f"image: {image}, {_boxes_in_words(boxes, seen_by)}")
 
 
 def _boxes_in_words(count: int, detector: str) -> str:
-    from roadscope.benchmarks.camera_view import LEAST_SCORE
+    from roadscope.benchmarks.run_pictures import LEAST_SCORE
 
     return f"{count} boxes of {detector} with a score of {LEAST_SCORE:g} or more"
 
@@ -156,5 +207,3 @@ def _show(summary: Summary, detector: str, tracker: str, *, every: bool) -> None
     label = " (offline)" if is_offline(TRACKERS.resolve(tracker)) else ""
     headline(f"tracker {tracker}{label}")
     show(score_table(tracking) if every else explained_table("tracker", tracking))
-    if not every:
-        show("--all shows all figures, with their numbers of samples.", dim=True)

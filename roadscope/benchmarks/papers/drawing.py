@@ -10,25 +10,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from roadscope.benchmarks.cache import write_atomically
+from roadscope.core.palette import FIGURE_STYLE, PAPER_COLOURS, PAPER_FAINT, PAPER_TRUTH
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
-
-COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#F0E442")
-"""Of Okabe and Ito, for lines and clusters in this order."""
-TRUTH, FAINT = "#000000", "#B0B0B0"
-"""Colours of the truth, and of what is only there for orientation."""
-STYLE = {
-    "font.size": 9,
-    "axes.spines.top": False,
-    "axes.spines.right": False,
-    "axes.grid": True,
-    "grid.alpha": 0.3,
-    "legend.frameon": False,
-    "legend.fontsize": 8,
-    "figure.dpi": 120,
-}
 
 Draw = Callable[["Figure"], None]
 """Draws one figure into an empty one, and sets its size."""
@@ -51,7 +37,7 @@ def draw_all(
     for name, draw in figures.items():
         if progress is not None:
             progress(len(paths), len(figures))
-        with mpl.rc_context(STYLE):
+        with mpl.rc_context(dict(FIGURE_STYLE)):
             figure = Figure((9.0, 4.0), layout="constrained")
             draw(figure)
             paths.append(folder / f"{paper}-{name}.png")
@@ -69,7 +55,7 @@ def seen_from_above(axes: Axes, title: str = "") -> None:
     axes.set_aspect("equal", adjustable="box")
 
 
-def draw_points(axes: Axes, points: np.ndarray, colour: str = FAINT, label: str = "") -> None:
+def draw_points(axes: Axes, points: np.ndarray, colour: str = PAPER_FAINT, label: str = "") -> None:
     """Draw (N, 2) points or more columns, metres, as dots."""
     axes.scatter(points[:, 0], points[:, 1], s=3, color=colour, label=label or None, linewidths=0)
 
@@ -78,11 +64,11 @@ def draw_clusters(axes: Axes, points: np.ndarray, labels: np.ndarray) -> None:
     """Draw (N, 2) points by cluster, colours in turn; outliers (negative labels) are faint."""
     draw_points(axes, points[labels < 0])
     for label in np.unique(labels[labels >= 0]):
-        draw_points(axes, points[labels == label], COLOURS[int(label) % len(COLOURS)])
+        draw_points(axes, points[labels == label], PAPER_COLOURS[int(label) % len(PAPER_COLOURS)])
 
 
 def draw_box(
-    axes: Axes, pose: np.ndarray, size: np.ndarray, colour: str = TRUTH, label: str = ""
+    axes: Axes, pose: np.ndarray, size: np.ndarray, colour: str = PAPER_TRUTH, label: str = ""
 ) -> None:
     """Draw a rectangle from above; pose: x, y, yaw of its centre; size: length and width."""
     corners = np.array([[1, 1], [1, -1], [-1, -1], [-1, 1], [1, 1]]) * np.asarray(size)[:2] / 2

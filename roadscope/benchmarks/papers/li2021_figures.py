@@ -12,12 +12,12 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from roadscope.benchmarks.episode import Episode
-from roadscope.benchmarks.papers.drawing import COLOURS
 from roadscope.benchmarks.papers.li2021 import DURATION_S, EVERY, RIG, fuse
 from roadscope.benchmarks.papers.reproduction import FIRST_SEED
 from roadscope.benchmarks.sensor_pairs import SensorPair, sense_pairs
 from roadscope.core import Category, Detections, Frame, ImageDetections
 from roadscope.core.fused import FusedDetections
+from roadscope.core.palette import DETECTIONS, hex_colour
 from roadscope.detectors.camera import CAMERA_DETECTORS
 from roadscope.fusion.cluster_boxes import ClusterBoxes
 
@@ -25,7 +25,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-FAMILY_COLOURS = {"vehicle": COLOURS[4], "cyclist": COLOURS[5], "pedestrian": COLOURS[3]}
 LEAST_SCORE = 0.3
 """Fainter boxes would hide the picture."""
 LIDAR, CAMERA, FUSED = "LiDAR alone", "camera alone", "li2021"
@@ -86,7 +85,7 @@ def _draw_scene(axes: Axes, scene: DrawnScene, method: str | None) -> None:
     for k in np.flatnonzero(fused.has_image_box & (fused.scores >= LEAST_SCORE)):
         left, top, right, bottom = fused.image_boxes[k]
         category = Category(int(fused.categories[k]))
-        colour = FAMILY_COLOURS[category.family.value]
+        colour = hex_colour(DETECTIONS[category.family])
         box = Rectangle((left, top), right - left, bottom - top, fill=False, color=colour)
         axes.add_patch(box)
         if method != LIDAR:

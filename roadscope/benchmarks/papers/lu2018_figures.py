@@ -8,8 +8,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from roadscope.benchmarks.papers.drawing import (
-    COLOURS,
-    TRUTH,
     draw_box,
     draw_clusters,
     draw_points,
@@ -20,6 +18,7 @@ from roadscope.benchmarks.papers.lu2018_measures import TargetHistories, track_t
 from roadscope.benchmarks.papers.lu2018_scene import SensedExperiment, sense_experiment
 from roadscope.benchmarks.papers.reproduction import FIRST_SEED
 from roadscope.core import Detections
+from roadscope.core.palette import PAPER_COLOURS, PAPER_TRUTH
 from roadscope.detectors.clustering import CLUSTERINGS
 from roadscope.detectors.shape.cluster import contours
 from roadscope.detectors.shape.recognition import fit_iepf
@@ -53,7 +52,7 @@ def _truth_boxes(axes: Axes, sensed: SensedExperiment, frame: int) -> None:
     boxes = zip(ego_from_world.apply(truth.centres), truth.yaws, truth.sizes, strict=True)
     for k, (centre, yaw, size) in enumerate(boxes):
         pose = np.array([centre[0], centre[1], yaw - truth.world_from_ego.yaw])
-        draw_box(axes, pose, size, TRUTH, "truth" if k == 0 else "")
+        draw_box(axes, pose, size, PAPER_TRUTH, "truth" if k == 0 else "")
 
 
 def clusters_and_lines(figure: Figure) -> None:
@@ -62,7 +61,7 @@ def clusters_and_lines(figure: Figure) -> None:
     sensed, _, _ = _sensed(TWO)
     cloud = sensed.clouds[SCENE_FRAME - 1]
     places = figure.subplots(1, 3, sharex=True, sharey=True)
-    draw_points(places[0], cloud.points, COLOURS[0], "returns above the ground")
+    draw_points(places[0], cloud.points, PAPER_COLOURS[0], "returns above the ground")
     _truth_boxes(places[0], sensed, SCENE_FRAME)
     seen_from_above(places[0], f"experiment 1, frame {SCENE_FRAME}")
     places[0].set(xlim=(5.0, 50.0), ylim=(-25.0, 28.0))
@@ -73,7 +72,7 @@ def clusters_and_lines(figure: Figure) -> None:
         for outline in contours(cloud, labels):
             if len(outline) > 1:
                 for segment in fit_iepf(outline):
-                    axes.plot(*segment.points[[0, -1]].T, color=TRUTH, linewidth=1)
+                    axes.plot(*segment.points[[0, -1]].T, color=PAPER_TRUTH, linewidth=1)
         count = len(np.unique(labels[labels >= 0]))
         seen_from_above(axes, f"{name}: {count} clusters\n(lines black, outliers grey)")
 
@@ -81,11 +80,11 @@ def clusters_and_lines(figure: Figure) -> None:
 def _against_frames(axes: Axes, histories: TargetHistories, target: int, column: int) -> None:
     frames = np.arange(1, histories.truth.shape[1] + 1)
     row = target - 1
-    axes.plot(frames, histories.measured[row, :, column], ".", color=COLOURS[1], markersize=3)
-    axes.plot(frames, histories.estimated[row, :, column], color=COLOURS[0], linewidth=1)
+    axes.plot(frames, histories.measured[row, :, column], ".", color=PAPER_COLOURS[1], markersize=3)
+    axes.plot(frames, histories.estimated[row, :, column], color=PAPER_COLOURS[0], linewidth=1)
     missed = ~histories.detected[row] & np.isfinite(histories.estimated[row, :, column])
     at = histories.estimated[row, missed, column]
-    axes.plot(frames[missed], at, "o", color=COLOURS[4], markersize=4, fillstyle="none")
+    axes.plot(frames[missed], at, "o", color=PAPER_COLOURS[4], markersize=4, fillstyle="none")
     axes.set(xlabel="frame", ylabel=AXIS_NAMES[column], title=f"target {target}")
 
 
@@ -107,7 +106,7 @@ def errors_over_frames(figure: Figure) -> None:
     frames = np.arange(1, histories.truth.shape[1] + 1)
     places = figure.subplots(1, 2, sharey=True)
     for row, axes in enumerate(places):
-        for column, colour in ((X_AXIS, COLOURS[0]), (Y_AXIS, COLOURS[1])):
+        for column, colour in ((X_AXIS, PAPER_COLOURS[0]), (Y_AXIS, PAPER_COLOURS[1])):
             difference = histories.estimated[row, :, column] - histories.measured[row, :, column]
             axes.plot(frames, difference, color=colour, linewidth=1, label=AXIS_NAMES[column])
         axes.set(xlabel="frame", title=f"target {row + 1}")
@@ -125,10 +124,12 @@ def occlusion_from_above(figure: Figure) -> None:
         _truth_boxes(axes, sensed, frame)
         for row in range(len(histories.truth)):
             track = histories.estimated[row, max(frame - 15, 0) : frame]
-            axes.plot(*track.T, color=COLOURS[row], linewidth=1.5)
+            axes.plot(*track.T, color=PAPER_COLOURS[row], linewidth=1.5)
             now = track[-1]
             if np.isfinite(now[0]):
-                axes.annotate(f"track of target {row + 1}", now, fontsize=7, color=COLOURS[row])
+                axes.annotate(
+                    f"track of target {row + 1}", now, fontsize=7, color=PAPER_COLOURS[row]
+                )
         seen_from_above(axes, f"frame {frame}")
         axes.set(xlim=(0.0, 62.0), ylim=(-12.0, 12.0))
 
@@ -156,7 +157,7 @@ def three_vehicles(figure: Figure) -> None:
 def _detected_boxes(axes: Axes, boxes: Detections) -> None:
     poses = np.column_stack([boxes.centres[:, :2], boxes.yaws])
     for k, (pose, size) in enumerate(zip(poses, boxes.sizes, strict=True)):
-        draw_box(axes, pose, size, COLOURS[1], "detections" if k == 0 else "")
+        draw_box(axes, pose, size, PAPER_COLOURS[1], "detections" if k == 0 else "")
 
 
 def three_in_y(figure: Figure) -> None:
@@ -165,7 +166,7 @@ def three_in_y(figure: Figure) -> None:
     axes = figure.subplots()
     frames = np.arange(1, histories.truth.shape[1] + 1)
     for row, measured in enumerate(histories.measured[..., Y_AXIS]):
-        axes.plot(frames, measured, ".-", color=COLOURS[row], label=f"target {row + 1}")
+        axes.plot(frames, measured, ".-", color=PAPER_COLOURS[row], label=f"target {row + 1}")
     axes.set(xlabel="frame", ylabel=AXIS_NAMES[Y_AXIS], title="measurements of experiment 3")
     axes.legend()
 

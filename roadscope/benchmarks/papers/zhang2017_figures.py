@@ -9,9 +9,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from roadscope.benchmarks.papers.drawing import (
-    COLOURS,
-    FAINT,
-    TRUTH,
     draw_box,
     draw_points,
     seen_from_above,
@@ -32,6 +29,7 @@ from roadscope.benchmarks.papers.zhang2017_methods import (
     rmse,
 )
 from roadscope.benchmarks.papers.zhang2017_scene import FOLLOWED_M, SensedDrive, sense_drive
+from roadscope.core.palette import PAPER_COLOURS, PAPER_FAINT, PAPER_TRUTH
 from roadscope.envs.world.ford_saloon import LENGTH_M, WIDTH_M
 
 if TYPE_CHECKING:
@@ -39,7 +37,12 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 OURS = "ours, 7 frames"
-SHOWN = {SINGLE: COLOURS[0], MULTI: COLOURS[1], RANSAC: COLOURS[2], OURS: COLOURS[3]}
+SHOWN = {
+    SINGLE: PAPER_COLOURS[0],
+    MULTI: PAPER_COLOURS[1],
+    RANSAC: PAPER_COLOURS[2],
+    OURS: PAPER_COLOURS[3],
+}
 """The methods of the figures and their colours."""
 PROJECTED_FRAME = 4
 """Frame of the curve whose returns are projected: flank and rear are seen."""
@@ -77,8 +80,8 @@ def returns_against_distance(figure: Figure) -> None:
     present = np.unique(bins)
     means = [counts[bins == k].mean() for k in present]
     axes = figure.subplots()
-    axes.bar(edges_m[present - 1], means, width=4.5, align="edge", color=COLOURS[0])
-    axes.axhline(100.0, color=TRUTH, linewidth=1, linestyle="--", label="100 returns")
+    axes.bar(edges_m[present - 1], means, width=4.5, align="edge", color=PAPER_COLOURS[0])
+    axes.axhline(100.0, color=PAPER_TRUTH, linewidth=1, linestyle="--", label="100 returns")
     axes.set(xlabel="distance of the car (m)", ylabel="returns of the car, means", yscale="log")
     axes.legend()
 
@@ -90,8 +93,8 @@ def projections_and_template(figure: Figure) -> None:
     c, s = np.cos(yaw), np.sin(yaw)
     local = (sweep.points_xy - [x, y]) @ np.array([[c, -s], [s, c]])
     places = figure.subplots(1, 3)
-    draw_points(places[0], sweep.points_xy, COLOURS[0], "returns")
-    draw_box(places[0], sweep.truth, np.array([LENGTH_M, WIDTH_M]), TRUTH, "truth")
+    draw_points(places[0], sweep.points_xy, PAPER_COLOURS[0], "returns")
+    draw_box(places[0], sweep.truth, np.array([LENGTH_M, WIDTH_M]), PAPER_TRUTH, "truth")
     seen_from_above(places[0], f"curve, frame {PROJECTED_FRAME + 1}: {len(local)} returns")
     places[0].legend(loc="best")
     for axes, column, size, name in (
@@ -115,11 +118,11 @@ def _projection(axes: Axes, values: np.ndarray, size_m: float) -> None:
     weights = share - lower
     counts = np.bincount(lower, 1 - weights, len(centres))
     counts += np.bincount(lower + 1, weights, len(centres))
-    axes.bar(centres, counts / len(values), width=BIN_M, color=COLOURS[0], label="returns")
+    axes.bar(centres, counts / len(values), width=BIN_M, color=PAPER_COLOURS[0], label="returns")
     scale = np.sqrt(2.0) * SIGMA_M
     step = erf((centres + size_m / 2) / scale) - erf((centres - size_m / 2) / scale)
     height = (counts / len(values)).max()
-    axes.plot(centres, step / 2 * height, color=COLOURS[1], label="smoothed step")
+    axes.plot(centres, step / 2 * height, color=PAPER_COLOURS[1], label="smoothed step")
 
 
 def poses_over_frames(drive: str, figure: Figure) -> None:
@@ -129,7 +132,7 @@ def poses_over_frames(drive: str, figure: Figure) -> None:
     grid: dict[str, Axes] = figure.subplot_mosaic([["above", "above"], ["position", "heading"]])
     size = np.array([LENGTH_M, WIDTH_M])
     for k, truth in enumerate(run.truth[::BOXES_EVERY]):
-        draw_box(grid["above"], truth, size, TRUTH, "truth" if k == 0 else "")
+        draw_box(grid["above"], truth, size, PAPER_TRUTH, "truth" if k == 0 else "")
     for method, colour in SHOWN.items():
         poses, _ = estimate(METHODS[method], run)
         answered = [pose for pose in poses[::BOXES_EVERY] if pose is not None]
@@ -148,7 +151,7 @@ def poses_over_frames(drive: str, figure: Figure) -> None:
     few = [k + 1 for k, each in enumerate(run.sweeps) if each.target.sum() < FEWEST_RETURNS]
     for axes in (grid["position"], grid["heading"]):
         for frame in few:
-            axes.axvline(frame, color=FAINT, linewidth=4, alpha=0.4, zorder=0)
+            axes.axvline(frame, color=PAPER_FAINT, linewidth=4, alpha=0.4, zorder=0)
 
 
 def errors_against_distance(figure: Figure) -> None:

@@ -8,9 +8,6 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from roadscope.benchmarks.papers.drawing import (
-    COLOURS,
-    FAINT,
-    TRUTH,
     draw_clusters,
     draw_points,
     seen_from_above,
@@ -28,6 +25,7 @@ from roadscope.benchmarks.papers.zhang2022 import (
 )
 from roadscope.benchmarks.papers.zhang2022_scene import REMOVAL_CASES, SCANS_APART, sense_corridor
 from roadscope.core import LidarScan
+from roadscope.core.palette import PAPER_COLOURS, PAPER_FAINT, PAPER_TRUTH
 from roadscope.odometry.clusters.segments import segments_of
 from roadscope.odometry.zhang import ZhangOdometry, dynamic_returns
 
@@ -38,10 +36,10 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 SHOWN = {
-    SCAN_TO_SCAN: COLOURS[0],
-    WITH_MAP: COLOURS[2],
-    AS_PRINTED: COLOURS[3],
-    LEGO_LOAM: COLOURS[1],
+    SCAN_TO_SCAN: PAPER_COLOURS[0],
+    WITH_MAP: PAPER_COLOURS[2],
+    AS_PRINTED: PAPER_COLOURS[3],
+    LEGO_LOAM: PAPER_COLOURS[1],
 }
 """The methods of the trajectories and their colours."""
 VIEW_M = 12.0
@@ -86,18 +84,18 @@ def _corridor_view(axes: Axes, title: str) -> None:
 
 def _draw_truth(axes: Axes, case: RemovedCase) -> None:
     draw_points(axes, case.scan.points[~case.moving], label="standing")
-    draw_points(axes, case.scan.points[case.moving], TRUTH, "walking people (truth)")
+    draw_points(axes, case.scan.points[case.moving], PAPER_TRUTH, "walking people (truth)")
 
 
 def _draw_removal(axes: Axes, case: RemovedCase) -> None:
     draw_points(axes, case.scan.points[~case.removed], label="static")
-    draw_points(axes, case.scan.points[case.removed], COLOURS[1], "dynamic by the method")
+    draw_points(axes, case.scan.points[case.removed], PAPER_COLOURS[1], "dynamic by the method")
 
 
 def _draw_rest(axes: Axes, case: RemovedCase) -> None:
     draw_points(axes, case.scan.points[~case.removed], label="what is left")
     left = case.moving & ~case.removed
-    draw_points(axes, case.scan.points[left], TRUTH, "walking people that are left (truth)")
+    draw_points(axes, case.scan.points[left], PAPER_TRUTH, "walking people that are left (truth)")
 
 
 def four_cases(draw: Callable[[Axes, RemovedCase], None], figure: Figure) -> None:
@@ -120,7 +118,7 @@ def standing_positions(figure: Figure) -> None:
     places = figure.subplots(1, 2)
     for method, run in _runs("standing").items():
         draw_points(places[0], run.estimated_m, SHOWN[method], method)
-    places[0].plot(0.0, 0.0, "+", color=TRUTH, markersize=12, label="truth")
+    places[0].plot(0.0, 0.0, "+", color=PAPER_TRUTH, markersize=12, label="truth")
     seen_from_above(places[0], "positions while standing")
     _errors_over_time(places[1], "standing")
     places[0].legend(markerscale=3)
@@ -138,11 +136,13 @@ def path_and_errors(experiment: str, figure: Figure) -> None:
     places = figure.subplots(1, 2)
     runs = _runs(experiment)
     true_m = next(iter(runs.values())).true_m
-    places[0].plot(true_m[:, 0], true_m[:, 1], color=TRUTH, linewidth=3, alpha=0.4, label="truth")
+    places[0].plot(
+        true_m[:, 0], true_m[:, 1], color=PAPER_TRUTH, linewidth=3, alpha=0.4, label="truth"
+    )
     for method, run in runs.items():
         x, y = run.estimated_m[:, :2].T
         places[0].plot(x, y, color=SHOWN[method], linewidth=1, label=method)
-    places[0].plot(0.0, 0.0, "o", color=FAINT, label="start")
+    places[0].plot(0.0, 0.0, "o", color=PAPER_FAINT, label="start")
     seen_from_above(places[0], experiment)
     places[0].legend()
     _errors_over_time(places[1], experiment)

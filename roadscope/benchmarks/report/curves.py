@@ -12,6 +12,7 @@ import numpy as np
 from roadscope.benchmarks.cache import write_atomically
 from roadscope.benchmarks.metrics.odometry import DISTANCE, MARKS_M
 from roadscope.benchmarks.results import Results, Row
+from roadscope.core.palette import FIGURE_STYLE, PAPER_COLOURS
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -19,7 +20,7 @@ if TYPE_CHECKING:
 BOARD = "odometry"
 PANELS = {"t_rel": "t_rel (%)", "position_error": "error of the position (m)"}
 STYLES = ("-", "--", ":")
-"""Line styles; each is for ten entries, which have ten colours."""
+"""Line styles; each is for as many entries as there are colours."""
 SIZE_INCHES = 10.0, 4.5
 
 
@@ -38,21 +39,28 @@ def draw_curves(results: Results, path: Path) -> None:
     from matplotlib.figure import Figure
 
     rows = [row for row in results.breakdown(DISTANCE, BOARD) if row.value is not None]
-    figure = Figure(SIZE_INCHES, layout="constrained")
-    axes = figure.subplots(1, len(PANELS))
-    for place, (metric, label) in zip(axes, PANELS.items(), strict=True):
-        for k, entry in enumerate(results.entries(BOARD)):
-            own = [row for row in rows if (row.entry, row.metric) == (entry, metric)]
-            if own:
-                _curve(place, own, f"C{k % 10}", STYLES[k // 10 % len(STYLES)])
-        _style(place, label)
-    lines, names = axes[0].get_legend_handles_labels()
-    figure.legend(lines, names, loc="outside right upper", fontsize="small", frameon=False)
     ending = path.suffix[1:]
     # The same results give the same bytes; text stays text.
-    with mpl.rc_context({"svg.hashsalt": "roadscope", "svg.fonttype": "none"}):
+    exact = {"svg.hashsalt": "roadscope", "svg.fonttype": "none"}
+    with mpl.rc_context({**FIGURE_STYLE, **exact}):
+        figure = Figure(SIZE_INCHES, layout="constrained")
+        axes = figure.subplots(1, len(PANELS))
+        for place, (metric, label) in zip(axes, PANELS.items(), strict=True):
+            for k, entry in enumerate(results.entries(BOARD)):
+                own = [row for row in rows if (row.entry, row.metric) == (entry, metric)]
+                if own:
+                    _curve(place, own, *_look(k))
+            _style(place, label)
+        lines, names = axes[0].get_legend_handles_labels()
+        figure.legend(lines, names, loc="outside right upper")
         dated = {"Date": None} if ending == "svg" else {}
         write_atomically(path, partial(figure.savefig, format=ending, metadata=dated))
+
+
+def _look(number: int) -> tuple[str, str]:
+    """Return colour and line style of an entry."""
+    count = len(PAPER_COLOURS)
+    return PAPER_COLOURS[number % count], STYLES[number // count % len(STYLES)]
 
 
 def _curve(place: Axes, rows: Sequence[Row], colour: str, style: str) -> None:
@@ -74,6 +82,3 @@ def _style(place: Axes, label: str) -> None:
     place.yaxis.set_major_formatter("{x:g}")
     for axis in (place.xaxis, place.yaxis):
         axis.set_minor_locator(NullLocator())
-    place.grid(alpha=0.3)
-    for side in ("top", "right"):
-        place.spines[side].set_visible(False)

@@ -185,7 +185,7 @@ def _read(job: Job, kind: str) -> list[Moment]:
     except (OSError, RecordError):
         return []
     assert isinstance(job.episode, Episode)
-    scene, lanes = _scene(answers, inputs, job.settings), _lanes(job.episode)
+    scene, lanes = judged_scene(answers, inputs, job.settings), _lanes(job.episode)
     return [_of_scene(job, kind, scene, int(event), lanes) for event in _events(scene, kind)]
 
 
@@ -204,7 +204,7 @@ class _Boxes(NamedTuple):
 
 
 @dataclass(frozen=True, slots=True)
-class _Scene:
+class JudgedScene:
     """An episode with what was right and wrong in each frame.
 
     switches: by frame, texts about switches of identities.
@@ -225,10 +225,15 @@ class _Scene:
         }[kind]
         return np.array([int((frame.states == letter).sum()) for frame in boxes])
 
+    def hits(self) -> np.ndarray:
+        """Return (T,) how many objects were matched in each frame."""
+        return np.array([int(np.isin(frame.states, ("m", "s")).sum()) for frame in self.objects])
 
-def _scene(
+
+def judged_scene(
     answers: EpisodeTracks | EpisodeDetections, inputs: EpisodeDetections, rule: Eligibility
-) -> _Scene:
+) -> JudgedScene:
+    """Match answers with the objects of each frame. inputs: with the truth of the frames."""
     truths = inputs.truths
     boxes = answers.tracks if isinstance(answers, EpisodeTracks) else answers.detections
     pairings = rule.pairings(boxes, truths, inputs.parked)
@@ -262,7 +267,7 @@ def _scene(
             seen.states[matching.misses] = "x"
             detected.states[matching.false_alarms] = "f"
             seen.states[matching.truth] = detected.states[matching.detected] = "m"
-    return _Scene(truths, objects, found, switches, rule.range_m[1] + MARGIN_M)
+    return JudgedScene(truths, objects, found, switches, rule.range_m[1] + MARGIN_M)
 
 
 def _boxes(record: Truth | Tracks | Detections, numbers: np.ndarray) -> _Boxes:
@@ -270,7 +275,7 @@ def _boxes(record: Truth | Tracks | Detections, numbers: np.ndarray) -> _Boxes:
     return _Boxes(numbers, record.centres[:, :2], record.sizes[:, :2], record.yaws, states)
 
 
-def _events(scene: _Scene, kind: str) -> list[int]:
+def _events(scene: JudgedScene, kind: str) -> list[int]:
     """Return the frames in which most goes wrong, some seconds apart, the worst one first."""
     counts = scene.counts(kind)
     # The mode "same" of NumPy returns more than there is of an episode of few frames.
@@ -285,7 +290,7 @@ def _events(scene: _Scene, kind: str) -> list[int]:
     return events
 
 
-def _of_scene(job: Job, kind: str, scene: _Scene, event: int, lanes: Sequence[Any]) -> Moment:
+def _of_scene(job: Job, kind: str, scene: JudgedScene, event: int, lanes: Sequence[Any]) -> Moment:
     times_s = np.array([truth.stamp_s for truth in scene.truths])
     near = np.flatnonzero(abs(times_s - times_s[event]) <= AROUND_S + 1e-9)
     frames: list[int] = near[abs(near - event) <= MOST_AROUND].tolist()
@@ -325,7 +330,7 @@ def _named(job: Job) -> dict[str, Any]:
     }
 
 
-def _text(scene: _Scene, kind: str, event: int) -> str:
+def _text(scene: JudgedScene, kind: str, event: int) -> str:
     if kind == SWITCHES:
         return "; ".join(scene.switches[event])
     truth, objects = scene.truths[event], scene.objects[event]

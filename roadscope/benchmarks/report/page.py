@@ -36,6 +36,7 @@ from roadscope.benchmarks.results import Results, Row
 from roadscope.benchmarks.results.results import entry_results
 from roadscope.benchmarks.results.rows import blocks, samples_of
 from roadscope.benchmarks.results.statistics import paired_interval
+from roadscope.core.palette import PAGE_DARK, PAGE_LIGHT
 from roadscope.core.text import last_lines, one_line
 
 PAGE = "report.html"
@@ -336,7 +337,20 @@ class _Parts:
     def read() -> _Parts:
         folder = resources.files("roadscope.benchmarks.report") / "page_parts"
         names = ("page.html.jinja", "page.css", "page.js")
-        return _Parts(*((folder / name).read_text("utf-8") for name in names))
+        template, style, script = ((folder / name).read_text("utf-8") for name in names)
+        light, dark = _variables(PAGE_LIGHT, "light"), _variables(PAGE_DARK, "dark")
+        colours = (
+            f":root {light}\n"
+            f':root[data-theme="dark"] {dark}\n'
+            f'@media (prefers-color-scheme: dark) {{ :root:not([data-theme="light"]) {dark} }}\n'
+        )
+        return _Parts(template, colours + style, script)
+
+
+def _variables(colours: Mapping[str, str], scheme: str) -> str:
+    """Return the colours of the page as a block of its style sheet."""
+    named = " ".join(f"--{name}: {value};" for name, value in colours.items())
+    return f"{{ {named} color-scheme: {scheme}; }}"
 
 
 def _rendered(boards: Sequence[Mapping[str, Any]], left_out: Sequence[str] = ()) -> str:

@@ -143,7 +143,7 @@ class ScenarioEnv(gym.Env[Observation, Any]):
         return observation, float(reward), terminated, truncated or overdue, info
 
     def render(self) -> Any:
-        """Return a bird's-eye view of the latest scan, (H, W, 3) uint8."""
+        """Return one picture of the latest scan and image, (720, 1280, 3) uint8."""
         image: Any = self._inner.render()
         return image
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from gymnasium import logger
@@ -49,6 +49,24 @@ def checked_seed(seed: object) -> int | None:
     return int(seed)
 
 
+class _Moment(NamedTuple):
+    """What a composed frame shows of earlier scans.
+
+    x, y: of the ego, metres, world frame. returns: of the scan. users: road users with returns.
+    """
+
+    x: float
+    y: float
+    returns: int
+    users: int
+
+    @staticmethod
+    def of(frame: Frame, truth: Truth) -> _Moment:
+        x, y, _ = truth.world_from_ego.translation
+        returns = 0 if frame.lidar is None else len(frame.lidar)
+        return _Moment(float(x), float(y), returns, int((truth.lidar_returns > 0).sum()))
+
+
 class Observer:
     """Senses one episode after the other and makes observations for an agent.
 
@@ -70,8 +88,9 @@ class Observer:
     ) -> None:
         self.rig = rig
         self.latest: tuple[Frame, Truth] | None = None
+        self._image: tuple[Frame, Truth] | None = None
         self._pixels: np.ndarray | None = None
-        self._image_truth: Truth | None = None
+        self._history: list[_Moment] = []
         self._imu_block = np.zeros((imu_samples(rig), 6), np.float32)
         if style is not None:
             find_style(style)
@@ -99,13 +118,14 @@ class Observer:
         self._start_s = now_s
         self._lanes = LaneLocator(timeline.road)
         self.latest, self._pixels = self._sense_first_sweep(timeline, now_s), None
+        self._history = [_Moment.of(*self.latest)]
         # Before the first sweep is complete, there are no inertial samples.
         self._imu_block = np.zeros_like(self._imu_block)
         mount = self.rig.camera
         if mount is not None:
             stamp_s = now_s - mount.spec.exposure_s / 2
-            frame, self._image_truth = self._sensing.sense_image_at(timeline, stamp_s)
-            image = frame.camera
+            self._image = self._sensing.sense_image_at(timeline, stamp_s)
+            image = self._image[0].camera
             # Before the first image, a dark one is observed.
             dark = (mount.spec.pinhole.height, mount.spec.pinhole.width, 3)
             self._pixels = np.zeros(dark, np.uint8) if image is None else image.pixels
@@ -117,19 +137,40 @@ class Observer:
         for frame, truth in pairs:
             if frame.lidar is not None:
                 self.latest = frame, truth
+                self._history.append(_Moment.of(frame, truth))
             if frame.camera is not None:
-                self._pixels, self._image_truth = frame.camera.pixels, truth
+                self._pixels, self._image = frame.camera.pixels, (frame, truth)
             if frame.imu is not None:
                 self._imu_block = imu_block(self._imu_block, frame.imu)
         return self._observation_and_info(pairs, timeline, until_s)
 
     def render(self, timeline: Timeline) -> np.ndarray:
-        """Return a bird's-eye view of the latest scan, (H, W, 3) uint8."""
-        from roadscope.envs.gym.render import birds_eye
+        """Return a composed frame of the latest scan and image, (720, 1280, 3) uint8."""
+        from roadscope.envs.drawing.composed import Snapshot, composed_frame
+        from roadscope.envs.drawing.panels import RunningScore
 
         assert self.latest is not None
         frame, truth = self.latest
-        return birds_eye(frame, truth, timeline)
+        image, image_truth = self._image or (None, None)
+        history = np.array(self._history)
+        names = ("speed (m/s)", "returns", "road users hit")
+        steps = np.diff(history[:, :2], axis=0, prepend=np.nan)
+        columns = (np.hypot(*steps.T) / self.rig.lidar.spec.period_s, *history[:, 2:].T)
+        shown = Snapshot(
+            frame,
+            truth,
+            timeline,
+            self.rig,
+            title=f"rig {self.rig.name}",
+            scores=tuple(
+                RunningScore(name, values, decimals=int(k == 0))
+                for k, (name, values) in enumerate(zip(names, columns, strict=True))
+            ),
+            image=image,
+            image_truth=image_truth,
+            path=history[:, :2],
+        )
+        return composed_frame(shown)
 
     def _sense_first_sweep(self, timeline: Timeline, now_s: float) -> tuple[Frame, Truth]:
         """Return the sweep that ends now; its world is used in the whole episode."""
@@ -155,8 +196,8 @@ class Observer:
             observation["imu"] = self._imu_block.copy()
         observation["ego"] = ego_state(timeline, now_s, self._lanes)
         info: dict[str, Any] = {"time_s": now_s - self._start_s, "truth": truth}
-        if self._sensing.pixel_truth and self._image_truth is not None:
-            info["pixel_truth"] = self._image_truth.pixels
+        if self._sensing.pixel_truth and self._image is not None:
+            info["pixel_truth"] = self._image[1].pixels
         if self._records:
             info["frames"] = tuple(frame for frame, _ in pairs)
             info["truths"] = tuple(truth for _, truth in pairs)

@@ -95,7 +95,7 @@ class PlaybackEnv(gym.Env[Observation, np.int64]):
         return observation, 0.0, False, now_s >= end_s - 1e-9, info
 
     def render(self) -> Any:
-        """Return a bird's-eye view of the latest scan, (H, W, 3) uint8.
+        """Return one picture of the latest scan and image, (720, 1280, 3) uint8.
 
         Without a render mode it warns and returns None.
         """

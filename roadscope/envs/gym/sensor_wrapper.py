@@ -148,7 +148,7 @@ class SensorWrapper(gym.Wrapper[Observation, Any, Any, Any], RecordConstructorAr
         return observation, reward, bool(terminated), bool(truncated), {**info, **sensed}
 
     def render(self) -> Any:
-        """Return a bird's-eye view of the latest scan, (H, W, 3) uint8.
+        """Return one picture of the latest scan and image, (720, 1280, 3) uint8.
 
         Only for `render_mode="rgb_array"`; other modes render the environment itself. Without a
         render mode it warns and returns None.

@@ -1,0 +1,281 @@
+"""Pictures and videos of one episode with its detections, tracks, odometry and running scores."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from functools import cached_property, partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from roadscope.benchmarks.cache import usable_file, write_atomically
+from roadscope.benchmarks.episode import sensing_of, timeline_of
+from roadscope.benchmarks.images import image_rows
+from roadscope.benchmarks.metrics.trajectory_errors import absolute_errors
+from roadscope.benchmarks.nodes.images import ImageNode
+from roadscope.benchmarks.nodes.poses import start_from_ego
+from roadscope.benchmarks.progress import Progress, silent
+from roadscope.benchmarks.records import EpisodeTracks
+from roadscope.benchmarks.references import check_image_source
+from roadscope.benchmarks.report.moments import ALARMS, MISSES, SWITCHES, judged_scene
+from roadscope.benchmarks.single import Summary
+from roadscope.core import ImageDetections, NotInstalledError, Pose, Requirement
+from roadscope.core.answers import STAMP_TOLERANCE_S
+from roadscope.core.palette import TRACKS
+from roadscope.envs.drawing.birds_eye import OBJECT
+from roadscope.envs.drawing.composed import WIDTH, Snapshot, composed_frame
+from roadscope.envs.drawing.panels import RunningScore
+
+PICTURES = (".png", ".jpg", ".webp")
+GIF, MP4 = ".gif", ".mp4"
+MOVIEPY = Requirement("moviepy", "pip install roadscope[video]")
+TAIL_S = 2.0
+"""Length of the tails of tracks."""
+MOST_GIF_FRAMES = 1200
+"""Frames of a GIF are held in memory, a megabyte each."""
+LEAST_SCORE = 0.3
+"""Boxes in images with lower scores are not drawn: they would hide the picture."""
+
+
+def picture_path(path: Path | str) -> Path:
+    """Return the path; raise `FolderError` if no picture can be written there."""
+    return usable_file(path, PICTURES, "a picture")
+
+
+def video_path(path: Path | str) -> Path:
+    """Return the path; raise an error if no video can be written there.
+
+    An MP4 needs MoviePy: `NotInstalledError` without it.
+    """
+    place = usable_file(path, (GIF, MP4), "a video")
+    if place.suffix.lower() == MP4 and MOVIEPY.missing:
+        raise NotInstalledError(f"{place}: {MOVIEPY.missing}; a .gif needs nothing more")
+    return place
+
+
+def save_image(pixels: np.ndarray, path: Path) -> None:
+    """Write (H, W, 3) uint8 pixels in the format of the path's ending."""
+    from PIL import Image
+
+    ending = Image.registered_extensions()[path.suffix.lower()]
+    write_atomically(path, partial(Image.fromarray(pixels).save, format=ending))
+
+
+def save_picture(summary: Summary, path: Path | str, *, colour_by: str = OBJECT) -> None:
+    """Write the composed frame of the middle scan to an image file."""
+    path = picture_path(path)
+    pictures = RunPictures(summary, colour_by=colour_by)
+    save_image(pictures.frame(len(pictures) // 2), path)
+
+
+def save_video(
+    summary: Summary,
+    path: Path | str,
+    *,
+    colour_by: str = OBJECT,
+    camera_detector: str | None = None,
+    width: int = WIDTH,
+    progress: Progress = silent,
+) -> None:
+    """Write a composed frame of every scan as a GIF, or as an MP4 with the extra `video`.
+
+    camera_detector: one whose boxes are drawn in the images. width: of the video, pixels.
+    """
+    path = video_path(path)
+    pictures = RunPictures(summary, colour_by=colour_by, camera_detector=camera_detector)
+    write = _write_gif if path.suffix.lower() == GIF else _write_mp4
+    write_atomically(path, partial(write, pictures, width=width, progress=progress))
+
+
+class RunPictures:
+    """The composed frames of an episode, one of each scan."""
+
+    def __init__(
+        self, summary: Summary, *, colour_by: str = OBJECT, camera_detector: str | None = None
+    ) -> None:
+        self._summary, self._colour_by = summary, colour_by
+        self._sensing, self._timeline = sensing_of(summary.episode), timeline_of(summary.episode)
+        self._image_boxes: dict[int, ImageDetections | None] | None = None
+        if camera_detector is not None:
+            self._image_boxes = _image_boxes(summary, camera_detector)
+
+    def __len__(self) -> int:
+        return len(self._summary.tracks)
+
+    @property
+    def period_s(self) -> float:
+        """Seconds from frame to frame."""
+        return self._sensing.rig.lidar.spec.period_s
+
+    def frame(self, index: int) -> np.ndarray:
+        """Return the composed frame of a scan, (720, 1280, 3) uint8."""
+        return composed_frame(self.snapshot(index), colour_by=self._colour_by)
+
+    def snapshot(self, index: int) -> Snapshot:
+        """Return what the frame of a scan shows."""
+        summary, episode = self._summary, self._summary.episode
+        frame, truth = self._sensing.sense(self._timeline, index)
+        first = max(0, index - round(TAIL_S / self.period_s))
+        image, image_truth, boxes = None, None, None
+        if self._image_rows is not None:
+            row = int(self._image_rows[index])
+            image, image_truth = self._sensing.sense_image(self._timeline, row)
+            boxes = None if self._image_boxes is None else self._image_boxes.get(row)
+        condition = "" if episode.condition == "clear" else f", {episode.condition}"
+        return Snapshot(
+            frame,
+            truth,
+            self._timeline,
+            self._sensing.rig,
+            title=f"{episode.scenario}, seed {episode.seed}, {episode.rig}{condition}",
+            scores=tuple(score.until(index) for score in self._scores),
+            image=image,
+            image_truth=image_truth,
+            detections=summary.detections.detections[index],
+            tracks=summary.tracks[index],
+            past=summary.tracks[first:index],
+            image_detections=boxes,
+            path=self._path[: index + 1],
+            odometry=None if self._odometry is None else self._odometry[: index + 1],
+        )
+
+    @cached_property
+    def _stamps_s(self) -> np.ndarray:
+        return np.array([truth.stamp_s for truth in self._summary.detections.truths])
+
+    @cached_property
+    def _path(self) -> np.ndarray:
+        poses = [truth.world_from_ego for truth in self._summary.detections.truths]
+        return np.array([pose.translation[:2] for pose in poses])
+
+    @cached_property
+    def _image_rows(self) -> np.ndarray | None:
+        """Numbers of the images nearest in time to the scans."""
+        if self._sensing.rig.camera is None:
+            return None
+        rows = np.array(image_rows(self._summary.episode, 0.0))
+        image_s = np.array([self._sensing.rig.camera.stamp_s(int(row)) for row in rows])
+        nearest: np.ndarray = rows[np.abs(image_s - self._stamps_s[:, None]).argmin(axis=1)]
+        return nearest
+
+    @cached_property
+    def _odometry(self) -> np.ndarray | None:
+        """Places of the ego by the odometry, world frame; the first pose is the true one."""
+        poses = self._summary.poses
+        if poses is None:
+            return None
+        mount = self._sensing.calibration.pose(self._sensing.rig.lidar.name)
+        world_from_start = Pose(poses.trajectories.truth[0]) @ mount.inverse()
+        places = start_from_ego(poses, self._summary.episode, self._stamps_s.tolist())
+        return np.array([(world_from_start @ place).translation[:2] for place in places])
+
+    @cached_property
+    def _scores(self) -> list[RunningScore]:
+        """The running scores of the whole episode."""
+        summary = self._summary
+        detected = judged_scene(summary.detections, summary.detections, summary.rule)
+        tracks = EpisodeTracks(summary.tracks, summary.detections.times)
+        tracked = judged_scene(tracks, summary.detections, summary.rule)
+        frames = np.arange(1, len(self) + 1)
+        alarms = np.cumsum(detected.counts(ALARMS)) / frames
+        scores = [
+            RunningScore("detected", _share(detected.hits(), detected.counts(MISSES)), top=1.0),
+            RunningScore("false / frame", alarms),
+            RunningScore("tracked", _share(tracked.hits(), tracked.counts(MISSES)), top=1.0),
+            RunningScore("ID switches", np.cumsum(tracked.counts(SWITCHES)), decimals=0),
+        ]
+        poses = summary.poses
+        if poses is not None:
+            errors_m = absolute_errors(poses.trajectories, "origin").positions_m
+            rows = np.searchsorted(poses.stamps_s, self._stamps_s + STAMP_TOLERANCE_S) - 1
+            errors_m = np.where(rows < 0, np.nan, errors_m[rows])
+            scores.append(RunningScore("odometry (m)", errors_m))
+        return scores
+
+
+def _share(hits: np.ndarray, misses: np.ndarray) -> np.ndarray:
+    """Return (T,) share of hits so far; NaN before there is anything to hit."""
+    found, every = np.cumsum(hits), np.cumsum(hits + misses)
+    shares: np.ndarray = np.where(every > 0, found / np.maximum(every, 1), np.nan)
+    return shares
+
+
+def _image_boxes(summary: Summary, detector: str) -> dict[int, ImageDetections | None]:
+    """Return the boxes of a camera detector by the number of the image."""
+    from roadscope.benchmarks.loop import RunOptions
+
+    node = ImageNode(check_image_source(detector), summary.episode, 0.0, of_scans=True)
+    answers = node.compute(RunOptions())
+    return {
+        int(row): None if boxes is None else boxes.select(boxes.scores >= LEAST_SCORE)
+        for row, boxes in zip(answers.rows, answers.detections, strict=True)
+    }
+
+
+# --------------------------------------------------------------------------------------------------
+# Files.
+
+
+def _scaled(pixels: np.ndarray, width: int) -> Any:
+    """Return an image of a width; its height is an even number, as codecs need it."""
+    from PIL import Image
+
+    image = Image.fromarray(pixels)
+    if width == image.width:
+        return image
+    height = 2 * round(image.height * width / image.width / 2)
+    return image.resize((width, height), Image.Resampling.LANCZOS)
+
+
+def _write_gif(pictures: RunPictures, path: Path, *, width: int, progress: Progress) -> None:
+    """Write an endless GIF; all frames have the same 255 colours, so that nothing flickers."""
+    colours = _gif_colours(pictures, width)
+
+    def frames() -> Iterator[Any]:
+        for index in range(len(pictures)):
+            progress("video", index, len(pictures))
+            yield _scaled(pictures.frame(index), width).quantize(palette=colours, dither=0)
+        progress("video", len(pictures), len(pictures))
+
+    first, *others = frames()
+    first.save(
+        path,
+        format="GIF",
+        save_all=True,
+        append_images=others,
+        duration=round(1000 * pictures.period_s),
+        loop=0,
+    )
+
+
+def _gif_colours(pictures: RunPictures, width: int) -> Any:
+    """Return an image with the colours of frames from all of the video, and of all tracks."""
+    from PIL import Image
+
+    rows = np.unique(np.linspace(0, len(pictures) - 1, 4).astype(int)).tolist()
+    samples = [np.asarray(_scaled(pictures.frame(row), width)) for row in rows]
+    tracks = np.tile(np.repeat(np.array(TRACKS, np.uint8), 8, axis=0), (width // 32, 1))
+    swatches = np.broadcast_to(np.resize(tracks, (width, 3)), (8, width, 3))
+    return Image.fromarray(np.concatenate([*samples, swatches])).quantize(255)
+
+
+def _write_mp4(pictures: RunPictures, path: Path, *, width: int, progress: Progress) -> None:
+    from moviepy.video.io.ffmpeg_writer import FFMPEG_VideoWriter
+
+    first = _scaled(pictures.frame(0), width)
+    writer = FFMPEG_VideoWriter(
+        str(path),
+        first.size,
+        1 / pictures.period_s,
+        pixel_format="yuv420p",
+        # The name of a file that is not complete yet does not end in .mp4.
+        ffmpeg_params=["-f", "mp4"],
+    )
+    try:
+        for index in range(len(pictures)):
+            progress("video", index, len(pictures))
+            writer.write_frame(np.asarray(_scaled(pictures.frame(index), width)))
+    finally:
+        writer.close()
+    progress("video", len(pictures), len(pictures))

@@ -1,0 +1,14 @@
+"""Pictures of scans, road users, detections and tracks."""
+
+from roadscope._lazy import lazy_names
+
+_PARTS = {
+    "birds_eye": "BirdsEyeView box_corners scan_view write_distances write_ids",
+    "canvas": "Canvas text_px",
+    "composed": "Snapshot birds_eye composed_frame",
+    "labels": "LabelPlacer LegendRow draw_legend legend_px places_beside",
+    "panels": "RunningScore camera_panel image_view range_panel score_panel",
+}
+"""Names by the file that defines them, loaded when first used: the face of this folder."""
+
+__getattr__, __dir__ = lazy_names(__name__, parts=_PARTS)
