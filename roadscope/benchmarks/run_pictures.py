@@ -22,7 +22,7 @@ from roadscope.benchmarks.report.moments import ALARMS, MISSES, SWITCHES, judged
 from roadscope.benchmarks.single import Summary
 from roadscope.core import ImageDetections, NotInstalledError, Pose, Requirement
 from roadscope.core.answers import STAMP_TOLERANCE_S
-from roadscope.core.palette import TRACKS
+from roadscope.core.palette import DETECTIONS, HIDDEN, LABEL, ODOMETRY, RETURNS, TRACKS, TRUTH
 from roadscope.envs.drawing.birds_eye import OBJECT
 from roadscope.envs.drawing.composed import WIDTH, Snapshot, composed_frame
 from roadscope.envs.drawing.panels import RunningScore
@@ -30,10 +30,10 @@ from roadscope.envs.drawing.panels import RunningScore
 PICTURES = (".png", ".jpg", ".webp")
 GIF, MP4 = ".gif", ".mp4"
 MOVIEPY = Requirement("moviepy", "pip install roadscope[video]")
-TAIL_S = 2.0
+TAIL_S = 1.0
 """Length of the tails of tracks."""
-MOST_GIF_FRAMES = 1200
-"""Frames of a GIF are held in memory, a megabyte each."""
+GIF_COLOURS = 255
+"""One of the 256 is for what stays as it was."""
 LEAST_SCORE = 0.3
 """Boxes in images with lower scores are not drawn: they would hide the picture."""
 
@@ -229,7 +229,7 @@ def _scaled(pixels: np.ndarray, width: int) -> Any:
 
 
 def _write_gif(pictures: RunPictures, path: Path, *, width: int, progress: Progress) -> None:
-    """Write an endless GIF; all frames have the same 255 colours, so that nothing flickers."""
+    """Write an endless GIF; all frames have the same colours, so that nothing flickers."""
     colours = _gif_colours(pictures, width)
 
     def frames() -> Iterator[Any]:
@@ -250,14 +250,16 @@ def _write_gif(pictures: RunPictures, path: Path, *, width: int, progress: Progr
 
 
 def _gif_colours(pictures: RunPictures, width: int) -> Any:
-    """Return an image with the colours of frames from all of the video, and of all tracks."""
+    """Return an image with the colours of four frames, and of all that has a colour of its own."""
     from PIL import Image
 
+    own = [TRUTH, HIDDEN, ODOMETRY, LABEL, *DETECTIONS.values(), *TRACKS, *RETURNS.values()]
     rows = np.unique(np.linspace(0, len(pictures) - 1, 4).astype(int)).tolist()
-    samples = [np.asarray(_scaled(pictures.frame(row), width)) for row in rows]
-    tracks = np.tile(np.repeat(np.array(TRACKS, np.uint8), 8, axis=0), (width // 32, 1))
-    swatches = np.broadcast_to(np.resize(tracks, (width, 3)), (8, width, 3))
-    return Image.fromarray(np.concatenate([*samples, swatches])).quantize(255)
+    frames = np.concatenate([np.asarray(_scaled(pictures.frame(row), width)) for row in rows])
+    sampled = Image.fromarray(frames).quantize(GIF_COLOURS - len(own))
+    colours = Image.new("P", (1, 1))
+    colours.putpalette([*(sampled.getpalette() or []), *np.ravel(own).tolist()])
+    return colours
 
 
 def _write_mp4(pictures: RunPictures, path: Path, *, width: int, progress: Progress) -> None:

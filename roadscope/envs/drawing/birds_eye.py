@@ -44,8 +44,10 @@ RING_M = 20.0
 """Distance of the rings around the ego."""
 DASH_M, GAP_M = 4.0, 12.0
 """Length of a dash of a lane marking, and distance from dash to dash."""
-TRUTH_PX, DETECTION_PX, TRACK_PX, COASTING_PX, PATH_PX = 1.5, 1.5, 2.0, 1.0, 2.0
+TRUTH_PX, DETECTION_PX, TRACK_PX, COASTING_PX, PATH_PX = 1.5, 1.0, 3.0, 1.0, 2.0
 """Widths of outlines and of paths."""
+DIAMOND_PX = 3.5 * np.array([[-1, 0], [0, -1], [1, 0], [0, 1]])
+"""Corners of the mark in the middle of a detection."""
 LEAST_RADIUS_PX = 3.0
 """Of the circle of a person on foot."""
 LONGEST_M = 20.0
@@ -272,7 +274,13 @@ def draw_detections(canvas: Canvas, view: BirdsEyeView, detections: Detections) 
     boxes = view.pixels(box_corners(detections.centres, detections.sizes, detections.yaws))
     for row in np.flatnonzero(view.near(detections.centres, LONGEST_M)):
         colour = colours.DETECTIONS[Category(int(detections.categories[row])).family]
-        canvas.polygon(boxes[row], colour, fill=0.0, line_px=DETECTION_PX)
+        draw_detection(canvas, boxes[row], colour)
+
+
+def draw_detection(canvas: Canvas, corners: np.ndarray, colour: Rgb) -> None:
+    """Draw an outline of (4, 2) pixel corners, and a diamond in its middle."""
+    canvas.polygon(corners, colour, fill=0.0, line_px=DETECTION_PX)
+    canvas.polygon(corners.mean(axis=0) + DIAMOND_PX, colour)
 
 
 def draw_tracks(
@@ -359,7 +367,7 @@ def _user_symbol(
 
 
 def _box_symbol(canvas: Canvas, low: np.ndarray, high: np.ndarray, *, colour: Rgb) -> None:
-    canvas.polygon(_symbol(low, high), colour, fill=0.0, line_px=DETECTION_PX)
+    draw_detection(canvas, _symbol(low, high), colour)
 
 
 def _track_symbol(

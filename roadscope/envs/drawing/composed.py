@@ -114,12 +114,13 @@ def birds_eye(
         canvas.dashes(view.pixels(shown.odometry), colours.ODOMETRY, PATH_PX, 6.0)
     draw_truth(canvas, view, shown.truth)
     draw_ego(canvas, view, shown.timeline)
-    if shown.detections is not None:
-        draw_detections(canvas, view, shown.detections)
     labels = LabelPlacer(canvas)
     if shown.tracks is not None:
         draw_tracks(canvas, view, shown.tracks, shown.past)
         write_ids(labels, view, shown.tracks)
+    # Above the tracks, whose outlines are wider.
+    if shown.detections is not None:
+        draw_detections(canvas, view, shown.detections)
     write_distances(labels, view)
     return canvas.image()
 
