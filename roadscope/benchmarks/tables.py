@@ -53,7 +53,7 @@ MEANINGS: Mapping[str, Mapping[str, str]] = {
         "rpe_rotation": "error of turns from scan to scan, RMS",
         "false_motion": "farthest motion of a standing ego",
         "degraded": "scans with an uncertain pose",
-        "dynamic_precision": "dynamic returns that are of moving objects",
+        "dynamic_precision": "dynamic returns of moving objects",
         "call_p50_ms": "processor time a scan, median",
     },
 }

@@ -19,7 +19,7 @@ Rgb = tuple[int, int, int]
 # On dark ground: frames of videos, bird's-eye views and camera images.
 
 TRUTH: Rgb = (245, 245, 245)
-HIDDEN: Rgb = (132, 136, 142)
+HIDDEN: Rgb = (112, 116, 122)
 """True boxes, the ego and its true path; true boxes without any return."""
 DETECTIONS: Mapping[Family, Rgb] = MappingProxyType(
     {
@@ -98,7 +98,7 @@ PAGE_LIGHT: Mapping[str, str] = MappingProxyType(
         "right": "#0072b2",
         "missed": "#c26a00",
         "false": "#c3372f",
-        "switch": "#9c3fa8",
+        "switch": "#8b1ae0",
         "truth": "#333a42",
         "other": "#8a939d",
     }
@@ -115,7 +115,7 @@ PAGE_DARK: Mapping[str, str] = MappingProxyType(
         "right": "#56b4e9",
         "missed": "#f0a63a",
         "false": "#ff7f73",
-        "switch": "#e29bea",
+        "switch": "#b375ff",
         "truth": "#e7ebf0",
         "other": "#7d8894",
     }

@@ -9,11 +9,11 @@ import pytest
 
 from roadscope import Episode, run_episode
 from roadscope.benchmarks import (
+    RunPictures,
     SuiteError,
     check_episode,
     names_of,
     parse_suite,
-    picture,
     plan,
     sensed,
     timeline_path,
@@ -106,7 +106,8 @@ def test_entries_come_through_lost_scans_and_are_marked_down_for_them() -> None:
 def test_a_scan_that_is_lost_can_be_drawn() -> None:
     summary = run_episode(replace(EPISODE, faults=("dropped-scans:5",)), detector="pag")
     lost = [k for k, (frame, _) in enumerate(sensed(summary.episode)) if frame.lidar is None]
-    assert picture(summary, lost[0]).shape == picture(summary).shape
+    pictures = RunPictures(summary)
+    assert pictures.frame(lost[0]).shape == pictures.frame(len(pictures) // 2).shape
 
 
 def test_faults_are_listed() -> None:

@@ -5,7 +5,7 @@ from roadscope._lazy import lazy_names
 _PARTS = {
     "birds_eye": "BirdsEyeView box_corners scan_view write_distances write_ids",
     "canvas": "Canvas text_px",
-    "composed": "Snapshot birds_eye composed_frame",
+    "composed": "Snapshot composed_frame view_from_above",
     "labels": "LabelPlacer LegendRow draw_legend legend_px places_beside",
     "panels": "RunningScore camera_panel image_view range_panel score_panel",
 }

@@ -269,6 +269,12 @@ def _draw_own(canvas: Canvas, corners: np.ndarray) -> None:
     canvas.polygon(np.stack([front, base[1], base[0]]), colours.GROUND)
 
 
+def draw_odometry(canvas: Canvas, points: np.ndarray) -> None:
+    """Draw the (K, 2) pixels of a path that an odometry estimates, with a ring at its end."""
+    canvas.dashes(points, colours.ODOMETRY, PATH_PX, 6.0)
+    canvas.circle(points[-1], 5.0, colours.ODOMETRY, line_px=PATH_PX)
+
+
 def draw_detections(canvas: Canvas, view: BirdsEyeView, detections: Detections) -> None:
     """Draw detections, world frame, in the colours of their families."""
     boxes = view.pixels(box_corners(detections.centres, detections.sizes, detections.yaws))
@@ -385,14 +391,18 @@ def _dot_symbol(canvas: Canvas, low: np.ndarray, high: np.ndarray, *, colour: Rg
         canvas.circle(low + np.array([x, y]), 1.6, colour)
 
 
-def _path_symbol(
-    canvas: Canvas, low: np.ndarray, high: np.ndarray, *, colour: Rgb, dashed: bool
-) -> None:
-    middle = np.array([[low[0], (low + high)[1] / 2], [high[0], (low + high)[1] / 2]])
-    if dashed:
-        canvas.dashes(middle, colour, PATH_PX, 4.0)
-    else:
-        canvas.line(middle, colour, PATH_PX)
+def _path_symbol(canvas: Canvas, low: np.ndarray, high: np.ndarray) -> None:
+    canvas.line(_level(low, high), colours.TRUTH, PATH_PX)
+
+
+def _odometry_symbol(canvas: Canvas, low: np.ndarray, high: np.ndarray) -> None:
+    draw_odometry(canvas, _level(low, high - np.array([5, 0])))
+
+
+def _level(low: np.ndarray, high: np.ndarray) -> np.ndarray:
+    """Return the ends of a line from left to right through the middle of a box."""
+    middle = (low[1] + high[1]) / 2
+    return np.array([[low[0], middle], [high[0], middle]])
 
 
 def _ego_symbol(canvas: Canvas, low: np.ndarray, high: np.ndarray) -> None:
@@ -402,7 +412,7 @@ def _ego_symbol(canvas: Canvas, low: np.ndarray, high: np.ndarray) -> None:
 def truth_rows() -> Iterator[LegendRow]:
     """Yield the legend of the ego, its path and the true road users."""
     yield LegendRow("ego", _ego_symbol)
-    yield LegendRow("ego's path", partial(_path_symbol, colour=colours.TRUTH, dashed=False))
+    yield LegendRow("ego's path", _path_symbol)
     for family in Family:
         draw = partial(_user_symbol, family=family, colour=colours.TRUTH)
         yield LegendRow(f"true {family.value}", draw)
@@ -428,7 +438,7 @@ def track_rows() -> Iterator[LegendRow]:
 
 def odometry_row() -> LegendRow:
     """Return the legend of the path that an odometry estimates."""
-    return LegendRow("odometry's path", partial(_path_symbol, colour=colours.ODOMETRY, dashed=True))
+    return LegendRow("odometry's path", _odometry_symbol)
 
 
 def return_rows() -> Iterator[LegendRow]:

@@ -21,6 +21,7 @@ from roadscope.envs.drawing.birds_eye import (
     detection_rows,
     draw_detections,
     draw_ego,
+    draw_odometry,
     draw_returns,
     draw_rings,
     draw_road,
@@ -91,11 +92,11 @@ def composed_frame(shown: Snapshot, *, colour_by: str = OBJECT) -> np.ndarray:
 
     colour_by: what returns in the bird's-eye view are coloured by, `object` or `intensity`.
     """
-    left = birds_eye(shown, colour_by=colour_by)
+    left = view_from_above(shown, colour_by=colour_by)
     return np.concatenate([left, _side(shown, WIDTH - VIEW_PX, colour_by=colour_by)], axis=1)
 
 
-def birds_eye(
+def view_from_above(
     shown: Snapshot,
     *,
     colour_by: str = OBJECT,
@@ -111,7 +112,7 @@ def birds_eye(
     if shown.path is not None:
         canvas.line(view.pixels(shown.path), colours.TRUTH, PATH_PX)
     if shown.odometry is not None:
-        canvas.dashes(view.pixels(shown.odometry), colours.ODOMETRY, PATH_PX, 6.0)
+        draw_odometry(canvas, view.pixels(shown.odometry))
     draw_truth(canvas, view, shown.truth)
     draw_ego(canvas, view, shown.timeline)
     labels = LabelPlacer(canvas)
