@@ -249,7 +249,7 @@ def test_paths_of_the_ego_and_of_an_odometry_are_told_apart():
     image = _draw(truth=_truth(platoon(), ()), path=pose.apply(back)[:, :2], odometry=drifted)
     white, pink = _close(image, TRUTH, 3), _close(image, ODOMETRY, 3)
     assert white[:, 0].max() > HOME[0] + 25 / SCALE
-    assert np.abs(pink[:, 1] - (HOME[1] - 4 / SCALE)).max() <= 2
+    assert np.abs(pink[:, 1] - (HOME[1] - 4 / SCALE)).max() <= 6
     assert np.ptp(pink[:, 0]) > 20 / SCALE
 
 
