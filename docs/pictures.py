@@ -3,6 +3,7 @@
 import sys
 from pathlib import Path
 
+import gymnasium as gym
 import numpy as np
 from PIL import Image
 
@@ -31,7 +32,7 @@ def picture(scenario: str) -> Image.Image:
         observation, _, ended, cut, _ = env.step(0)
         if ended or cut:
             break
-    both = [Image.fromarray(np.asarray(a)) for a in (observation["image"], env.render())]
+    both = [Image.fromarray(np.asarray(a)) for a in (observation["image"], _from_above(env))]
     env.close()
     sides = [
         each.resize((round(each.width * HEIGHT / each.height), HEIGHT), Image.Resampling.LANCZOS)
@@ -43,6 +44,12 @@ def picture(scenario: str) -> Image.Image:
     whole.paste(sides[0], (0, 0))
     whole.paste(sides[1], (sides[0].width, 0))
     return whole
+
+
+def _from_above(env: gym.Env) -> np.ndarray:
+    """Return the left part of the frame that an environment draws, a square."""
+    frame = np.asarray(env.render())
+    return frame[:, : len(frame)]
 
 
 def main() -> None:

@@ -31,20 +31,9 @@ from roadscope.core import (
     TrackState,
     Truth,
 )
-from roadscope.envs.gym.render import (
-    ASPHALT,
-    BACKGROUND,
-    COASTING_LINE_PX,
-    DETECTION,
-    EGO,
-    FAMILIES,
-    GROUND_RETURN,
-    MARKING,
-    SOLID,
-    TRACK_LINE_PX,
-    WEATHER_RETURN,
-    track_colour,
-)
+from roadscope.core import palette as colours_of
+from roadscope.core.palette import track_colour
+from roadscope.envs.drawing.birds_eye import COASTING_PX, TRACK_PX
 from roadscope.envs.sensors.rigs import rig
 from roadscope.envs.traffic.road_map import RoadMap
 
@@ -57,7 +46,6 @@ RETURNS = ("object", "intensity")
 TIMELINE = "time"
 GROUND_CLASS, SCENERY_CLASS, WEATHER_CLASS = (len(Category) + k for k in range(3))
 """Classes of returns that come from no road user; those of road users are their categories."""
-ODOMETRY = (255, 99, 99)
 TAIL_S = 3.0
 """Length of the line behind a track."""
 JPEG_QUALITY = 90
@@ -69,7 +57,7 @@ EYE_M = (-30.0, 0.0, 18.0)
 """From where the world is seen at first: the ego frame."""
 LINE_PX = 1.5
 RETURN_PX = 1.2
-"""Radii of lines and returns on the screen; these and the colour of odometries, the length of
+"""Radii of lines and returns on the screen; these, the length of
 tails and the quality of images are chosen by hand."""
 
 
@@ -112,7 +100,10 @@ class _Recording:
             self._write_road(view.timeline.road)
             centre = [view.timeline.centre_ahead_m[0], 0, view.timeline.sizes[0, 2] / 2]
             box = self.rr.Boxes3D(
-                centers=[centre], sizes=view.timeline.sizes[:1], colors=EGO, radii=self._px(LINE_PX)
+                centers=[centre],
+                sizes=view.timeline.sizes[:1],
+                colors=colours_of.TRUTH,
+                radii=self._px(LINE_PX),
             )
             self.log("world/ego/body", box)
         self._write_paths()
@@ -146,13 +137,12 @@ class _Recording:
     def _write_frames(self) -> None:
         rr = self.rr
         infos = [
-            rr.AnnotationInfo(each.value, each.name.lower(), FAMILIES[each.family])
-            for each in Category
+            rr.AnnotationInfo(each.value, each.name.lower(), colours_of.TRUTH) for each in Category
         ]
         infos += [
-            rr.AnnotationInfo(GROUND_CLASS, "ground", GROUND_RETURN),
-            rr.AnnotationInfo(SCENERY_CLASS, "scenery", SOLID),
-            rr.AnnotationInfo(WEATHER_CLASS, "rain or fog", WEATHER_RETURN),
+            rr.AnnotationInfo(GROUND_CLASS, "ground", colours_of.RETURNS["ground"]),
+            rr.AnnotationInfo(SCENERY_CLASS, "scenery", colours_of.RETURNS["scenery"]),
+            rr.AnnotationInfo(WEATHER_CLASS, "rain or fog", colours_of.RETURNS["rain, fog"]),
         ]
         self.log("world", rr.AnnotationContext(infos))
         self.log("world", rr.ViewCoordinates.RIGHT_HAND_Z_UP)
@@ -193,13 +183,15 @@ class _Recording:
             count += 2 * len(line)
         if not borders:
             return
-        lines = self.rr.LineStrips3D(borders, colors=MARKING, radii=self._px(LINE_PX / 2))
+        lines = self.rr.LineStrips3D(
+            borders, colors=colours_of.MARKING, radii=self._px(LINE_PX / 2)
+        )
         self.log("world/road/borders", lines)
         vertices = np.concatenate(points) - [0, 0, BELOW_M]
         asphalt = self.rr.Mesh3D(
             vertex_positions=vertices,
             triangle_indices=np.concatenate(triangles),
-            vertex_colors=np.tile(np.array(ASPHALT, np.uint8), (len(vertices), 1)),
+            vertex_colors=np.tile(np.array(colours_of.ASPHALT, np.uint8), (len(vertices), 1)),
         )
         self.log("world/road/asphalt", asphalt)
 
@@ -211,15 +203,15 @@ class _Recording:
             estimates = aligned(poses.trajectories, "origin") @ lidar_from_ego
             if not len(path):
                 path = (poses.trajectories.truth @ lidar_from_ego)[:, :3, 3]
-            self._write_path("world/paths/odometry", estimates[:, :3, 3], ODOMETRY)
-            box = self.rr.Boxes3D(half_sizes=[[1.0, 0.5, 0.2]], colors=ODOMETRY)
+            self._write_path("world/paths/odometry", estimates[:, :3, 3], colours_of.ODOMETRY)
+            box = self.rr.Boxes3D(half_sizes=[[1.0, 0.5, 0.2]], colors=colours_of.ODOMETRY)
             self.log("world/odometry", box)
             for stamp_s, estimate in zip(poses.stamps_s, estimates, strict=True):
                 self.at(stamp_s)
                 pose = self.rr.Transform3D(translation=estimate[:3, 3], mat3x3=estimate[:3, :3])
                 self.log("world/odometry", pose, static=False)
         if len(path):
-            self._write_path("world/paths/ego", path, EGO)
+            self._write_path("world/paths/ego", path, colours_of.TRUTH)
 
     def _write_path(self, entity: str, points: np.ndarray, colour: Sequence[int]) -> None:
         self.log(entity, self.rr.LineStrips3D([points], colors=colour, radii=self._px(LINE_PX)))
@@ -241,7 +233,7 @@ class _Recording:
     def _detection_boxes(self, detections: Detections) -> Any:
         return self.rr.Boxes3D(
             **_boxes(detections),
-            colors=np.tile(DETECTION, (len(detections), 1)),
+            colors=_family_colours(detections.categories),
             labels=_detection_names(detections.categories, detections.scores),
             show_labels=False,
             radii=self._px(LINE_PX),
@@ -254,9 +246,7 @@ class _Recording:
             self.at(each.stamp_s)
             ids = each.ids.tolist()
             colours = np.array([track_colour(number) for number in ids]).reshape(-1, 3)
-            widths = np.where(
-                each.states == TrackState.COASTING, COASTING_LINE_PX, TRACK_LINE_PX
-            ).tolist()
+            widths = np.where(each.states == TrackState.COASTING, COASTING_PX, TRACK_PX).tolist()
             boxes = self.rr.Boxes3D(
                 **_boxes(each),
                 colors=colours,
@@ -340,7 +330,7 @@ class _Recording:
                 boxes = self.rr.Boxes2D(
                     array=found.boxes,
                     array_format=self.rr.Box2DFormat.XYXY,
-                    colors=np.tile(DETECTION, (len(found), 1)),
+                    colors=_family_colours(found.categories),
                     labels=_detection_names(found.categories, found.scores),
                 )
                 self.log(f"{place}/image/detections", boxes, static=False)
@@ -369,6 +359,12 @@ def _boxes(record: Truth | Detections | Tracks) -> dict[str, Any]:
 def _object_names(truth: Truth) -> list[str]:
     pairs = zip(truth.categories.tolist(), truth.ids.tolist(), strict=True)
     return [f"{Category(category).name.lower()} {number}" for category, number in pairs]
+
+
+def _family_colours(categories: np.ndarray) -> np.ndarray:
+    """Return (N, 3) colours of detections by (N,) categories."""
+    families = [Category(number).family for number in categories.tolist()]
+    return np.array([colours_of.DETECTIONS[family] for family in families]).reshape(-1, 3)
 
 
 def _detection_names(categories: np.ndarray, scores: np.ndarray) -> list[str]:
@@ -445,7 +441,7 @@ def _world_view(view: EpisodeView, rrb: Any) -> Any:
     return rrb.Spatial3DView(
         origin="world",
         name="world",
-        background=BACKGROUND,
+        background=colours_of.GROUND,
         eye_controls=rrb.EyeControls3D(**eye),
     )
 
