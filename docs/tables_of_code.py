@@ -39,7 +39,7 @@ def as_restructured_text(lines: list[str]) -> list[str]:
     place = "text"
     for before, line in zip(["", *lines], lines, strict=False):
         indented, new = line.startswith("    "), not before.strip()
-        field = FIELDS.match(line)
+        field = FIELDS.match(line) if out else None  # the first line is a sentence
         if place == "code" and (indented or not line.strip()):
             out.append(line)
         elif indented and new and place != "fields":
@@ -232,10 +232,9 @@ def methods(kind: str) -> str:
 def _docstrings(module: str, class_name: str) -> list[str]:
     """Return the docstrings of a file and of its class as a block of reStructuredText."""
     loaded = importlib.import_module(module)
-    of_file = (inspect.getdoc(loaded) or "").splitlines()
-    of_class = (inspect.getdoc(getattr(loaded, class_name)) or "").splitlines()
-    text = as_restructured_text([*of_file, "", *of_class])
-    return ["```{eval-rst}", *text, "```"]
+    both = [inspect.getdoc(each) or "" for each in (loaded, getattr(loaded, class_name))]
+    texts = [as_restructured_text(text.splitlines()) for text in both]
+    return ["```{eval-rst}", *texts[0], *texts[1], "```"]
 
 
 def commands() -> str:
