@@ -25,25 +25,34 @@ small; the second method keeps rare colours."""
 
 def picture(scenario: str) -> Image.Image:
     """Return the camera's image and the view from above, side by side."""
-    settings = {"ego": "idm", "rig": "wide", "render_mode": "rgb_array"}
-    env = roadscope.make(scenario, **settings)
+    try:
+        views = seen(scenario, "wide")
+    except roadscope.RecordError:  # images show level ground only
+        views = seen(scenario, "hdl32e")
+    sides = [
+        view.resize((round(view.width * HEIGHT / view.height), HEIGHT), Image.Resampling.LANCZOS)
+        .quantize(colours, method, dither=Image.Dither.NONE)
+        .convert("RGB")
+        for view, (colours, method) in zip(views, COLOURS[-len(views) :], strict=True)
+    ]
+    whole = Image.new("RGB", (sum(side.width for side in sides), HEIGHT))
+    for k, side in enumerate(sides):
+        whole.paste(side, (sum(each.width for each in sides[:k]), 0))
+    return whole
+
+
+def seen(scenario: str, rig: str) -> list[Image.Image]:
+    """Return the camera's image, if the rig has a camera, and the view from above."""
+    env = roadscope.make(scenario, ego="idm", rig=rig, render_mode="rgb_array")
     observation, _ = env.reset(seed=SEED)
     for _ in range(round(MOMENTS.get(scenario, USUAL_S) / 0.1)):
         observation, _, ended, cut, _ = env.step(0)
         if ended or cut:
             break
-    both = [Image.fromarray(np.asarray(a)) for a in (observation["image"], _from_above(env))]
+    images = [observation["image"]] if "image" in observation else []
+    above = _from_above(env)
     env.close()
-    sides = [
-        each.resize((round(each.width * HEIGHT / each.height), HEIGHT), Image.Resampling.LANCZOS)
-        .quantize(colours, method, dither=Image.Dither.NONE)
-        .convert("RGB")
-        for each, (colours, method) in zip(both, COLOURS, strict=True)
-    ]
-    whole = Image.new("RGB", (sum(a.width for a in sides), HEIGHT))
-    whole.paste(sides[0], (0, 0))
-    whole.paste(sides[1], (sides[0].width, 0))
-    return whole
+    return [Image.fromarray(each) for each in (*images, above)]
 
 
 def _from_above(env: gym.Env) -> np.ndarray:
