@@ -4,6 +4,7 @@ import gc
 import os
 import sys
 import warnings
+from collections import Counter
 from collections.abc import Callable, Generator, Iterator
 from pathlib import Path
 
@@ -26,11 +27,14 @@ settings.load_profile("roadscope")
 LONGEST = tuple(
     f"tests/{name}.py"
     for name in (
-        "benchmarks/papers/test_li2021",
+        "benchmarks/papers/test_li2021_claims",
+        "envs/traffic/test_scenarios",
         "research/test_shipped_traits",
+        "research/test_zhang2017_calibration",
+        "torture/test_all_entries_one_worker",
     )
 )
-"""Files that take longest. They are first, so that no worker is left alone with one at the end."""
+"""Files with tests of minutes. They come first: nothing runs beside what a worker begins last."""
 
 
 @pytest.hookimpl(optionalhook=True)
@@ -52,9 +56,18 @@ def pytest_collection() -> Generator[None, object, object]:
         gc.enable()
 
 
-@pytest.hookimpl(tryfirst=True)
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Keep n cases of a test marked `sampled(n)` quick, evenly spread; its others are slow."""
+@pytest.hookimpl(wrapper=True)
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> Generator[None, object, object]:
+    """Let most cases of tests marked `sampled` be slow, and long files be first."""
+    _make_others_slow(items)
+    result = yield
+    counts = Counter(item.path for item in items)
+    items.sort(key=lambda item: (not item.nodeid.startswith(LONGEST), -counts[item.path]))
+    return result
+
+
+def _make_others_slow(items: list[pytest.Item]) -> None:
+    """Mark the cases of tests marked `sampled(n)` slow, but n that are evenly spread."""
     cases: dict[str, list[pytest.Item]] = {}
     for item in items:
         if item.get_closest_marker("sampled"):
@@ -67,7 +80,6 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
         for number, item in enumerate(of_test):
             if number not in quick:
                 item.add_marker(pytest.mark.slow)
-    items.sort(key=lambda item: not item.nodeid.startswith(LONGEST))
 
 
 @pytest.fixture(autouse=True, scope="session")

@@ -119,11 +119,14 @@ def pairs(acts: Iterable[Act], jobs: int) -> list[tuple[str, Act]]:
     """Return boards with their acts in a run with so many workers.
 
     With one worker the acts of `EVERYWHERE` are done on all their boards. Any other act is done on
-    one board, and on another one with two workers. Honest plug-ins, the measure, are on all.
+    one board, and on another one with two workers, where answers that are wrong need
+    no second test. Honest plug-ins, the measure, are on all.
     """
     everywhere = EVERYWHERE if jobs == 1 else HARMLESS[:1]
     chosen = []
     for act in acts:
+        if jobs > 1 and act in WRONG:
+            continue
         one = act.boards[(ACTS.index(act) + jobs) % len(act.boards)]
         chosen += [(board, act) for board in (act.boards if act in everywhere else [one])]
     return chosen
