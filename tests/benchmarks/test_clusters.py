@@ -1,4 +1,7 @@
-"""Workers of real local clusters, of Ray and of Dask, that the tests start."""
+"""Workers of real local clusters, of Ray and of Dask, that the tests start.
+
+Other workers: `test_workers.py`, `test_cli.py` and `tests/torture/test_worker_deaths.py`.
+"""
 
 import importlib.util
 import json
@@ -23,7 +26,6 @@ CLUSTERS = [
     )
     for name, module in MODULES.items()
 ]
-BACKENDS = ["loky", *CLUSTERS]
 TIMES = "_ms"
 TOKEN = uuid4().hex + uuid4().hex
 """Ray's runs and clusters of these tests know one another by it."""
@@ -180,7 +182,7 @@ def cluster(folder: Path, backend: str) -> Iterator[str]:
         process.communicate("\n", timeout=60)
 
 
-@pytest.mark.parametrize("backend", BACKENDS)
+@pytest.mark.parametrize("backend", CLUSTERS)
 def test_a_deadly_item_costs_only_itself_and_supervisors_end_with_the_workers(
     folder: Path, backend: str
 ) -> None:
@@ -195,7 +197,7 @@ def test_a_deadly_item_costs_only_itself_and_supervisors_end_with_the_workers(
     assert not alive
 
 
-@pytest.mark.parametrize("backend", BACKENDS)
+@pytest.mark.parametrize("backend", CLUSTERS)
 def test_workers_end_with_a_killed_run(folder: Path, backend: str) -> None:
     """Agents of Ray itself, which no worker is, take longer."""
     run = subprocess.Popen(

@@ -12,7 +12,8 @@ from roadscope.benchmarks import Eligibility, Episode, Job, RunOptions, WorkerSe
 from roadscope.benchmarks.boards import BOARDS, track_node
 from roadscope.trackers import TRACKERS
 
-ITEMS = 20
+ITEMS = 10
+JOBS = 20
 ITEM_S = 0.2
 ROUNDS = 3
 EXPECTED = 1.8
@@ -35,7 +36,7 @@ def seconds(work: Callable[[], object]) -> float:
 
 def plain_gain(steps: int) -> float:
     """Return how much two plain processes at once gain over the two in turn."""
-    code = f"total = 0\nfor step in range({10 * steps}): total += step & 3"
+    code = f"total = 0\nfor step in range({5 * steps}): total += step & 3"
 
     def run(processes: int) -> None:
         started = [subprocess.Popen([sys.executable, "-c", code]) for _ in range(processes)]
@@ -85,8 +86,8 @@ def test_a_small_job_costs_no_more_in_a_worker() -> None:
         track_node(tracker, "noisy", episode, rule),
         settings=rule,
     )
-    here = [processor_s(job) for _ in range(ITEMS)]
+    here = [processor_s(job) for _ in range(JOBS)]
     with open_workers(WorkerSettings(2)) as workers:
-        there = [cost for _, cost in workers.each(processor_s, [job] * ITEMS)]
-    half = ITEMS // 2
+        there = [cost for _, cost in workers.each(processor_s, [job] * JOBS)]
+    half = JOBS // 2
     assert statistics.median(there[half:]) < 1.5 * statistics.median(here[half:])

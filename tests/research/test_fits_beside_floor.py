@@ -16,7 +16,7 @@ from roadscope.benchmarks.papers import (
 )
 from roadscope.detectors.pose import axis_difference
 
-FITS = {1: "ours, 1 frame", 3: "ours, 3 frames", 7: "ours, 7 frames"}
+FITS = {1: "ours, 1 frame", 7: "ours, 7 frames"}
 PASSES = (
     ("straight", "sharp"),
     ("straight-past", "rounded"),
