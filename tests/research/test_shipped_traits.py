@@ -28,9 +28,10 @@ SENSED = {
     ],
 }
 """Files, and what the command is told."""
-BY_NETWORK = "fused.toml"
-"""A network's sums are rounded otherwise on other processors, and a score in a thousand lies on the
-other side of a threshold."""
+ALIKE = ("along_m", "across_m", "yaw_rad", "lasting", "yaw_lasting", "surplus")
+"""Traits that a single seed tells well enough of what it has many of."""
+MOST = 0.15
+"""By how much they may differ: the first of the four seeds differs by 0.11."""
 
 
 def shipped(name: str) -> str:
@@ -70,23 +71,27 @@ def test_what_was_learned_of_kitti_is_learned_again(tmp_path):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", SENSED)
-def test_what_was_learned_of_our_traffic_is_learned_again(name, tmp_path):
+def test_what_was_learned_of_our_traffic_is_learned_again(tmp_path):
+    name = "roadscope.toml"
     fit([str(tmp_path / name), *SENSED[name]])
-    again = (tmp_path / name).read_text("utf-8")
-    if name == BY_NETWORK:
-        assert_alike(tomllib.loads(again), tomllib.loads(shipped(name)))
-    else:
-        assert again == shipped(name)
+    assert (tmp_path / name).read_text("utf-8") == shipped(name)
 
 
-def assert_alike(again, before):
-    """Traits differ by no more than a few detections would make them."""
-    assert again.keys() == before.keys()
-    for name, section in before.items():
-        if name == "origin":
-            assert again[name] == section
-            continue
-        assert again[name].keys() == section.keys()
-        for trait, value in section.items():
-            assert again[name][trait] == pytest.approx(value, rel=0.05, abs=0.05), (name, trait)
+@pytest.mark.slow
+def test_one_seed_of_fused_detections_teaches_much_the_same(tmp_path):
+    """All four, which take four minutes, are learned again at a release."""
+    name = "fused.toml"
+    fit([str(tmp_path / name), *SENSED[name], "--seeds", "1"])
+    of_all = tomllib.loads(shipped(name))
+    of_one = tomllib.loads((tmp_path / name).read_text("utf-8"))
+    assert max(difference(of_one[kind], of_all[kind]) for kind in ("car", "pedestrian")) < MOST
+
+
+def test_traits_of_another_detector_are_others():
+    fused, clusters = (tomllib.loads(shipped(name)) for name in ("fused.toml", "roadscope.toml"))
+    assert difference(clusters["car"], fused["car"]) > 2 * MOST
+
+
+def difference(traits, others):
+    """Return by which share the traits differ most that one seed tells."""
+    return max(abs(traits[name] / others[name] - 1) for name in ALIKE)
