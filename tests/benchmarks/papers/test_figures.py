@@ -32,15 +32,13 @@ def test_no_picture_of_an_unknown_paper(tmp_path: Path) -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("paper", ["lu2018", "zhang2017", "li2021"])
-def test_pictures_show_something_and_are_the_same_again(paper: str, tmp_path: Path) -> None:
+def test_pictures_show_something(paper: str, tmp_path: Path) -> None:
     done: list[tuple[int, int]] = []
     paths = draw_figures(paper, tmp_path, lambda *progress: done.append(progress))
     count = len(FIGURES[paper])
     assert done == [(k, count) for k in range(count + 1)]
     assert [path.name for path in paths] == [f"{paper}-figure-{n:02d}.png" for n in FIGURES[paper]]
-    contents = [path.read_bytes() for path in paths]
     for path in paths:
         pixels = imread(path)[..., :3]
         assert min(pixels.shape[:2]) > 200
         assert len(np.unique((255 * pixels).astype(np.uint8).reshape(-1, 3), axis=0)) > 20
-    assert [path.read_bytes() for path in draw_figures(paper, tmp_path)] == contents

@@ -250,22 +250,3 @@ def test_errors_in_units_of_the_covariance(run):
     assert nees(run, poses) == pytest.approx(3.0)
     assert nees(run, [None, *poses[1:]]) == pytest.approx(3.0)
     assert np.isnan(nees(run, displaced(run)))
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    ("drive", "body"), [("straight", "sharp"), ("straight-past", "rounded"), ("curve", "rounded")]
-)
-def test_ours_is_below_the_papers_multi_frame_and_never_turned(drive, body):
-    """In the mean over seeds; of single seeds some are above on the receding straight."""
-    name = max(OURS, key=lambda method: OURS[method])
-    found = []
-    for seed in range(SEED, SEED + 3):
-        run = sense_drive(drive, seed, body=body)
-        off = errors(run, estimate(METHODS[name], run)[0])
-        assert medians_and_shares(run, off)[TURNED] == 0
-        found.append(rmse(run, off))
-    for quantity in (POSITION, HEADING):
-        mean = np.mean([row[quantity] for row in found])
-        printed = PAPER[SIMULATED[drive], MULTI]
-        assert mean < printed[FROM_PARTS if quantity == POSITION else quantity]
