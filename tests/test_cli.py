@@ -424,9 +424,9 @@ def started(arguments: list[str]) -> subprocess.Popen[str]:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("jobs", [1, 2])
-def test_a_killed_run_resumes_and_recomputes_nothing(tmp_path, suite, jobs) -> None:
-    out, log = tmp_path / "out", tmp_path / "log"
+def test_a_killed_run_resumes_and_recomputes_nothing(tmp_path, suite) -> None:
+    """With one worker: `test_run.py`."""
+    jobs, out, log = 2, tmp_path / "out", tmp_path / "log"
     process = started(slow_run(suite, out, log, jobs))
     stopped(process, out, signal.SIGKILL)
     process.communicate(timeout=60)

@@ -197,12 +197,12 @@ BAD = {
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("jobs", [1, 2])
 def test_bad_plug_ins_become_rows_with_reasons_and_the_rest_goes_on(
-    suite, results, tmp_path, jobs
+    suite, results, tmp_path
 ) -> None:
+    """With several workers: `tests/torture`."""
     given = [plugin(name) for name in BAD]
-    found = leaderboard(suite, given, boards=["detection"], out_dir=tmp_path, jobs=jobs)
+    found = leaderboard(suite, given, boards=["detection"], out_dir=tmp_path)
     reasons = {f.entry.partition(":")[2]: f.reason for f in found.failures}
     assert set(reasons) == set(BAD)
     for name, words in BAD.items():
