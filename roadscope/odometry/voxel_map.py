@@ -22,7 +22,7 @@ BOUNDS_M = (1.5, 120.0)
 LEAST_POINTS = 60
 """Least number of points for a match, also of those that lie on known surfaces."""
 LEAST_AGREEMENT = 0.3
-"""Least share of the points on surfaces that must agree with them."""
+"""Least share of the points on surfaces that must agree with them. Chosen by hand."""
 WEAKEST_M = 0.2
 """A pose with a larger standard deviation in some direction is replaced by the prediction."""
 LOST = 5

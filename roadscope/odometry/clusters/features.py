@@ -27,13 +27,14 @@ Reading = Literal["ring", "cluster"]
 WINDOW_M = 0.15
 """Least extent of the neighbours on a ring: at close range, five of them lie within the noise."""
 LEAST, MOST = 5, 64
-"""Neighbours to each side; the fewest are LOAM's."""
+"""Fewest and most neighbours on each side; the fewest are LOAM's."""
 NOISE_M = 0.03
 """Range noise of a VLP-16 by its data sheet."""
 SMOOTH = 5e-3
 """Roughness between planes and edges, LOAM's."""
 BY_RING = FeatureLimits(edge_above=1.0, plane_below=1.0)
 BY_CLUSTER = FeatureLimits(edge_above=-np.inf, plane_below=np.inf)
+"""Limits of roughness that is divided by `limit_of`, and none for that of whole clusters."""
 
 
 def cluster_features(
@@ -83,8 +84,8 @@ def ring_roughness(
 ) -> np.ndarray:
     """Return c, (N,), eq. 6 over neighbours of the cluster on the ring, as many to either side.
 
-    labels: (N,), the cluster. Neighbours are five, or as many as lie within the window of those
-    that have more. nan where the cluster has fewer than five on a side.
+    labels: (N,), the cluster. Five on each side are neighbours, and further ones that lie within
+    the window. nan where the cluster has fewer than five on a side.
     """
     return _roughness(sweep.points.astype(float), sweep.ring, sweep.order, labels, window_m)
 

@@ -343,7 +343,7 @@ LOWEST_M, TALLEST_M = 0.4, 4.3
 NEAREST_M, FARTHEST_M = 1.5, 60.0
 """Ends and slim objects are used between these ranges; nearer is the own vehicle."""
 NEAR_M, GROUND_SHARE = 25.0, 0.05
-"""The ground is the lowest share of the returns within that distance."""
+"""The ground is as high as this quantile of the heights of returns within that distance."""
 BESIDE_M_S = 2.0
 """Speeds closer than this support each other rather than compete."""
 LEAST_TALL = 8

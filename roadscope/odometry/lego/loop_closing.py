@@ -71,6 +71,7 @@ def best_motion(points: np.ndarray, target: np.ndarray) -> np.ndarray:
 # Pose graph: the poses that agree best with measured motions between them.
 
 GRAPH_STEPS = 20
+"""Most Gauss-Newton steps."""
 SMALL = 1e-7
 """Smaller steps, metres and radians, end the search."""
 

@@ -16,6 +16,7 @@ from roadscope.odometry.loam.progress import ScanReturns
 # The range image, its ground and its objects.
 
 NONE = -1
+"""Stands for a return or an object where there is none."""
 LEVEL = math.tan(math.radians(10.0))
 """Slope of the steepest ground, 10 deg as in LeGO-LOAM."""
 OBJECT_ANGLE_RAD = math.radians(10.0)
@@ -143,6 +144,7 @@ def _one_object(a: np.ndarray, b: np.ndarray) -> bool:
 # The returns that LeGO-LOAM uses: ground, and objects that are not small.
 
 BOUNDS_M = (1.0, 120.0)
+"""Least and greatest range of returns; nearer is the own vehicle."""
 LEAST = 30
 """Objects of fewer returns, such as leaves, are not found again in the next scan."""
 GROUND, OBJECT = 0, 1

@@ -226,6 +226,7 @@ def contradicts(voxels: Voxels, points: np.ndarray) -> np.ndarray:
 SCALES = (12.0, 8.0, 5.0, 4.0, 3.0)
 """Robust scale in standard deviations, from step to step (graduated non-convexity)."""
 STEPS = 12
+"""Most Gauss-Newton steps."""
 SHIFT_M, TURN_RAD = 1e-3, 2e-5
 """Smaller steps end the search: they are far below the accuracy of a scan."""
 FLOOR = 1e-6
