@@ -24,6 +24,7 @@ from roadscope.benchmarks.boards.tracking import (
     NEES,
     OFFLINE,
     TrackingBoard,
+    check_swept,
     missing_requirement,
     offline_score,
     with_each_ego,
@@ -33,6 +34,13 @@ from roadscope.benchmarks.graph import Job, Node
 from roadscope.benchmarks.kinds import TRACKER
 from roadscope.benchmarks.loop import RunOptions
 from roadscope.benchmarks.metrics.score import Score
+from roadscope.benchmarks.nodes.swept import (
+    THRESHOLDS,
+    SweptNode,
+    at_threshold,
+    hota_nodes,
+    is_swept,
+)
 from roadscope.benchmarks.nodes.tracks import TrackNode, is_offline, scores_tentative_tracks
 from roadscope.benchmarks.recorded.combined import COMBINED, NEES_BAND
 from roadscope.benchmarks.recorded.recording import (
@@ -88,6 +96,44 @@ class RecordedNode(Node):
         return self.recording.replayed()
 
 
+def _track_nodes(tracker: Spec, recordings: Sequence[Recording]) -> Sequence[TrackNode | SweptNode]:
+    """Return the tracks of a tracker on each recording.
+
+    If its spec has `swept`, the threshold is chosen on all other sequences with the same detector.
+    """
+    chosen = at_threshold(tracker, THRESHOLDS[0])
+    nodes = [
+        TrackNode(
+            tracker,
+            RecordedNode(recording),
+            posed=tracker.ego is None,
+            tentative=scores_tentative_tracks(chosen),
+        )
+        for recording in recordings
+    ]
+    if not is_swept(tracker):
+        return nodes
+    scored = list(map(hota_nodes, nodes, recordings))
+    return [
+        SweptNode(
+            tuple(each.tracks for each in own),
+            tuple(
+                other
+                for other, another in zip(scored, recordings, strict=True)
+                if another.detector == recording.detector and another != recording
+            ),
+        )
+        for own, recording in zip(scored, recordings, strict=True)
+    ]
+
+
+def _missing_training(node: TrackNode | SweptNode) -> str:
+    """Return what a tracker with `swept` lacks where there is one sequence; empty if nothing."""
+    if isinstance(node, TrackNode) or node.training:
+        return ""
+    return "a threshold is chosen on other sequences, and there is only one"
+
+
 def _image_columns(data: str) -> tuple[Column, ...]:
     """Return the first columns of a board, scores of image boxes. data: whose rules are used."""
     note = f"HOTA, MOTA, IDF1: image boxes, all sequences as one ({data})."
@@ -118,7 +164,7 @@ class RecordedBoard(Board):
 
     def check_entry(self, spec: Spec) -> Spec:
         """Return a tracker's resolved spec; recordings have no scans for an odometry."""
-        resolved = super().check_entry(spec)
+        resolved = check_swept(spec, super().check_entry)
         if spec.ego is not None and str(spec.ego) not in (TRUE_POSES, NO_POSES):
             raise SpecError(f"'{spec}': recorded detections come without scans for an odometry")
         return resolved
@@ -130,6 +176,11 @@ class RecordedBoard(Board):
         """
         settings = suite.settings(self.name, RecordedSettings)
         first = settings.detectors[0]
+        recordings = [each for each in settings.recordings if each.board == self.name]
+        nodes = {
+            tracker: _track_nodes(tracker, recordings)
+            for tracker in with_each_ego(entries, (TRUE_POSES,))
+        }
         return [
             Job(
                 self,
@@ -137,22 +188,17 @@ class RecordedBoard(Board):
                 if recording.detector == first
                 else f"{tracker} on {recording.detector}",
                 recording,
-                TrackNode(
-                    tracker,
-                    RecordedNode(recording),
-                    posed=tracker.ego is None,
-                    tentative=scores_tentative_tracks(tracker),
-                ),
-                missing=missing_requirement(tracker),
+                node,
+                missing=missing_requirement(tracker) or _missing_training(node),
             )
-            for recording in settings.recordings
-            if recording.board == self.name
-            for tracker in with_each_ego(entries, (TRUE_POSES,))
+            for row, recording in enumerate(recordings)
+            for tracker, of_recordings in nodes.items()
+            for node in of_recordings[row : row + 1]
         ]
 
     def score(self, job: Job, answers: EpisodeTracks, options: RunOptions) -> Scores:
         """Return the scores of a job's answers, times of calls, and `offline`."""
-        assert isinstance(job.answers, TrackNode)
+        assert isinstance(job.answers, TrackNode | SweptNode)
         assert isinstance(job.episode, Recording)
         offline = is_offline(job.answers.tracker)
         return {

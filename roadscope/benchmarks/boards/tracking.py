@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import replace
 from typing import Annotated
 
 from msgspec import Meta
@@ -32,6 +33,14 @@ from roadscope.benchmarks.metrics.tracking import score_alphas, score_tracks
 from roadscope.benchmarks.metrics.tracking.scores import BY_ALPHA
 from roadscope.benchmarks.nodes.fusions import detection_node
 from roadscope.benchmarks.nodes.poses import PoseNode
+from roadscope.benchmarks.nodes.swept import (
+    THRESHOLDS,
+    HotaNode,
+    SweptNode,
+    at_threshold,
+    hota_nodes,
+    is_swept,
+)
 from roadscope.benchmarks.nodes.tracks import TrackNode, is_offline
 from roadscope.benchmarks.records import EpisodeDetections, EpisodeTracks
 from roadscope.benchmarks.references import (
@@ -43,6 +52,7 @@ from roadscope.benchmarks.references import (
     pose_source,
 )
 from roadscope.benchmarks.suite import BoardSettings, Names, Suite
+from roadscope.benchmarks.suite_files import SPLITS
 from roadscope.core import Spec, SpecError
 from roadscope.core.spec import FUSED, NO_POSES, ORACLE, TRUE_POSES
 
@@ -164,7 +174,7 @@ class TrackingBoard(Board):
 
     def check_entry(self, spec: Spec) -> Spec:
         """Return a tracker's resolved spec, with the odometry that gives it the ego's poses."""
-        resolved = super().check_entry(spec)
+        resolved = check_swept(spec, super().check_entry)
         if spec.ego is not None:
             check_ego(spec.ego)
         return resolved
@@ -196,12 +206,19 @@ class TrackingBoard(Board):
         alone = settings.detectors == (ORACLE,)
         trackers = with_each_ego(entries, settings.egos)
         missing = {tracker: missing_requirement(tracker) for tracker in trackers}
+        swept = {
+            (tracker, detector): _training(tracker, detector, suite)
+            for tracker in filter(is_swept, trackers)
+            for detector in settings.detectors
+        }
         return [
             Job(
                 self,
                 str(tracker) if detector != ORACLE or alone else f"{tracker} on {detector}",
                 episode,
-                track_node(tracker, detector, episode, suite.eligibility),
+                track_node(
+                    tracker, detector, episode, suite.eligibility, swept.get((tracker, detector))
+                ),
                 mark=UPPER_MARK if detector == ORACLE and not alone else None,
                 inputs=detector,
                 settings=suite.eligibility,
@@ -214,7 +231,7 @@ class TrackingBoard(Board):
 
     def score(self, job: Job, answers: EpisodeTracks, options: RunOptions) -> Scores:
         """Return the scores of a job's answers."""
-        assert isinstance(job.answers, TrackNode)
+        assert isinstance(job.answers, TrackNode | SweptNode)
         inputs: EpisodeDetections = job.answers.detections.read(options)
         scores = tracking_scores(answers, inputs, job.settings)
         scores |= tracking_parts(answers, inputs, job.settings)
@@ -248,8 +265,47 @@ def with_each_ego(trackers: Iterable[Spec], egos: Sequence[str]) -> list[Spec]:
     return list(dict.fromkeys(specs))
 
 
-def track_node(tracker: Spec, detector: str, episode: Episode, rule: Eligibility) -> TrackNode:
-    """Return the node of a tracker on the detections of a detector."""
+def check_swept(spec: Spec, check_entry: Callable[[Spec], Spec]) -> Spec:
+    """Return an entry's resolved spec; `swept` is checked with a threshold in its place."""
+    if not is_swept(spec):
+        return check_entry(spec)
+    resolved = check_entry(at_threshold(spec, THRESHOLDS[0]))
+    arguments = {**resolved.arguments, **spec.arguments}
+    return replace(spec, arguments=arguments, kind=resolved.kind, target=resolved.target)
+
+
+Training = tuple[tuple[HotaNode, ...], ...]
+"""HOTA of each episode at each threshold."""
+
+
+def _training(tracker: Spec, detector: str, suite: Suite) -> Training:
+    """Return what the threshold of a tracker is chosen by: as many train seeds as are ranked."""
+    train = replace(suite, seeds=tuple(SPLITS["train"][: len(suite.seeds)]))
+    rule = suite.eligibility
+    return tuple(
+        hota_nodes(_track_node(tracker, detector, episode, rule), rule)
+        for episode in episodes(train)
+    )
+
+
+def track_node(
+    tracker: Spec,
+    detector: str,
+    episode: Episode,
+    rule: Eligibility,
+    training: Training | None = None,
+) -> TrackNode | SweptNode:
+    """Return the node of a tracker on the detections of a detector.
+
+    training: what the threshold is chosen by, of a tracker whose spec has `swept`.
+    """
+    node = _track_node(tracker, detector, episode, rule)
+    if training is None:
+        return node
+    return SweptNode(tuple(each.tracks for each in hota_nodes(node, rule)), training)
+
+
+def _track_node(tracker: Spec, detector: str, episode: Episode, rule: Eligibility) -> TrackNode:
     detections: Node = detection_node(detection_source(detector), episode, rule)
     if tracker.ego is None:
         return TrackNode(tracker, detections)
@@ -260,7 +316,7 @@ def track_node(tracker: Spec, detector: str, episode: Episode, rule: Eligibility
 
 def missing_requirement(tracker: Spec) -> str:
     """Return what a tracker or its odometry needs and is not installed; empty if nothing."""
-    if missing := traits_of(tracker).requires:
+    if missing := traits_of(at_threshold(tracker, THRESHOLDS[0])).requires:
         return missing
     if tracker.ego is None or str(tracker.ego) in (TRUE_POSES, NO_POSES):
         return ""

@@ -32,6 +32,7 @@ class TrackNode(Node):
     ego: the node of the poses that it gets; None: the true ones.
     posed: whether it gets poses at all.
     tentative: whether tentative tracks are kept.
+    least_score: detections with a lower score are left out.
     """
 
     tracker: Spec
@@ -39,6 +40,7 @@ class TrackNode(Node):
     ego: PoseNode | None = None
     posed: bool = True
     tentative: bool = False
+    least_score: float = 0.0
 
     stage = "tracks"
     folder = "tracks"
@@ -47,6 +49,9 @@ class TrackNode(Node):
     def compute(self, options: RunOptions) -> EpisodeTracks:
         """Run the tracker over the detections of an episode."""
         detections: EpisodeDetections = self.detections.read(options)
+        if self.least_score:
+            chosen = [d.select(d.scores >= self.least_score) for d in detections.detections]
+            detections = replace(detections, detections=tuple(chosen))
         return track(
             self.tracker,
             detections,

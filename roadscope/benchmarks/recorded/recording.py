@@ -15,6 +15,8 @@ from roadscope.benchmarks.formats.kitti_sequence import (
     read_kitti_sequence,
 )
 from roadscope.benchmarks.metrics.score import Score
+from roadscope.benchmarks.metrics.tracking.sequence import TrackedSequence
+from roadscope.benchmarks.recorded.rules import apply_kitti_rules
 from roadscope.benchmarks.recorded.scores import kitti_scores
 from roadscope.benchmarks.records import EpisodeDetections
 from roadscope.benchmarks.suite import BoardSettings, Names, Suite
@@ -72,6 +74,12 @@ class Recording:
         """Return detections, frame `ego`, as if a detector had made them, and the truth."""
         sequence = sequence_of(self)
         return EpisodeDetections.recorded(sequence.detections, sequence.truths)
+
+    def counted(self, tracks: Sequence[Tracks]) -> TrackedSequence:
+        """Return what counts of the objects and of sure tracks, world frame, by image boxes."""
+        sequence = sequence_of(self)
+        kind, rows = DETECTED_TYPES[sequence.category], sequence.result_rows(tracks)
+        return apply_kitti_rules(sequence.label_rows, rows, kind)
 
     def scores(self, tracks: Sequence[Tracks]) -> dict[str, Score]:
         """Return the scores of tracks, world frame; some of them may be tentative."""

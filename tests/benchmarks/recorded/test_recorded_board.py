@@ -222,7 +222,7 @@ def test_the_suite_has_the_offline_tracker_beside_the_online_one(folder):
     made = plan_of(suite)
     names = [board.name for board in made.boards]
     assert "learned on KITTI's training sequences" in explanation(suite, names)
-    assert {str(job.answers.tracker) for job in made.jobs} == set(entries)
+    assert {job.entry for job in made.jobs} == set(entries)
 
 
 def test_trackers_get_the_detections_of_the_file_bit_for_bit(folder, monkeypatch):

@@ -1,0 +1,157 @@
+"""Trackers whose threshold of scores is chosen on training data.
+
+`gnn?least_score=swept` gets only detections with at least a score; other arguments with the value
+`swept` get that score. It is the one with the highest HOTA on episodes of which none is ranked with
+it: train seeds of a suite, all other sequences of a folder. So entries that do not know what scores
+mean are compared at their best.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields, replace
+
+import numpy as np
+
+from roadscope.benchmarks.eligibility import Eligibility
+from roadscope.benchmarks.fingerprint import code_hash
+from roadscope.benchmarks.graph import Node
+from roadscope.benchmarks.loop import RunOptions
+from roadscope.benchmarks.metrics.tracking.hota import Hota, hota
+from roadscope.benchmarks.metrics.tracking.scores import counted_rows, counted_sequence
+from roadscope.benchmarks.nodes.tracks import TrackNode
+from roadscope.benchmarks.recorded.recording import Recording
+from roadscope.benchmarks.records import EpisodeDetections, EpisodeRecord, EpisodeTracks
+from roadscope.core import Spec
+
+SWEPT = "swept"
+"""The value of arguments that get the chosen threshold."""
+LEAST_SCORE = "least_score"
+"""The argument that stands for leaving out detections; no tracker needs to have it."""
+THRESHOLDS = (0.0, 0.05, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 0.95, 0.98, 0.99)
+"""Scores that are tried: round figures, denser where scores of trained detectors are."""
+
+
+def is_swept(tracker: Spec) -> bool:
+    """Return whether a tracker's threshold of scores is to be chosen."""
+    return SWEPT in tracker.arguments.values()
+
+
+def at_threshold(tracker: Spec, threshold: float) -> Spec:
+    """Return the spec of a tracker with a threshold in place of `swept`, of others the same."""
+    if not is_swept(tracker):
+        return tracker
+    arguments = {k: threshold if v == SWEPT else v for k, v in tracker.arguments.items()}
+    if tracker.arguments.get(LEAST_SCORE) == SWEPT:
+        del arguments[LEAST_SCORE]
+    items = [f"{name}={value}" for name, value in arguments.items()]
+    items += [f"ego={tracker.ego}"] if tracker.ego else []
+    text = "?".join(filter(None, [tracker.name, "&".join(items)]))
+    return replace(tracker, text=text, arguments=arguments)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class EpisodeHota(EpisodeRecord):
+    """The sums behind HOTA, see `Hota`."""
+
+    hits: np.ndarray
+    misses: np.ndarray
+    false_alarms: np.ndarray
+    closeness: np.ndarray
+    shared: np.ndarray
+    shared_recall: np.ndarray
+    shared_precision: np.ndarray
+
+    @property
+    def curves(self) -> Hota:
+        """HOTA of the episode."""
+        return Hota(*(getattr(self, each.name) for each in fields(Hota)))
+
+
+@dataclass(frozen=True)
+class HotaNode(Node):
+    """HOTA of the tracks of an episode.
+
+    judge: what counts, a recording or the rule of a suite.
+    """
+
+    tracks: TrackNode
+    judge: Recording | Eligibility
+
+    stage = "training scores"
+    record = EpisodeHota
+
+    def compute(self, options: RunOptions) -> EpisodeHota:
+        """Score the tracks."""
+        tracks = [record.sure for record in self.tracks.read(options).tracks]
+        if isinstance(self.judge, Eligibility):
+            inputs: EpisodeDetections = self.tracks.detections.read(options)
+            pairings = self.judge.pairings(tracks, inputs.truths, inputs.parked)
+            counted = counted_rows(pairings)
+            curves = hota(counted_sequence(tracks, inputs.truths, pairings, counted))
+        else:
+            curves = hota(self.judge.counted(tracks))
+        return EpisodeHota(*(getattr(curves, each.name) for each in fields(Hota)))
+
+
+def hota_nodes(ranked: TrackNode, judge: Recording | Eligibility) -> tuple[HotaNode, ...]:
+    """Return HOTA at each threshold, of a tracker whose spec has `swept`."""
+    filters = ranked.tracker.arguments.get(LEAST_SCORE) == SWEPT
+    return tuple(
+        HotaNode(
+            replace(
+                ranked,
+                tracker=at_threshold(ranked.tracker, threshold),
+                least_score=threshold if filters else ranked.least_score,
+            ),
+            judge,
+        )
+        for threshold in THRESHOLDS
+    )
+
+
+@dataclass(frozen=True)
+class SweptNode(Node):
+    """The tracks at the threshold that is best in training.
+
+    candidates: the tracks at each threshold.
+    training: of each episode of training, HOTA at each threshold.
+    """
+
+    candidates: tuple[TrackNode, ...]
+    training: tuple[tuple[HotaNode, ...], ...]
+
+    stage = "tracks"
+    folder = "tracks"
+    record = EpisodeTracks
+
+    @property
+    def detections(self) -> Node:
+        """The node of the detections."""
+        return self.candidates[0].detections
+
+    @property
+    def tracker(self) -> Spec:
+        """The tracker at the lowest threshold."""
+        return self.candidates[0].tracker
+
+    def sources(self) -> tuple[Node, ...]:
+        """Return the scores in training."""
+        return tuple(node for nodes in self.training for node in nodes)
+
+    def content(self) -> dict[str, object]:
+        """Return what the tracks depend on."""
+        return {
+            "code": code_hash(__name__),
+            "candidates": [node.key for node in self.candidates],
+            "training": [node.key for node in self.sources()],
+        }
+
+    def compute(self, options: RunOptions) -> EpisodeTracks:
+        """Choose a threshold and track with it; the lowest if several are best."""
+        curves = [
+            sum((node.read(options).curves for node in nodes[1:]), nodes[0].read(options).curves)
+            for nodes in zip(*self.training, strict=True)
+        ]
+        best = int(np.argmax([each.hota.mean() for each in curves]))
+        tracks: EpisodeTracks = self.candidates[best].read(options)
+        return tracks
