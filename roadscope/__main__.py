@@ -2,102 +2,159 @@
 
 from __future__ import annotations
 
-import inspect
 import sys
 import warnings
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from typing import Annotated, Any
 
 import typer
-from typer.core import TyperCommand
 
-from roadscope.commands.cache import cache
-from roadscope.commands.calibrate import calibrate
-from roadscope.commands.check import check
-from roadscope.commands.compare import compare
-from roadscope.commands.detect import detect
-from roadscope.commands.doctor import doctor
-from roadscope.commands.export import export
-from roadscope.commands.leaderboard import leaderboard
-from roadscope.commands.list import list_names
-from roadscope.commands.new import new
-from roadscope.commands.report import report
-from roadscope.commands.reproduce import reproduce
-from roadscope.commands.run import run_scenario
-from roadscope.commands.run_odometry import run_odometry
-from roadscope.commands.speed import speed
-from roadscope.commands.submit import submit
+from roadscope.commands.help import CommandEntry, GroupedCommands
 from roadscope.commands.terminal import complain
-from roadscope.commands.train import train
-from roadscope.commands.view import view
 
 USAGE, FAILED, INTERRUPTED = 2, 1, 130
 
+START, OWN, RECORDED = "See it work", "Your own method", "Your own recordings"
+MORE, HERE = "Papers, sensors, networks", "This installation"
+
+COMMANDS: Mapping[str, CommandEntry] = {
+    "run": CommandEntry(
+        "run:run_scenario",
+        "Run one detector and one tracker on one episode",
+        START,
+        (
+            "roadscope run roundabout",
+            "roadscope run merge --seed 3 --faults rain:4 --picture scene.png",
+            "roadscope run street --rig wide --light night --image seen.png",
+        ),
+    ),
+    "leaderboard": CommandEntry(
+        "leaderboard:leaderboard",
+        "Rank methods on the episodes of a suite, yours among them",
+        START,
+        (
+            "roadscope leaderboard tracking --seeds 1 --out results --open",
+            "roadscope leaderboard tracking --seeds 1 --entry my_tracker.py:MyTracker --out mine",
+        ),
+    ),
+    "report": CommandEntry(
+        "report:report",
+        "Write one HTML page of results: plots and worst moments",
+        START,
+        ("roadscope report results --open",),
+    ),
+    "view": CommandEntry(
+        "view:view",
+        "Show an episode or a run in the viewer Rerun, in time",
+        START,
+        ("roadscope view roundabout --seconds 2 --save scene.rrd",),
+    ),
+    "list": CommandEntry(
+        "list:list_names",
+        "List the names that other commands take",
+        START,
+        ("roadscope list trackers", "roadscope list scenarios --json"),
+    ),
+    "new": CommandEntry(
+        "new:new",
+        "Write a plug-in or a suite that works, to be changed",
+        OWN,
+        ("roadscope new tracker my_tracker.py", "roadscope new suite"),
+    ),
+    "check": CommandEntry(
+        "check:check",
+        "Check a plug-in against its contract, item by item",
+        OWN,
+        ("roadscope check my_tracker.py:MyTracker", "roadscope check gnn"),
+    ),
+    "compare": CommandEntry(
+        "compare:compare",
+        "Compare two runs, or two entries of one run",
+        OWN,
+        ("roadscope compare results --entries nearest existence",),
+    ),
+    "export": CommandEntry(
+        "export:export",
+        "Write a suite's scans, images and truth in KITTI's layout",
+        OWN,
+        ("roadscope export quick exported --seeds 1 --scenario roundabout",),
+    ),
+    "submit": CommandEntry(
+        "submit:submit",
+        "Score result files of a program that is no plug-in",
+        OWN,
+        ("roadscope submit mine --suite exported --name mine --out mine.json",),
+    ),
+    "detect": CommandEntry(
+        "detect:detect",
+        "Detect road users in a folder of scans, images or both",
+        RECORDED,
+        ("roadscope detect scans --out detections --pictures pictures",),
+    ),
+    "run-odometry": CommandEntry(
+        "run_odometry:run_odometry",
+        "Estimate the poses of a LiDAR from a folder of its scans",
+        RECORDED,
+        ("roadscope run-odometry scans --out poses.txt",),
+    ),
+    "reproduce": CommandEntry(
+        "reproduce:reproduce",
+        "Repeat a paper's experiments: which of its claims hold",
+        MORE,
+        ("roadscope reproduce lu2018 --seeds 1 --out papers",),
+    ),
+    "calibrate": CommandEntry(
+        "calibrate:calibrate",
+        "Calibrate LiDAR and camera with a target (Li 2021)",
+        MORE,
+        ("roadscope calibrate --poses 8 --out calibration.json",),
+    ),
+    "train": CommandEntry(
+        "train:train",
+        "Train the camera detector on simulated pictures",
+        MORE,
+        ("roadscope train camera --recipe trial --out my_network.safetensors",),
+    ),
+    "speed": CommandEntry(
+        "speed:speed",
+        "Measure how long methods, ray casting and cameras take",
+        HERE,
+        ("roadscope speed casting",),
+    ),
+    "doctor": CommandEntry(
+        "doctor:doctor",
+        "Show versions, extras, cache, and what does not work",
+        HERE,
+        ("roadscope doctor",),
+    ),
+    "cache": CommandEntry(
+        "cache:cache",
+        "Show or remove files that are computed once",
+        HERE,
+        ("roadscope cache show", "roadscope cache clear --kind detections"),
+    ),
+}
+"""What each is; examples run one after the other in one folder."""
+
+
+class _Root(GroupedCommands):
+    entries = COMMANDS
+    examples = (
+        "roadscope run roundabout",
+        "roadscope leaderboard tracking --seeds 1",
+        "roadscope leaderboard --help",
+    )
+
+
 app = typer.Typer(
     name="roadscope",
+    cls=_Root,
     help="Compare detectors, trackers, odometries and fusions on simulated traffic with perfect "
-    "truth.\n\nExit status: 0 if all went well, 1 if the input was wrong or for what a command's "
-    "help says, 2 for unknown commands and options, 130 if interrupted.",
-    epilog="Start with:  roadscope leaderboard",
+    "truth. Exit status: 1 for wrong input or what a command's help says, 2 for unknown options, "
+    "130 if interrupted.",
     pretty_exceptions_enable=False,
-    # Help that rich draws costs twice the processor time.
     rich_markup_mode=None,
     context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
-)
-
-COMMANDS: Mapping[str, tuple[Callable[..., None], str]] = {
-    "list": (list_names, "roadscope list detectors"),
-    "run": (run_scenario, "roadscope run roundabout --seed 3 --picture scene.png"),
-    "leaderboard": (leaderboard, 'roadscope leaderboard --entry "my_tracker.py:Mine?gate_m=2.5"'),
-    "report": (report, "roadscope report results --open"),
-    "view": (view, "roadscope view roundabout --rig wide --seconds 5 --save scene.rrd"),
-    "new": (new, "roadscope new tracker my_tracker.py"),
-    "check": (check, "roadscope check my_tracker.py:MyTracker"),
-    "compare": (compare, "roadscope compare before after --fail-on-regression"),
-    "submit": (submit, "roadscope submit results --suite exported --name mine"),
-    "export": (export, "roadscope export quick exported --seeds 1"),
-    "calibrate": (calibrate, "roadscope calibrate --rig li2021 --poses 20 --out calibration.json"),
-    "detect": (detect, "roadscope detect scans --out detections --pictures pictures"),
-    "run-odometry": (run_odometry, "roadscope run-odometry scans --out poses.txt"),
-    "reproduce": (reproduce, "roadscope reproduce lu2018 --out results"),
-    "speed": (speed, "roadscope speed detectors --out results"),
-    "train": (train, "roadscope train camera --out my_network.safetensors"),
-    "doctor": (doctor, "roadscope doctor"),
-}
-"""What each is, and an example of it."""
-
-
-def _help(command: Callable[..., None]) -> str:
-    """Return a docstring of which each paragraph is one line: terminals break them themselves."""
-    paragraphs = inspect.cleandoc(command.__doc__ or "").split("\n\n")
-    return "\n\n".join(" ".join(each.split()) for each in paragraphs)
-
-
-class _Command(TyperCommand):
-    """A command, before which the Gymnasium ids are registered: `--help` does without Gymnasium."""
-
-    def invoke(self, ctx: Any) -> Any:
-        """Register the ids, then run the command."""
-        from roadscope.envs.gym.registration import register
-
-        register()
-        return super().invoke(ctx)
-
-
-for _name, (_command, _example) in COMMANDS.items():
-    _text = _help(_command)
-    app.command(
-        _name,
-        cls=_Command,
-        help=_text,
-        short_help=_text.partition("\n")[0],
-        epilog=f"Example:  {_example}",
-    )(_command)
-app.add_typer(
-    cache,
-    name="cache",
-    help="Show or remove files that are computed once and read again.",
-    epilog="Example:  roadscope cache clear --kind detections",
 )
 
 

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from roadscope.commands.completion import cache_kinds
+from roadscope.commands.help import GroupedCommand, GroupedCommands
 from roadscope.commands.options import Json
 from roadscope.commands.terminal import print_json, show
 
@@ -15,7 +16,12 @@ if TYPE_CHECKING:
 
     from roadscope.benchmarks.cached_files import KindUsage
 
-cache = typer.Typer(add_completion=False)
+cache = typer.Typer(
+    cls=GroupedCommands,
+    help="Show or remove files that are computed once and read again.",
+    add_completion=False,
+    rich_markup_mode=None,
+)
 
 
 @cache.callback(invoke_without_command=True)
@@ -25,7 +31,7 @@ def _help(context: typer.Context) -> None:
         typer.echo(context.get_help())
 
 
-@cache.command("path", help="Print the folder that computed files go to.")
+@cache.command("path", cls=GroupedCommand, help="Print the folder that computed files go to.")
 def print_path() -> None:
     """Print the folder; nothing else, for use in scripts."""
     from roadscope.benchmarks.cache import cache_folder
@@ -33,7 +39,7 @@ def print_path() -> None:
     typer.echo(cache_folder())
 
 
-@cache.command("show", help="Show how much the cache holds of each kind of file.")
+@cache.command("show", cls=GroupedCommand, help="Show how much there is of each kind of file.")
 def show_usage(
     json: Json = False,
 ) -> None:
@@ -52,18 +58,24 @@ def show_usage(
     _show_sizes(usages)
 
 
-@cache.command("clear", help="Remove computed files; they are computed again when they are needed.")
+@cache.command(
+    "clear",
+    cls=GroupedCommand,
+    help="Remove files; they are computed again when needed.",
+)
 def clear(
     kind: Annotated[
         list[str] | None,
         typer.Option(
-            help="Remove only this kind: timelines, detections, image-detections, fusions, poses, "
-            "tracks, answers, sources, camera-training. Can be given several times.",
+            "--kind",
+            metavar="KIND",
+            help="Only timelines, detections, image-detections, fusions, poses, tracks, answers, "
+            "sources or camera-training (can be repeated)",
             autocompletion=cache_kinds,
         ),
     ] = None,
     results: Annotated[
-        bool, typer.Option("--results", help="Remove the results database, too.")
+        bool, typer.Option("--results", help="Remove the results database, too")
     ] = False,
 ) -> None:
     """Remove computed files and print how many of each kind."""

@@ -13,38 +13,56 @@ from roadscope.commands.terminal import headline, progress_bars, show
 if TYPE_CHECKING:
     from roadscope.benchmarks.calibrating import RigCalibration
 
-Rig = Annotated[str, typer.Option(help="Rig with a camera: li2021, wide or a .toml file.")]
-Poses = Annotated[int, typer.Option(min=4, max=100, help="Number of poses of the target.")]
-Seed = Annotated[int, typer.Option(min=0, help="Seed of poses and noise.")]
+HOW = "How it is calibrated"
+
+Rig = Annotated[
+    str, typer.Option(metavar="NAME", help="A rig with a camera: li2021, wide or a .toml file")
+]
+Poses = Annotated[int, typer.Option(min=4, max=100, metavar="N", help="Of the target, 4 to 100")]
+Seed = Annotated[int, typer.Option(min=0, metavar="N", help="Of poses and noise")]
 KnownIntrinsics = Annotated[
     bool,
-    typer.Option(
-        "--known-intrinsics", help="Take the intrinsics as known; estimate only the camera's pose."
-    ),
+    typer.Option("--known-intrinsics", help="Estimate only the camera's pose", rich_help_panel=HOW),
 ]
 CornersOnly = Annotated[
-    bool, typer.Option("--corners-only", help="Use the corners alone, as the paper does.")
+    bool,
+    typer.Option(
+        "--corners-only", help="Use corners alone, as the paper does", rich_help_panel=HOW
+    ),
 ]
 Upright = Annotated[
-    bool, typer.Option("--upright", help="The target stands; otherwise it is held at a tilt.")
+    bool,
+    typer.Option("--upright", help="The target stands; else it is tilted", rich_help_panel=HOW),
 ]
-Scans = Annotated[int, typer.Option(min=1, max=1000, help="Scans of each pose.")]
+Scans = Annotated[
+    int,
+    typer.Option(
+        min=1, max=1000, metavar="N", help="Of each pose, up to 1000", rich_help_panel=HOW
+    ),
+]
 Outliers = Annotated[
-    float, typer.Option(min=0, max=0.5, help="Share of poses with a misread corner.")
+    float,
+    typer.Option(
+        min=0,
+        max=0.5,
+        metavar="SHARE",
+        help="Of poses with a misread corner, up to 0.5",
+        rich_help_panel=HOW,
+    ),
 ]
-Out = Annotated[Path | None, typer.Option(help="File for the calibration, .json or .toml.")]
+Out = Annotated[Path | None, typer.Option(metavar="FILE", help="The calibration, .json or .toml")]
 
 
 def calibrate(
     rig: Rig = "li2021",
     poses: Poses = 20,
     seed: Seed = 0,
+    out: Out = None,
     known_intrinsics: KnownIntrinsics = False,
     corners_only: CornersOnly = False,
     upright: Upright = False,
     scans: Scans = 25,
     outliers: Outliers = 0.0,
-    out: Out = None,
     quiet: Quiet = False,
 ) -> None:
     """Calibrate LiDAR and camera with a triangular target that both see (Li 2021).

@@ -14,20 +14,24 @@ from roadscope.commands.terminal import complain, print_json
 Spec = Annotated[
     str,
     typer.Argument(
-        help="A detector (of LiDAR or images), tracker, odometry or fusion: "
-        "module:Class or file.py:Class."
+        metavar="SPEC",
+        help="A detector, tracker, odometry or fusion: file.py:Class, module:Class or a NAME of "
+        "ours",
     ),
 ]
 Kind = Annotated[
     str | None,
     typer.Option(
-        help="Kind of plug-in, if its class does not say: detector, camera detector, tracker, "
-        "fusion or odometry.",
+        "--kind",
+        metavar="KIND",
+        help="If its class does not say: tracker, detector, 'camera detector', fusion, odometry",
         autocompletion=plugin_kinds,
     ),
 ]
-Deadline = Annotated[float, typer.Option(min=1, help="Time limit of each item, in seconds.")]
-Trust = Annotated[bool, typer.Option("--trust", help="Run it in this process, for debugging.")]
+Deadline = Annotated[
+    float, typer.Option(min=1, metavar="S", help="Time limit of each item, seconds")
+]
+Trust = Annotated[bool, typer.Option("--trust", help="Run it in this process, for debugging")]
 
 
 def check(

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from roadscope.commands.options import Json, JsonFile, Quiet
+from roadscope.commands.options import OUTPUT, Json, JsonFile, Quiet
 from roadscope.commands.terminal import complain, console, printable
 
 if TYPE_CHECKING:
@@ -18,25 +18,25 @@ if TYPE_CHECKING:
 
 
 A = Annotated[
-    Path, typer.Argument(help="The earlier run: a leaderboard.json or its folder.", metavar="A")
+    Path, typer.Argument(help="The earlier run: its folder or leaderboard.json", metavar="A")
 ]
 B = Annotated[
     Path | None,
     typer.Argument(
-        help="The later run; with --entries it may be left out, and is then A.",
+        help="The later run; with --entries, A if left out",
         metavar="B",
         show_default=False,
     ),
 ]
 Entries = Annotated[
     tuple[str, str] | None,
-    typer.Option(help="Compare an entry of A with another entry of B (of A, if B is left out)."),
+    typer.Option(metavar="X Y", help="Compare the entry X of A with the entry Y of B"),
 ]
 Metrics = Annotated[
     list[str] | None,
     typer.Option(
-        help="Compare only this metric, such as hota or 'f1 by range: 0-20'; if left out, all "
-        "metrics of whole episodes. Can be given several times."
+        metavar="NAME",
+        help="Only this metric, such as hota or 'f1 by range: 0-20' (can be repeated)",
     ),
 ]
 Level = Annotated[
@@ -44,18 +44,19 @@ Level = Annotated[
     typer.Option(
         min=0.5,
         max=0.999,
-        help="Confidence level of the intervals; the false discovery rate is 1 - level.",
+        metavar="SHARE",
+        help="Confidence of intervals; the false discovery rate is 1 - SHARE",
     ),
 ]
-Times = Annotated[
-    bool, typer.Option("--times", help="Count longer computing times as regressions too.")
+Times = Annotated[bool, typer.Option("--times", help="Longer computing times are regressions too")]
+Every = Annotated[
+    bool, typer.Option("--all", help="Show unchanged metrics too", rich_help_panel=OUTPUT)
 ]
-Every = Annotated[bool, typer.Option("--all", help="Show unchanged metrics too.")]
 FailOnRegression = Annotated[
     bool,
     typer.Option(
         "--fail-on-regression",
-        help="End with status 1 if a metric of B is worse, or if a job failed in B and not in A.",
+        help="Status 1 if a metric of B is worse, or a job failed in B alone",
     ),
 ]
 

@@ -10,7 +10,15 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from roadscope.commands import completion
-from roadscope.commands.options import Json, Layout, Quiet, Rate, Topics
+from roadscope.commands.options import (
+    RECORDED,
+    Json,
+    Layout,
+    LidarMounting,
+    Quiet,
+    Rate,
+    Topics,
+)
 from roadscope.commands.terminal import complain, headline, print_json, progress_bars, show
 
 if TYPE_CHECKING:
@@ -25,63 +33,47 @@ Folder = Annotated[
     Path,
     typer.Argument(
         metavar="DIR",
-        help="Folder of scans (.bin, .pcd, .npy, .ply, .las or .laz), of images (.png, .jpg), or "
-        "of KITTI with both, in the order of their names; or a bag of ROS 2: a folder of rosbag2, "
-        "a file .mcap or .db3.",
+        help="Scans (.bin, .pcd, .npy, .ply, .las, .laz), images (.png, .jpg) or both as KITTI has "
+        "them; or a bag of ROS 2",
     ),
 ]
 DetectorSpec = Annotated[
     str,
     typer.Option(
         metavar="SPEC",
-        help="A LiDAR detector, a camera detector, or fused?lidar=A&camera=B&fusion=C: names or "
-        "file.py:Class; see: roadscope list. If left out, distance-l-shape for scans, network for "
-        "images, fused for both with a calibration.",
+        help="NAME, file.py:Class or fused?lidar=A&camera=B&fusion=C; if left out, "
+        "distance-l-shape, network or both fused",
         autocompletion=completion.detectors,
     ),
 ]
-Out = Annotated[Path, typer.Option(metavar="DIR", help="Folder for the results.")]
+Out = Annotated[Path, typer.Option(metavar="DIR", help="Folder for the results")]
 Pictures = Annotated[
     Path | None,
-    typer.Option(
-        metavar="DIR",
-        help="Folder for pictures: each scan from above and each image, with the boxes that have a "
-        "score of 0.3 or more.",
-    ),
+    typer.Option(metavar="DIR", help="Draw scans and images with boxes scored 0.3 or more"),
 ]
-Images = Annotated[
-    Path | None,
-    typer.Option(metavar="DIR", help="Folder of the images, if they are not in DIR."),
+Height = Annotated[
+    float | None,
+    typer.Option(metavar="M", help="Of the LiDAR above the ground; if left out, scans show it"),
 ]
 Calibration = Annotated[
     Path | None,
     typer.Option(
         metavar="PATH",
-        help="KITTI's calibration with P2 and the LiDAR: a file, or a folder with one for each "
-        "scan. If left out, calib.txt or calib in DIR or beside it.",
+        help="KITTI's, a file or a folder; if left out, calib.txt or calib at DIR",
     ),
 ]
-Height = Annotated[
-    float | None,
+Images = Annotated[
+    Path | None,
     typer.Option(
-        metavar="METRES",
-        help="Height of the LiDAR above the ground. If left out, scans show it.",
-    ),
-]
-LidarMounting = Annotated[
-    str | None,
-    typer.Option(
-        metavar="X,Y,Z,ROLL,PITCH,YAW",
-        help="Mounting pose of the LiDAR in the vehicle's frame, x ahead, y left, z up; only the "
-        "angles count. If left out, x is taken to point ahead and z up.",
+        metavar="DIR", help="The images, if they are not in DIR", rich_help_panel=RECORDED
     ),
 ]
 Poses = Annotated[
     Path | None,
     typer.Option(
         metavar="FILE",
-        help="Poses of the LiDAR, as run-odometry writes them, for detectors of what moves, such "
-        "as long-range. Without it, the LiDAR is taken to stand.",
+        help="Of run-odometry, for detectors of what moves; else the LiDAR stands",
+        rich_help_panel=RECORDED,
     ),
 ]
 
@@ -91,11 +83,11 @@ def detect(
     detector: DetectorSpec = "",
     out: Out = Path("detections"),
     pictures: Pictures = None,
-    images: Images = None,
-    calibration: Calibration = None,
     height: Height = None,
-    lidar_mounting: LidarMounting = None,
+    calibration: Calibration = None,
+    images: Images = None,
     poses: Poses = None,
+    lidar_mounting: LidarMounting = None,
     rate_hz: Rate = 10.0,
     layout: Layout = "",
     topic: Topics = None,
@@ -104,11 +96,9 @@ def detect(
 ) -> None:
     """Detect road users in a folder of scans, images or both.
 
-    The results are a label file of KITTI for each scan (labels/NAME.txt) and one JSON file with
-    all boxes (detections.json). Boxes in the JSON file are in the LiDAR's own axes. Label files are
-    in the frame of the camera; without a calibration, it is taken to be at the LiDAR. After Ctrl-C
-    the results so far are written, those of a fusion's LiDAR detector too. A scan that cannot be
-    read counts as empty.
+    Writes labels/NAME.txt for each scan in KITTI's format, in the frame of the camera (at the
+    LiDAR without a calibration), and detections.json, in the LiDAR's axes. Results so far are
+    written after Ctrl-C. A scan that cannot be read counts as empty.
     """
     from roadscope.benchmarks.detection_files import ResultWriter
     from roadscope.benchmarks.detection_runner import RecordingOptions, detection_job

@@ -17,32 +17,35 @@ NONE = "none"
 SuiteName = Annotated[
     str,
     typer.Argument(
-        help="A name (roadscope list suites) or a .toml file.",
+        help="See roadscope list suites, or a .toml file",
         metavar="SUITE",
         autocompletion=completion.suites,
     ),
 ]
 Folder = Annotated[
-    Path, typer.Argument(help="A new folder, or one that an earlier run has begun.", metavar="DIR")
+    Path,
+    typer.Argument(help="A new folder, or one of a stopped run, which continues", metavar="DIR"),
 ]
 Seeds = Annotated[
     int | None,
-    typer.Option(min=1, help="Export only this many of the suite's seeds, the first ones."),
+    typer.Option(min=1, metavar="N", help="Export only the first N seeds"),
 ]
 Scenarios = Annotated[
     list[str] | None,
     typer.Option(
         "--scenario",
-        help="Export only this scenario. Can be given several times.",
+        metavar="NAME",
+        help="Export only this scenario (can be repeated)",
         autocompletion=completion.scenarios,
     ),
 ]
-WithTruth = Annotated[bool, typer.Option("--with-truth", help="Write the truth of test seeds too.")]
+WithTruth = Annotated[bool, typer.Option("--with-truth", help="Write the truth of test seeds too")]
 Detections = Annotated[
     list[str] | None,
     typer.Option(
-        help="Write the detections of this detector, in place of those that the suite's trackers "
-        "get; none: no detections. Can be given several times.",
+        metavar="SPEC",
+        help="Write this detector's detections, not those of the suite (can be repeated); none: "
+        "none at all",
         autocompletion=completion.detectors,
     ),
 ]
@@ -59,8 +62,6 @@ def export(
     quiet: Quiet = False,
 ) -> None:
     """Write a suite's scans, images, calibration and truth in KITTI's layout.
-
-    Files that an earlier run has written stay as they are: a stopped run continues.
 
     README.md in the folder says what each file is, and how results are scored: roadscope submit.
 

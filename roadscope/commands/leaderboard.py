@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from roadscope.commands import completion
-from roadscope.commands.options import Jobs, workers
+from roadscope.commands.options import OUTPUT, RECORDED, RUNNING, Jobs, Quiet, workers
 from roadscope.commands.terminal import complain, console, open_page, printable, progress_bars
 
 if TYPE_CHECKING:
@@ -21,161 +21,181 @@ if TYPE_CHECKING:
 
 DEFAULT_SUITE = "quick"
 
+CHOICE = "What is ranked"
+
 BoardName = Annotated[
     str | None,
     typer.Argument(
-        help="A board (roadscope list boards). If left out, all that the suite has entries for.",
+        metavar="BOARD",
+        help="See roadscope list boards; all of the suite if left out.",
         autocompletion=completion.boards,
-    ),
-]
-SuiteName = Annotated[
-    str | None,
-    typer.Option(
-        metavar="NAME",
-        help="Episodes and entries: a name (roadscope list suites) or a .toml file.",
-        autocompletion=completion.suites,
     ),
 ]
 Entry = Annotated[
     list[str] | None,
     typer.Option(
         metavar="SPEC",
-        help="A plug-in to rank too: a name, module:Class or file.py:Class, with "
-        "?argument=value. Can be given several times.",
+        help="NAME or file.py:Class?arg=value to rank; repeatable",
         autocompletion=completion.entries,
     ),
 ]
-Only = Annotated[bool, typer.Option("--only", help="Run only the plug-ins named with --entry.")]
-By = Annotated[
-    list[str] | None,
+SuiteName = Annotated[
+    str | None,
     typer.Option(
-        metavar="NAME", help="Break the metrics down by this too, such as weather; can be repeated."
+        metavar="NAME",
+        help="Episodes, entries: see roadscope list suites, or a .toml",
+        autocompletion=completion.suites,
     ),
 ]
 Seeds = Annotated[
-    int | None,
-    typer.Option(min=1, metavar="N", help="Run only the first N seeds of the suite."),
+    int | None, typer.Option(min=1, metavar="N", help="Run only the first N seeds: a quick look")
 ]
 Out = Annotated[
     Path | None,
-    typer.Option(
-        metavar="DIR", help="Folder for leaderboard.json, .csv, .md, .tex and the results database."
-    ),
+    typer.Option(metavar="DIR", help="Write JSON, CSV, Markdown, LaTeX, replays there"),
 ]
-Open = Annotated[
-    bool,
-    typer.Option(
-        "--open",
-        help="Show the boards as a page in a browser, see roadscope report.",
-    ),
+Open = Annotated[bool, typer.Option("--open", help="Show the results as a page in a browser")]
+Only = Annotated[
+    bool, typer.Option("--only", help="Rank only what --entry names", rich_help_panel=CHOICE)
 ]
-Fresh = Annotated[
-    bool,
+By = Annotated[
+    list[str] | None,
     typer.Option(
-        "--fresh", help="Compute everything again, also what an earlier run has computed."
-    ),
-]
-Kitti = Annotated[
-    Path | None,
-    typer.Option(
-        metavar="DIR",
-        help="Rank plug-ins on your folder of KITTI's data, see docs/recorded-data.md.",
-    ),
-]
-LidarHeight = Annotated[
-    float | None,
-    typer.Option(
-        min=0.1,
-        metavar="METRES",
-        help="With --kitti: height of the LiDAR above the road; 1.73 if left out.",
-    ),
-]
-Mot = Annotated[
-    Path | None,
-    typer.Option(
-        metavar="DIR", help="Rank trackers on your folder of MOTChallenge data, see the same page."
-    ),
-]
-Tracks = Annotated[
-    Path | None,
-    typer.Option(
-        metavar="DIR", help="With --kitti or --mot: folder for the tracks of every tracker."
+        metavar="NAME",
+        help="Divide by range, scenario, condition, ...; repeatable",
+        rich_help_panel=CHOICE,
     ),
 ]
 Detections = Annotated[
     list[str] | None,
     typer.Option(
         metavar="SPEC",
-        help="The detector whose detections trackers get. Can be given several times.",
+        help="Detector whose detections trackers get; repeatable",
         autocompletion=completion.detectors,
+        rich_help_panel=CHOICE,
     ),
 ]
 Calibration = Annotated[
     Path | None,
     typer.Option(
-        metavar="FILE", help="The calibration that plug-ins get: a file of roadscope calibrate."
+        metavar="FILE",
+        help="What roadscope calibrate wrote, for fusions",
+        rich_help_panel=CHOICE,
+    ),
+]
+Kitti = Annotated[
+    Path | None,
+    typer.Option(
+        metavar="DIR",
+        help="KITTI's data, in place of simulated traffic",
+        rich_help_panel=RECORDED,
+    ),
+]
+LidarHeight = Annotated[
+    float | None,
+    typer.Option(
+        min=0.1,
+        metavar="M",
+        help="Of KITTI's LiDAR above the road, 1.73 m if left out",
+        rich_help_panel=RECORDED,
+    ),
+]
+Mot = Annotated[
+    Path | None,
+    typer.Option(
+        metavar="DIR",
+        help="MOTChallenge's data, for trackers",
+        rich_help_panel=RECORDED,
+    ),
+]
+Tracks = Annotated[
+    Path | None,
+    typer.Option(
+        metavar="DIR",
+        help="With --kitti or --mot: write all tracks there",
+        rich_help_panel=RECORDED,
+    ),
+]
+Fresh = Annotated[
+    bool,
+    typer.Option(
+        "--fresh", help="Compute all again, also what earlier runs have", rich_help_panel=RUNNING
     ),
 ]
 Deadline = Annotated[
     float,
     typer.Option(
         min=1,
-        metavar="SECONDS",
-        help="Time limit of one episode for plug-ins of others.",
+        metavar="S",
+        help="Most time of plug-ins for an episode, else 300 s",
+        show_default=False,
+        rich_help_panel=RUNNING,
     ),
 ]
 Trust = Annotated[
     bool,
     typer.Option(
         "--trust",
-        help="Run plug-ins inside the benchmark, where they can crash or falsify it.",
+        help="Run plug-ins in this process, where they can cheat",
+        rich_help_panel=RUNNING,
     ),
 ]
 Sandbox = Annotated[
     bool,
     typer.Option(
         "--sandbox",
-        help="Give plug-ins of others no network and no files (needs bubblewrap).",
+        help="No network, no files for plug-ins; needs bubblewrap",
+        rich_help_panel=RUNNING,
     ),
 ]
 Backend = Annotated[
     str,
     typer.Option(
         metavar="NAME",
-        help="Where workers run: loky (this machine), ray or dask.",
+        help="Workers: loky (this machine), ray, dask",
+        show_default=False,
         autocompletion=completion.backends,
+        rich_help_panel=RUNNING,
     ),
 ]
 Address = Annotated[
     str | None,
     typer.Option(
         metavar="URL",
-        help="Address of a running cluster of Ray or Dask, such as tcp://HOST:8786.",
+        help="Of a cluster of ray or dask, such as tcp://HOST:8786",
+        rich_help_panel=RUNNING,
     ),
 ]
-Width = Annotated[int | None, typer.Option(min=40, metavar="COLUMNS", help="Width of the tables.")]
-Quiet = Annotated[bool, typer.Option("--quiet", help="Show no progress and no tables.")]
-Json = Annotated[bool, typer.Option("--json", help="Print leaderboard.json instead of tables.")]
+Width = Annotated[
+    int | None,
+    typer.Option(
+        min=40, metavar="N", help="Width of the tables, characters", rich_help_panel=OUTPUT
+    ),
+]
+Json = Annotated[
+    bool,
+    typer.Option("--json", help="Print leaderboard.json and nothing else", rich_help_panel=OUTPUT),
+]
 
 
 def leaderboard(
     board: BoardName = None,
     *,
-    suite: SuiteName = None,
     entry: Entry = None,
-    only: Only = False,
-    by: By = None,
+    suite: SuiteName = None,
     seeds: Seeds = None,
-    jobs: Jobs = 0,
     out: Out = None,
     browse: Open = False,
-    fresh: Fresh = False,
+    only: Only = False,
+    by: By = None,
+    detections: Detections = None,
+    calibration: Calibration = None,
     kitti: Kitti = None,
     lidar_height: LidarHeight = None,
     mot: Mot = None,
     tracks: Tracks = None,
-    detections: Detections = None,
-    calibration: Calibration = None,
+    jobs: Jobs = 0,
+    fresh: Fresh = False,
     deadline: Deadline = 300.0,
     trust: Trust = False,
     sandbox: Sandbox = False,
@@ -185,13 +205,7 @@ def leaderboard(
     quiet: Quiet = False,
     json: Json = False,
 ) -> None:
-    """Rank plug-ins on the episodes of a suite, with a board for each kind of plug-in.
-
-    What an earlier run has computed is not computed again: a stopped run continues.
-
-    An entry that fails becomes a row with the reason. Exit status: 1 if an entry failed, or if one
-    that you named is not installed.
-    """
+    """Rank methods on a suite's episodes; exit status 1 if an entry fails or is missing."""
     from roadscope.benchmarks.boards import chosen_boards
     from roadscope.benchmarks.cache import cache_dir
     from roadscope.benchmarks.isolation import Limits

@@ -15,10 +15,10 @@ def list_names(
     kind: Annotated[
         str | None,
         typer.Argument(
-            help="Kind of name: detectors, stages (of detectors), camera-detectors, fusions, "
-            "trackers, "
-            "odometries, boards, scenarios, suites, rigs, sensors, weathers, lights or faults; "
-            "all if left out.",
+            metavar="KIND",
+            help="detectors, stages (of detectors), camera-detectors, trackers, odometries, "
+            "fusions, boards, suites, scenarios, rigs, sensors, weathers, lights or faults; all if "
+            "left out",
             autocompletion=listed_kinds,
         ),
     ] = None,

@@ -14,14 +14,15 @@ def new(
     kind: Annotated[
         str,
         typer.Argument(
-            help="What to write: suite, tracker, detector, camera-detector, odometry or fusion.",
+            metavar="KIND",
+            help="tracker, detector, camera-detector, odometry, fusion or suite",
             autocompletion=template_kinds,
         ),
     ],
     path: Annotated[
-        Path | None, typer.Argument(help="File or folder to write; my_KIND if left out.")
+        Path | None, typer.Argument(metavar="FILE", help="my_KIND.py if left out")
     ] = None,
-    force: Annotated[bool, typer.Option("--force", help="Overwrite an existing file.")] = False,
+    force: Annotated[bool, typer.Option("--force", help="Overwrite a file")] = False,
 ) -> None:
     """Write a suite or a plug-in that works and that you can change."""
     from roadscope.benchmarks.templates import write_template

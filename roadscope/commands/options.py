@@ -9,31 +9,70 @@ import typer
 
 from roadscope.commands import completion
 
-Jobs = Annotated[int, typer.Option(min=0, help="Worker processes; 0: one for each core.")]
-Json = Annotated[bool, typer.Option("--json", help="Print JSON and nothing else.")]
-Quiet = Annotated[bool, typer.Option("--quiet", help="Print nothing but errors.")]
-JsonFile = Annotated[Path | None, typer.Option("--out", help="Write the JSON to this file, too.")]
-Every = Annotated[bool, typer.Option("--all", help="Show all metrics.")]
+RUNNING, OUTPUT, RECORDED = "Running", "Output", "Recorded data"
+"""Headings of groups of options."""
+
+Jobs = Annotated[
+    int,
+    typer.Option(
+        min=0,
+        metavar="N",
+        help="Worker processes; 0: one for each core",
+        show_default=False,
+        rich_help_panel=RUNNING,
+    ),
+]
+Json = Annotated[
+    bool,
+    typer.Option("--json", help="Print JSON and nothing else", rich_help_panel=OUTPUT),
+]
+Quiet = Annotated[
+    bool,
+    typer.Option("--quiet", help="Print nothing but errors", rich_help_panel=OUTPUT),
+]
+JsonFile = Annotated[
+    Path | None, typer.Option("--out", metavar="FILE", help="Write the JSON to this file, too")
+]
+Every = Annotated[bool, typer.Option("--all", help="Show all metrics", rich_help_panel=OUTPUT)]
 Rig = Annotated[
-    str, typer.Option(help="Sensors: a name or a .toml file.", autocompletion=completion.rigs)
+    str,
+    typer.Option(
+        metavar="NAME",
+        help="Sensors: see roadscope list rigs, or a .toml file",
+        autocompletion=completion.rigs,
+    ),
+]
+LidarMounting = Annotated[
+    str | None,
+    typer.Option(
+        metavar="POSE",
+        help="Of the LiDAR in the vehicle: x,y,z,roll,pitch,yaw; only angles count",
+        rich_help_panel=RECORDED,
+    ),
 ]
 Rate = Annotated[
-    float, typer.Option(help="Scans per second, if neither times.txt nor their names have stamps.")
+    float,
+    typer.Option(
+        metavar="HZ",
+        help="Scans per second, without times.txt and stamps in names",
+        rich_help_panel=RECORDED,
+    ),
 ]
 Topics = Annotated[
     list[str] | None,
     typer.Option(
         "--topic",
         metavar="NAME",
-        help="Topic of a bag, if it has several of one type; can be given several times.",
+        help="Topic of a bag; can be repeated",
+        rich_help_panel=RECORDED,
     ),
 ]
 Layout = Annotated[
     str,
     typer.Option(
         metavar="COLUMNS",
-        help="Columns of .bin and .npy files, such as x,y,z,intensity,ring,time; _: not used. If "
-        "left out, what is in them decides.",
+        help="Of .bin, .npy: x,y,z,intensity,ring,time; _ is not used",
+        rich_help_panel=RECORDED,
     ),
 ]
 

@@ -11,13 +11,13 @@ from roadscope.commands.options import Quiet
 from roadscope.commands.terminal import complain, open_page
 
 Folder = Annotated[
-    Path, typer.Argument(help="A folder of roadscope leaderboard --out.", metavar="DIR")
+    Path, typer.Argument(help="A folder that roadscope leaderboard --out wrote", metavar="DIR")
 ]
 Out = Annotated[
     Path | None,
-    typer.Option(help="The page; if left out, report.html in DIR.", show_default=False),
+    typer.Option(metavar="FILE", help="The page; report.html in DIR if left out"),
 ]
-Open = Annotated[bool, typer.Option("--open", help="Show the page in a browser.")]
+Open = Annotated[bool, typer.Option("--open", help="Show the page in a browser")]
 
 
 def report(folder: Folder, *, out: Out = None, browse: Open = False, quiet: Quiet = False) -> None:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from roadscope.commands.options import Jobs, Json, Quiet, workers
+from roadscope.commands.options import OUTPUT, Jobs, Json, Quiet, workers
 from roadscope.commands.terminal import console, headline, print_json, progress_bars, show
 
 if TYPE_CHECKING:
@@ -17,19 +17,23 @@ if TYPE_CHECKING:
 
 def reproduce(
     paper: Annotated[
-        str, typer.Argument(help="The paper: lu2018, zhang2017, li2021 or zhang2022.")
+        str, typer.Argument(metavar="PAPER", help="lu2018, zhang2017, li2021 or zhang2022")
     ],
     seeds: Annotated[
-        int, typer.Option(min=1, help="Number of episodes, from which intervals are computed.")
+        int, typer.Option(min=1, metavar="N", help="Episodes of each experiment")
     ] = 30,
     jobs: Jobs = 0,
     everything: Annotated[
-        bool, typer.Option("--all", help="Show every method in full, as in PAPER.json.")
+        bool,
+        typer.Option(
+            "--all", help="Show every method in full, as in PAPER.json", rich_help_panel=OUTPUT
+        ),
     ] = False,
     figures: Annotated[
-        Path | None, typer.Option(help="Folder for pictures: one for every figure of the paper.")
+        Path | None,
+        typer.Option(metavar="DIR", help="Draw a picture for every figure of the paper"),
     ] = None,
-    out: Annotated[Path | None, typer.Option(help="Folder for PAPER.json.")] = None,
+    out: Annotated[Path | None, typer.Option(metavar="DIR", help="Write PAPER.json there")] = None,
     quiet: Quiet = False,
     json: Json = False,
 ) -> None:

@@ -8,91 +8,132 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import typer
 
 from roadscope.commands import completion
-from roadscope.commands.options import Json, Quiet, Rig
+from roadscope.commands.options import OUTPUT, Json, Quiet, Rig
 from roadscope.commands.terminal import headline, print_json, progress_bars, show
 
 if TYPE_CHECKING:
     from roadscope.benchmarks.single import Summary
 
 
+PICTURES, METHODS, CONDITIONS = "Pictures", "Methods", "Conditions"
+
 Scenario = Annotated[
     str,
     typer.Argument(
-        help="Traffic scenario, see: roadscope list scenarios.", autocompletion=completion.scenarios
+        metavar="SCENARIO",
+        help="Traffic: see roadscope list scenarios",
+        autocompletion=completion.scenarios,
     ),
 ]
-Seed = Annotated[int, typer.Option(min=0, help="Another seed is another episode.")]
-Weather = Annotated[
-    str,
+Seed = Annotated[int, typer.Option(min=0, metavar="N", help="Another seed is another episode")]
+Picture = Annotated[
+    Path | None,
+    typer.Option(metavar="FILE", help="Draw the middle scan and all answers, as .png"),
+]
+Video = Annotated[
+    Path | None,
+    typer.Option(metavar="FILE", help="Draw the episode: .gif, or .mp4 with roadscope[video]"),
+]
+Image = Annotated[
+    Path | None,
     typer.Option(
-        help="Weather, such as rain-2, see: roadscope list weathers.",
-        autocompletion=completion.weathers,
+        metavar="FILE",
+        help="Draw the camera's middle image with detected boxes, as .png",
+        rich_help_panel=PICTURES,
     ),
 ]
-Light = Annotated[
-    str,
+ReturnColours = Annotated[
+    Literal["object", "intensity"],
     typer.Option(
-        help="Light, for a rig with a camera, see: roadscope list lights.",
-        autocompletion=completion.lights,
+        "--returns",
+        metavar="NAME",
+        help="Colour returns by object or intensity",
+        rich_help_panel=PICTURES,
     ),
 ]
-Faults = Annotated[
-    str, typer.Option(help="Faults, such as 'fog:3 + dropped-scans:2', see: roadscope list faults.")
+Width = Annotated[
+    int,
+    typer.Option(
+        "--video-width",
+        min=320,
+        max=1280,
+        metavar="PX",
+        help="320 to 1280",
+        rich_help_panel=PICTURES,
+    ),
+]
+Seconds = Annotated[
+    float | None,
+    typer.Option(metavar="S", help="Length of the episode, up to 3600; the scenario's if left out"),
 ]
 Detector = Annotated[
     str,
     typer.Option(
-        help="A name, module:Class or file.py:Class, with ?argument=value.",
+        metavar="SPEC",
+        help="NAME or file.py:Class, with ?argument=value",
         autocompletion=completion.detectors,
+        rich_help_panel=METHODS,
     ),
 ]
 Tracker = Annotated[
     str,
     typer.Option(
-        help="A name, module:Class or file.py:Class, with ?argument=value.",
+        metavar="SPEC",
+        help="NAME or file.py:Class, with ?argument=value",
         autocompletion=completion.trackers,
+        rich_help_panel=METHODS,
     ),
-]
-Picture = Annotated[
-    Path | None, typer.Option(help="Write a picture of the middle scan and all answers here.")
-]
-Video = Annotated[
-    Path | None,
-    typer.Option(
-        help="Write a video of the whole episode here: .gif, or .mp4 with roadscope[video]."
-    ),
-]
-ReturnColours = Annotated[
-    Literal["object", "intensity"],
-    typer.Option("--returns", help="What returns are coloured by in pictures and videos."),
-]
-Width = Annotated[
-    int, typer.Option("--video-width", min=320, max=1280, help="Width of the video, pixels.")
-]
-Image = Annotated[
-    Path | None,
-    typer.Option(help="Write the camera's middle image here, with the boxes detected in it."),
 ]
 Odometry = Annotated[
     str | None,
     typer.Option(
-        help="Odometry to run beside, see: roadscope list odometries.",
+        metavar="SPEC",
+        help="See roadscope list odometries; none if left out",
         autocompletion=completion.odometries,
+        rich_help_panel=METHODS,
     ),
 ]
 CameraDetector = Annotated[
     str | None,
     typer.Option(
-        help="Camera detector whose boxes --video and --image show (--image: network if left out), "
-        "see: roadscope list camera-detectors; or oracle.",
+        metavar="SPEC",
+        help="Whose boxes videos and images show; for images, else network",
         autocompletion=completion.camera_detectors,
+        rich_help_panel=METHODS,
     ),
 ]
-Seconds = Annotated[
-    float | None,
-    typer.Option(help="Length of the episode, 3600 at most; the scenario's own if left out."),
+Weather = Annotated[
+    str,
+    typer.Option(
+        metavar="NAME",
+        help="See roadscope list weathers",
+        autocompletion=completion.weathers,
+        rich_help_panel=CONDITIONS,
+    ),
 ]
-Every = Annotated[bool, typer.Option("--all", help="Show all metrics, not only the ten main ones.")]
+Light = Annotated[
+    str,
+    typer.Option(
+        metavar="NAME",
+        help="Of a rig with a camera: see roadscope list lights",
+        autocompletion=completion.lights,
+        rich_help_panel=CONDITIONS,
+    ),
+]
+Faults = Annotated[
+    str,
+    typer.Option(
+        metavar="LIST",
+        help="Such as 'fog:3 + dropped-scans:2': see roadscope list faults",
+        rich_help_panel=CONDITIONS,
+    ),
+]
+Every = Annotated[
+    bool,
+    typer.Option(
+        "--all", help="Show all metrics, not only the ten main ones", rich_help_panel=OUTPUT
+    ),
+]
 
 
 def run_scenario(
@@ -100,19 +141,19 @@ def run_scenario(
     *,
     seed: Seed = 0,
     rig: Rig = "lux",
-    weather: Weather = "clear",
-    light: Light = "day",
-    faults: Faults = "clear",
+    seconds: Seconds = None,
+    picture: Picture = None,
+    video: Video = None,
+    image: Image = None,
+    returns: ReturnColours = "object",
+    video_width: Width = 1280,
     detector: Detector = "distance-l-shape",
     tracker: Tracker = "existence",
     odometry: Odometry = None,
-    picture: Picture = None,
-    video: Video = None,
-    returns: ReturnColours = "object",
-    video_width: Width = 1280,
-    image: Image = None,
     camera_detector: CameraDetector = None,
-    seconds: Seconds = None,
+    weather: Weather = "clear",
+    light: Light = "day",
+    faults: Faults = "clear",
     every: Every = False,
     quiet: Quiet = False,
     json: Json = False,

@@ -10,7 +10,15 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from roadscope.commands import completion
-from roadscope.commands.options import Json, Layout, Quiet, Rate, Topics
+from roadscope.commands.options import (
+    RECORDED,
+    Json,
+    Layout,
+    LidarMounting,
+    Quiet,
+    Rate,
+    Topics,
+)
 from roadscope.commands.terminal import (
     complain,
     headline,
@@ -35,59 +43,49 @@ Folder = Annotated[
     Path,
     typer.Argument(
         metavar="DIR",
-        help="Folder of scans, in the order of their names: .bin, .pcd, .npy, .ply, .las or .laz; "
-        "or a bag of ROS 2: a folder of rosbag2, a file .mcap or .db3.",
+        help="Scans (.bin, .pcd, .npy, .ply, .las, .laz) in the order of their names, or a bag of "
+        "ROS 2",
     ),
 ]
 OdometrySpec = Annotated[
     str,
     typer.Option(
         metavar="SPEC",
-        help="The odometry: a name or file.py:Class; see: roadscope list odometries.",
+        help="See roadscope list odometries, or file.py:Class",
         autocompletion=completion.odometries,
     ),
 ]
-Out = Annotated[Path, typer.Option(help="File for the poses.")]
+Out = Annotated[Path, typer.Option(metavar="FILE", help="File for the poses")]
 Format = Annotated[
-    str, typer.Option(help="Of the poses: kitti (3 x 4 matrices) or tum (with stamps).")
+    str,
+    typer.Option(metavar="NAME", help="Of the poses: kitti (3 x 4 matrices) or tum (with stamps)"),
+]
+TruthFile = Annotated[
+    Path | None,
+    typer.Option(metavar="FILE", help="Compare with these true poses of the LiDAR, KITTI or TUM"),
 ]
 Imu = Annotated[
     str | None,
     typer.Option(
         metavar="FILE",
-        help="IMU samples: lines of stamp wx wy wz ax ay az, in s, rad/s and m/s^2. If left out, "
-        "imu.csv or imu.txt in DIR or beside it; none: no IMU.",
+        help="Lines of stamp wx wy wz ax ay az, s, rad/s, m/s^2; imu.csv or imu.txt at DIR if left "
+        "out; none: no IMU",
     ),
 ]
 Mounting = Annotated[
     str | None,
     typer.Option(
-        metavar="X,Y,Z,ROLL,PITCH,YAW",
-        help="Mounting pose of the IMU in the LiDAR's frame, metres and degrees.",
-    ),
-]
-LidarMounting = Annotated[
-    str | None,
-    typer.Option(
-        metavar="X,Y,Z,ROLL,PITCH,YAW",
-        help="Mounting pose of the LiDAR in the vehicle's frame, x ahead, y left, z up; only the "
-        "angles count. If left out, z is up, and scans show the direction of travel.",
+        metavar="POSE",
+        help="Of the IMU in the LiDAR: x,y,z,roll,pitch,yaw, metres, degrees",
+        rich_help_panel=RECORDED,
     ),
 ]
 WheelsFile = Annotated[
     str | None,
     typer.Option(
         metavar="FILE",
-        help="Wheel speeds: lines of stamp and speed, in s and m/s, for odometries that use "
-        "them, such "
-        "as lidar-inertial?wheels=true. If left out, wheels.csv or wheels.txt in DIR or beside it; "
-        "none: no wheels.",
-    ),
-]
-TruthFile = Annotated[
-    Path | None,
-    typer.Option(
-        metavar="FILE", help="True poses of the LiDAR to compare with, in KITTI's or TUM's format."
+        help="Lines of stamp and speed, for lidar-inertial?wheels=true; as --imu",
+        rich_help_panel=RECORDED,
     ),
 ]
 
@@ -97,23 +95,22 @@ def run_odometry(
     odometry: OdometrySpec = DEFAULT_ODOMETRY,
     out: Out = Path("poses.txt"),
     format: Format = "kitti",
+    truth: TruthFile = None,
+    imu: Imu = None,
+    mounting: Mounting = None,
+    wheels: WheelsFile = None,
+    lidar_mounting: LidarMounting = None,
     rate_hz: Rate = 10.0,
     layout: Layout = "",
     topic: Topics = None,
-    imu: Imu = None,
-    mounting: Mounting = None,
-    lidar_mounting: LidarMounting = None,
-    wheels: WheelsFile = None,
-    truth: TruthFile = None,
     quiet: Quiet = False,
     json: Json = False,
 ) -> None:
     """Estimate the poses of a LiDAR from a folder of its scans.
 
-    times.txt in DIR or beside it has the stamp of each scan, the middle of its sweep: one number a
-    line, in seconds, milli-, micro- or nanoseconds. Poses are those of the LiDAR in its first
-    frame and its own axes. After Ctrl-C the poses so far stay in the file. A scan that cannot
-    be read counts as empty.
+    times.txt at DIR (in it or beside it) has the stamp of the middle of each sweep, one a line, in
+    s, ms, us or ns. Poses are those of the LiDAR in its first frame and its own axes. Poses so far
+    stay in the file after Ctrl-C. A scan that cannot be read counts as empty.
     """
     from roadscope.benchmarks.formats.point_layout import parse_columns
     from roadscope.benchmarks.formats.scan_folder import ScanFolder

@@ -15,11 +15,10 @@ def speed(
     parts: Annotated[
         list[str] | None,
         typer.Argument(
-            help="What to measure: casting, detectors, trackers, odometry or camera; all if left "
-            "out."
+            metavar="PART...", help="casting, detectors, trackers, odometry, camera; else all"
         ),
     ] = None,
-    out: Annotated[Path | None, typer.Option(help="Folder for speed.json.")] = None,
+    out: Annotated[Path | None, typer.Option(metavar="DIR", help="Write speed.json there")] = None,
     quiet: Quiet = False,
     json: Json = False,
 ) -> None:

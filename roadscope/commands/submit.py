@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from roadscope.commands.options import Json, JsonFile, Quiet
+from roadscope.commands.options import RECORDED, Every, Json, JsonFile, Quiet
 from roadscope.commands.terminal import complain, console, printable, progress_bars
 
 if TYPE_CHECKING:
@@ -18,55 +18,63 @@ if TYPE_CHECKING:
 Folder = Annotated[
     Path,
     typer.Argument(
-        help="Folder of results: tracking/SEQ.txt, odometry/SEQ.txt, detection/SEQ/FRAME.txt; with "
-        "--kitti or --mot SEQ.txt.",
+        help="tracking/SEQ.txt, odometry/SEQ.txt, detection/SEQ/FRAME.txt; or SEQ.txt",
         metavar="DIR",
     ),
 ]
 Exported = Annotated[
     Path | None,
+    typer.Option("--suite", metavar="DIR", help="What roadscope export wrote; DIR if left out"),
+]
+Kitti = Annotated[
+    Path | None,
     typer.Option(
-        "--suite", help="Folder that roadscope export wrote for the suite; DIR if left out."
+        metavar="DIR", help="Score on KITTI's tracking data in DIR", rich_help_panel=RECORDED
     ),
 ]
-Kitti = Annotated[Path | None, typer.Option(help="Score on this folder of KITTI tracking data.")]
-Mot = Annotated[Path | None, typer.Option(help="Score on this folder of MOTChallenge data.")]
-Name = Annotated[str | None, typer.Option(help="Name of the entry; that of DIR if left out.")]
+Mot = Annotated[
+    Path | None,
+    typer.Option(
+        metavar="DIR", help="Score on MOTChallenge's data in DIR", rich_help_panel=RECORDED
+    ),
+]
+Name = Annotated[
+    str | None, typer.Option("--name", metavar="NAME", help="Of the entry; that of DIR if left out")
+]
 Inputs = Annotated[
     str | None,
     typer.Option(
-        help="The detector whose detections were tracked, by its name in the suite; the board then "
-        "compares the tracker with those that got the same detections."
+        metavar="SPEC",
+        help="The suite's detector whose detections were tracked, to compare with its trackers",
     ),
 ]
 Beside = Annotated[
     Path | None,
     typer.Option(
-        help="Show the entry as a row of this board: leaderboard.json of the suite, or its folder."
+        metavar="PATH", help="Show it as a row of this board: leaderboard.json or its folder"
     ),
 ]
-Every = Annotated[bool, typer.Option("--all", help="Show all metrics.")]
 
 
 def submit(
     folder: Folder,
     *,
     suite: Exported = None,
+    name: Name = None,
+    beside: Beside = None,
+    inputs: Inputs = None,
+    out: JsonFile = None,
     kitti: Kitti = None,
     mot: Mot = None,
-    name: Name = None,
-    inputs: Inputs = None,
-    beside: Beside = None,
     every: Every = False,
-    out: JsonFile = None,
     quiet: Quiet = False,
     json: Json = False,
 ) -> None:
     """Score results of another program by the rules of a suite's board.
 
-    Tracks: KITTI tracking results with 3-D boxes (with --mot, MOTChallenge's). Detections: KITTI
-    object results, a file for each scan. Poses: of the LiDAR, KITTI's 12 numbers a line or TUM's.
-    The JSON can be read by roadscope compare.
+    Tracks are in KITTI's format with boxes in space (with --mot in MOTChallenge's), detections in
+    KITTI's, a file for each scan, poses of the LiDAR in KITTI's or TUM's. roadscope compare reads
+    the JSON.
 
     Exit status: 1 if a file is malformed or a sequence has no results.
     """

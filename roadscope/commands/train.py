@@ -12,23 +12,21 @@ from roadscope.commands.terminal import headline, progress_bars, show
 
 
 def train(
-    what: Annotated[str, typer.Argument(help="What to train: camera.")],
+    what: Annotated[str, typer.Argument(metavar="WHAT", help="camera")],
     recipe: Annotated[
         str,
-        typer.Option(
-            help="Size of the training: full (half an hour on two cores), small or trial."
-        ),
+        typer.Option(metavar="NAME", help="full (half an hour on two cores), small or trial"),
     ] = "full",
-    seed: Annotated[int, typer.Option(min=0, help="Seed of all random draws.")] = 0,
+    seed: Annotated[int, typer.Option(min=0, metavar="N", help="Of all random draws")] = 0,
     jobs: Jobs = 0,
     work: Annotated[
         Path | None,
         typer.Option(
-            help="Folder for pictures (up to 5 GB) and checkpoints; the cache if left out."
+            metavar="DIR", help="For pictures (up to 5 GB) and checkpoints; else the cache"
         ),
     ] = None,
     out: Annotated[
-        Path, typer.Option(help="File for the weights; a .toml comes beside it.")
+        Path, typer.Option(metavar="FILE", help="The weights; a .toml comes beside it")
     ] = Path("network.safetensors"),
     quiet: Quiet = False,
 ) -> None:

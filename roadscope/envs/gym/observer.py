@@ -133,7 +133,7 @@ class Observer:
 
     def advance(self, timeline: Timeline, until_s: float) -> ObservationAndInfo:
         """Sense up to an instant; return observation and info of all frames completed by then."""
-        pairs = self._sensing.advance(timeline, until_s)
+        pairs = self._sensing.advance(timeline, until_s, newest=not self._records)
         for frame, truth in pairs:
             if frame.lidar is not None:
                 self.latest = frame, truth

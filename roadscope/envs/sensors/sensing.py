@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from functools import partial
+from itertools import count, takewhile
 from typing import Any
 
 import numpy as np
@@ -195,18 +196,25 @@ class Sensing:
         self._next = 0
         self._next_image = 0
 
-    def advance(self, timeline: Timeline, until_s: float) -> list[tuple[Frame, Truth]]:
+    def advance(
+        self, timeline: Timeline, until_s: float, *, newest: bool = False
+    ) -> list[tuple[Frame, Truth]]:
         """Return all sweeps and images that end by a time and were not returned before.
+
+        newest: leave out, and do not cast, sweeps that are followed by another. Of a rig with an
+            IMU or wheels none is left out, because their samples come with sweeps.
 
         A sweep that ends after the timeline waits until the timeline has grown.
         """
-        return list(self._sweeps(timeline, until_s))
+        return list(self._sweeps(timeline, until_s, newest=newest and not self.rig.inertial))
 
     def whole(self, timeline: Timeline) -> Iterator[tuple[Frame, Truth]]:
         """Yield the sweeps and images up to the timeline's end that were not returned before."""
         yield from self._sweeps(timeline, timeline.end_s)
 
-    def _sweeps(self, timeline: Timeline, until_s: float) -> Iterator[tuple[Frame, Truth]]:
+    def _sweeps(
+        self, timeline: Timeline, until_s: float, *, newest: bool = False
+    ) -> Iterator[tuple[Frame, Truth]]:
         if self.rig.camera is not None:
             _refuse_terrain(timeline)
         # Rounding errors of stamps must not delay a sweep.
@@ -218,14 +226,22 @@ class Sensing:
                 return
             if sweep_s <= image_s:
                 self._next += 1
-                yield self.sense(timeline, self._next - 1)
+                if not (newest and self._another_sweep_ends_by(end_s)):
+                    yield self.sense(timeline, self._next - 1)
             else:
                 self._next_image += 1
                 yield self.sense_image(timeline, self._next_image - 1)
 
-    def _sweep_end_s(self) -> float:
+    def _sweep_end_s(self, ahead: int = 0) -> float:
         mount = self.rig.lidar
-        return mount.stamp_s(self._next) + mount.spec.sweep_s / 2
+        return mount.stamp_s(self._next + ahead) + mount.spec.sweep_s / 2
+
+    def _another_sweep_ends_by(self, end_s: float) -> bool:
+        """Return whether one of the next sweeps ends by then and is not lost to a fault."""
+        return any(
+            not self.scan_lost(self._next + ahead)
+            for ahead in takewhile(lambda n: self._sweep_end_s(n) <= end_s, count())
+        )
 
     def _image_end_s(self) -> float:
         mount = self.rig.camera

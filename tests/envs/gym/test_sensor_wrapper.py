@@ -377,6 +377,23 @@ def test_infos_without_records() -> None:
     assert info["truth"].lidar_returns.sum() >= 0
 
 
+@pytest.mark.parametrize("faults", ["clear", "dropped-scans:5"])
+def test_observations_without_records_are_the_same(faults: str) -> None:
+    with_records, without = (
+        SensorWrapper(gym.make("merge-v1"), "lux", faults=faults, records=records)
+        for records in (True, False)
+    )
+    observed, _ = with_records.reset(seed=3)
+    np.testing.assert_equal(without.reset(seed=3)[0], observed)
+    for _ in range(4):
+        observed, *_, info = with_records.step(1)
+        same, *_, short_info = without.step(1)
+        np.testing.assert_equal(same, observed)
+        np.testing.assert_array_equal(
+            short_info["truth"].lidar_returns, info["truth"].lidar_returns
+        )
+
+
 def test_the_own_speed_and_lane_are_observed() -> None:
     env = SensorWrapper(gym.make("racetrack-v1"), "lux")
     env.reset(seed=0)
