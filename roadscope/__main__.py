@@ -83,19 +83,19 @@ COMMANDS: Mapping[str, CommandEntry] = {
         "submit:submit",
         "Score result files of a program that is no plug-in",
         OWN,
-        ("roadscope submit mine --suite exported --name mine --out mine.json",),
+        ("roadscope submit answers --suite exported --name mine",),
     ),
     "detect": CommandEntry(
         "detect:detect",
         "Detect road users in a folder of scans, images or both",
         RECORDED,
-        ("roadscope detect scans --out detections --pictures pictures",),
+        ("roadscope detect exported/velodyne/0000 --out detections --pictures pictures",),
     ),
     "run-odometry": CommandEntry(
         "run_odometry:run_odometry",
         "Estimate the poses of a LiDAR from a folder of its scans",
         RECORDED,
-        ("roadscope run-odometry scans --out poses.txt",),
+        ("roadscope run-odometry exported/velodyne/0000 --out poses.txt",),
     ),
     "reproduce": CommandEntry(
         "reproduce:reproduce",

@@ -71,20 +71,6 @@ def refused(answer) -> Callable[..., str]:
     return refuse
 
 
-@pytest.mark.slow
-def test_help_of_everything(answer, monkeypatch) -> None:
-    monkeypatch.setenv("COLUMNS", "80")
-    status, whole, _ = answer("--help")
-    assert status == 0
-    for name in ("list", "run", "leaderboard", "reproduce", "speed", "new", "doctor", "cache"):
-        assert name in whole
-        status, one, _ = answer(name, "--help")
-        assert status == 0
-        assert f"Example:  roadscope {name}" in one
-        assert "…" not in one
-    assert roadscope.__version__ in answer("--version")[1]
-
-
 def test_list(answer) -> None:
     everything = answer("list")[1]
     for name in ("pag-range", "nearest", "roundabout", "quick", "lux", "hdl32e"):
