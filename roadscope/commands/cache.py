@@ -69,8 +69,7 @@ def clear(
         typer.Option(
             "--kind",
             metavar="KIND",
-            help="Only timelines, detections, image-detections, fusions, poses, tracks, answers, "
-            "sources or camera-training (can be repeated)",
+            help="Only this kind of file, see roadscope cache show; repeatable",
             autocompletion=cache_kinds,
         ),
     ] = None,

@@ -6,6 +6,7 @@ Typer draws groups only through rich, which costs twice the processor time.
 from __future__ import annotations
 
 import inspect
+import sys
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from importlib import import_module
@@ -134,7 +135,7 @@ MAX_NAME = 30
 
 
 def _heading(text: str) -> str:
-    return typer.style(text, bold=True)
+    return typer.style(text, bold=True) if sys.stdout.isatty() else text
 
 
 def _default(param: Any) -> str:

@@ -21,6 +21,7 @@ import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from types import MappingProxyType
+from pathlib import Path
 from typing import Any
 
 from roadscope.core.constructing import binding_problem, construct, wrong_literal
@@ -182,7 +183,13 @@ def _literal(text: str) -> Any:
 
 def no_class_named(spec: Spec) -> str:
     """Return the error text for a spec that names a file and no class in it."""
-    return f"'{spec}': name the class in the file too: {spec.name}:Class"
+    try:
+        nodes = ast.parse(Path(spec.name).read_text("utf-8")).body
+    except (OSError, ValueError, SyntaxError):
+        nodes = []
+    classes = [node.name for node in nodes if isinstance(node, ast.ClassDef)] or ["Class"]
+    choices = " or ".join(f"{spec.name}:{name}" for name in classes)
+    return f"'{spec}': name the class in the file too: {choices}"
 
 
 def unknown_name(kind: str, name: str, possible: list[str], composition: str = "") -> str:

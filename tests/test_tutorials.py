@@ -1,0 +1,40 @@
+"""The notebooks of the documentation run as they stand."""
+
+import os
+from pathlib import Path
+
+import jupytext
+import pytest
+from nbclient import NotebookClient
+
+import roadscope
+
+ROOT = Path(roadscope.__file__).parents[1]
+NOTEBOOKS = sorted(
+    path for path in (ROOT / "docs/tutorials").glob("*.md") if path.name != "index.md"
+)
+
+
+def test_the_index_lists_every_notebook() -> None:
+    index = (ROOT / "docs/tutorials/index.md").read_text()
+    for path in NOTEBOOKS:
+        assert f"]({path.name})" in index
+        assert f"\n{path.stem}\n" in index
+    assert len(NOTEBOOKS) == 3
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
+def test_a_notebook_runs(path: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("PYTHONPATH", os.pathsep.join([str(ROOT), os.environ.get("PYTHONPATH", "")]))
+    monkeypatch.setenv("IPYTHONDIR", str(tmp_path / "ipython"))
+    notebook = jupytext.read(path)
+    cells = [cell for cell in notebook.cells if cell.cell_type == "code"]
+    assert len(cells) >= 4
+    # A cell that raises ends it with the cell's traceback.
+    NotebookClient(
+        notebook, timeout=1200, kernel_name="python3", resources={"metadata": {"path": tmp_path}}
+    ).execute()
+    printed = [output for cell in cells for output in cell.outputs]
+    assert printed
+    assert not [o for o in printed if o.output_type == "stream" and o.name == "stderr"]
