@@ -142,7 +142,6 @@ class _Root(GroupedCommands):
     examples = (
         "roadscope run roundabout",
         "roadscope leaderboard tracking --seeds 1",
-        "roadscope leaderboard --help",
     )
 
 

@@ -12,6 +12,7 @@ import typer
 from roadscope.commands import completion
 from roadscope.commands.options import Quiet, Rig
 from roadscope.commands.run import (
+    METHODS,
     CameraDetector,
     Detector,
     Faults,
@@ -22,43 +23,62 @@ from roadscope.commands.run import (
 )
 from roadscope.commands.terminal import complain, progress_bars
 
+FOLDER = "Of a folder of results"
+
 Source = Annotated[
     str,
     typer.Argument(
         metavar="SCENARIO|DIR",
-        help="A scenario (roadscope list scenarios), or a folder of roadscope leaderboard --out.",
+        help="See roadscope list scenarios; or what leaderboard --out wrote",
         autocompletion=completion.scenarios,
     ),
 ]
 Save = Annotated[
     Path | None,
-    typer.Option(metavar="FILE", help="Write a .rrd file here, and open no viewer."),
+    typer.Option(metavar="FILE", help="Write a .rrd file, and open no viewer"),
 ]
 Returns = Annotated[
-    str, typer.Option(help="Colour LiDAR returns by their object, or by intensity.")
+    str, typer.Option(metavar="NAME", help="Colour LiDAR returns by object or intensity")
 ]
 Seed = Annotated[
-    int | None, typer.Option(min=0, help="Seed of the episode; of a scenario, 0 if left out.")
+    int | None,
+    typer.Option(min=0, metavar="N", help="Of the episode; of a scenario, 0 if left out"),
 ]
 Odometry = Annotated[
     str | None,
     typer.Option(
-        help="Odometry whose path is shown beside the true one.",
+        metavar="SPEC",
+        help="Whose path is shown beside the true one",
         autocompletion=completion.odometries,
+        rich_help_panel=METHODS,
     ),
 ]
 BoardName = Annotated[
-    str | None, typer.Option(help="Of a DIR: the board.", autocompletion=completion.boards)
+    str | None,
+    typer.Option(
+        metavar="NAME", help="The board", autocompletion=completion.boards, rich_help_panel=FOLDER
+    ),
 ]
 Entry = Annotated[
-    str | None, typer.Option(help="Of a DIR: the entry; the best one if left out.", metavar="NAME")
+    str | None,
+    typer.Option(
+        metavar="SPEC", help="The entry; the best one if left out", rich_help_panel=FOLDER
+    ),
 ]
 OfScenario = Annotated[
     str | None,
-    typer.Option(help="Of a DIR: the scenario or sequence.", autocompletion=completion.scenarios),
+    typer.Option(
+        metavar="NAME",
+        help="The scenario or sequence",
+        autocompletion=completion.scenarios,
+        rich_help_panel=FOLDER,
+    ),
 ]
 Condition = Annotated[
-    str | None, typer.Option(help="Of a DIR: weather, light and faults, such as rain-3.")
+    str | None,
+    typer.Option(
+        metavar="NAME", help="Weather, light and faults, such as rain-3", rich_help_panel=FOLDER
+    ),
 ]
 OF_SCENARIO = (
     *("rig", "weather", "light", "faults", "tracker", "odometry", "camera_detector", "seconds"),
@@ -73,12 +93,13 @@ def view(
     *,
     save: Save = None,
     seed: Seed = None,
+    rig: Rig = "lux",
+    seconds: Seconds = None,
+    returns: Returns = "object",
     detector: Detector = "distance-l-shape",
     tracker: Tracker = "existence",
     odometry: Odometry = None,
-    rig: Rig = "lux",
     camera_detector: CameraDetector = "network",
-    seconds: Seconds = None,
     weather: Weather = "clear",
     light: Light = "day",
     faults: Faults = "clear",
@@ -86,15 +107,12 @@ def view(
     entry: Entry = None,
     scenario: OfScenario = None,
     condition: Condition = None,
-    returns: Returns = "object",
     quiet: Quiet = False,
 ) -> None:
     """Show an episode in Rerun: world, sensors, truth, detections, tracks and scores over time.
 
-    Of a scenario, an episode is run as roadscope run does. Of a folder of results, the kept answers
-    of an entry are shown and nothing runs again. Needs: pip install 'roadscope[view]'.
-
-    The viewer listens on this machine alone and sends no usage statistics.
+    A scenario is run as roadscope run does; of a folder, the kept answers of an entry are shown.
+    Needs: pip install 'roadscope[view]'. The viewer listens on this machine alone.
     """
     from roadscope.benchmarks.cache import usable_file
     from roadscope.benchmarks.episode import Episode

@@ -20,8 +20,8 @@ import ast
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from types import MappingProxyType
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 from roadscope.core.constructing import binding_problem, construct, wrong_literal

@@ -14,7 +14,8 @@ import roadscope
 from roadscope.__main__ import COMMANDS
 
 ROOT = Path(roadscope.__file__).parents[1]
-MOST_LINES = 39
+MOST_LINES = {80: 45, 100: 39}
+"""By columns of the terminal."""
 QUICK = "list", "new", "doctor", "cache show"
 """Commands whose examples take less than two seconds."""
 NEEDS = {
@@ -43,9 +44,7 @@ def test_help_fits_a_screen_and_shows_every_option(answer, monkeypatch, name, wi
     monkeypatch.setenv("COLUMNS", str(width))
     status, text, errors = answer(*name.split(), "--help")
     assert (status, errors) == (0, "")
-    lines = text.splitlines()
-    limit = MOST_LINES if width == 100 else MOST_LINES + 1
-    assert len(lines) <= limit
+    assert len(text.splitlines()) <= MOST_LINES[width]
     shown = text.partition("Examples:")[0]
     assert max(map(len, shown.splitlines())) <= width
     if name in COMMANDS:
@@ -97,6 +96,8 @@ def run_example(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], str
         for words, beginnings in NEEDS.items():
             for beginning in beginnings if words in example else ():
                 run(next(e for e in EXAMPLES if e.startswith(f"roadscope {beginning}")))
+        if example.startswith("roadscope view"):
+            pytest.importorskip("rerun", reason="needs the extra view")
         if example.startswith("roadscope submit"):
             # Answers of another program: here they are ours.
             shutil.copytree(folder / "detections/labels", folder / "answers/detection/0000")
