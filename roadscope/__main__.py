@@ -25,7 +25,7 @@ COMMANDS: Mapping[str, CommandEntry] = {
         (
             "roadscope run roundabout",
             "roadscope run merge --seed 3 --faults rain:4 --picture scene.png",
-            "roadscope run street --rig wide --light night --image seen.png",
+            "roadscope run street --rig wide --seconds 3 --video street.gif",
         ),
     ),
     "leaderboard": CommandEntry(

@@ -32,13 +32,13 @@ Picture = Annotated[
 ]
 Video = Annotated[
     Path | None,
-    typer.Option(metavar="FILE", help="Draw the episode: .gif, or .mp4 with roadscope[video]"),
+    typer.Option(metavar="FILE", help="Draw all scans, as .gif, or .mp4 (roadscope[video])"),
 ]
 Image = Annotated[
     Path | None,
     typer.Option(
         metavar="FILE",
-        help="Draw the camera's middle image with detected boxes, as .png",
+        help="Draw the camera's middle image and boxes, as .png",
         rich_help_panel=PICTURES,
     ),
 ]
@@ -64,7 +64,7 @@ Width = Annotated[
 ]
 Seconds = Annotated[
     float | None,
-    typer.Option(metavar="S", help="Length of the episode, up to 3600; the scenario's if left out"),
+    typer.Option(metavar="S", help="Length, 3600 at most; the scenario's if left out"),
 ]
 Detector = Annotated[
     str,
@@ -97,7 +97,7 @@ CameraDetector = Annotated[
     str | None,
     typer.Option(
         metavar="SPEC",
-        help="Whose boxes videos and images show; for images, else network",
+        help="Whose boxes videos and images show",
         autocompletion=completion.camera_detectors,
         rich_help_panel=METHODS,
     ),
@@ -115,7 +115,7 @@ Light = Annotated[
     str,
     typer.Option(
         metavar="NAME",
-        help="Of a rig with a camera: see roadscope list lights",
+        help="For cameras, see roadscope list lights",
         autocompletion=completion.lights,
         rich_help_panel=CONDITIONS,
     ),
@@ -124,7 +124,7 @@ Faults = Annotated[
     str,
     typer.Option(
         metavar="LIST",
-        help="Such as 'fog:3 + dropped-scans:2': see roadscope list faults",
+        help="Such as 'fog:3 + glare:1', see roadscope list faults",
         rich_help_panel=CONDITIONS,
     ),
 ]

@@ -29,7 +29,7 @@ Source = Annotated[
     str,
     typer.Argument(
         metavar="SCENARIO|DIR",
-        help="See roadscope list scenarios; or what leaderboard --out wrote",
+        help="See roadscope list scenarios; or results",
         autocompletion=completion.scenarios,
     ),
 ]
@@ -37,9 +37,7 @@ Save = Annotated[
     Path | None,
     typer.Option(metavar="FILE", help="Write a .rrd file, and open no viewer"),
 ]
-Returns = Annotated[
-    str, typer.Option(metavar="NAME", help="Colour LiDAR returns by object or intensity")
-]
+Returns = Annotated[str, typer.Option(metavar="NAME", help="Colour returns by object or intensity")]
 Seed = Annotated[
     int | None,
     typer.Option(min=0, metavar="N", help="Of the episode; of a scenario, 0 if left out"),
