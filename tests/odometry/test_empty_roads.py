@@ -9,21 +9,20 @@ from roadscope.odometry import ODOMETRIES
 
 PEERS = ("kiss-icp", "small-gicp", "rko-lio")
 """GenZ-ICP takes minutes for this: its threads wait for one another."""
+SEEDS = (10_000, 10_001)
+"""Odd ones start from rest."""
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    ("scenario", "seed"), [("empty-motorway", 10_000), ("empty-street", 10_001)]
-)
-def test_ours_is_no_worse_than_the_best_peer(scenario: str, seed: int) -> None:
-    """Odd seeds start from rest."""
+@pytest.mark.parametrize("scenario", ["empty-motorway", "empty-street"])
+def test_ours_is_no_worse_than_the_best_peer(scenario: str) -> None:
     specs = ["lidar-inertial", *(peer for peer in PEERS if not ODOMETRIES.missing(peer))]
-    poses = poses_of_each(specs, Episode(scenario, seed, "vlp16-imu", 24.0))
+    of_seeds = [poses_of_each(specs, Episode(scenario, seed, "vlp16-imu", 24.0)) for seed in SEEDS]
     # Per cent over 50, 100 and 200 m.
     drifts = {
-        spec: drift(each.trajectories, (50.0, 100.0, 200.0), every=1).t_rel
-        for spec, each in poses.items()
+        spec: [drift(of[spec].trajectories, (50.0, 100.0, 200.0), every=1).t_rel for of in of_seeds]
+        for spec in specs
     }
-    ours = drifts.pop("lidar-inertial")
-    assert ours < 0.5, ours
-    assert all(ours <= theirs + 0.05 for theirs in drifts.values()), (ours, drifts)
+    assert max(drifts["lidar-inertial"]) < 0.5, drifts
+    mean = {spec: sum(each) / len(SEEDS) for spec, each in drifts.items()}
+    assert mean["lidar-inertial"] <= min(mean.values()) + 0.05, drifts
