@@ -9,7 +9,7 @@ from __future__ import annotations
 import base64
 import hashlib
 import json
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from importlib import resources
 from itertools import combinations
@@ -41,7 +41,11 @@ from roadscope.core.text import last_lines, one_line
 
 PAGE = "report.html"
 MOST_BYTES = 1_500_000
-"""Greatest size of a page. Moments that do not fit are left out, and then breakdowns."""
+"""Greatest size of a page. What does not fit is left out, and the page says so."""
+NOTICE_BYTES = 2000
+"""Reserved for what a page says about that."""
+HALVED = tuple(2**k for k in range(10, -1, -1))
+"""Numbers of entries of a board, and of boards, that are tried where tables alone are too large."""
 FIRST_COLUMNS = 8
 """Columns of a board that are shown at first."""
 COMPARED = 5
@@ -107,21 +111,31 @@ class _Page(NamedTuple):
     left_out: list[str]
 
 
+Boards = list[dict[str, Any]]
+
+
 def _fitting(runs: Sequence[Run]) -> _Page:
-    """Return a page that is not larger than `MOST_BYTES`, with as many moments as fit."""
+    """Return a page that is not larger than `MOST_BYTES`, with as many moments as fit.
+
+    Moments are left out first, the least bad ones before others. Where a page without any is too
+    large, parts of boards are left out, one kind after the other, until it fits.
+    """
     boards = [board for run in runs for board in _boards(run)]
-    bare = [{**board, "moments": []} for board in boards]
+    moments = [board.pop("moments") for board in boards]
     left_out = [run.note for run in runs if run.note]
+    bare = [{**board, "moments": []} for board in boards]
     text = _rendered(bare, left_out)
-    if len(text.encode()) > MOST_BYTES:
-        left_out.append("Breakdowns are left out, as the page would be too large.")
-        boards = [{**board, "breakdowns": []} for board in boards]
-        bare = [{**board, "breakdowns": []} for board in bare]
+    cuts = _cuts()
+    while len(text.encode()) > MOST_BYTES - NOTICE_BYTES:
+        note, cut = next(cuts)
+        bare = cut(bare)
+        # Of cuts of one kind, such as fewer and fewer entries, the last one is named.
+        left_out = [each for each in left_out if each.split()[0] != note.split()[0]] + [note]
         text = _rendered(bare, left_out)
-    space = MOST_BYTES - len(text.encode()) - 1000
-    shown: list[list[Any]] = [[] for _ in boards]
+    space = MOST_BYTES - NOTICE_BYTES - len(text.encode())
+    shown: list[list[Any]] = [[] for _ in bare]
     too_much = 0
-    for number, moment in _in_turn([board["moments"] for board in boards]):
+    for number, moment in _in_turn(moments[: len(bare)]):
         size = len(_as_json(moment)) + 1
         if size > space:
             too_much += 1
@@ -129,12 +143,53 @@ def _fitting(runs: Sequence[Run]) -> _Page:
             space -= size
             shown[number].append(moment)
     if too_much:
-        every = sum(len(board["moments"]) for board in boards)
+        every = sum(map(len, moments))
         left_out.append(
             f"{too_much} of {every} moments are left out, as the page would be too large."
         )
-    full = [{**b, "moments": own} for b, own in zip(boards, shown, strict=True)]
+    full = [{**b, "moments": own} for b, own in zip(bare, shown, strict=True)]
     return _Page(_rendered(full, left_out), left_out)
+
+
+def _cuts() -> Iterator[tuple[str, Callable[[Boards], Boards]]]:
+    """Yield parts that a page can do without, the least important first: a note and the cut."""
+
+    def without(part: str, kept: int = 0) -> Callable[[Boards], Boards]:
+        return lambda boards: [{**board, part: board[part][:kept]} for board in boards]
+
+    too_large = "as the page would be too large"
+    yield f"Breakdowns are left out, {too_large}.", without("breakdowns")
+    yield f"Differences of the first metric only are shown, {too_large}.", without("differences", 1)
+    yield f"Differences are left out, {too_large}.", without("differences")
+    yield f"Captured output is left out, {too_large}.", _without_logs
+    yield f"Columns beyond the first {FIRST_COLUMNS} are left out, {too_large}.", _with_few_columns
+    yield f"Failures are left out, {too_large}.", without("failures")
+    for most in (*HALVED, 0):
+        yield (
+            f"Entries beyond the first {most} are left out, {too_large}.",
+            without("entries", most),
+        )
+    for most in (*HALVED, 0):
+        yield f"Boards beyond the first {most} are left out, {too_large}.", lambda b, n=most: b[:n]
+
+
+def _without_logs(boards: Boards) -> Boards:
+    return [
+        {**board, "failures": [{**each, "log": ""} for each in board["failures"]]}
+        for board in boards
+    ]
+
+
+def _with_few_columns(boards: Boards) -> Boards:
+    few = slice(FIRST_COLUMNS)
+    return [
+        {
+            **board,
+            "columns": board["columns"][few],
+            "entries": [{**each, "cells": each["cells"][few]} for each in board["entries"]],
+        }
+        for board in boards
+    ]
 
 
 def _in_turn(queues: Sequence[Sequence[Any]]) -> Iterator[tuple[int, Any]]:

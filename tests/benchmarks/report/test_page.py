@@ -18,6 +18,7 @@ from roadscope.benchmarks.report import (
     save_moments,
     save_page,
 )
+from roadscope.benchmarks.results import JobScores, Results, results_of
 
 
 class Reader(HTMLParser):
@@ -106,6 +107,46 @@ def test_moments_that_do_not_fit_are_left_out_and_it_says_so(tmp_path) -> None:
     assert f"{100 - kept} of 100" in told
     assert told in " ".join(read(path.read_text()).texts)
     assert [each["text"].split()[0] for each in board["moments"]] == [str(k) for k in range(kept)]
+
+
+def with_failures(count: int) -> Results:
+    """Return results in which an entry fails for many reasons, with much output."""
+    failed = [
+        JobScores("tracking", "bad", "merge", k, "clear", "pag", {}, f"bad: {k}", log=4000 * "x")
+        for k in range(count)
+    ]
+    usual = results()
+    return results_of([*usual.jobs, *failed], usual.manifest)
+
+
+@pytest.mark.parametrize(
+    ("boards", "failures", "limit", "cuts"),
+    [
+        (1, 0, MOST_BYTES, set()),
+        (10, 0, MOST_BYTES, set()),
+        (10, 40, MOST_BYTES, {"Breakdowns", "Captured"}),
+        (10, 0, 110_000, {"Breakdowns", "Entries"}),
+        (10, 0, 75_000, {"Breakdowns", "Entries", "Boards"}),
+    ],
+)
+def test_a_page_is_never_larger_than_it_may_be(
+    tmp_path, monkeypatch, boards, failures, limit, cuts
+) -> None:
+    monkeypatch.setattr("roadscope.benchmarks.report.page.MOST_BYTES", limit)
+    path, moments = tmp_path / PAGE, [moment("good"), moment("good", text=1_500_000 * "x")]
+    told = save_page([Run(with_failures(failures), moments)] * boards, path)
+    assert path.stat().st_size <= limit
+    first_words = [text.split()[0] for text in told]
+    assert len(first_words) == len(set(first_words))
+    assert first_words[-1].isdecimal()  # The number of moments that are left out.
+    assert cuts <= set(first_words)
+    assert bool(cuts) == ("Breakdowns" in first_words)
+    shown = " ".join(read(path.read_text()).texts)
+    assert all(text in shown for text in told)
+    found = content(path.read_text())
+    assert ("Boards" in first_words) == (len(found) < boards)
+    assert all(len(each["text"]) < 100 for board in found for each in board["moments"])
+    assert all(e["name"] == "good" for board in found for e in board["entries"][:1])
 
 
 def test_what_was_saved_is_read(tmp_path) -> None:
