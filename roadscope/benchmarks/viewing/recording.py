@@ -35,7 +35,8 @@ from roadscope.core import palette as colours_of
 from roadscope.core.palette import track_colour
 from roadscope.envs.drawing.birds_eye import COASTING_PX, TRACK_PX
 from roadscope.envs.sensors.rigs import rig
-from roadscope.envs.traffic.road_map import RoadMap
+from roadscope.envs.traffic.terrain import Terrain
+from roadscope.envs.traffic.timeline import Timeline
 
 if TYPE_CHECKING:
     from roadscope.core import LidarScan
@@ -97,7 +98,7 @@ class _Recording:
         view = self.view
         self._write_frames()
         if view.timeline is not None:
-            self._write_road(view.timeline.road)
+            self._write_road(view.timeline)
             centre = [view.timeline.centre_ahead_m[0], 0, view.timeline.sizes[0, 2] / 2]
             box = self.rr.Boxes3D(
                 centers=[centre],
@@ -166,16 +167,16 @@ class _Recording:
     def _transform(self, a_from_b: Pose) -> Any:
         return self.rr.Transform3D(translation=a_from_b.translation, mat3x3=a_from_b.rotation)
 
-    def _write_road(self, road: RoadMap) -> None:
-        """Write asphalt, and the borders of each lane."""
+    def _write_road(self, timeline: Timeline) -> None:
+        """Write asphalt, and the borders of each lane, on the ground."""
         borders, points, triangles, count = [], [], [], 0
-        for line, widths in road.lanes():
+        for line, widths in timeline.road.lanes():
             if len(line) < 2:
                 continue
             ahead = np.gradient(line, axis=0)
             ahead /= np.linalg.norm(ahead, axis=1, keepdims=True)
             aside = np.column_stack([-ahead[:, 1], ahead[:, 0]]) * widths[:, None] / 2
-            sides = [np.column_stack([line + s * aside, np.zeros(len(line))]) for s in (1, -1)]
+            sides = [_on_ground(line + s * aside, timeline.terrain) for s in (1, -1)]
             borders += sides
             points.append(np.stack(sides, axis=1).reshape(-1, 3))
             first = count + 2 * np.arange(len(line) - 1)[:, None, None]
@@ -347,6 +348,12 @@ class _Recording:
             class_ids=truth.categories[rows],
             labels=[names[row] for row in rows],
         )
+
+
+def _on_ground(places: np.ndarray, terrain: Terrain | None) -> np.ndarray:
+    """Return (N, 2) places as (N, 3) points of the ground."""
+    heights = np.zeros(len(places)) if terrain is None else terrain.heights(places)
+    return np.column_stack([places, heights])
 
 
 def _boxes(record: Truth | Detections | Tracks) -> dict[str, Any]:

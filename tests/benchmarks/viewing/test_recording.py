@@ -179,3 +179,16 @@ def test_returns_by_intensity(view, tmp_path: Path) -> None:
     returns = read_recording(path)[f"/world/ego/{find_rig(RIG).lidar.name}/returns"]
     assert "Points3D:class_ids" not in returns
     assert len(set(returns["Points3D:colors"].at(view.truths[0].stamp_s))) > 10
+
+
+def test_the_road_lies_on_uneven_ground(tmp_path: Path) -> None:
+    episode = Episode("hills", SEED, "lux", 0.3)
+    view = view_of_scenario(episode, detector="oracle", tracker="nearest")
+    logged = read_recording(save_recording(view, tmp_path / "hills.rrd"))
+    lines = [np.array(line) for line in logged["/world/road/borders"]["LineStrips3D:strips"].static]
+    heights = np.concatenate(lines)[:, 2]
+    ego = view.truths[0].world_from_ego.translation
+    points = np.concatenate(lines)
+    nearest = points[np.argmin(np.linalg.norm(points[:, :2] - ego[:2], axis=1))]
+    assert np.ptp(heights) > 0.5
+    assert abs(nearest[2] - ego[2]) < 0.3
