@@ -170,7 +170,11 @@ def _cuts() -> Iterator[tuple[str, Callable[[Boards], Boards]]]:
             without("entries", most),
         )
     for most in (*HALVED, 0):
-        yield f"Boards beyond the first {most} are left out, {too_large}.", lambda b, n=most: b[:n]
+        yield f"Boards beyond the first {most} are left out, {too_large}.", _first_boards(most)
+
+
+def _first_boards(count: int) -> Callable[[Boards], Boards]:
+    return lambda boards: boards[:count]
 
 
 def _without_logs(boards: Boards) -> Boards:

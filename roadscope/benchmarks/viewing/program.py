@@ -75,14 +75,14 @@ def environment() -> Iterator[Mapping[str, str]]:
     those of the user have to turn the statistics off, or `ViewerError` is raised.
     """
     with tempfile.TemporaryDirectory(prefix="roadscope-view-") as folder:
+        path = Path(folder, "rerun", "analytics.json")
         settings = {
             "analytics_enabled": False,
             "analytics_id": "",
             "metadata": {},
-            "config_file_path": f"{folder}/rerun/analytics.json",
-            "data_dir_path": f"{folder}/rerun/analytics",
+            "config_file_path": str(path),
+            "data_dir_path": str(path.with_suffix("")),
         }
-        path = Path(settings["config_file_path"])
         path.parent.mkdir()
         path.write_text(json.dumps(settings), encoding="utf-8")
         variables = {**os.environ, "XDG_CONFIG_HOME": folder, "NO_PROXY": "", "no_proxy": ""}

@@ -26,6 +26,7 @@ from roadscope.core import (
     WEATHER,
     Category,
     Detections,
+    ImageDetections,
     Pose,
     Tracks,
     TrackState,
@@ -312,8 +313,9 @@ class _Recording:
         """Write images with the boxes of road users and those that were detected."""
         rows = tuple(image_rows(episode, 0.0))
         images = self.view.images
-        pairs = () if images is None else zip(images.rows.tolist(), images.filled, strict=True)
-        detected = dict(pairs)
+        detected: dict[int, ImageDetections] = {}
+        if images is not None:
+            detected = dict(zip(images.rows.tolist(), images.filled, strict=True))
         place = f"world/ego/{camera_of(rig(episode.rig)).name}"
         for k, picture in enumerate(pictures(episode, rows)):
             progress("images", k, len(rows))

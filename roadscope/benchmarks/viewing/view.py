@@ -70,8 +70,12 @@ def view_of_scenario(
         ImageNode(check_image_source(camera_detector), episode, 0.0) if has_camera else None
     )
     summary = run_episode(episode, detector=detector, tracker=tracker, progress=report)
-    poses = images = None
-    scores = {"detection": summary.detection, "tracking": summary.tracking}
+    poses: EpisodePoses | None = None
+    images: EpisodeImageDetections | None = None
+    scores: dict[str, Mapping[str, Score]] = {
+        "detection": summary.detection,
+        "tracking": summary.tracking,
+    }
     if pose_node is not None:
         report("odometry", 0, 1)
         poses = pose_node.compute(options)
