@@ -139,6 +139,7 @@ def test_json_of_a_check_holds_every_item(answer, entry, status) -> None:
         (["run", "motorway", "--picture", "scene.txt"], 1, "a picture ends in .png"),
         (["run", "motorway", "--picture", "/proc/no/scene.png"], 1, "cannot write to folder"),
         (["run", "motorway", "--video", "drive.avi"], 1, "a video ends in .gif or .mp4"),
+        (["run", "empty-motorway", "--seconds", "300", "--video", "a.gif"], 1, "of 3750 frames"),
         (
             ["run", "motorway", "--video", "a.gif", "--camera-detector", "oracle"],
             1,

@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from roadscope.benchmarks.cache import usable_file, write_atomically
-from roadscope.benchmarks.episode import sensing_of, timeline_of
+from roadscope.benchmarks.cache import FolderError, usable_file, write_atomically
+from roadscope.benchmarks.episode import Episode, check_episode, sensing_of, timeline_of
 from roadscope.benchmarks.images import image_rows
 from roadscope.benchmarks.metrics.trajectory_errors import absolute_errors
 from roadscope.benchmarks.nodes.images import ImageNode
@@ -34,6 +34,8 @@ TAIL_S = 1.0
 """Length of the tails of tracks."""
 GIF_COLOURS = 255
 """One of the 256 is for what stays as it was."""
+MOST_GIF_FRAMES = 1500
+"""All are in memory until the file is written, a megabyte each."""
 LEAST_SCORE = 0.3
 """Boxes in images with lower scores are not drawn: they would hide the picture."""
 
@@ -43,14 +45,24 @@ def picture_path(path: Path | str) -> Path:
     return usable_file(path, PICTURES, "a picture")
 
 
-def video_path(path: Path | str) -> Path:
-    """Return the path; raise an error if no video can be written there.
+def check_video(episode: Episode, path: Path | str) -> Path:
+    """Return the path; raise an error if no video of the episode can be written there.
 
-    An MP4 needs MoviePy: `NotInstalledError` without it.
+    An MP4 needs MoviePy: `NotInstalledError` without it. A GIF must not be long: `FolderError`.
     """
     place = usable_file(path, (GIF, MP4), "a video")
-    if place.suffix.lower() == MP4 and MOVIEPY.missing:
-        raise NotInstalledError(f"{place}: {MOVIEPY.missing}; a .gif needs nothing more")
+    if place.suffix.lower() == MP4:
+        if MOVIEPY.missing:
+            raise NotInstalledError(f"{place}: {MOVIEPY.missing}; a .gif needs nothing more")
+        return place
+    check_episode(episode)
+    length_s = episode.duration_s or timeline_of(episode).end_s
+    frames = length_s / sensing_of(episode).rig.lidar.spec.period_s
+    if frames > MOST_GIF_FRAMES:
+        raise FolderError(
+            f"{place}: a GIF of {frames:.0f} frames does not fit into memory, "
+            f"{MOST_GIF_FRAMES} at most: choose fewer --seconds, or a .mp4"
+        )
     return place
 
 
@@ -82,7 +94,7 @@ def save_video(
 
     camera_detector: one whose boxes are drawn in the images. width: of the video, pixels.
     """
-    path = video_path(path)
+    path = check_video(summary.episode, path)
     pictures = RunPictures(summary, colour_by=colour_by, camera_detector=camera_detector)
     write = _write_gif if path.suffix.lower() == GIF else _write_mp4
     write_atomically(path, partial(write, pictures, width=width, progress=progress))
@@ -218,14 +230,14 @@ def _image_boxes(summary: Summary, detector: str) -> dict[int, ImageDetections |
 
 
 def _scaled(pixels: np.ndarray, width: int) -> Any:
-    """Return an image of a width; its height is an even number, as codecs need it."""
+    """Return an image of about a width; its sides are even numbers, as codecs need them."""
     from PIL import Image
 
     image = Image.fromarray(pixels)
     if width == image.width:
         return image
-    height = 2 * round(image.height * width / image.width / 2)
-    return image.resize((width, height), Image.Resampling.LANCZOS)
+    size = 2 * round(width / 2), 2 * round(image.height * width / image.width / 2)
+    return image.resize(size, Image.Resampling.LANCZOS)
 
 
 def _write_gif(pictures: RunPictures, path: Path, *, width: int, progress: Progress) -> None:

@@ -164,7 +164,12 @@ def run_scenario(
     """
     from roadscope.benchmarks.camera_view import check_camera_detector, check_view, save_view
     from roadscope.benchmarks.episode import Episode
-    from roadscope.benchmarks.run_pictures import picture_path, save_picture, save_video, video_path
+    from roadscope.benchmarks.run_pictures import (
+        check_video,
+        picture_path,
+        save_picture,
+        save_video,
+    )
     from roadscope.benchmarks.single import run_episode
     from roadscope.benchmarks.tables import explained_table, score_table
     from roadscope.envs.sensors.faults import faults_of
@@ -174,7 +179,7 @@ def run_scenario(
     if picture is not None:
         picture_path(picture)
     if video is not None:
-        video_path(video)
+        check_video(episode, video)
         if camera_detector is not None:
             check_camera_detector(episode, camera_detector)
     seen_by = camera_detector or "network"

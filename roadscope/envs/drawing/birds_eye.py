@@ -36,7 +36,6 @@ from roadscope.envs.traffic.timeline import Timeline
 from roadscope.envs.world.ground import PAVED, SHOULDERS_M, surface_of
 
 OBJECT, INTENSITY = "object", "intensity"
-RETURN_COLOURS = (OBJECT, INTENSITY)
 """What returns can be coloured by."""
 EGO_FROM_BOTTOM = 0.36
 """Distance of the ego from the lower edge, a share of the height."""

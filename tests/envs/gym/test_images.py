@@ -4,6 +4,7 @@ import gymnasium as gym
 import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
+from PIL import Image
 
 import roadscope  # noqa: F401
 from roadscope.envs.sensors import Sensing
@@ -112,7 +113,7 @@ def test_live_frames_with_faults_equal_the_recorded_ones() -> None:
         else:
             observation, *_, info = env.step(action)
         assert env.observation_space.contains(observation)
-        assert env.render().shape[2] == 3
+        assert env.render().shape == (720, 1280, 3)
         live += zip(info["frames"], info["truths"], strict=True)
     recording = env.unwrapped._inner.recording()
     sensing = Sensing(rig("wide"), 3, "urban", faults=faults)
@@ -130,3 +131,20 @@ def test_the_sun_of_a_glare_does_not_move_with_the_ego() -> None:
     assert len(set(suns)) == 1
     assert abs(suns[0] - turned[0]) <= 0.1
     assert abs(turned[1] - turned[0]) > 0.2
+
+
+def test_the_image_of_the_camera_is_in_the_frame() -> None:
+    env = gym.make("roadscope/Street-v0", rig="wide", render_mode="rgb_array")
+    observation, _ = env.reset(seed=0)
+    frame = env.render()
+    image = Image.fromarray(observation["image"])
+    # Its place and size: below the title, as high as range image, scores and legend leave space.
+    found = max(
+        np.corrcoef(
+            np.asarray(image.resize((width, width * 3 // 4))).ravel(),
+            frame[top : top + width * 3 // 4, 732 : 732 + width].ravel(),
+        )[0, 1]
+        for width in range(400, 530, 3)
+        for top in range(57, 62)
+    )
+    assert found > 0.9
