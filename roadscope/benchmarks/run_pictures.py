@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from functools import cached_property, partial
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -22,7 +22,7 @@ from roadscope.benchmarks.report.moments import ALARMS, MISSES, SWITCHES, judged
 from roadscope.benchmarks.single import Summary
 from roadscope.core import ImageDetections, NotInstalledError, Pose, Requirement
 from roadscope.core.answers import STAMP_TOLERANCE_S
-from roadscope.core.palette import DETECTIONS, HIDDEN, LABEL, ODOMETRY, RETURNS, TRACKS, TRUTH
+from roadscope.core.palette import ASPHALT, DETECTIONS, HIDDEN, LABEL, ODOMETRY, TRACKS, TRUTH
 from roadscope.envs.drawing.birds_eye import OBJECT
 from roadscope.envs.drawing.composed import WIDTH, Snapshot, composed_frame
 from roadscope.envs.drawing.panels import RunningScore
@@ -34,6 +34,8 @@ TAIL_S = 1.0
 """Length of the tails of tracks."""
 GIF_COLOURS = 255
 """One of the 256 is for what stays as it was."""
+TINTS = 1.0, 0.75, 0.5, 0.3
+"""Shares of colours that have a meaning, mixed with that of asphalt."""
 MOST_GIF_FRAMES = 1500
 """All are in memory until the file is written, a megabyte each."""
 LEAST_SCORE = 0.3
@@ -88,16 +90,19 @@ def save_video(
     colour_by: str = OBJECT,
     camera_detector: str | None = None,
     width: int = WIDTH,
+    every: int = 1,
     progress: Progress = silent,
 ) -> None:
-    """Write a composed frame of every scan as a GIF, or as an MP4 with the extra `video`.
+    """Write composed frames of an episode as a GIF, or as an MP4 with the extra `video`.
 
-    camera_detector: one whose boxes are drawn in the images. width: of the video, pixels.
+    camera_detector: one whose boxes are drawn in the images.
+    width: of the video, pixels. every: it shows every n-th scan.
     """
     path = check_video(summary.episode, path)
     pictures = RunPictures(summary, colour_by=colour_by, camera_detector=camera_detector)
+    video = _Video(pictures, range(0, len(pictures), every), width, progress)
     write = _write_gif if path.suffix.lower() == GIF else _write_mp4
-    write_atomically(path, partial(write, pictures, width=width, progress=progress))
+    write_atomically(path, partial(write, video))
 
 
 class RunPictures:
@@ -229,67 +234,82 @@ def _image_boxes(summary: Summary, detector: str) -> dict[int, ImageDetections |
 # Files.
 
 
-def _scaled(pixels: np.ndarray, width: int) -> Any:
-    """Return an image of about a width; its sides are even numbers, as codecs need them."""
-    from PIL import Image
+class _Video(NamedTuple):
+    """What is written to a file.
 
-    image = Image.fromarray(pixels)
-    if width == image.width:
-        return image
-    size = 2 * round(width / 2), 2 * round(image.height * width / image.width / 2)
-    return image.resize(size, Image.Resampling.LANCZOS)
+    rows: numbers of the scans that are shown. width: of the video, pixels.
+    """
+
+    pictures: RunPictures
+    rows: range
+    width: int
+    progress: Progress
+
+    @property
+    def period_s(self) -> float:
+        """Seconds from frame to frame."""
+        return self.pictures.period_s * self.rows.step
+
+    def frames(self) -> Iterator[Any]:
+        """Yield all frames as images."""
+        for done, row in enumerate(self.rows):
+            self.progress("video", done, len(self.rows))
+            yield self.frame(row)
+        self.progress("video", len(self.rows), len(self.rows))
+
+    def frame(self, row: int) -> Any:
+        """Return a frame of about the width; its sides are even numbers, as codecs need them."""
+        from PIL import Image
+
+        image = Image.fromarray(self.pictures.frame(row))
+        if self.width == image.width:
+            return image
+        size = 2 * round(self.width / 2), 2 * round(image.height * self.width / image.width / 2)
+        return image.resize(size, Image.Resampling.LANCZOS)
 
 
-def _write_gif(pictures: RunPictures, path: Path, *, width: int, progress: Progress) -> None:
+def _write_gif(video: _Video, path: Path) -> None:
     """Write an endless GIF; all frames have the same colours, so that nothing flickers."""
-    colours = _gif_colours(pictures, width)
-
-    def frames() -> Iterator[Any]:
-        for index in range(len(pictures)):
-            progress("video", index, len(pictures))
-            yield _scaled(pictures.frame(index), width).quantize(palette=colours, dither=0)
-        progress("video", len(pictures), len(pictures))
-
-    first, *others = frames()
+    colours = _gif_colours(video)
+    first, *others = (frame.quantize(palette=colours, dither=0) for frame in video.frames())
     first.save(
         path,
         format="GIF",
         save_all=True,
         append_images=others,
-        duration=round(1000 * pictures.period_s),
+        duration=round(1000 * video.period_s),
         loop=0,
     )
 
 
-def _gif_colours(pictures: RunPictures, width: int) -> Any:
+def _gif_colours(video: _Video) -> Any:
     """Return an image with the colours of four frames, and of all that has a colour of its own."""
     from PIL import Image
 
-    own = [TRUTH, HIDDEN, ODOMETRY, LABEL, *DETECTIONS.values(), *TRACKS, *RETURNS.values()]
-    rows = np.unique(np.linspace(0, len(pictures) - 1, 4).astype(int)).tolist()
-    frames = np.concatenate([np.asarray(_scaled(pictures.frame(row), width)) for row in rows])
-    sampled = Image.fromarray(frames).quantize(GIF_COLOURS - len(own))
+    own = np.array([TRUTH, HIDDEN, ODOMETRY, LABEL, *DETECTIONS.values(), *TRACKS])
+    # Smooth edges need tints.
+    tints = np.concatenate([np.array(ASPHALT) + share * (own - ASPHALT) for share in TINTS])
+    samples = np.unique(np.linspace(0, len(video.rows) - 1, 4).astype(int)).tolist()
+    frames = np.concatenate([np.asarray(video.frame(video.rows[k])) for k in samples])
+    sampled = Image.fromarray(frames).quantize(GIF_COLOURS - len(tints))
     colours = Image.new("P", (1, 1))
-    colours.putpalette([*(sampled.getpalette() or []), *np.ravel(own).tolist()])
+    colours.putpalette([*(sampled.getpalette() or []), *tints.astype(int).ravel().tolist()])
     return colours
 
 
-def _write_mp4(pictures: RunPictures, path: Path, *, width: int, progress: Progress) -> None:
+def _write_mp4(video: _Video, path: Path) -> None:
     from moviepy.video.io.ffmpeg_writer import FFMPEG_VideoWriter
 
-    first = _scaled(pictures.frame(0), width)
     writer = FFMPEG_VideoWriter(
         str(path),
-        first.size,
-        1 / pictures.period_s,
+        video.frame(0).size,
+        1 / video.period_s,
         pixel_format="yuv420p",
         # The name of a file that is not complete yet does not end in .mp4.
         ffmpeg_params=["-f", "mp4"],
     )
     try:
-        for index in range(len(pictures)):
-            progress("video", index, len(pictures))
-            writer.write_frame(np.asarray(_scaled(pictures.frame(index), width)))
+        for frame in video.frames():
+            writer.write_frame(np.asarray(frame))
     finally:
         writer.close()
-    progress("video", len(pictures), len(pictures))

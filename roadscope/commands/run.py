@@ -62,6 +62,16 @@ Width = Annotated[
         rich_help_panel=PICTURES,
     ),
 ]
+Nth = Annotated[
+    int,
+    typer.Option(
+        "--video-every",
+        min=1,
+        metavar="N",
+        help="Draw every n-th scan",
+        rich_help_panel=PICTURES,
+    ),
+]
 Seconds = Annotated[
     float | None,
     typer.Option(metavar="S", help="Length, 3600 at most; the scenario's if left out"),
@@ -147,6 +157,7 @@ def run_scenario(
     image: Image = None,
     returns: ReturnColours = "object",
     video_width: Width = 1280,
+    video_every: Nth = 1,
     detector: Detector = "distance-l-shape",
     tracker: Tracker = "existence",
     odometry: Odometry = None,
@@ -199,6 +210,7 @@ def run_scenario(
                 colour_by=returns,
                 camera_detector=camera_detector,
                 width=video_width,
+                every=video_every,
                 progress=progress,
             )
         boxes = 0 if image is None else save_view(episode, seen_by, image)

@@ -79,6 +79,14 @@ def test_a_gif_is_read_back(summary, tmp_path):
     assert np.abs(shown - np.asarray(exact.resize((640, 360)), float)).mean() < 6
 
 
+def test_a_video_can_show_every_third_scan_in_the_same_time(summary, tmp_path):
+    path = tmp_path / "drive.gif"
+    save_video(summary, path, width=320, every=3)
+    with Image.open(path) as video:
+        assert video.n_frames == -(-len(summary.tracks) // 3)
+        assert video.info["duration"] == 240
+
+
 def test_an_mp4_is_read_back(summary, tmp_path):
     from moviepy import VideoFileClip
 
