@@ -1,10 +1,10 @@
 """LiDAR detectors on simulated roads that rise, fall, lean and are rough, with an HDL-64.
 
-The worlds of the boards are flat. Here the road bends upwards or downwards ahead of the vehicle and
-behind it, or the vehicle stands tilted by the slope on a plane. It has a crown, waves, kerbs and
-banks beside it; the vehicle pitches and rolls on its springs, and its sensor is up to 10 cm higher
-or lower than believed. On it stand five cars, walls, posts and shrubs. Returns are missing at
-random, more of them from dark ground far away.
+A check of the suite `uneven` that does not use the ray caster. Here the road bends upwards or
+downwards ahead of the vehicle and behind it, or the vehicle stands tilted by the slope on a plane.
+It has a crown, waves, kerbs and banks beside it; the vehicle pitches and rolls on its springs, and
+its sensor is up to 10 cm higher or lower than believed. On it stand five cars, walls, posts and
+shrubs. Returns are missing at random, more of them from dark ground far away.
 
 Printed for each detector: cars found (within 2 m, of those with 30 returns and more), boxes without
 a car, and those of them whose returns are mostly ground, with 95 % intervals over seeds; and the

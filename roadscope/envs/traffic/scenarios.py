@@ -140,7 +140,7 @@ _SCENARIOS = (
         "hills",
         "two_way",
         "urban",
-        "As two-way, over crests and through sags, on slopes of up to 12 %.",
+        "As two-way, over crests and through sags, on slopes of up to 15 %.",
     ),
     _uneven(
         "camber",

@@ -211,7 +211,7 @@ Terms = list[list[float]]
 
 
 def hills(road: RoadLine, rng: np.random.Generator) -> Terms:
-    """Return crests and sags along and beside the road, of slopes up to about 12 %."""
+    """Return crests and sags along and beside the road, of slopes up to about 15 %."""
     waves = [
         [
             WAVE,
