@@ -139,8 +139,9 @@ def standing(axle: np.ndarray, yaw: float, ahead_m: float, stance: np.ndarray) -
     stance: (3,) height, rise and lean, as `Terrain.stances`.
     """
     height, rise, lean = stance
-    pitch, roll = tilt_angles(rise, lean)
-    return Pose.from_euler(*axle, height - rise * ahead_m, yaw=yaw, pitch=pitch, roll=roll)
+    pitch, roll = (float(angle) for angle in tilt_angles(rise, lean))
+    x, y = axle
+    return Pose.from_euler(x, y, height - rise * ahead_m, yaw=yaw, pitch=pitch, roll=roll)
 
 
 def tilt_angles(rise: np.ndarray, lean: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
