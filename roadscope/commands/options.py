@@ -38,7 +38,7 @@ Rig = Annotated[
     str,
     typer.Option(
         metavar="NAME",
-        help="Sensors: see roadscope list rigs, or a .toml file",
+        help="roadscope list rigs, or a .toml file",
         autocompletion=completion.rigs,
     ),
 ]

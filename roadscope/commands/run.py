@@ -47,7 +47,7 @@ ReturnColours = Annotated[
     typer.Option(
         "--returns",
         metavar="NAME",
-        help="Colour returns by object or intensity",
+        help="By object or intensity",
         rich_help_panel=PICTURES,
     ),
 ]
@@ -89,7 +89,7 @@ Tracker = Annotated[
     str,
     typer.Option(
         metavar="SPEC",
-        help="NAME or file.py:Class, with ?argument=value",
+        help="NAME or file.py:Class",
         autocompletion=completion.trackers,
         rich_help_panel=METHODS,
     ),
@@ -125,7 +125,7 @@ Light = Annotated[
     str,
     typer.Option(
         metavar="NAME",
-        help="For cameras, see roadscope list lights",
+        help="See roadscope list lights",
         autocompletion=completion.lights,
         rich_help_panel=CONDITIONS,
     ),
@@ -134,7 +134,7 @@ Faults = Annotated[
     str,
     typer.Option(
         metavar="LIST",
-        help="Such as 'fog:3 + glare:1', see roadscope list faults",
+        help="Such as 'fog:3 + glare:1'",
         rich_help_panel=CONDITIONS,
     ),
 ]
