@@ -97,7 +97,8 @@ class MountedOdometry:
         self._rough.reset(lidar_from_imu)
         self._recent = deque[Measured](maxlen=KEPT)
         self._directions: list[float] = []
-        self._count, self._wheels = 0, None
+        self._count = 0
+        self._wheels: WheelSamples | None = None
         if self._mounting is not None:
             self._begin(self._mounting)
 

@@ -385,7 +385,8 @@ def _sound(file: PointFields) -> np.ndarray:
 
 
 def _sound_points(file: PointFields) -> np.ndarray:
-    return file.points[_sound(file)]
+    points: np.ndarray = file.points[_sound(file)]
+    return points
 
 
 def _why_not_ring(name: str) -> Callable[[PointFields], str]:
