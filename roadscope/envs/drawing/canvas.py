@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from functools import lru_cache
 from typing import Any, NamedTuple
 
@@ -103,7 +102,7 @@ class Canvas:
         top.reshape(-1)[cells[order, None] + steps.ravel().astype(np.int32)] = levels[order, None]
         layer = Image.fromarray(top)
         mask = layer.point([0] + [255] * 255)
-        layer.putpalette(np.pad(colours, ((0, 256 - len(colours)), (0, 0))).astype(np.uint8))
+        layer.putpalette(colours.astype(int).ravel().tolist())
         self._image.paste(layer.convert("RGB"), mask=mask)
 
     def paste(self, pixels: np.ndarray, low: np.ndarray, size: tuple[int, int]) -> None:
@@ -160,7 +159,7 @@ def _font(size: int) -> Any:
     return ImageFont.load_default(size)
 
 
-def _flat(points: np.ndarray) -> Sequence[float]:
+def _flat(points: np.ndarray) -> list[float]:
     """Return coordinates in the larger image, whose pixels have their centres at whole numbers."""
     flat: list[float] = (np.asarray(points, np.float64) * FINER - 0.5).ravel().tolist()
     return flat
