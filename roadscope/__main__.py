@@ -89,7 +89,7 @@ COMMANDS: Mapping[str, CommandEntry] = {
         "detect:detect",
         "Detect road users in a folder of scans, images or both",
         RECORDED,
-        ("roadscope detect exported/velodyne/0000 --out detections --pictures pictures",),
+        ("roadscope detect exported/velodyne/0000 --height 0.55 --pictures pictures",),
     ),
     "run-odometry": CommandEntry(
         "run_odometry:run_odometry",
