@@ -16,6 +16,7 @@ from roadscope.benchmarks.loop import RunOptions
 from roadscope.benchmarks.metrics.score import Score
 from roadscope.benchmarks.nodes.fusions import detection_node
 from roadscope.benchmarks.nodes.poses import PoseNode, start_from_ego
+from roadscope.benchmarks.nodes.swept import is_swept
 from roadscope.benchmarks.nodes.tracks import track
 from roadscope.benchmarks.progress import Progress, silent
 from roadscope.benchmarks.records import EpisodeDetections, EpisodePoses
@@ -26,6 +27,7 @@ from roadscope.benchmarks.references import (
     made_from_truth,
 )
 from roadscope.core import Spec, Tracks
+from roadscope.core.loading import SpecError
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -82,6 +84,8 @@ def run_episode(
     """
     source = check_detection_source(detector)
     tracker_spec = check_plugin_spec(Spec.parse(tracker), TRACKER)
+    if is_swept(tracker_spec):
+        raise SpecError(f"{tracker}: a board chooses thresholds, one episode cannot")
     if tracker_spec.ego is not None:
         check_ego(tracker_spec.ego)
     pose_spec = None if odometry is None else check_pose_source(odometry)

@@ -145,7 +145,7 @@ def view(
                     detector=detector,
                     tracker=tracker,
                     odometry=odometry,
-                    camera_detector=camera_detector,
+                    camera_detector=camera_detector or "network",
                     progress=progress,
                 )
             save_recording(shown, path, returns=returns, progress=progress)

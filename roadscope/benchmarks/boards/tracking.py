@@ -216,8 +216,10 @@ class TrackingBoard(Board):
                 self,
                 str(tracker) if detector != ORACLE or alone else f"{tracker} on {detector}",
                 episode,
-                track_node(
-                    tracker, detector, episode, suite.eligibility, swept.get((tracker, detector))
+                _with_threshold(
+                    track_node(tracker, detector, episode, suite.eligibility),
+                    suite.eligibility,
+                    swept.get((tracker, detector)),
                 ),
                 mark=UPPER_MARK if detector == ORACLE and not alone else None,
                 inputs=detector,
@@ -283,29 +285,22 @@ def _training(tracker: Spec, detector: str, suite: Suite) -> Training:
     train = replace(suite, seeds=tuple(SPLITS["train"][: len(suite.seeds)]))
     rule = suite.eligibility
     return tuple(
-        hota_nodes(_track_node(tracker, detector, episode, rule), rule)
+        hota_nodes(track_node(tracker, detector, episode, rule), rule)
         for episode in episodes(train)
     )
 
 
-def track_node(
-    tracker: Spec,
-    detector: str,
-    episode: Episode,
-    rule: Eligibility,
-    training: Training | None = None,
+def _with_threshold(
+    node: TrackNode, rule: Eligibility, training: Training | None
 ) -> TrackNode | SweptNode:
-    """Return the node of a tracker on the detections of a detector.
-
-    training: what the threshold is chosen by, of a tracker whose spec has `swept`.
-    """
-    node = _track_node(tracker, detector, episode, rule)
+    """Return the node that chooses a threshold by its training; the node itself without any."""
     if training is None:
         return node
     return SweptNode(tuple(each.tracks for each in hota_nodes(node, rule)), training)
 
 
-def _track_node(tracker: Spec, detector: str, episode: Episode, rule: Eligibility) -> TrackNode:
+def track_node(tracker: Spec, detector: str, episode: Episode, rule: Eligibility) -> TrackNode:
+    """Return the node of a tracker on the detections of a detector."""
     detections: Node = detection_node(detection_source(detector), episode, rule)
     if tracker.ego is None:
         return TrackNode(tracker, detections)

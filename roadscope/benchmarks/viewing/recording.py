@@ -411,8 +411,9 @@ def _at_stamp(scan: LidarScan, before: Pose, now: Pose, after: Pose, passed_s: f
     turn = Rotation.from_matrix(before.rotation.T @ after.rotation).as_rotvec() / passed_s
     shift = now.rotation.T @ (after.translation - before.translation) / passed_s
     offsets_s = scan.time_offset_s.astype(np.float64)[:, None]
-    moved: np.ndarray = Rotation.from_rotvec(offsets_s * turn).apply(scan.points)
-    return moved + offsets_s * shift
+    turned: np.ndarray = Rotation.from_rotvec(offsets_s * turn).apply(scan.points)
+    moved: np.ndarray = turned + offsets_s * shift
+    return moved
 
 
 def _summary(view: EpisodeView) -> str:
