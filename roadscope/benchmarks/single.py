@@ -83,9 +83,9 @@ def run_episode(
     options: how plug-ins that are not part of roadscope are run; `PluginError` if one fails.
     """
     source = check_detection_source(detector)
-    tracker_spec = check_plugin_spec(Spec.parse(tracker), TRACKER)
-    if is_swept(tracker_spec):
+    if is_swept(Spec.parse(tracker)):
         raise SpecError(f"{tracker}: a board chooses thresholds, one episode cannot")
+    tracker_spec = check_plugin_spec(Spec.parse(tracker), TRACKER)
     if tracker_spec.ego is not None:
         check_ego(tracker_spec.ego)
     pose_spec = None if odometry is None else check_pose_source(odometry)
