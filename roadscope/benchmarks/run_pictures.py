@@ -91,7 +91,7 @@ def save_video(
     camera_detector: str | None = None,
     width: int = WIDTH,
     every: int = 1,
-    progress: Progress = silent,
+    progress: Progress | None = None,
 ) -> None:
     """Write composed frames of an episode as a GIF, or as an MP4 with the extra `video`.
 
@@ -100,7 +100,7 @@ def save_video(
     """
     path = check_video(summary.episode, path)
     pictures = RunPictures(summary, colour_by=colour_by, camera_detector=camera_detector)
-    video = _Video(pictures, range(0, len(pictures), every), width, progress)
+    video = _Video(pictures, range(0, len(pictures), every), width, progress or silent)
     write = _write_gif if path.suffix.lower() == GIF else _write_mp4
     write_atomically(path, partial(write, video))
 

@@ -64,7 +64,11 @@ tails and the quality of images are chosen by hand."""
 
 
 def save_recording(
-    view: EpisodeView, path: Path | str, *, returns: str = "object", progress: Progress = silent
+    view: EpisodeView,
+    path: Path | str,
+    *,
+    returns: str = "object",
+    progress: Progress | None = None,
 ) -> Path:
     """Write a view to a file of Rerun and return its path.
 
@@ -80,7 +84,7 @@ def save_recording(
             stream.set_log_tick_enabled(False)
             stream.save(part, default_blueprint=_layout(view))
             stream.send_recording_name(view.title)
-            _Recording(rr, stream, view, returns).write(progress)
+            _Recording(rr, stream, view, returns).write(progress or silent)
             stream.disconnect()
 
     write_atomically(place, write)
