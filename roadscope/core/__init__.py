@@ -59,7 +59,6 @@ _PARTS = {
     "constructing": "construct",
     "loading": "load_class",
     "names": "unknown",
-    "palette": "DETECTIONS ODOMETRY RETURNS TRACKS TRUTH hex_colour track_colour",
     "pixel_truth": "GROUND_CLASS SCENERY_CLASS SKY_CLASS",
     "projection": "Projection",
     "record": "same_value",

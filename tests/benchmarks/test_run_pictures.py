@@ -7,8 +7,7 @@ from PIL import Image
 
 from roadscope import Episode, run_episode
 from roadscope.benchmarks import RunPictures, save_picture, save_video
-from roadscope.core import ODOMETRY, RETURNS, NotInstalledError
-from roadscope.core.palette import track_colour
+from roadscope.core import NotInstalledError, palette
 
 EPISODE = Episode("lu2018-occlusion", 0, "lux", 1.0)
 
@@ -30,9 +29,9 @@ def test_frames_have_one_size_and_show_all_answers(summary):
     }
     assert len(summary.tracks[-1]) > 0
     for number in summary.tracks[-1].ids.tolist():
-        assert has(frames[-1][:, :720], track_colour(number))
+        assert has(frames[-1][:, :720], palette.track_colour(number))
     # An odometry that stands still is left behind.
-    assert has(frames[-1][400:, :720], ODOMETRY, 30)
+    assert has(frames[-1][400:, :720], palette.ODOMETRY, 30)
 
 
 def test_running_scores_end_at_the_scores_of_the_episode(summary):
@@ -62,8 +61,8 @@ def test_returns_are_coloured_as_asked(summary):
     by_object, by_intensity = (
         RunPictures(summary, colour_by=each).frame(5)[:, :720] for each in ("object", "intensity")
     )
-    assert has(by_object, RETURNS["road user"])
-    assert not has(by_intensity, RETURNS["road user"])
+    assert has(by_object, palette.RETURNS["road user"])
+    assert not has(by_intensity, palette.RETURNS["road user"])
 
 
 def test_a_gif_is_read_back(summary, tmp_path):

@@ -1,8 +1,7 @@
 import numpy as np
 import pytest
 
-from roadscope.core import Pose, Tracks, TrackState
-from roadscope.core.palette import LABEL, track_colour
+from roadscope.core import Pose, Tracks, TrackState, palette
 from roadscope.envs.drawing import (
     BirdsEyeView,
     Canvas,
@@ -62,7 +61,7 @@ def _written(tracks: Tracks) -> list[int]:
         write(text, *rest, **more),
     )
     write_ids(labels, VIEW, tracks)
-    assert (labels.canvas.image() == track_colour(ids[0])).all(axis=2).any()
+    assert (labels.canvas.image() == palette.track_colour(ids[0])).all(axis=2).any()
     return sorted(ids)
 
 
@@ -125,8 +124,8 @@ def test_distances_are_bright_on_any_ground_and_lie_on_their_rings():
         assert len(boxes) > 0
         x, y = middles[0].astype(int)
         around = labels.canvas.image()[y - 7 : y + 7, x - 18 : x + 18]
-        assert (around == LABEL).all(axis=2).any()
-        assert np.median(around) < 0.3 * np.mean(LABEL)
+        assert (around == palette.LABEL).all(axis=2).any()
+        assert np.median(around) < 0.3 * np.mean(palette.LABEL)
 
 
 def _dot(canvas, low, high):
