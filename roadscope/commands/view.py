@@ -114,7 +114,7 @@ def view(
     """
     from roadscope.benchmarks.cache import usable_file
     from roadscope.benchmarks.episode import Episode
-    from roadscope.benchmarks.viewing.kept import Choice, view_of_results
+    from roadscope.benchmarks.viewing.kept import EpisodeChoice, view_of_results
     from roadscope.benchmarks.viewing.program import rerun_module, show
     from roadscope.benchmarks.viewing.recording import ENDING, RETURNS, save_recording
     from roadscope.benchmarks.viewing.view import view_of_scenario
@@ -134,7 +134,7 @@ def view(
         with progress_bars(quiet=quiet) as progress:
             if of_results:
                 inputs = detector if _is_given(context, "detector") else None
-                choice = Choice(board, entry, scenario, seed, condition, inputs)
+                choice = EpisodeChoice(board, entry, scenario, seed, condition, inputs)
                 shown = view_of_results(source, choice)
             else:
                 fault_names = tuple(map(str, faults_of(faults)))

@@ -154,8 +154,8 @@ def _fitting(runs: Sequence[Run]) -> _Page:
 def _cuts() -> Iterator[tuple[str, Callable[[Boards], Boards]]]:
     """Yield parts that a page can do without, the least important first: a note and the cut."""
 
-    def without(part: str, kept: int = 0) -> Callable[[Boards], Boards]:
-        return lambda boards: [{**board, part: board[part][:kept]} for board in boards]
+    def without(part: str, first: int = 0) -> Callable[[Boards], Boards]:
+        return lambda boards: [{**board, part: board[part][:first]} for board in boards]
 
     too_large = "as the page would be too large"
     yield f"Breakdowns are left out, {too_large}.", without("breakdowns")

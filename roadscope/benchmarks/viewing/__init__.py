@@ -4,7 +4,7 @@ from roadscope._lazy import lazy_names
 
 _PARTS = {
     "curves": "Curve running_scores",
-    "kept": "Choice KeptError view_of_results",
+    "kept": "EpisodeChoice KeptError view_of_results",
     "program": "ViewerError arguments environment show",
     "recording": "save_recording",
     "view": "EpisodeView view_of_scenario",

@@ -53,7 +53,7 @@ class KeptError(ValueError):
 
 
 @dataclass(frozen=True, slots=True)
-class Choice:
+class EpisodeChoice:
     """Which episode of a run is shown; None: any.
 
     condition: weather, light and faults as boards show them. inputs: the detector whose detections
@@ -73,7 +73,7 @@ class Choice:
         return all(wanted in (None, getattr(job, name)) for name, wanted in names.items())
 
 
-def view_of_results(folder: Path | str, choice: Choice) -> EpisodeView:
+def view_of_results(folder: Path | str, choice: EpisodeChoice) -> EpisodeView:
     """Return the first episode that is chosen, of the best entry that has one.
 
     folder: of `roadscope leaderboard --out`. Returns and images are made again, if the code and the
@@ -123,7 +123,7 @@ def view_of_results(folder: Path | str, choice: Choice) -> EpisodeView:
     )
 
 
-def _chosen(runs: Sequence[Results], choice: Choice) -> tuple[Results, JobScores]:
+def _chosen(runs: Sequence[Results], choice: EpisodeChoice) -> tuple[Results, JobScores]:
     """Return the job that is shown, and its results."""
     for results in runs:
         fitting = [job for job in results.jobs if choice.allows(job) and job.reason is None]
@@ -133,17 +133,17 @@ def _chosen(runs: Sequence[Results], choice: Choice) -> tuple[Results, JobScores
                 if own:
                     return results, own[0]
     jobs = [job for results in runs for job in results.jobs]
-    if choice == Choice():
+    if choice == EpisodeChoice():
         raise KeptError("every entry failed in every episode")
     raise KeptError(f"no episode with {_wanted(choice)} but failed ones; {_possible(jobs, choice)}")
 
 
-def _wanted(choice: Choice) -> str:
+def _wanted(choice: EpisodeChoice) -> str:
     named = ((name, getattr(choice, name)) for name in choice.__slots__)
     return ", ".join(f"{name} '{value}'" for name, value in named if value is not None)
 
 
-def _possible(jobs: Sequence[JobScores], choice: Choice) -> str:
+def _possible(jobs: Sequence[JobScores], choice: EpisodeChoice) -> str:
     """Return what the results have of each property that was chosen."""
     texts = []
     for name in choice.__slots__:
@@ -188,8 +188,8 @@ def _kept(content: Mapping[str, Any]) -> Iterator[Any]:
             yield from _kept(value)
 
 
-def _first(kept: Sequence[Any], record: type[R]) -> R | None:
-    return next((each for each in kept if isinstance(each, record)), None)
+def _first(answers: Sequence[Any], record: type[R]) -> R | None:
+    return next((each for each in answers if isinstance(each, record)), None)
 
 
 def _specs(content: Mapping[str, Any]) -> Iterator[Mapping[str, Any]]:

@@ -105,14 +105,13 @@ class Canvas:
         layer.putpalette(colours.astype(int).ravel().tolist())
         self._image.paste(layer.convert("RGB"), mask=mask)
 
-    def paste(self, pixels: np.ndarray, low: np.ndarray, size: tuple[int, int]) -> None:
-        """Show an (H, W, 3) uint8 image with its upper left corner at `low`, stretched to size."""
-        width, height = size
+    def paste(self, pixels: np.ndarray, corner: np.ndarray, *, width: int, height: int) -> None:
+        """Show an (H, W, 3) uint8 image, stretched; its upper left corner is at (x, y)."""
         # The larger image is averaged at the end.
         larger = Image.fromarray(pixels).resize(
             (width * FINER, height * FINER), Image.Resampling.NEAREST
         )
-        x, y = (round(float(v) * FINER) for v in low)
+        x, y = (round(float(v) * FINER) for v in corner)
         self._image.paste(larger, (x, y))
 
     def text(

@@ -74,8 +74,12 @@ def camera_panel(
         canvas.text(text, place, colours.LABEL, SMALL_PX)
         return canvas.image()
     scale = min(width / image.size_px[0], height / image.size_px[1])
-    size = (round(image.size_px[0] * scale), round(image.size_px[1] * scale))
-    canvas.paste(image.pixels, np.zeros(2), size)
+    canvas.paste(
+        image.pixels,
+        np.zeros(2),
+        width=round(image.size_px[0] * scale),
+        height=round(image.size_px[1] * scale),
+    )
     if truth is not None and truth.image_boxes is not None:
         for box in truth.image_boxes[truth.visible_pixels >= LEAST_VISIBLE_PX]:
             canvas.polygon(_rectangle(box * scale), colours.TRUTH, fill=0.0, line_px=1.0)
@@ -93,7 +97,7 @@ def image_view(pixels: np.ndarray, detections: ImageDetections) -> np.ndarray:
     """Return an (H, W, 3) uint8 image with boxes, their categories and scores, best ones first."""
     height, width = pixels.shape[:2]
     canvas = Canvas(width, height)
-    canvas.paste(pixels, np.zeros(2), (width, height))
+    canvas.paste(pixels, np.zeros(2), width=width, height=height)
     _draw_boxes(canvas, detections, 1.0)
     labels = LabelPlacer(canvas)
     for row in np.argsort(-detections.scores, kind="stable"):

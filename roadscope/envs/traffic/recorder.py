@@ -66,7 +66,7 @@ class _Actor:
 
 
 @dataclass(frozen=True, slots=True)
-class Snapshot:
+class RecordedStates:
     """All vehicles at one instant, in highway-env's frame and order; never changed."""
 
     stamp_s: float
@@ -94,7 +94,7 @@ class TrafficRecorder:
         )
         self._style = style
         self._raw = raw
-        self._snapshots: list[Snapshot] = []
+        self._snapshots: list[RecordedStates] = []
         self._actors: list[_Actor] = []
         self._road: Any = None
         self._map: RoadMap | None = None
@@ -164,7 +164,7 @@ class TrafficRecorder:
         except AttributeError:
             ids = [self._admit(v) for v in vehicles]
         self._snapshots.append(
-            Snapshot(
+            RecordedStates(
                 stamp_s,
                 ids,
                 np.array([v.position for v in vehicles]),
@@ -193,7 +193,7 @@ class TrafficRecorder:
         child = np.random.SeedSequence(self._seed.entropy, spawn_key=key)
         return draw_body("foreign", np.random.default_rng(child))
 
-    def _assemble(self, snapshots: list[Snapshot]) -> Timeline:
+    def _assemble(self, snapshots: list[RecordedStates]) -> Timeline:
         ids = np.array(sorted({i for s in snapshots for i in s.ids}))
         actors = [self._actors[i] for i in ids]
         present, crashed, centres, states = _tabulate(snapshots, ids)
@@ -249,7 +249,7 @@ def rear_axles(
 
 
 def _tabulate(
-    snapshots: list[Snapshot], ids: np.ndarray
+    snapshots: list[RecordedStates], ids: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Return presence (K, A), crashes, centres (K, A, 2), and heading, speed, steering (K, A, 3).
 

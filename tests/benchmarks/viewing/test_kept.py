@@ -7,7 +7,7 @@ import pytest
 
 from roadscope import leaderboard
 from roadscope.benchmarks import FolderError, load_suite
-from roadscope.benchmarks.viewing import Choice, KeptError, view_of_results
+from roadscope.benchmarks.viewing import EpisodeChoice, KeptError, view_of_results
 
 SEEDS = 20000, 20001
 SUITE = """
@@ -38,7 +38,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_an_entry_is_shown_with_all_that_is_kept(folder: Path) -> None:
-    choice = Choice("tracking", "gnn", "lu2018-occlusion", SEEDS[1])
+    choice = EpisodeChoice("tracking", "gnn", "lu2018-occlusion", SEEDS[1])
     view = view_of_results(folder, choice)
     assert "gnn" in view.title
     assert f"lu2018-occlusion, seed {SEEDS[1]}" in view.title
@@ -53,13 +53,13 @@ def test_an_entry_is_shown_with_all_that_is_kept(folder: Path) -> None:
 
 
 def test_another_choice_is_another_episode(folder: Path) -> None:
-    views = [view_of_results(folder, Choice("tracking", seed=seed)) for seed in SEEDS]
+    views = [view_of_results(folder, EpisodeChoice("tracking", seed=seed)) for seed in SEEDS]
     ends = [view.truths[-1].world_from_ego.translation for view in views]
     assert not np.allclose(*ends)
-    detection = view_of_results(folder, Choice("detection"))
+    detection = view_of_results(folder, EpisodeChoice("detection"))
     assert detection.tracks == ()
     assert len(detection.detections) == len(detection.truths)
-    odometry = view_of_results(folder, Choice("odometry"))
+    odometry = view_of_results(folder, EpisodeChoice("odometry"))
     assert odometry.poses is not None
     assert [curve.metric for curve in odometry.curves] == ["position_error"]
     assert len(odometry.truths) == len(odometry.poses.stamps_s)
@@ -68,13 +68,13 @@ def test_another_choice_is_another_episode(folder: Path) -> None:
 @pytest.mark.parametrize(
     ("choice", "named"),
     [
-        (Choice(entry="nobody"), "nearest"),
-        (Choice(seed=77), f"seed: {SEEDS[0]}, {SEEDS[1]}"),
-        (Choice(board="fusion"), "tracking"),
+        (EpisodeChoice(entry="nobody"), "nearest"),
+        (EpisodeChoice(seed=77), f"seed: {SEEDS[0]}, {SEEDS[1]}"),
+        (EpisodeChoice(board="fusion"), "tracking"),
     ],
 )
 def test_what_is_not_there_is_refused_with_what_is(
-    folder: Path, choice: Choice, named: str
+    folder: Path, choice: EpisodeChoice, named: str
 ) -> None:
     with pytest.raises(KeptError, match=named):
         view_of_results(folder, choice)
@@ -82,10 +82,10 @@ def test_what_is_not_there_is_refused_with_what_is(
 
 def test_a_folder_without_results_is_refused(tmp_path: Path) -> None:
     with pytest.raises(FolderError):
-        view_of_results(tmp_path, Choice())
+        view_of_results(tmp_path, EpisodeChoice())
 
 
 def test_answers_that_were_removed_are_said_to_be(folder: Path, tmp_path, monkeypatch) -> None:
     monkeypatch.setenv("ROADSCOPE_CACHE", str(tmp_path / "another"))
     with pytest.raises(KeptError, match="ROADSCOPE_CACHE"):
-        view_of_results(folder, Choice())
+        view_of_results(folder, EpisodeChoice())
