@@ -71,7 +71,7 @@ def test_dashes_cover_half_of_a_line():
 
 def test_an_image_is_shown_at_its_place_and_size():
     canvas = _blank()
-    canvas.paste(np.full((10, 20, 3), 200, np.uint8), np.array([5.0, 7.0]), (40, 20))
+    canvas.paste(np.full((10, 20, 3), 200, np.uint8), np.array([5.0, 7.0]), width=40, height=20)
     rows, columns = np.nonzero(canvas.image()[..., 0] == 200)
     assert (columns.min(), columns.max(), rows.min(), rows.max()) == (5, 44, 7, 26)
 
