@@ -39,7 +39,7 @@ lint:
 types:
     {{bin}}/mypy
 
-# Check which room imports which
+# Check which package may import which
 imports:
     {{bin}}/lint-imports
 
