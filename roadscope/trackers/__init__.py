@@ -76,7 +76,7 @@ TRACKERS: Registry[Tracker] = Registry(
         "mctrack": "Overlap from above, then as seen by the ego (MCTrack 2024).",
         "imm": "Three motion models at once (IMM, Blom 1988).",
         "pmbm": "Many global hypotheses (PMBM, Garcia-Fernandez 2018).",
-        "jpda": "All detections, likeliest permutations (JIPDA, 2004; JPDA*, 2000).",
+        "jpda": "All detections, by marginals (JIPDA 2004, JPDA* 2000).",
         "existence": "Existence from scores, distances, visibility: recommended.",
         "existence-offline": "existence, then smoothed with all frames known.",
         "norfair": "Norfair's, nearest pairs first; needs norfair.",

@@ -60,9 +60,9 @@ def test_in_the_crowd_every_detection_may_be_of_every_track(monkeypatch) -> None
     pairs: list[tuple[int, int, int]] = []
     exact = jpda.association_marginals
 
-    def watched(rows, columns, weights, missed, free, limit):
+    def watched(rows, columns, weights, missed, free, *settings):
         pairs.append((len(rows), len(missed), len(free)))
-        return exact(rows, columns, weights, missed, free, limit)
+        return exact(rows, columns, weights, missed, free, *settings)
 
     monkeypatch.setattr(jpda, "association_marginals", watched)
     times_ms = timed_updates("jpda", list(detected_crowd(LEAD + 4)))
