@@ -21,6 +21,7 @@ from typing import NamedTuple
 import numpy as np
 
 from research.tracker_existence import (
+    COAST_S,
     PERSISTENCE,
     SHARES,
     ClassTraits,
@@ -293,7 +294,7 @@ def surplus_on_traffic(source: TrafficSource, traits: str) -> dict[str, float]:
 
 def confirmed_tracks(tracker_inputs: TrackedInput, traits: str) -> list[Tracks]:
     """Return the confirmed tracks of `ExistenceTracker`."""
-    tracker = ExistenceTracker(traits=traits)
+    tracker = ExistenceTracker(traits=traits, coast_known_s=COAST_S)
     history = [
         tracker.update(detections, pose)
         for detections, pose in zip(tracker_inputs.detections, tracker_inputs.poses, strict=True)

@@ -96,7 +96,7 @@ class MountedOdometry:
         self._rough = VoxelMapOdometry()
         self._rough.reset(lidar_from_imu)
         self._recent = deque[Measured](maxlen=KEPT)
-        self._directions: list[float] = []
+        self._directions: list[float | None] = []
         self._count = 0
         self._wheels: WheelSamples | None = None
         if self._mounting is not None:
@@ -125,13 +125,12 @@ class MountedOdometry:
         scans = ScanList([each.scan for each in self._recent][-STEPS - 1 :])
         for guess in GUESSES_RAD:
             window = matched_window(scans, 0, guess)
-            direction = window_direction(window) if window else None
-            if direction is not None:
-                self._directions.append(direction)
+            if window:  # Without a direction it is slow or stands.
+                self._directions.append(window_direction(window))
                 break
-            if window:  # Scans can be matched, so it is slow or stands.
-                break
-        last = self._directions[-WINDOWS:]
+        else:
+            self._directions.append(None)
+        last = [each for each in self._directions[-WINDOWS:] if each is not None]
         return agreed_direction(last) if len(last) == WINDOWS else None
 
     def _begin(self, turn: Pose) -> None:

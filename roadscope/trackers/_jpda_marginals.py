@@ -87,7 +87,8 @@ def _cluster_marginals(
     pairs: np.ndarray, missed: np.ndarray, free: np.ndarray, limit: float, pruned: bool
 ) -> np.ndarray:
     """Return (N, M) marginals of one cluster, with the least work."""
-    if pruned and 2.0 ** (pairs.shape[0] + pairs.shape[1]) * pairs.shape[0] <= limit:
+    permuted = min(pairs.shape) > 1
+    if pruned and permuted and 2.0 ** (pairs.shape[0] + pairs.shape[1]) * pairs.shape[0] <= limit:
         return _pruned_marginals(pairs, missed, free)
     transposed = np.ascontiguousarray(pairs.T)
     by_rows, by_columns = _plan(pairs), _plan(transposed)

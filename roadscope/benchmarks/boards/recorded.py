@@ -99,7 +99,7 @@ class RecordedNode(Node):
 def _track_nodes(tracker: Spec, recordings: Sequence[Recording]) -> Sequence[TrackNode | SweptNode]:
     """Return the tracks of a tracker on each recording.
 
-    If its spec has `swept`, the threshold is chosen on all other sequences with the same detector.
+    If its spec has `swept`, the threshold is chosen on all other videos with the same detector.
     """
     chosen = at_threshold(tracker, THRESHOLDS[0])
     nodes = [
@@ -120,7 +120,7 @@ def _track_nodes(tracker: Spec, recordings: Sequence[Recording]) -> Sequence[Tra
             tuple(
                 other
                 for other, another in zip(scored, recordings, strict=True)
-                if another.detector == recording.detector and another != recording
+                if another.detector == recording.detector and another.video != recording.video
             ),
         )
         for own, recording in zip(scored, recordings, strict=True)

@@ -281,8 +281,12 @@ Training = tuple[tuple[HotaNode, ...], ...]
 
 
 def _training(tracker: Spec, detector: str, suite: Suite) -> Training:
-    """Return what the threshold of a tracker is chosen by: as many train seeds as are ranked."""
-    train = replace(suite, seeds=tuple(SPLITS["train"][: len(suite.seeds)]))
+    """Return what the threshold of a tracker is chosen by: as many train seeds as are ranked.
+
+    None of them is ranked.
+    """
+    unranked = [seed for seed in SPLITS["train"] if seed not in suite.seeds]
+    train = replace(suite, seeds=tuple(unranked[: len(suite.seeds)]))
     rule = suite.eligibility
     return tuple(
         hota_nodes(track_node(tracker, detector, episode, rule), rule)

@@ -135,7 +135,11 @@ class SweptNode(Node):
         return self.candidates[0].tracker
 
     def sources(self) -> tuple[Node, ...]:
-        """Return the scores in training."""
+        """Return the sources of the tracks and the scores in training."""
+        return (*self.candidates[0].sources(), *self._scores)
+
+    @property
+    def _scores(self) -> tuple[HotaNode, ...]:
         return tuple(node for nodes in self.training for node in nodes)
 
     def content(self) -> dict[str, object]:
@@ -143,7 +147,8 @@ class SweptNode(Node):
         return {
             "code": code_hash(__name__),
             "candidates": [node.key for node in self.candidates],
-            "training": [node.key for node in self.sources()],
+            "training": [node.key for node in self._scores],
+            "detections": self.detections.content(),
         }
 
     def compute(self, options: RunOptions) -> EpisodeTracks:
@@ -153,5 +158,4 @@ class SweptNode(Node):
             for nodes in zip(*self.training, strict=True)
         ]
         best = int(np.argmax([each.hota.mean() for each in curves]))
-        tracks: EpisodeTracks = self.candidates[best].read(options)
-        return tracks
+        return self.candidates[best].compute(options)

@@ -4,7 +4,7 @@ from roadscope._lazy import lazy_names
 
 _PARTS = {
     "combined": "COMBINED alpha_parts combined_band combined_hota combined_mota nees_band",
-    "mot": "ImagePlane MOT mot_suite",
+    "mot": "ImagePlane MOT MotRecording mot_suite",
     "recording": "recordings_of",
     "rules": "BOX_SIMILARITIES apply_kitti_rules apply_mot_rules",
     "kitti_drive": "KittiDrive KittiDrives",

@@ -8,6 +8,7 @@ lower in the image is nearer and occludes those behind.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
@@ -110,6 +111,11 @@ class MotRecording(Recording):
     def board(self) -> str:
         """The board of its class."""
         return f"mot {self.category}"
+
+    @property
+    def video(self) -> str:
+        """The video that it is of: MOT17 has each three times, with other detections."""
+        return re.sub(r"^(MOT\d+-\d+)-\w+$", r"\1", self.sequence)
 
     def spec(self) -> dict[str, object]:
         """Return what detections and truth depend on: the bytes of the files, not their place."""

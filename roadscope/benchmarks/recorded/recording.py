@@ -48,6 +48,11 @@ class Recording:
         """The board of its class."""
         return f"kitti {self.category}"
 
+    @property
+    def video(self) -> str:
+        """The video that it is of: recordings of one have the same truth."""
+        return self.sequence
+
     def spec(self) -> dict[str, object]:
         """Return what detections and truth depend on: the bytes of the files, not their place."""
         files = KittiFolder.find(self.folder)

@@ -52,9 +52,11 @@ def checked_seed(seed: object) -> int | None:
 class _Moment(NamedTuple):
     """What a composed frame shows of earlier scans.
 
-    x, y: of the ego, metres, world frame. returns: of the scan. users: road users with returns.
+    stamp_s: of the scan. x, y: of the ego, metres, world frame. returns: of the scan. users: road
+    users with returns.
     """
 
+    stamp_s: float
     x: float
     y: float
     returns: int
@@ -64,7 +66,9 @@ class _Moment(NamedTuple):
     def of(frame: Frame, truth: Truth) -> _Moment:
         x, y, _ = truth.world_from_ego.translation
         returns = 0 if frame.lidar is None else len(frame.lidar)
-        return _Moment(float(x), float(y), returns, int((truth.lidar_returns > 0).sum()))
+        return _Moment(
+            truth.stamp_s, float(x), float(y), returns, int((truth.lidar_returns > 0).sum())
+        )
 
 
 class Observer:
@@ -154,8 +158,9 @@ class Observer:
         image, image_truth = self._image or (None, None)
         history = np.array(self._history)
         names = ("speed (m/s)", "returns", "road users hit")
-        steps = np.diff(history[:, :2], axis=0, prepend=np.nan)
-        columns = (np.hypot(*steps.T) / self.rig.lidar.spec.period_s, *history[:, 2:].T)
+        stamps_s, places = history[:, 0], history[:, 1:3]
+        steps_m = np.linalg.norm(np.diff(places, axis=0, prepend=np.nan), axis=1)
+        columns = (steps_m / np.diff(stamps_s, prepend=np.nan), *history[:, 3:].T)
         shown = Snapshot(
             frame,
             truth,
@@ -168,7 +173,7 @@ class Observer:
             ),
             image=image,
             image_truth=image_truth,
-            path=history[:, :2],
+            path=places,
         )
         return composed_frame(shown)
 

@@ -140,7 +140,7 @@ _SCENARIOS = (
         "hills",
         "two_way",
         "urban",
-        "As two-way, over crests and through sags, on slopes of up to 15 %.",
+        "As two-way, over crests and through sags, on slopes of about 10 %, at most 16 %.",
     ),
     _uneven(
         "camber",

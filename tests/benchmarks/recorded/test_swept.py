@@ -7,10 +7,11 @@ from roadscope import Spec, leaderboard, load_suite
 from roadscope.benchmarks import plan, run_jobs
 from roadscope.benchmarks.boards import JobOptions, board_named
 from roadscope.benchmarks.nodes import THRESHOLDS, SweptNode, at_threshold, is_swept
-from roadscope.benchmarks.recorded import kitti_suite
+from roadscope.benchmarks.recorded import MotRecording, kitti_suite
 from roadscope.core import SpecError
 
 SWEPT = "gnn?least_score=swept"
+DETECTORS = ("DPM", "FRCNN", "SDP")
 
 
 @pytest.fixture
@@ -40,6 +41,24 @@ def tracks_of(folder, entry):
 def test_the_best_threshold_of_the_others_is_taken(folder):
     assert tracks_of(folder, SWEPT) == tracks_of(folder, "gnn?least_score=0.7")
     assert tracks_of(folder, SWEPT) != tracks_of(folder, "gnn")
+
+
+def test_no_recording_of_the_same_video_trains_a_threshold(folder):
+    made = plan(kitti_suite(folder), [SWEPT], boards=["tracking"], only=True)
+    for job in made.jobs:
+        judges = {node.judge for nodes in job.answers.training for node in nodes}
+        assert judges
+        assert job.episode.sequence not in {judge.sequence for judge in judges}
+
+
+def test_mot17_has_each_video_three_times():
+    video, other = (
+        {MotRecording("", f"MOT17-{number}-{d}", "pedestrian", "det", 0).video for d in DETECTORS}
+        for number in ("02", "04")
+    )
+    assert len(video) == len(other) == 1
+    assert video != other
+    assert MotRecording("", "MOT16-02", "pedestrian", "det", 0).video == "MOT16-02"
 
 
 @pytest.mark.slow
@@ -87,6 +106,7 @@ def test_on_simulated_traffic_thresholds_are_chosen_on_train_seeds():
     jobs = board.jobs(suite, [board.check_entry(Spec.parse(SWEPT))], JobOptions(marks=False))
     for job in jobs:
         assert isinstance(job.answers, SweptNode)
-        seeds = {node.tracks.detections.episode.seed for node in job.answers.sources()}
+        scores = [node for nodes in job.answers.training for node in nodes]
+        seeds = {node.tracks.detections.episode.seed for node in scores}
         assert max(seeds) < 10_000 <= job.episode.seed
         assert len(job.answers.candidates) == len(THRESHOLDS)
