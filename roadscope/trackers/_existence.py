@@ -71,8 +71,9 @@ class ExistenceTracker:
         least_overlap: a pair must have a higher generalised IoU in space.
         coast_s: how long a target is looked for after its last detection.
         coast_known_s: the same, unless `coast_s` is longer, of one with `KNOWN_HITS` detections
-            that was believed to exist: it may be hidden. With 1.5 and 3 s HOTA of three detectors on a validation seed was 0.816
-            and 0.820, 0.794 and 0.802, 0.858 and 0.863; 3 s for all let clutter confirm itself.
+            that was believed to exist: it may be hidden. With 1.5 and 3 s HOTA of three detectors
+            on a validation seed was 0.816 and 0.820, 0.794 and 0.802, 0.858 and 0.863; 3 s for all
+            let clutter confirm itself.
         shown_probability: of existence, from which on a track is confirmed or coasting.
         """
         check_positive(coast_s=coast_s, coast_known_s=coast_known_s)
