@@ -209,8 +209,7 @@ def _report(error: Exception) -> int:
 
 def _command_of(error: Any) -> str:
     context = getattr(error, "ctx", None)
-    named = context.info_name if context is not None and context.parent is not None else None
-    return f"roadscope {named}" if named else "roadscope"
+    return "roadscope" if context is None else str(context.command_path)
 
 
 if __name__ == "__main__":

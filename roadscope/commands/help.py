@@ -42,7 +42,8 @@ class CommandEntry:
             command: Any = typer.main.get_command(loaded)
         else:
             alone = typer.Typer(add_completion=False, rich_markup_mode=None)
-            alone.command(name, cls=GroupedCommand, help=_paragraphs(loaded.__doc__ or ""))(loaded)
+            text = _paragraphs(loaded.__doc__ or "")
+            alone.command(name, cls=RegisteringCommand, help=text)(loaded)
             command = typer.main.get_command(alone)
         command.examples = self.examples
         return command
@@ -87,6 +88,10 @@ class _Help:
 
 
 class GroupedCommand(_Help, TyperCommand):
+    """A command whose help shows options in groups."""
+
+
+class RegisteringCommand(GroupedCommand):
     """A command, before which the Gymnasium ids are registered: `--help` does without Gymnasium."""
 
     def invoke(self, ctx: Any) -> Any:

@@ -128,13 +128,16 @@ def _fitting(runs: Sequence[Run]) -> _Page:
     cuts = _cuts()
     while len(text.encode()) > MOST_BYTES - NOTICE_BYTES:
         note, cut = next(cuts)
-        bare = cut(bare)
+        before, bare = bare, cut(bare)
+        if bare == before:
+            continue
         # Of cuts of one kind, such as fewer and fewer entries, the last one is named.
         left_out = [each for each in left_out if each.split()[0] != note.split()[0]] + [note]
         text = _rendered(bare, left_out)
     space = MOST_BYTES - NOTICE_BYTES - len(text.encode())
     shown: list[list[Any]] = [[] for _ in bare]
-    too_much = 0
+    every = sum(map(len, moments))
+    too_much = sum(map(len, moments[len(bare) :]))
     for number, moment in _in_turn(moments[: len(bare)]):
         size = len(_as_json(moment)) + 1
         if size > space:
@@ -143,7 +146,6 @@ def _fitting(runs: Sequence[Run]) -> _Page:
             space -= size
             shown[number].append(moment)
     if too_much:
-        every = sum(map(len, moments))
         left_out.append(
             f"{too_much} of {every} moments are left out, as the page would be too large."
         )
