@@ -54,3 +54,16 @@ def test_wrong_input_is_refused_in_one_line(
     assert given == status
     assert named in errors
     assert len(errors.splitlines()) == 1
+
+
+def test_a_viewer_that_crashes_is_a_failure(answer, tmp_path: Path, monkeypatch) -> None:
+    pytest.importorskip("rerun", reason="rerun-sdk is not installed")
+    crash = tmp_path / "crash"
+    crash.write_text(
+        "#!/bin/sh\n[ $1 = analytics ] || exit 3\necho '{\"analytics_enabled\": false}'"
+    )
+    crash.chmod(0o755)
+    monkeypatch.setenv("RERUN_CLI_PATH", str(crash))
+    status, _, errors = answer(*SCENE)
+    assert status == 1
+    assert "status 3" in errors

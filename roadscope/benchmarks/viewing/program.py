@@ -23,6 +23,12 @@ from typing import Any
 
 import psutil
 
+PROGRAM = (
+    sys.executable,
+    "-c",
+    "import sys; from rerun_cli.__main__ import main; sys.exit(main())",
+)
+"""Starts Rerun and ends with its status, which `python -m rerun_cli` drops."""
 LOOPBACK = "127.0.0.1"
 NO_PROXY = f"http://{LOOPBACK}:9"
 """Nothing answers here: 9 is the port of the service `discard`, which no system offers today."""
@@ -63,8 +69,7 @@ def show(recording: Path) -> int:
 
 def arguments(recording: Path) -> list[str]:
     """Return the command that shows a recording; it listens on the loopback interface alone."""
-    program = [sys.executable, "-m", "rerun_cli"]
-    return [*program, "--bind", LOOPBACK, "--port", "auto", "--hide-welcome-screen", str(recording)]
+    return [*PROGRAM, "--bind", LOOPBACK, "--port", "auto", "--hide-welcome-screen", str(recording)]
 
 
 @contextmanager
@@ -86,6 +91,8 @@ def environment() -> Iterator[Mapping[str, str]]:
         path.parent.mkdir()
         path.write_text(json.dumps(settings), encoding="utf-8")
         variables = {**os.environ, "XDG_CONFIG_HOME": folder, "NO_PROXY": "", "no_proxy": ""}
+        # No module of the folder that the user is in takes the place of Rerun's.
+        variables["PYTHONSAFEPATH"] = "1"
         for name in PROXIES:
             variables[name] = variables[name.upper()] = NO_PROXY
         # It turns the statistics on in spite of the settings.
@@ -96,7 +103,7 @@ def environment() -> Iterator[Mapping[str, str]]:
 
 def _check_settings(variables: Mapping[str, str]) -> None:
     """Raise `ViewerError` unless a process of Rerun says that it sends no usage statistics."""
-    command = [sys.executable, "-m", "rerun_cli", "analytics", "config"]
+    command = [*PROGRAM, "analytics", "config"]
     try:
         done = subprocess.run(
             command, env=variables, capture_output=True, text=True, timeout=ANSWER_S, check=True

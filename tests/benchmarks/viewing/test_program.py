@@ -10,7 +10,7 @@ from pathlib import Path
 import psutil
 import pytest
 
-from roadscope.benchmarks.viewing import ViewerError, arguments, environment
+from roadscope.benchmarks.viewing import ViewerError, arguments, environment, show
 
 pytest.importorskip("rerun_cli", reason="rerun-sdk is not installed")
 
@@ -49,6 +49,30 @@ def test_a_viewer_that_does_not_say_so_is_not_started(tmp_path: Path, monkeypatc
     monkeypatch.setenv("RERUN_CLI_PATH", str(broken))
     with pytest.raises(ViewerError, match="analytics disable"), environment():
         pass
+
+
+def script(path: Path, rest: str) -> str:
+    """Write a program that says that it sends no statistics, and else runs some lines."""
+    settings = "echo '{\"analytics_enabled\": false}'"
+    path.write_text(f'#!/bin/sh\nif [ "$1" = analytics ]; then {settings}; exit; fi\n{rest}\n')
+    path.chmod(0o755)
+    return str(path)
+
+
+def test_the_status_of_the_viewer_is_returned(tmp_path: Path, monkeypatch) -> None:
+    monkeypatch.setenv("RERUN_CLI_PATH", script(tmp_path / "crash", "exit 3"))
+    assert show(tmp_path / "none.rrd") == 3
+
+
+def test_no_module_comes_from_the_folder_of_the_user(tmp_path: Path, monkeypatch) -> None:
+    (tmp_path / "rerun_cli").mkdir()
+    (tmp_path / "rerun_cli" / "__init__.py").touch()
+    (tmp_path / "rerun_cli" / "__main__.py").write_text("main = lambda: 7")
+    monkeypatch.chdir(tmp_path)
+    with environment() as variables:
+        *command, _ = arguments(tmp_path / "none.rrd")
+        done = subprocess.run([*command, "--version"], env=variables, check=False)
+    assert done.returncode == 0
 
 
 def test_it_listens_on_the_loopback_interface_alone(tmp_path: Path) -> None:
