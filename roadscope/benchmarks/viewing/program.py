@@ -17,7 +17,7 @@ import subprocess
 import sys
 import tempfile
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
@@ -61,10 +61,18 @@ def show(recording: Path) -> int:
             return int(process.wait())
         finally:
             # The viewer is a child of this process, which an interrupt may not reach.
-            if process.is_running():
-                for each in [*process.children(recursive=True), process]:
-                    each.terminate()
-                process.wait()
+            _stop(process)
+
+
+def _stop(process: psutil.Popen) -> None:
+    """Terminate a process and those that it started; each may have ended by itself."""
+    started: list[psutil.Process] = []
+    with suppress(psutil.NoSuchProcess):
+        started = process.children(recursive=True)
+    for each in [*started, process]:
+        with suppress(psutil.NoSuchProcess):
+            each.terminate()
+    process.wait()
 
 
 def arguments(recording: Path) -> list[str]:

@@ -64,6 +64,37 @@ def test_the_status_of_the_viewer_is_returned(tmp_path: Path, monkeypatch) -> No
     assert show(tmp_path / "none.rrd") == 3
 
 
+def test_an_interrupt_ends_the_viewer_although_a_child_has_ended(
+    tmp_path: Path, monkeypatch
+) -> None:
+    """The child is gone between the list of children and the signal to it."""
+    started = tmp_path / "started"
+    lines = f"touch {started}; exec sleep 60"
+    monkeypatch.setenv("RERUN_CLI_PATH", script(tmp_path / "viewer", lines))
+    gone: list[psutil.Process] = []
+    wait, children = psutil.Popen.wait, psutil.Process.children
+
+    def interrupted(process: psutil.Popen, timeout: float | None = None) -> int | None:
+        if gone:
+            return wait(process, timeout)
+        while not started.exists():
+            time.sleep(0.01)
+        raise KeyboardInterrupt
+
+    def end_first(process: psutil.Process, recursive: bool = False) -> list[psutil.Process]:
+        gone.extend(children(process, recursive))
+        for each in gone:
+            each.kill()
+        psutil.wait_procs([process, *gone], timeout=10)
+        return gone
+
+    monkeypatch.setattr(psutil.Popen, "wait", interrupted)
+    monkeypatch.setattr(psutil.Process, "children", end_first)
+    with pytest.raises(KeyboardInterrupt):
+        show(tmp_path / "none.rrd")
+    assert gone
+
+
 def test_no_module_comes_from_the_folder_of_the_user(tmp_path: Path, monkeypatch) -> None:
     (tmp_path / "rerun_cli").mkdir()
     (tmp_path / "rerun_cli" / "__init__.py").touch()
