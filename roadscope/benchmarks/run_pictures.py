@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from functools import cached_property, partial
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -115,7 +116,8 @@ class RunPictures:
         self._sensing, self._timeline = sensing_of(summary.episode), timeline_of(summary.episode)
         self._image_boxes: dict[int, ImageDetections | None] | None = None
         if camera_detector is not None:
-            self._image_boxes = _image_boxes(summary, camera_detector)
+            rows = () if self._image_rows is None else np.unique(self._image_rows).tolist()
+            self._image_boxes = _image_boxes(summary.episode, camera_detector, rows)
 
     def __len__(self) -> int:
         return len(self._summary.tracks)
@@ -218,11 +220,23 @@ def _share(hits: np.ndarray, misses: np.ndarray) -> np.ndarray:
     return shares
 
 
-def _image_boxes(summary: Summary, detector: str) -> dict[int, ImageDetections | None]:
+@dataclass(frozen=True)
+class _DrawnImages(ImageNode):
+    """The detections in the images that pictures show."""
+
+    rows: tuple[int, ...] = ()
+
+    def image_rows(self) -> tuple[int, ...]:
+        return self.rows
+
+
+def _image_boxes(
+    episode: Episode, detector: str, rows: Sequence[int]
+) -> dict[int, ImageDetections | None]:
     """Return the boxes of a camera detector by the number of the image."""
     from roadscope.benchmarks.loop import RunOptions
 
-    node = ImageNode(check_image_source(detector), summary.episode, 0.0, of_scans=True)
+    node = _DrawnImages(check_image_source(detector), episode, 0.0, rows=tuple(rows))
     answers = node.compute(RunOptions())
     return {
         int(row): None if boxes is None else boxes.select(boxes.scores >= LEAST_SCORE)

@@ -134,3 +134,13 @@ def test_a_camera_rig_shows_its_image_with_the_boxes_of_a_camera_detector():
     image = plain[60:390, 740:1160]
     assert image.std() > 30
     assert not np.array_equal(boxes[60:390, 740:1160], image)
+
+
+@pytest.mark.parametrize("severity", [2, 5])
+def test_every_image_has_its_boxes_if_the_clock_of_the_camera_is_off(severity):
+    faults = (f"clock-offset:{severity}",)
+    episode = replace(EPISODE, rig="wide", duration_s=0.3, faults=faults)
+    summary = run_episode(episode, detector="oracle", tracker="gnn")
+    pictures = RunPictures(summary, camera_detector="oracle")
+    snapshots = [pictures.snapshot(k) for k in range(len(pictures))]
+    assert all(shown.image_detections is not None for shown in snapshots)
