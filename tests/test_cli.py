@@ -141,6 +141,11 @@ def test_json_of_a_check_holds_every_item(answer, entry, status) -> None:
         (["run", "motorway", "--video", "drive.avi"], 1, "a video ends in .gif or .mp4"),
         (["run", "empty-motorway", "--seconds", "300", "--video", "a.gif"], 1, "of 3750 frames"),
         (
+            ["run", "motorway", "--seconds", "300", "--video", "a.gif", "--video-every", "2"],
+            1,
+            "a greater --video-every",
+        ),
+        (
             ["run", "motorway", "--video", "a.gif", "--camera-detector", "oracle"],
             1,
             "rig 'lux' has no camera",

@@ -48,10 +48,10 @@ def picture_path(path: Path | str) -> Path:
     return usable_file(path, PICTURES, "a picture")
 
 
-def check_video(episode: Episode, path: Path | str) -> Path:
+def check_video(episode: Episode, path: Path | str, *, every: int = 1) -> Path:
     """Return the path; raise an error if no video of the episode can be written there.
 
-    An MP4 needs MoviePy: `NotInstalledError` without it. A GIF must not be long: `FolderError`.
+    every: it shows every n-th scan. An MP4 needs MoviePy: `NotInstalledError` without it. A GIF must not be long: `FolderError`.
     """
     place = usable_file(path, (GIF, MP4), "a video")
     if place.suffix.lower() == MP4:
@@ -60,11 +60,11 @@ def check_video(episode: Episode, path: Path | str) -> Path:
         return place
     check_episode(episode)
     length_s = episode.duration_s or timeline_of(episode).end_s
-    frames = length_s / sensing_of(episode).rig.lidar.spec.period_s
+    frames = length_s / sensing_of(episode).rig.lidar.spec.period_s / every
     if frames > MOST_GIF_FRAMES:
         raise FolderError(
             f"{place}: a GIF of {frames:.0f} frames does not fit into memory, "
-            f"{MOST_GIF_FRAMES} at most: choose fewer --seconds, or a .mp4"
+            f"{MOST_GIF_FRAMES} at most: choose fewer --seconds, a greater --video-every, or a .mp4"
         )
     return place
 
@@ -99,7 +99,7 @@ def save_video(
     camera_detector: one whose boxes are drawn in the images.
     width: of the video, pixels. every: it shows every n-th scan.
     """
-    path = check_video(summary.episode, path)
+    path = check_video(summary.episode, path, every=every)
     pictures = RunPictures(summary, colour_by=colour_by, camera_detector=camera_detector)
     video = _Video(pictures, range(0, len(pictures), every), width, progress or silent)
     write = _write_gif if path.suffix.lower() == GIF else _write_mp4

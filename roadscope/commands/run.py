@@ -190,7 +190,7 @@ def run_scenario(
     if picture is not None:
         picture_path(picture)
     if video is not None:
-        check_video(episode, video)
+        check_video(episode, video, every=video_every)
         if camera_detector is not None:
             check_camera_detector(episode, camera_detector)
     seen_by = camera_detector or "network"

@@ -6,7 +6,7 @@ import pytest
 from PIL import Image
 
 from roadscope import Episode, run_episode
-from roadscope.benchmarks import RunPictures, save_picture, save_video
+from roadscope.benchmarks import FolderError, RunPictures, save_picture, save_video
 from roadscope.core import NotInstalledError, palette
 
 EPISODE = Episode("lu2018-occlusion", 0, "lux", 1.0)
@@ -84,6 +84,16 @@ def test_a_video_can_show_every_third_scan_in_the_same_time(summary, tmp_path):
     with Image.open(path) as video:
         assert video.n_frames == -(-len(summary.tracks) // 3)
         assert video.info["duration"] == 240
+
+
+def test_a_gif_of_too_many_frames_is_refused(summary, tmp_path):
+    path = tmp_path / "drive.gif"
+    longer = replace(summary, episode=replace(EPISODE, duration_s=200.0))
+    with pytest.raises(FolderError, match="2500 frames"):
+        save_video(longer, path)
+    save_video(longer, path, width=320, every=2)
+    with Image.open(path) as video:
+        assert video.n_frames == -(-len(summary.tracks) // 2)
 
 
 def test_an_mp4_is_read_back(summary, tmp_path):
