@@ -51,7 +51,8 @@ def picture_path(path: Path | str) -> Path:
 def check_video(episode: Episode, path: Path | str, *, every: int = 1) -> Path:
     """Return the path; raise an error if no video of the episode can be written there.
 
-    every: it shows every n-th scan. An MP4 needs MoviePy: `NotInstalledError` without it. A GIF must not be long: `FolderError`.
+    An MP4 needs MoviePy: `NotInstalledError` without it. A GIF must not be long: `FolderError`.
+    every: it shows every n-th scan.
     """
     place = usable_file(path, (GIF, MP4), "a video")
     if place.suffix.lower() == MP4:
@@ -77,11 +78,23 @@ def save_image(pixels: np.ndarray, path: Path) -> None:
     write_atomically(path, partial(Image.fromarray(pixels).save, format=ending))
 
 
-def save_picture(summary: Summary, path: Path | str, *, colour_by: str = OBJECT) -> None:
-    """Write the composed frame of the middle scan to an image file."""
+def save_picture(
+    summary: Summary,
+    path: Path | str,
+    *,
+    colour_by: str = OBJECT,
+    camera_detector: str | None = None,
+) -> None:
+    """Write the composed frame of the middle scan to an image file.
+
+    camera_detector: one whose boxes are drawn in the image.
+    """
     path = picture_path(path)
-    pictures = RunPictures(summary, colour_by=colour_by)
-    save_image(pictures.frame(len(pictures) // 2), path)
+    middle = len(summary.tracks) // 2
+    pictures = RunPictures(
+        summary, colour_by=colour_by, camera_detector=camera_detector, scans=[middle]
+    )
+    save_image(pictures.frame(middle), path)
 
 
 def save_video(
@@ -100,24 +113,38 @@ def save_video(
     width: of the video, pixels. every: it shows every n-th scan.
     """
     path = check_video(summary.episode, path, every=every)
-    pictures = RunPictures(summary, colour_by=colour_by, camera_detector=camera_detector)
-    video = _Video(pictures, range(0, len(pictures), every), width, progress or silent)
+    scans = range(0, len(summary.tracks), every)
+    pictures = RunPictures(
+        summary, colour_by=colour_by, camera_detector=camera_detector, scans=scans
+    )
+    video = _Video(pictures, scans, width, progress or silent)
     write = _write_gif if path.suffix.lower() == GIF else _write_mp4
     write_atomically(path, partial(write, video))
 
 
 class RunPictures:
-    """The composed frames of an episode, one of each scan."""
+    """The composed frames of an episode, one of each scan.
+
+    scans: numbers of the scans in whose images the camera detector looks for objects; None: all.
+    """
 
     def __init__(
-        self, summary: Summary, *, colour_by: str = OBJECT, camera_detector: str | None = None
+        self,
+        summary: Summary,
+        *,
+        colour_by: str = OBJECT,
+        camera_detector: str | None = None,
+        scans: Sequence[int] | None = None,
     ) -> None:
         self._summary, self._colour_by = summary, colour_by
         self._sensing, self._timeline = sensing_of(summary.episode), timeline_of(summary.episode)
         self._image_boxes: dict[int, ImageDetections | None] | None = None
         if camera_detector is not None:
-            rows = () if self._image_rows is None else np.unique(self._image_rows).tolist()
-            self._image_boxes = _image_boxes(summary.episode, camera_detector, rows)
+            drawn = range(len(self)) if scans is None else scans
+            rows = () if self._image_rows is None else self._image_rows[drawn]
+            self._image_boxes = _image_boxes(
+                summary.episode, camera_detector, rows=np.unique(rows).tolist()
+            )
 
     def __len__(self) -> int:
         return len(self._summary.tracks)
@@ -231,7 +258,7 @@ class _DrawnImages(ImageNode):
 
 
 def _image_boxes(
-    episode: Episode, detector: str, rows: Sequence[int]
+    episode: Episode, detector: str, *, rows: Sequence[int]
 ) -> dict[int, ImageDetections | None]:
     """Return the boxes of a camera detector by the number of the image."""
     from roadscope.benchmarks.loop import RunOptions

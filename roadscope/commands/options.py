@@ -82,3 +82,9 @@ def workers(jobs: int) -> int:
     from joblib import cpu_count
 
     return jobs or int(cpu_count())
+
+
+def is_given(context: typer.Context, name: str) -> bool:
+    """Return whether the command line has the option of a parameter."""
+    source = context.get_parameter_source(name)
+    return source is not None and source.name == "COMMANDLINE"

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import typer
 
 from roadscope.commands import completion
-from roadscope.commands.options import OUTPUT, Json, Quiet, Rig
+from roadscope.commands.options import OUTPUT, Json, Quiet, Rig, is_given
 from roadscope.commands.terminal import headline, print_json, progress_bars, show
 
 if TYPE_CHECKING:
@@ -16,6 +16,13 @@ if TYPE_CHECKING:
 
 
 PICTURES, METHODS, CONDITIONS = "Pictures", "Methods", "Conditions"
+TARGETS = {
+    "returns": ("picture", "video"),
+    "video_width": ("video",),
+    "video_every": ("video",),
+    "camera_detector": ("picture", "video", "image"),
+}
+"""Options of pictures -> options one of which they need."""
 
 Scenario = Annotated[
     str,
@@ -107,7 +114,7 @@ CameraDetector = Annotated[
     str | None,
     typer.Option(
         metavar="SPEC",
-        help="Whose boxes videos and images show",
+        help="Whose boxes pictures and videos show",
         autocompletion=completion.camera_detectors,
         rich_help_panel=METHODS,
     ),
@@ -147,6 +154,7 @@ Every = Annotated[
 
 
 def run_scenario(
+    context: typer.Context,
     scenario: Scenario,
     *,
     seed: Seed = 0,
@@ -173,6 +181,7 @@ def run_scenario(
 
     Exit status: 1 if a name is unknown or a plug-in fails.
     """
+    _refuse_without_effect(context)
     from roadscope.benchmarks.camera_view import check_camera_detector, check_view, save_view
     from roadscope.benchmarks.episode import Episode
     from roadscope.benchmarks.run_pictures import (
@@ -191,8 +200,8 @@ def run_scenario(
         picture_path(picture)
     if video is not None:
         check_video(episode, video, every=video_every)
-        if camera_detector is not None:
-            check_camera_detector(episode, camera_detector)
+    if camera_detector is not None:
+        check_camera_detector(episode, camera_detector)
     seen_by = camera_detector or "network"
     if image is not None:
         check_view(episode, seen_by, image)
@@ -202,7 +211,7 @@ def run_scenario(
         )
         if picture is not None:
             progress("picture", 0, 1)
-            save_picture(summary, picture, colour_by=returns)
+            save_picture(summary, picture, colour_by=returns, camera_detector=camera_detector)
         if video is not None:
             save_video(
                 summary,
@@ -231,6 +240,16 @@ def run_scenario(
             typer.echo(f"video: {video}")
         if image is not None:
             typer.echo(f"image: {image}, {_boxes_in_words(boxes, seen_by)}")
+
+
+def _refuse_without_effect(context: typer.Context) -> None:
+    """Refuse options of pictures if no picture is asked for that they change."""
+    for name, targets in TARGETS.items():
+        if is_given(context, name) and all(context.params[each] is None for each in targets):
+            options = " or ".join(f"--{each}" for each in targets)
+            raise typer.BadParameter(
+                f"--{name.replace('_', '-')} has no effect without {options}", ctx=context
+            )
 
 
 def _boxes_in_words(count: int, detector: str) -> str:

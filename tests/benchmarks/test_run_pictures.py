@@ -154,3 +154,14 @@ def test_every_image_has_its_boxes_if_the_clock_of_the_camera_is_off(severity):
     pictures = RunPictures(summary, camera_detector="oracle")
     snapshots = [pictures.snapshot(k) for k in range(len(pictures))]
     assert all(shown.image_detections is not None for shown in snapshots)
+
+
+def test_a_picture_shows_the_boxes_of_a_camera_detector(tmp_path):
+    episode = replace(EPISODE, scenario="street", rig="wide", duration_s=0.3)
+    summary = run_episode(episode, detector="oracle", tracker="gnn")
+    paths = [tmp_path / f"{detector}.png" for detector in (None, "oracle")]
+    for path, detector in zip(paths, (None, "oracle"), strict=True):
+        save_picture(summary, path, camera_detector=detector)
+    plain, boxes = (np.asarray(Image.open(path)) for path in paths)
+    assert not np.array_equal(plain[:400, 720:], boxes[:400, 720:])
+    assert np.array_equal(plain[:, :720], boxes[:, :720])
