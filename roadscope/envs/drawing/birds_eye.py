@@ -32,6 +32,7 @@ from roadscope.envs.drawing.labels import (
     draw_legend,
     places_beside,
 )
+from roadscope.envs.traffic.terrain import tilt_angles
 from roadscope.envs.traffic.timeline import Timeline
 from roadscope.envs.world.ground import PAVED, SHOULDERS_M, surface_of
 
@@ -71,7 +72,8 @@ class BirdsEyeView:
 
     def pixels(self, points: np.ndarray) -> np.ndarray:
         """Return (..., 2) pixels, x right and y down, of (..., 2) points in metres, world frame."""
-        (cos, sin), centre = self.world_from_ego.rotation[:2, 0], self.world_from_ego.translation
+        ahead, centre = self.world_from_ego.rotation[:2, 0], self.world_from_ego.translation
+        cos, sin = ahead / np.hypot(*ahead)
         x, y = points[..., 0] - centre[0], points[..., 1] - centre[1]
         ahead, left = x * cos + y * sin, y * cos - x * sin
         placed: np.ndarray = self.home + np.stack([-left, -ahead], axis=-1) / self.metres_per_px
@@ -194,26 +196,34 @@ def draw_returns(
     scan = frame.lidar
     if scan is None or len(scan) == 0:
         return
-    mount = frame.calibration.pose(scan.sensor)
-    # Plain sums: a small matrix product over many rows waits for threads of the BLAS library.
-    ahead, left = (
-        scan.points[:, 0] * row[0] + scan.points[:, 1] * row[1] + scan.points[:, 2] * row[2] + shift
-        for row, shift in zip(mount.rotation[:2], mount.translation[:2], strict=True)
-    )
     offsets = scan.time_offset_s.astype(np.float64)
-    knots = np.linspace(offsets.min(), offsets.max() + 1e-6, 11)
-    ego = timeline.at(frame.stamp_s + knots)
-    x, y, yaw = (
-        np.interp(offsets, knots, column)
-        for column in (ego.axles[:, 0, 0], ego.axles[:, 0, 1], ego.yaws[:, 0])
-    )
-    cos, sin = np.cos(yaw), np.sin(yaw)
-    world = np.stack([x + cos * ahead - sin * left, y + sin * ahead + cos * left], axis=1)
+    in_ego = frame.calibration.pose(scan.sensor).apply(scan.points)
+    world = _places_from_above(in_ego, frame.stamp_s, offsets, timeline)
     _compensate_motion(world, offsets, truth)
     if colour_by == INTENSITY or len(truth.sources) != len(scan):
         canvas.dots(view.pixels(world), scale_levels(scan.intensity, 0.0, 1.0), SCALE_COLOURS)
     else:
         canvas.dots(view.pixels(world), object_levels(truth.sources), OBJECT_COLOURS)
+
+
+def _places_from_above(
+    points: np.ndarray, stamp_s: float, offsets_s: np.ndarray, timeline: Timeline
+) -> np.ndarray:
+    """Return (P, 2) places, world frame, of (P, 3) points in the ego frame of their own time."""
+    knots = np.linspace(offsets_s.min(), offsets_s.max() + 1e-6, 11)
+    states = timeline.at(stamp_s + knots)
+    at_returns = partial(np.interp, offsets_s, knots)
+    x, y = (at_returns(column) for column in states.axles[:, 0].T)
+    yaw = at_returns(states.yaws[:, 0])
+    ahead, left, up = points.T
+    if timeline.terrain is not None:
+        _, rises, leans = timeline.stances(states)[:, 0].T
+        pitch, roll = tilt_angles(rises, leans)
+        cos, sin = at_returns(np.cos(roll)), at_returns(np.sin(roll))
+        left, up = cos * left - sin * up, sin * left + cos * up
+        ahead = at_returns(np.cos(pitch)) * ahead + at_returns(np.sin(pitch)) * up
+    cos, sin = np.cos(yaw), np.sin(yaw)
+    return np.stack([x + cos * ahead - sin * left, y + sin * ahead + cos * left], axis=1)
 
 
 def _compensate_motion(world: np.ndarray, offsets_s: np.ndarray, truth: Truth) -> None:

@@ -18,6 +18,7 @@ from roadscope.core import (
 )
 from roadscope.envs import find_rig
 from roadscope.envs.drawing import BirdsEyeView, Snapshot, box_corners, view_from_above
+from roadscope.envs.traffic import Terrain
 from tests.envs.worlds import platoon
 
 SIZE, SCALE = 400, 0.2
@@ -160,6 +161,28 @@ def test_the_motion_of_objects_is_taken_out_of_their_returns():
     image = _draw(replace(still, lidar=scan), truth)
     assert np.array_equal(image, _draw(still, truth))
     assert not np.array_equal(image, _draw(truth=truth))
+
+
+def test_returns_of_a_tilted_vehicle_are_drawn_above_their_place():
+    """On a road that rises and leans by 6 degrees in all, at two times."""
+    area = np.array([0.0, -100.0, 300.0, 100.0])
+    ramp = np.array([[2, 100.0, 0.0, 0.8, 0.1, -500.0, 500.0]])
+    timeline = replace(platoon(), terrain=Terrain(ramp, area))
+    mount, place = _frame().calibration.pose("lidar"), np.array([118.03, 7.03, 20.0])
+    points, truth = [], _truth(timeline, (), returns=2)
+    for stamp_s in (5.0, 5.05):
+        points.append((timeline.world_from_ego(stamp_s) @ mount).inverse().apply(place))
+    frame = _frame(np.array(points))
+    scan = replace(frame.lidar, time_offset_s=np.array([0.0, 0.05]))
+    shown = replace(_snapshot(truth=truth), timeline=timeline)
+    bare, image = (
+        view_from_above(each, size_px=SIZE, metres_per_px=SCALE).astype(int)
+        for each in (shown, replace(shown, frame=replace(frame, lidar=scan)))
+    )
+    changed = np.argwhere((image != bare).any(axis=2))
+    assert 0 < len(changed) <= 9
+    expected = HOME[0] - (place[0] - 100.0) / SCALE, HOME[1] - place[1] / SCALE
+    assert np.allclose(changed.mean(axis=0) + 0.5, expected, atol=1.0)
 
 
 def test_detections_are_drawn_at_their_place():
