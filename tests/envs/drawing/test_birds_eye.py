@@ -169,10 +169,9 @@ def test_returns_of_a_tilted_vehicle_are_drawn_above_their_place():
     ramp = np.array([[2, 100.0, 0.0, 0.8, 0.1, -500.0, 500.0]])
     timeline = replace(platoon(), terrain=Terrain(ramp, area))
     mount, place = _frame().calibration.pose("lidar"), np.array([118.03, 7.03, 20.0])
-    points, truth = [], _truth(timeline, (), returns=2)
-    for stamp_s in (5.0, 5.05):
-        points.append((timeline.world_from_ego(stamp_s) @ mount).inverse().apply(place))
-    frame = _frame(np.array(points))
+    truth = _truth(timeline, (), returns=2)
+    world_from_lidar = (timeline.world_from_ego(stamp_s) @ mount for stamp_s in (5.0, 5.05))
+    frame = _frame(np.array([pose.inverse().apply(place) for pose in world_from_lidar]))
     scan = replace(frame.lidar, time_offset_s=np.array([0.0, 0.05]))
     shown = replace(_snapshot(truth=truth), timeline=timeline)
     bare, image = (
