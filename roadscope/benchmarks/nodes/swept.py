@@ -144,11 +144,13 @@ class SweptNode(Node):
 
     def content(self) -> dict[str, object]:
         """Return what the tracks depend on."""
+        ego = self.candidates[0].ego
         return {
             "code": code_hash(__name__),
+            "detections": self.detections.content(),
+            "ego": None if ego is None else ego.content(),
             "candidates": [node.key for node in self.candidates],
             "training": [node.key for node in self._scores],
-            "detections": self.detections.content(),
         }
 
     def compute(self, options: RunOptions) -> EpisodeTracks:

@@ -35,7 +35,7 @@ from roadscope.benchmarks.results import JobScores, Results
 from roadscope.benchmarks.run import DATABASE
 from roadscope.benchmarks.store import Store
 from roadscope.benchmarks.suite_files import SUITES, load_suite
-from roadscope.benchmarks.viewing.curves import running_scores
+from roadscope.benchmarks.viewing.curves import METRICS, running_scores
 from roadscope.benchmarks.viewing.view import EpisodeView
 from roadscope.core import RecordError, Truth
 from roadscope.envs.traffic.timeline import Timeline
@@ -82,7 +82,13 @@ def view_of_results(folder: Path | str, choice: EpisodeChoice) -> EpisodeView:
     """
     place = Path(folder)
     results, job = _chosen([run.results for run in read_runs(place)], choice)
-    content = _content(place, job)
+    spec = _score_spec(place, job)
+    content = spec["answers"]
+    if isinstance(content.get("parts"), list):
+        raise KeptError(
+            f"{_named(job)} is scored on all drives together, which no view shows; choose another "
+            "board with --board"
+        )
     kept = list(_kept(content))
     if not kept:
         raise KeptError(
@@ -91,25 +97,20 @@ def view_of_results(folder: Path | str, choice: EpisodeChoice) -> EpisodeView:
         )
     detections, tracks = _first(kept, EpisodeDetections), _first(kept, EpisodeTracks)
     fusions, poses = _first(kept, EpisodeFusions), _first(kept, EpisodePoses)
-    spec = next(_specs(content), None)
-    episode = None if spec is None else _episode(spec, job, results)
-    notes = []
-    if episode is None:
-        notes.append("No sensor data: they cannot be made again, as code or rig has changed.")
+    episode_spec = next(_episode_specs(content), {})
+    episode = _episode(episode_spec, job, results)
     truths: Sequence[Truth] = () if detections is None else detections.truths
     if not truths and episode is not None:
         truths = [without_sources(truth) for _, truth in sensed(episode)]
-    rule = _rule(results)
-    if rule is None:
-        notes.append("No scores over time: the suite is not known any more.")
     boxes = () if detections is None else detections.detections
     if fusions is not None:
         boxes = tuple(each.detections() for each in fusions.fused)
-    scored = detections if fusions is None and rule is not None else None
-    return EpisodeView(
+    rule = _rule(spec["settings"])
+    scored = detections if job.board in METRICS and rule is not None else None
+    view = EpisodeView(
         title=_named(job),
         episode=episode,
-        timeline=None if spec is None else _timeline(spec),
+        timeline=_timeline(episode_spec),
         truths=truths,
         detections=boxes,
         tracks=() if tracks is None else tracks.tracks,
@@ -119,8 +120,37 @@ def view_of_results(folder: Path | str, choice: EpisodeChoice) -> EpisodeView:
         curves=running_scores(
             rule or Eligibility(), scored, () if tracks is None else tracks.tracks, poses
         ),
-        notes=notes,
     )
+    return replace(view, notes=list(_notes(view, job.board, episode_spec, rule)))
+
+
+def _notes(
+    view: EpisodeView, board: str, episode_spec: Mapping[str, Any], rule: Eligibility | None
+) -> Iterator[str]:
+    """Yield what is not shown, and why."""
+    recorded = bool(episode_spec) and "seed" not in episode_spec
+    if recorded:
+        reason = "the cache has no recorded data"
+    elif not episode_spec:
+        reason = "the results do not say which episode it was"
+    else:
+        reason = "they cannot be made again, as code or rig has changed"
+    missing = ["sensor data"] if view.episode is None else []
+    missing += [] if view.truths else ["true boxes"]
+    if missing:
+        yield f"No {' and '.join(missing)}: {reason}."
+    if view.tracks and not view.detections:
+        removed = f"their file is not in {cache_dir()} any more"
+        yield f"No detections: {removed if episode_spec and not recorded else reason}."
+    if view.tracks or view.detections or view.images:
+        if recorded:
+            yield "No scores over time: recorded data have rules of their own."
+        elif board not in METRICS:
+            yield f"No scores over time: they are for {' and '.join(METRICS)} alone."
+        elif not view.detections:
+            yield "No scores over time: there are no detections."
+        elif rule is None:
+            yield "No scores over time: no suite has the rule for which objects were eligible."
 
 
 def _chosen(runs: Sequence[Results], choice: EpisodeChoice) -> tuple[Results, JobScores]:
@@ -160,8 +190,8 @@ def _named(job: JobScores) -> str:
     return f"{job.entry}{inputs}, {job.scenario}, seed {job.seed}{condition}"
 
 
-def _content(folder: Path, job: JobScores) -> Mapping[str, Any]:
-    """Return what the answers of a job depended on, from the results database."""
+def _score_spec(folder: Path, job: JobScores) -> Mapping[str, Any]:
+    """Return what the score of a job depended on, see `Job.spec`, from the results database."""
     path = folder / DATABASE
     if not path.is_file():
         raise KeptError(f"no {DATABASE} in {folder}, which says where answers are kept")
@@ -169,8 +199,8 @@ def _content(folder: Path, job: JobScores) -> Mapping[str, Any]:
         spec = store.spec(entry=job.entry, **job.name._asdict())
     if spec is None:
         raise KeptError(f"{path} has no row of {_named(job)}")
-    answers: Mapping[str, Any] = json.loads(spec)["answers"]
-    return answers
+    content: Mapping[str, Any] = json.loads(spec)
+    return content
 
 
 def _kept(content: Mapping[str, Any]) -> Iterator[Any]:
@@ -192,13 +222,13 @@ def _first(answers: Sequence[Any], record: type[R]) -> R | None:
     return next((each for each in answers if isinstance(each, record)), None)
 
 
-def _specs(content: Mapping[str, Any]) -> Iterator[Mapping[str, Any]]:
+def _episode_specs(content: Mapping[str, Any]) -> Iterator[Mapping[str, Any]]:
     """Yield what the episodes of an answer and of its sources depended on."""
     for name, value in content.items():
         if isinstance(value, Mapping):
-            if name == "episode" and "name" in value:
+            if name == "episode":
                 yield value
-            yield from _specs(value)
+            yield from _episode_specs(value)
 
 
 def _episode(spec: Mapping[str, Any], job: JobScores, results: Results) -> Episode | None:
@@ -229,11 +259,7 @@ def _timeline(spec: Mapping[str, Any]) -> Timeline | None:
         return None
 
 
-def _rule(results: Results) -> Eligibility | None:
-    """Return which objects were eligible; None unless the suite is one of ours as it is now."""
-    name = results.manifest.get("suite")
-    if name not in SUITES:
-        return None
-    # A run may have used only the first seeds.
-    suite = replace(load_suite(name), seeds=tuple(results.manifest.get("seeds", ())))
-    return suite.eligibility if fingerprint(suite) == results.manifest.get("suite_hash") else None
+def _rule(settings: str) -> Eligibility | None:
+    """Return the rule with this fingerprint; None unless it is the default or that of a suite."""
+    rules = [Eligibility(), *(load_suite(name).eligibility for name in SUITES)]
+    return next((rule for rule in rules if fingerprint(rule) == settings), None)

@@ -1,15 +1,23 @@
 """Episodes of a leaderboard run, shown from its kept files."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from toy_kitti import write_kitti
 
 from roadscope import leaderboard
-from roadscope.benchmarks import FolderError, load_suite
-from roadscope.benchmarks.viewing import EpisodeChoice, KeptError, view_of_results
+from roadscope.benchmarks import Eligibility, FolderError, load_suite
+from roadscope.benchmarks.viewing import (
+    EpisodeChoice,
+    EpisodeView,
+    KeptError,
+    view_of_results,
+)
 
 SEEDS = 20000, 20001
+SCENARIOS = "lu2018-three-vehicles", "lu2018-occlusion"
 SUITE = """
 name = "tiny"
 version = 1
@@ -27,11 +35,16 @@ entries = ["still"]
 """
 
 
+def write_suite(folder: Path) -> Path:
+    path = folder / "tiny.toml"
+    path.write_text(SUITE)
+    return path
+
+
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     place = tmp_path_factory.mktemp("results")
-    suite = place / "tiny.toml"
-    suite.write_text(SUITE)
+    suite = write_suite(place)
     for board in ("odometry", "detection", "tracking"):
         leaderboard(load_suite(suite), boards=[board], out_dir=place)
     return place
@@ -89,3 +102,50 @@ def test_answers_that_were_removed_are_said_to_be(folder: Path, tmp_path, monkey
     monkeypatch.setenv("ROADSCOPE_CACHE", str(tmp_path / "another"))
     with pytest.raises(KeptError, match="ROADSCOPE_CACHE"):
         view_of_results(folder, EpisodeChoice())
+
+
+def notes_of(view: EpisodeView) -> str:
+    return " ".join(view.notes)
+
+
+def test_all_that_is_stored_is_shown_without_a_note(folder: Path) -> None:
+    for board in ("detection", "tracking", "odometry"):
+        view = view_of_results(folder, EpisodeChoice(board))
+        assert view.notes == []
+        assert {curve.board for curve in view.curves} >= {board}
+
+
+def test_a_tracker_with_a_swept_threshold_has_truth_and_detections(tmp_path: Path) -> None:
+    suite = replace(load_suite(write_suite(tmp_path)), seeds=SEEDS[:1], scenarios=SCENARIOS[:1])
+    entry = "nearest?least_score=swept"
+    leaderboard(suite, [entry], only=True, boards=["tracking"], out_dir=tmp_path)
+    view = view_of_results(tmp_path, EpisodeChoice("tracking", entry))
+    assert view.episode is not None
+    assert view.episode.seed == SEEDS[0]
+    assert len(view.tracks) == len(view.truths) == len(view.detections) > 5
+    assert view.notes == []
+
+
+def test_scores_over_time_need_a_known_rule_alone(tmp_path: Path) -> None:
+    suite = replace(load_suite(write_suite(tmp_path)), seeds=SEEDS[:1], scenarios=SCENARIOS[:1])
+    others = suite.with_settings("tracking", detectors=("oracle",))
+    odd = replace(suite, eligibility=Eligibility(min_returns=7))
+    for name, changed, has_scores in (("others", others, True), ("odd", odd, False)):
+        leaderboard(changed, ["nearest"], only=True, boards=["tracking"], out_dir=tmp_path / name)
+        view = view_of_results(tmp_path / name, EpisodeChoice())
+        assert bool(view.curves) == has_scores
+        assert ("eligible" in notes_of(view)) != has_scores
+        assert view.episode is not None
+
+
+def test_of_recorded_data_the_tracks_are_shown_and_the_notes_say_so(tmp_path: Path) -> None:
+    kitti = write_kitti(tmp_path / "kitti")
+    leaderboard(
+        "quick", ["nearest"], only=True, boards=["tracking"], kitti=kitti, out_dir=tmp_path / "out"
+    )
+    view = view_of_results(tmp_path / "out", EpisodeChoice())
+    assert sum(map(len, view.tracks)) > 0
+    assert view.episode is None
+    assert "recorded" in notes_of(view)
+    assert "changed" not in notes_of(view)
+    assert "eligible" not in notes_of(view)
