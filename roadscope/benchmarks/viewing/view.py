@@ -5,16 +5,14 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
-from roadscope.benchmarks.boards.odometry import pose_scores
 from roadscope.benchmarks.eligibility import Eligibility
 from roadscope.benchmarks.episode import Episode, check_episode, timeline_of
 from roadscope.benchmarks.loop import RunOptions
 from roadscope.benchmarks.metrics.score import Score
 from roadscope.benchmarks.nodes.images import ImageNode
-from roadscope.benchmarks.nodes.poses import PoseNode
 from roadscope.benchmarks.progress import Progress, silent
 from roadscope.benchmarks.records import EpisodeImageDetections, EpisodePoses
-from roadscope.benchmarks.references import check_image_source, check_pose_source
+from roadscope.benchmarks.references import check_image_source
 from roadscope.benchmarks.single import run_episode
 from roadscope.benchmarks.viewing.curves import Curve, running_scores
 from roadscope.core import Detections, Tracks, Truth
@@ -59,31 +57,26 @@ def view_of_scenario(
 ) -> EpisodeView:
     """Run plug-ins on an episode as `run_episode` does; unknown names raise before anything runs.
 
-    odometry: source of poses, which are shown beside the true ones; trackers do not get them.
+    odometry: source of poses, which are shown beside the true ones; trackers do not get them. None:
+        the poses that the tracker gets are shown, if they are of an odometry.
     camera_detector: for a rig with a camera.
     """
-    report, options = progress or silent, RunOptions()
-    pose_node = None if odometry is None else PoseNode(check_pose_source(odometry), episode)
+    report = progress or silent
     check_episode(episode)
     has_camera = rig(episode.rig).camera is not None
     image_node = (
         ImageNode(check_image_source(camera_detector), episode, 0.0) if has_camera else None
     )
-    summary = run_episode(episode, detector=detector, tracker=tracker, progress=report)
-    poses: EpisodePoses | None = None
+    summary = run_episode(
+        episode, detector=detector, tracker=tracker, odometry=odometry, progress=report
+    )
     images: EpisodeImageDetections | None = None
-    scores: dict[str, Mapping[str, Score]] = {
-        "detection": summary.detection,
-        "tracking": summary.tracking,
-    }
-    if pose_node is not None:
-        report("odometry", 0, 1)
-        poses = pose_node.compute(options)
-        scores["odometry"] = pose_scores(poses)
-        report("odometry", 1, 1)
+    scores = {"detection": summary.detection, "tracking": summary.tracking}
+    if summary.odometry:
+        scores["odometry"] = summary.odometry
     if image_node is not None:
         report("images", 0, 1)
-        images = image_node.compute(options)
+        images = image_node.compute(RunOptions())
         report("images", 1, 1)
     named = [detector, tracker, *([odometry] if odometry else [])]
     return EpisodeView(
@@ -93,8 +86,8 @@ def view_of_scenario(
         truths=summary.detections.truths,
         detections=summary.detections.detections,
         tracks=summary.tracks,
-        poses=poses,
+        poses=summary.poses,
         images=images,
         scores=scores,
-        curves=running_scores(Eligibility(), summary.detections, summary.tracks, poses),
+        curves=running_scores(Eligibility(), summary.detections, summary.tracks, summary.poses),
     )

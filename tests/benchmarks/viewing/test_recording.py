@@ -174,6 +174,15 @@ def test_an_odometry_that_stands_still_stays_at_the_start(view, logged) -> None:
     np.testing.assert_allclose(path[-1], last.world_from_ego.translation, atol=1e-3)
 
 
+def test_the_poses_that_a_tracker_gets_are_shown() -> None:
+    episode = Episode("lu2018-occlusion", SEED, "lux", 0.3)
+    view = view_of_scenario(episode, detector="oracle", tracker="nearest?ego=still")
+    assert view.poses is not None
+    poses = np.asarray(view.poses.trajectories.estimate)
+    np.testing.assert_array_equal(poses, np.broadcast_to(poses[0], poses.shape))
+    assert "odometry" not in view.scores
+
+
 def test_returns_by_intensity(view, tmp_path: Path) -> None:
     path = save_recording(view, tmp_path / "grey.rrd", returns="intensity")
     returns = read_recording(path)[f"/world/ego/{find_rig(RIG).lidar.name}/returns"]
