@@ -10,13 +10,14 @@ from typing import Annotated
 import typer
 
 from roadscope.commands import completion
-from roadscope.commands.options import Quiet, Rig
+from roadscope.commands.options import Quiet, Rig, is_given
 from roadscope.commands.run import (
     METHODS,
     CameraDetector,
     Detector,
     Faults,
     Light,
+    ReturnColours,
     Seconds,
     Tracker,
     Weather,
@@ -37,7 +38,6 @@ Save = Annotated[
     Path | None,
     typer.Option(metavar="FILE", help="Write a .rrd file, and open no viewer"),
 ]
-Returns = Annotated[str, typer.Option(metavar="NAME", help="Colour returns by object or intensity")]
 Seed = Annotated[
     int | None,
     typer.Option(min=0, metavar="N", help="Of the episode; of a scenario, 0 if left out"),
@@ -79,7 +79,14 @@ Condition = Annotated[
     ),
 ]
 OF_SCENARIO = (
-    *("rig", "weather", "light", "faults", "tracker", "odometry", "camera_detector", "seconds"),
+    "rig",
+    "weather",
+    "light",
+    "faults",
+    "tracker",
+    "odometry",
+    "camera_detector",
+    "seconds",
 )
 OF_RESULTS = ("board", "entry", "scenario", "condition")
 """Parameters that have a meaning for a scenario alone, and for a folder alone."""
@@ -93,11 +100,11 @@ def view(
     seed: Seed = None,
     rig: Rig = "lux",
     seconds: Seconds = None,
-    returns: Returns = "object",
+    returns: ReturnColours = "object",
     detector: Detector = "distance-l-shape",
     tracker: Tracker = "existence",
     odometry: Odometry = None,
-    camera_detector: CameraDetector = "network",
+    camera_detector: CameraDetector = None,
     weather: Weather = "clear",
     light: Light = "day",
     faults: Faults = "clear",
@@ -116,14 +123,11 @@ def view(
     from roadscope.benchmarks.episode import Episode
     from roadscope.benchmarks.viewing.kept import EpisodeChoice, view_of_results
     from roadscope.benchmarks.viewing.program import rerun_module, show
-    from roadscope.benchmarks.viewing.recording import ENDING, RETURNS, save_recording
+    from roadscope.benchmarks.viewing.recording import ENDING, save_recording
     from roadscope.benchmarks.viewing.view import view_of_scenario
-    from roadscope.core.names import unknown
     from roadscope.envs.sensors.faults import faults_of
     from roadscope.envs.traffic.scenarios import SCENARIOS
 
-    if returns not in RETURNS:
-        raise ValueError(unknown("colour of returns", returns, RETURNS))
     if save is not None:
         usable_file(save, (ENDING,), "a recording")
     rerun_module()
@@ -133,7 +137,7 @@ def view(
         path = Path(scratch) / f"episode{ENDING}" if save is None else save
         with progress_bars(quiet=quiet) as progress:
             if of_results:
-                inputs = detector if _is_given(context, "detector") else None
+                inputs = detector if is_given(context, "detector") else None
                 choice = EpisodeChoice(board, entry, scenario, seed, condition, inputs)
                 shown = view_of_results(source, choice)
             else:
@@ -145,7 +149,7 @@ def view(
                     detector=detector,
                     tracker=tracker,
                     odometry=odometry,
-                    camera_detector=camera_detector or "network",
+                    camera_detector=camera_detector,
                     progress=progress,
                 )
             save_recording(shown, path, returns=returns, progress=progress)
@@ -171,14 +175,9 @@ def _scenario(name: str) -> str:
         raise ScenarioError(f"{error}; or a folder of roadscope leaderboard --out") from error
 
 
-def _is_given(context: typer.Context, name: str) -> bool:
-    source = context.get_parameter_source(name)
-    return source is not None and source.name == "COMMANDLINE"
-
-
 def _refuse(context: typer.Context, names: Sequence[str]) -> None:
     """Refuse options that have no meaning for what is shown."""
-    given = [f"--{name.replace('_', '-')}" for name in names if _is_given(context, name)]
-    if given:
+    refused = [f"--{name.replace('_', '-')}" for name in names if is_given(context, name)]
+    if refused:
         kind = "a folder of results" if names is OF_SCENARIO else "a scenario"
-        raise typer.BadParameter(f"{', '.join(given)} has no meaning for {kind}")
+        raise typer.BadParameter(f"{', '.join(refused)} has no meaning for {kind}")

@@ -39,7 +39,9 @@ def test_without_the_extra_it_is_named(answer, tmp_path: Path, monkeypatch) -> N
     [
         (("view", "nowhere"), 1, "folder"),
         (("view", "roundabout", "--save", "scene.png"), 1, ".rrd"),
-        (("view", "roundabout", "--returns", "colour"), 1, "intensity"),
+        (("view", "roundabout", "--returns", "colour"), 2, "intensity"),
+        (("view", "roundabout", "--rig", "lux", "--camera-detector", "oracle"), 1, "camera"),
+        (("view", "roundabout", "--rig", "wide", "--camera-detector", "nobody"), 1, "nobody"),
         (("view", "roundabout", "--odometry", "nothing"), 1, "odometry"),
         (("view", "roundabout", "--board", "tracking"), 2, "--board"),
         (("view", "{folder}", "--rig", "lux"), 2, "--rig"),

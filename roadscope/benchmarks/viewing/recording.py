@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
@@ -43,8 +43,6 @@ if TYPE_CHECKING:
     from roadscope.core import LidarScan
 
 ENDING = ".rrd"
-RETURNS = ("object", "intensity")
-"""By what returns are coloured."""
 TIMELINE = "time"
 GROUND_CLASS, SCENERY_CLASS, WEATHER_CLASS = (len(Category) + k for k in range(3))
 """Classes of returns that come from no road user; those of road users are their categories."""
@@ -67,7 +65,7 @@ def save_recording(
     view: EpisodeView,
     path: Path | str,
     *,
-    returns: str = "object",
+    returns: Literal["object", "intensity"] = "object",
     progress: Progress | None = None,
 ) -> Path:
     """Write a view to a file of Rerun and return its path.

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
+from roadscope.benchmarks.camera_view import check_camera_detector
 from roadscope.benchmarks.eligibility import Eligibility
 from roadscope.benchmarks.episode import Episode, check_episode, timeline_of
 from roadscope.benchmarks.loop import RunOptions
@@ -18,6 +19,9 @@ from roadscope.benchmarks.viewing.curves import Curve, running_scores
 from roadscope.core import Detections, Tracks, Truth
 from roadscope.envs.sensors.rigs import rig
 from roadscope.envs.traffic.timeline import Timeline
+
+CAMERA_DETECTOR = "network"
+"""The camera detector whose boxes are shown if none is named."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -52,21 +56,23 @@ def view_of_scenario(
     detector: str,
     tracker: str,
     odometry: str | None = None,
-    camera_detector: str = "network",
+    camera_detector: str | None = None,
     progress: Progress | None = None,
 ) -> EpisodeView:
     """Run plug-ins on an episode as `run_episode` does; unknown names raise before anything runs.
 
     odometry: source of poses, which are shown beside the true ones; trackers do not get them. None:
         the poses that the tracker gets are shown, if they are of an odometry.
-    camera_detector: for a rig with a camera.
+    camera_detector: for a rig with a camera, others are refused; None: `network` if there is one.
     """
     report = progress or silent
     check_episode(episode)
-    has_camera = rig(episode.rig).camera is not None
-    image_node = (
-        ImageNode(check_image_source(camera_detector), episode, 0.0) if has_camera else None
-    )
+    if camera_detector is None and rig(episode.rig).camera is not None:
+        camera_detector = CAMERA_DETECTOR
+    image_node: ImageNode | None = None
+    if camera_detector is not None:
+        check_camera_detector(episode, camera_detector)
+        image_node = ImageNode(check_image_source(camera_detector), episode, 0.0)
     summary = run_episode(
         episode, detector=detector, tracker=tracker, odometry=odometry, progress=report
     )
