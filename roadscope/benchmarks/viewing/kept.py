@@ -139,6 +139,8 @@ def _notes(
     missing += [] if view.truths else ["true boxes"]
     if missing:
         yield f"No {' and '.join(missing)}: {reason}."
+    if view.episode is None and view.poses is not None:
+        yield "Path and pose of the odometry are of the LiDAR: its mounting is not known."
     if view.tracks and not view.detections:
         removed = f"their file is not in {cache_dir()} any more"
         yield f"No detections: {removed if episode_spec and not recorded else reason}."

@@ -200,9 +200,13 @@ class _Recording:
         self.log("world/road/asphalt", asphalt)
 
     def _write_paths(self) -> None:
-        """Write the true path of the ego, and beside it that of an odometry with its pose."""
+        """Write the true path of the ego, and beside it that of an odometry with its pose.
+
+        Without an episode the mounting is not known: paths of poses are then those of the LiDAR.
+        """
         poses, lidar_from_ego = self.view.poses, self.ego_from_lidar.inverse().matrix
         path = np.array([each.world_from_ego.translation for each in self.view.truths])
+        body = "ego" if len(path) or self.view.episode is not None else "lidar"
         if poses is not None:
             estimates = aligned(poses.trajectories, "origin") @ lidar_from_ego
             if not len(path):
@@ -215,7 +219,7 @@ class _Recording:
                 pose = self.rr.Transform3D(translation=estimate[:3, 3], mat3x3=estimate[:3, :3])
                 self.log("world/odometry", pose, static=False)
         if len(path):
-            self._write_path("world/paths/ego", path, colours_of.TRUTH)
+            self._write_path(f"world/paths/{body}", path, colours_of.TRUTH)
 
     def _write_path(self, entity: str, points: np.ndarray, colour: Sequence[int]) -> None:
         self.log(entity, self.rr.LineStrips3D([points], colors=colour, radii=self._px(LINE_PX)))

@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from pathlib import Path
+from shutil import copytree
 
 import numpy as np
 import pytest
@@ -149,3 +150,15 @@ def test_of_recorded_data_the_tracks_are_shown_and_the_notes_say_so(tmp_path: Pa
     assert "recorded" in notes_of(view)
     assert "changed" not in notes_of(view)
     assert "eligible" not in notes_of(view)
+
+
+def test_a_rig_that_is_another_one_now_has_no_sensor_data(folder: Path, tmp_path: Path) -> None:
+    place = tmp_path / "other"
+    copytree(folder, place)
+    for path in place.glob("leaderboard*.json"):
+        path.write_text(path.read_text().replace('"rig": "lux"', '"rig": "wide"'))
+    view = view_of_results(place, EpisodeChoice("odometry"))
+    assert view.episode is None
+    assert view.poses is not None
+    assert "LiDAR" in notes_of(view)
+    assert "rig has changed" in notes_of(view)

@@ -183,6 +183,15 @@ def test_the_poses_that_a_tracker_gets_are_shown() -> None:
     assert "odometry" not in view.scores
 
 
+def test_without_an_episode_the_true_path_is_of_the_lidar(view, tmp_path: Path) -> None:
+    poses_alone = EpisodeView("poses", poses=view.poses)
+    logged = read_recording(save_recording(poses_alone, tmp_path / "poses.rrd"))
+    (path,) = logged["/world/paths/lidar"]["LineStrips3D:strips"].static
+    truth = np.asarray(view.poses.trajectories.truth)[:, :3, 3]
+    np.testing.assert_allclose(path, truth, atol=1e-3)
+    assert "/world/paths/ego" not in logged
+
+
 def test_returns_by_intensity(view, tmp_path: Path) -> None:
     path = save_recording(view, tmp_path / "grey.rrd", returns="intensity")
     returns = read_recording(path)[f"/world/ego/{find_rig(RIG).lidar.name}/returns"]
