@@ -116,14 +116,14 @@ def view(
 ) -> None:
     """Show an episode in Rerun: world, sensors, truth, detections, tracks and scores over time.
 
-    A scenario is run as roadscope run does; of a folder, the kept answers of an entry are shown.
+    A scenario is run as roadscope run does; of a folder, the stored answers of an entry are shown.
     Needs: pip install 'roadscope[view]'. The viewer listens on this machine alone.
     """
     from roadscope.benchmarks.cache import usable_file
     from roadscope.benchmarks.episode import Episode
-    from roadscope.benchmarks.viewing.kept import EpisodeChoice, view_of_results
     from roadscope.benchmarks.viewing.program import rerun_module, show
     from roadscope.benchmarks.viewing.recording import ENDING, save_recording
+    from roadscope.benchmarks.viewing.stored_answers import EpisodeChoice, view_of_results
     from roadscope.benchmarks.viewing.view import view_of_scenario
     from roadscope.envs.sensors.faults import faults_of
     from roadscope.envs.traffic.scenarios import SCENARIOS

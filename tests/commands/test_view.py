@@ -52,8 +52,8 @@ def test_wrong_input_is_refused_in_one_line(
     answer, tmp_path: Path, arguments: tuple[str, ...], status: int, named: str
 ) -> None:
     pytest.importorskip("rerun", reason="rerun-sdk is not installed")
-    given, _, errors = answer(*(each.format(folder=tmp_path) for each in arguments))
-    assert given == status
+    ended, _, errors = answer(*(each.format(folder=tmp_path) for each in arguments))
+    assert ended == status
     assert named in errors
     assert len(errors.splitlines()) == 1
 

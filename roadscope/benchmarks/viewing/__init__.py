@@ -4,9 +4,9 @@ from roadscope._lazy import lazy_names
 
 _PARTS = {
     "curves": "Curve running_scores",
-    "kept": "EpisodeChoice KeptError view_of_results",
     "program": "ViewerError arguments environment show",
     "recording": "save_recording",
+    "stored_answers": "EpisodeChoice StoredAnswersError view_of_results",
     "view": "EpisodeView view_of_scenario",
 }
 """Names by the file that defines them, loaded when first used: the face of this folder."""

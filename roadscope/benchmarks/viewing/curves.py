@@ -60,16 +60,16 @@ def _of_boxes(
     ends = np.unique(np.linspace(1, len(truths), count).round().astype(int))
     samples: dict[tuple[str, str, str], list[tuple[float, float]]] = {}
     for end in ends.tolist():
-        seen = truths[:end]
-        pairings = rule.pairings(boxes[:end], seen, parked)
-        scores = {"detection": score_detections(boxes[:end], seen, pairings).named()}
+        truths_so_far = truths[:end]
+        pairings = rule.pairings(boxes[:end], truths_so_far, parked)
+        scores = {"detection": score_detections(boxes[:end], truths_so_far, pairings).named()}
         if tracks:
-            pairings = rule.pairings(tracks[:end], seen, parked)
-            scores["tracking"] = score_tracks(tracks[:end], seen, pairings).named()
+            pairings = rule.pairings(tracks[:end], truths_so_far, parked)
+            scores["tracking"] = score_tracks(tracks[:end], truths_so_far, pairings).named()
         for board, named in scores.items():
             for metric in METRICS[board]:
                 if np.isfinite(named[metric].value):
-                    sample = seen[-1].stamp_s, named[metric].value
+                    sample = truths_so_far[-1].stamp_s, named[metric].value
                     samples.setdefault((board, metric, named[metric].unit), []).append(sample)
     for (board, metric, unit), pairs in samples.items():
         yield Curve(board, metric, unit, *np.array(pairs).T)

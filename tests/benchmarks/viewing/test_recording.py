@@ -107,10 +107,10 @@ def test_returns_have_the_class_of_their_object(logged, sensed) -> None:
     named = {info[0]["info"]["label"]: info[0]["info"]["id"] for info in _infos(logged)}
     of_cars = 0
     for _, truth in scans(sensed):
-        found = np.array(classes.at(truth.stamp_s))
-        assert ((found == named["ground"]) == (truth.sources == -1)).all()
+        logged_classes = np.array(classes.at(truth.stamp_s))
+        assert ((logged_classes == named["ground"]) == (truth.sources == -1)).all()
         for number, category in zip(truth.ids, truth.categories, strict=True):
-            own = found[truth.sources == number]
+            own = logged_classes[truth.sources == number]
             assert (own == category).all()
             of_cars += len(own)
     assert of_cars > 100
@@ -143,9 +143,9 @@ def test_images_have_boxes_of_what_is_visible(logged, sensed) -> None:
         (blob,) = logged[f"{place}/image"]["EncodedImage:blob"].at(truth.stamp_s)
         shown = np.asarray(Image.open(BytesIO(bytes(blob))), float)
         assert abs(shown - frame.camera.pixels).mean() < 4
-        seen = truth.visible_pixels > 0
+        visible = truth.visible_pixels > 0
         halves = np.array(logged[f"{place}/image/truth"]["Boxes2D:half_sizes"].at(truth.stamp_s))
-        sides = truth.image_boxes[seen, 2:] - truth.image_boxes[seen, :2]
+        sides = truth.image_boxes[visible, 2:] - truth.image_boxes[visible, :2]
         np.testing.assert_allclose(2 * halves.reshape(-1, 2), sides, atol=0.1)
     assert f"{place}/image/detections" in logged
     matrix = np.array(logged[place]["Pinhole:image_from_camera"].static[0]).reshape(3, 3).T

@@ -1,4 +1,4 @@
-"""Reads what a leaderboard run kept of one episode: truth, tracks, detections, poses.
+"""Reads the stored answers of one episode of a leaderboard run: truth, tracks, detections, poses.
 
 No plug-in runs again. The results database says what each score was computed from, and so which
 files in the cache folder have the answers.
@@ -40,7 +40,7 @@ from roadscope.benchmarks.viewing.view import EpisodeView
 from roadscope.core import RecordError, Truth
 from roadscope.envs.traffic.timeline import Timeline
 
-KEPT = (TrackNode, DetectionNode, FusionNode, ImageNode, PoseNode)
+STORED_NODES = (TrackNode, DetectionNode, FusionNode, ImageNode, PoseNode)
 """Nodes whose files are shown; their content is told apart by its record."""
 MOST_NAMED = 8
 """Most possibilities that an error names."""
@@ -48,8 +48,8 @@ MOST_NAMED = 8
 R = TypeVar("R")
 
 
-class KeptError(ValueError):
-    """Nothing is kept of an episode, or there is no such episode."""
+class StoredAnswersError(ValueError):
+    """No answer of an episode is stored, or there is no such episode."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,26 +77,26 @@ def view_of_results(folder: Path | str, choice: EpisodeChoice) -> EpisodeView:
     """Return the first episode that is chosen, of the best entry that has one.
 
     folder: of `roadscope leaderboard --out`. Returns and images are made again, if the code and the
-    rig are those of the run. `KeptError` if there is no such episode, or nothing is kept of it;
-    `FolderError` for a folder without results.
+    rig are those of the run. `StoredAnswersError` if there is no such episode, or no answer is
+    stored; `FolderError` for a folder without results.
     """
     place = Path(folder)
     results, job = _chosen([run.results for run in read_runs(place)], choice)
     spec = _score_spec(place, job)
     content = spec["answers"]
     if isinstance(content.get("parts"), list):
-        raise KeptError(
+        raise StoredAnswersError(
             f"{_named(job)} is scored on all drives together, which no view shows; choose another "
             "board with --board"
         )
-    kept = list(_kept(content))
-    if not kept:
-        raise KeptError(
-            f"nothing is kept of {_named(job)} in {cache_dir()}: it was removed, or the run used "
-            "another cache folder (ROADSCOPE_CACHE); run the leaderboard again"
+    answers = list(_stored_answers(content))
+    if not answers:
+        raise StoredAnswersError(
+            f"no answer of {_named(job)} is stored in {cache_dir()}: it was removed, or the run "
+            "used another cache folder (ROADSCOPE_CACHE); run the leaderboard again"
         )
-    detections, tracks = _first(kept, EpisodeDetections), _first(kept, EpisodeTracks)
-    fusions, poses = _first(kept, EpisodeFusions), _first(kept, EpisodePoses)
+    detections, tracks = _first(answers, EpisodeDetections), _first(answers, EpisodeTracks)
+    fusions, poses = _first(answers, EpisodeFusions), _first(answers, EpisodePoses)
     episode_spec = next(_episode_specs(content), {})
     episode = _episode(episode_spec, job, results)
     truths: Sequence[Truth] = () if detections is None else detections.truths
@@ -115,7 +115,7 @@ def view_of_results(folder: Path | str, choice: EpisodeChoice) -> EpisodeView:
         detections=boxes,
         tracks=() if tracks is None else tracks.tracks,
         poses=poses,
-        images=_first(kept, EpisodeImageDetections),
+        images=_first(answers, EpisodeImageDetections),
         scores={job.board: job.scores},
         curves=running_scores(
             rule or Eligibility(), scored, () if tracks is None else tracks.tracks, poses
@@ -166,8 +166,10 @@ def _chosen(runs: Sequence[Results], choice: EpisodeChoice) -> tuple[Results, Jo
                     return results, own[0]
     jobs = [job for results in runs for job in results.jobs]
     if choice == EpisodeChoice():
-        raise KeptError("every entry failed in every episode")
-    raise KeptError(f"no episode with {_wanted(choice)} but failed ones; {_possible(jobs, choice)}")
+        raise StoredAnswersError("every entry failed in every episode")
+    raise StoredAnswersError(
+        f"no episode with {_wanted(choice)} but failed ones; {_possible(jobs, choice)}"
+    )
 
 
 def _wanted(choice: EpisodeChoice) -> str:
@@ -196,19 +198,19 @@ def _score_spec(folder: Path, job: JobScores) -> Mapping[str, Any]:
     """Return what the score of a job depended on, see `Job.spec`, from the results database."""
     path = folder / DATABASE
     if not path.is_file():
-        raise KeptError(f"no {DATABASE} in {folder}, which says where answers are kept")
+        raise StoredAnswersError(f"no {DATABASE} in {folder}, which says where answers are stored")
     with Store(path) as store:
         spec = store.spec(entry=job.entry, **job.name._asdict())
     if spec is None:
-        raise KeptError(f"{path} has no row of {_named(job)}")
+        raise StoredAnswersError(f"{path} has no row of {_named(job)}")
     content: Mapping[str, Any] = json.loads(spec)
     return content
 
 
-def _kept(content: Mapping[str, Any]) -> Iterator[Any]:
-    """Yield the kept records of an answer and of everything that it was computed from."""
+def _stored_answers(content: Mapping[str, Any]) -> Iterator[Any]:
+    """Yield the stored records of an answer and of everything that it was computed from."""
     key = fingerprint(content)
-    for node in KEPT:
+    for node in STORED_NODES:
         path = cache_dir() / node.folder / f"{key}.cache"
         if path.is_file():
             try:
@@ -217,7 +219,7 @@ def _kept(content: Mapping[str, Any]) -> Iterator[Any]:
                 continue
     for value in content.values():
         if isinstance(value, Mapping):
-            yield from _kept(value)
+            yield from _stored_answers(value)
 
 
 def _first(answers: Sequence[Any], record: type[R]) -> R | None:
@@ -251,7 +253,7 @@ def _episode(spec: Mapping[str, Any], job: JobScores, results: Results) -> Episo
 
 
 def _timeline(spec: Mapping[str, Any]) -> Timeline | None:
-    """Return the traffic of an episode, if it is kept."""
+    """Return the traffic of an episode, if it is stored."""
     names = ("scenario", "name", "seed", "duration_s", "code")
     try:
         key = fingerprint({name: spec[name] for name in names})

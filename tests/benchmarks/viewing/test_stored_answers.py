@@ -1,4 +1,4 @@
-"""Episodes of a leaderboard run, shown from its kept files."""
+"""Episodes of a leaderboard run, shown from its stored files."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -13,7 +13,7 @@ from roadscope.benchmarks import Eligibility, FolderError, load_suite
 from roadscope.benchmarks.viewing import (
     EpisodeChoice,
     EpisodeView,
-    KeptError,
+    StoredAnswersError,
     view_of_results,
 )
 
@@ -51,7 +51,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return place
 
 
-def test_an_entry_is_shown_with_all_that_is_kept(folder: Path) -> None:
+def test_an_entry_is_shown_with_all_that_is_stored(folder: Path) -> None:
     choice = EpisodeChoice("tracking", "gnn", "lu2018-occlusion", SEEDS[1])
     view = view_of_results(folder, choice)
     assert "gnn" in view.title
@@ -90,7 +90,7 @@ def test_another_choice_is_another_episode(folder: Path) -> None:
 def test_what_is_not_there_is_refused_with_what_is(
     folder: Path, choice: EpisodeChoice, named: str
 ) -> None:
-    with pytest.raises(KeptError, match=named):
+    with pytest.raises(StoredAnswersError, match=named):
         view_of_results(folder, choice)
 
 
@@ -101,7 +101,7 @@ def test_a_folder_without_results_is_refused(tmp_path: Path) -> None:
 
 def test_answers_that_were_removed_are_said_to_be(folder: Path, tmp_path, monkeypatch) -> None:
     monkeypatch.setenv("ROADSCOPE_CACHE", str(tmp_path / "another"))
-    with pytest.raises(KeptError, match="ROADSCOPE_CACHE"):
+    with pytest.raises(StoredAnswersError, match="ROADSCOPE_CACHE"):
         view_of_results(folder, EpisodeChoice())
 
 
