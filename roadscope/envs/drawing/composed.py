@@ -145,10 +145,20 @@ def _side(shown: Snapshot, width: int, *, colour_by: str) -> np.ndarray:
 def _title(shown: Snapshot, width: int) -> np.ndarray:
     canvas = Canvas(width, TITLE_PX + 4)
     clock = f"{max(shown.truth.stamp_s, 0.0):.1f} s"
-    canvas.text(shown.title, np.zeros(2), colours.TRUTH, TITLE_PX)
     right = width - text_px(clock, TITLE_PX)[0]
+    canvas.text(_shortened(shown.title, right - MARGIN), np.zeros(2), colours.TRUTH, TITLE_PX)
     canvas.text(clock, np.array([right, 0]), colours.TRUTH, TITLE_PX)
     return canvas.image()
+
+
+@lru_cache
+def _shortened(title: str, width: int) -> str:
+    """Return the title, or its beginning with an ellipsis if it is wider."""
+    short, length = title, len(title)
+    while text_px(short, TITLE_PX)[0] > width and length > 0:
+        length -= 1
+        short = title[:length].rstrip(" ,+") + "..."
+    return short
 
 
 @lru_cache

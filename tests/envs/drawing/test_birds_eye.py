@@ -17,7 +17,13 @@ from roadscope.core import (
     palette,
 )
 from roadscope.envs import find_rig
-from roadscope.envs.drawing import BirdsEyeView, Snapshot, box_corners, view_from_above
+from roadscope.envs.drawing import (
+    BirdsEyeView,
+    Snapshot,
+    box_corners,
+    composed_frame,
+    view_from_above,
+)
 from roadscope.envs.traffic import Terrain
 from tests.envs.worlds import platoon
 
@@ -182,6 +188,13 @@ def test_returns_of_a_tilted_vehicle_are_drawn_above_their_place():
     assert 0 < len(changed) <= 9
     expected = HOME[0] - (place[0] - 100.0) / SCALE, HOME[1] - place[1] / SCALE
     assert np.allclose(changed.mean(axis=0) + 0.5, expected, atol=1.0)
+
+
+def test_a_long_title_leaves_the_clock_alone():
+    short, long = (composed_frame(_snapshot(title=text)) for text in ("", "street, rain-2 " * 9))
+    changed = np.argwhere((short != long).any(axis=2))
+    # The clock, "5.0 s", is at the right border.
+    assert 1000 < changed[:, 1].max() < short.shape[1] - 60
 
 
 def test_detections_are_drawn_at_their_place():
