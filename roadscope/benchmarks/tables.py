@@ -45,7 +45,7 @@ MEANINGS: Mapping[str, Mapping[str, str]] = {
         "call_p50_ms": "processor time an update, median",
     },
     "odometry": {
-        "t_rel": "drift of the position, of the distance",
+        "t_rel": "position drift, share of distance driven",
         "r_rel": "drift of the heading in 100 m",
         "ate": "error of positions, RMS",
         "end": "error of the last position",

@@ -62,7 +62,7 @@ By = Annotated[
     list[str] | None,
     typer.Option(
         metavar="NAME",
-        help="Divide by range, scenario, condition, ...; repeatable",
+        help="Break down by scenario, condition, ...; repeatable",
         rich_help_panel=CHOICE,
     ),
 ]
@@ -127,7 +127,7 @@ Deadline = Annotated[
     typer.Option(
         min=1,
         metavar="S",
-        help="Most time of plug-ins for an episode, else 300 s",
+        help="Time limit of a plug-in for one episode; else 300 s",
         show_default=False,
         rich_help_panel=RUNNING,
     ),

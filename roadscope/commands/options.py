@@ -71,7 +71,8 @@ Layout = Annotated[
     str,
     typer.Option(
         metavar="COLUMNS",
-        help="Of .bin, .npy: x,y,z,intensity,ring,time; _ is not used",
+        help="Columns of .bin and .npy files, such as x,y,z,intensity; "
+        "write _ for a column to skip",
         rich_help_panel=RECORDED,
     ),
 ]

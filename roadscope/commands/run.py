@@ -35,7 +35,7 @@ Scenario = Annotated[
 Seed = Annotated[int, typer.Option(min=0, metavar="N", help="Another seed is another episode")]
 Picture = Annotated[
     Path | None,
-    typer.Option(metavar="FILE", help="Draw the middle scan and all answers, as .png"),
+    typer.Option(metavar="FILE", help="Draw the middle scan, all answers: .png, .jpg, .webp"),
 ]
 Video = Annotated[
     Path | None,
@@ -45,7 +45,7 @@ Image = Annotated[
     Path | None,
     typer.Option(
         metavar="FILE",
-        help="Draw the camera's middle image and boxes, as .png",
+        help="Draw the middle image with boxes: .png, .jpg, .webp",
         rich_help_panel=PICTURES,
     ),
 ]
