@@ -242,8 +242,8 @@ class RunPictures:
 
 def _share(hits: np.ndarray, misses: np.ndarray) -> np.ndarray:
     """Return (T,) share of hits so far; NaN before there is anything to hit."""
-    found, every = np.cumsum(hits), np.cumsum(hits + misses)
-    shares: np.ndarray = np.where(every > 0, found / np.maximum(every, 1), np.nan)
+    so_far, possible = np.cumsum(hits), np.cumsum(hits + misses)
+    shares: np.ndarray = np.where(possible > 0, so_far / np.maximum(possible, 1), np.nan)
     return shares
 
 

@@ -202,9 +202,9 @@ def run_scenario(
         check_video(episode, video, every=video_every)
     if camera_detector is not None:
         check_camera_detector(episode, camera_detector)
-    seen_by = camera_detector or "network"
+    image_detector = camera_detector or "network"
     if image is not None:
-        check_view(episode, seen_by, image)
+        check_view(episode, image_detector, image)
     with progress_bars(quiet=quiet) as progress:
         summary = run_episode(
             episode, detector=detector, tracker=tracker, odometry=odometry, progress=progress
@@ -222,7 +222,7 @@ def run_scenario(
                 every=video_every,
                 progress=progress,
             )
-        boxes = 0 if image is None else save_view(episode, seen_by, image)
+        boxes = 0 if image is None else save_view(episode, image_detector, image)
     names = {"detector": detector, "tracker": tracker}
     if json:
         print_json({**summary.to_json(), **names, **({"odometry": odometry} if odometry else {})})
@@ -239,7 +239,7 @@ def run_scenario(
         if video is not None:
             typer.echo(f"video: {video}")
         if image is not None:
-            typer.echo(f"image: {image}, {_boxes_in_words(boxes, seen_by)}")
+            typer.echo(f"image: {image}, {_boxes_in_words(boxes, image_detector)}")
 
 
 def _refuse_without_effect(context: typer.Context) -> None:

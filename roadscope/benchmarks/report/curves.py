@@ -49,7 +49,7 @@ def draw_curves(results: Results, path: Path) -> None:
             for k, entry in enumerate(results.entries(BOARD)):
                 own = [row for row in rows if (row.entry, row.metric) == (entry, metric)]
                 if own:
-                    _curve(place, own, *_look(k))
+                    _curve(place, own, *_line_style(k))
             _style(place, label)
         lines, names = axes[0].get_legend_handles_labels()
         figure.legend(lines, names, loc="outside right upper")
@@ -57,7 +57,7 @@ def draw_curves(results: Results, path: Path) -> None:
         write_atomically(path, partial(figure.savefig, format=ending, metadata=dated))
 
 
-def _look(number: int) -> tuple[str, str]:
+def _line_style(number: int) -> tuple[str, str]:
     """Return colour and line style of an entry."""
     count = len(PAPER_COLOURS)
     return PAPER_COLOURS[number % count], STYLES[number // count % len(STYLES)]
