@@ -96,12 +96,18 @@ class Canvas:
         inside = (x >= 0) & (x <= width - DOT) & (y >= 0) & (y <= height - DOT)
         cells, levels = (y * width + x)[inside], levels[inside]
         order = np.argsort(levels, kind="stable")
-        top = np.zeros((height, width), np.uint8)
-        steps = np.arange(DOT)[:, None] * width + np.arange(DOT)
+        corners = np.zeros((height, width), np.uint8)
         # Of those that share a pixel, the last one is drawn.
-        top.reshape(-1)[cells[order, None] + steps.ravel().astype(np.int32)] = levels[order, None]
+        corners.reshape(-1)[cells[order]] = levels[order]
+        rows = corners.copy()
+        for step in range(1, DOT):
+            np.maximum(rows[step:], corners[:-step], out=rows[step:])
+        top = rows.copy()
+        for step in range(1, DOT):
+            np.maximum(top[:, step:], rows[:, :-step], out=top[:, step:])
         layer = Image.fromarray(top)
-        mask = layer.point([0] + [255] * 255)
+        # A mask of bits is pasted faster than opacities.
+        mask = layer.point([0] + [255] * 255, "1")
         layer.putpalette(colours.astype(int).ravel().tolist())
         self._image.paste(layer.convert("RGB"), mask=mask)
 
