@@ -335,12 +335,12 @@ class _Recording:
                 self.log(f"{place}/image", pixels, static=False)
             self.log(f"{place}/image/truth", self._image_truth(truth), static=False)
             if picture.index in detected:
-                boxes = detected[picture.index]
+                detections = detected[picture.index]
                 boxes = self.rr.Boxes2D(
-                    array=boxes.boxes,
+                    array=detections.boxes,
                     array_format=self.rr.Box2DFormat.XYXY,
-                    colors=_family_colours(boxes.categories),
-                    labels=_detection_names(boxes.categories, boxes.scores),
+                    colors=_family_colours(detections.categories),
+                    labels=_detection_names(detections.categories, detections.scores),
                 )
                 self.log(f"{place}/image/detections", boxes, static=False)
         progress("images", len(rows), len(rows))
