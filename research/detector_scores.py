@@ -27,7 +27,7 @@ from roadscope.benchmarks.episode import sensed
 from roadscope.benchmarks.metrics.detection import GATE_M
 from roadscope.benchmarks.metrics.matching import match
 from roadscope.benchmarks.parked import parked_among
-from roadscope.benchmarks.suite_files import SPLITS
+from roadscope.benchmarks.suite import SPLITS
 from roadscope.detectors.cloud import Cloud
 from roadscope.detectors.evidence import FEATURES as CLUSTER_FEATURES
 from roadscope.detectors.evidence import features

@@ -84,8 +84,8 @@ _PARTS = {
     "sources": "package source_hash",
     "store": "LOG_LENGTH Outcome Store StoreError StoredJob",
     "submit": "SubmitError submit_kitti submit_mot",
-    "suite": "Positive SuiteError check_names",
-    "suite_files": "SPLITS SUITES parse_suite",
+    "suite": "SPLITS Positive SuiteError check_names",
+    "suite_files": "SUITES parse_suite",
     "tables": "MEANINGS name_table speed_table",
     "target_views": "TargetPose TargetViews calibrate_from_corners held_out_error_px "
     "random_poses target_prisms target_view true_corners",

@@ -43,8 +43,8 @@ from roadscope.benchmarks.formats.trajectories import trajectory_text
 from roadscope.benchmarks.nodes.detections import DetectionNode
 from roadscope.benchmarks.progress import Progress, silent
 from roadscope.benchmarks.references import detection_source, made_from_truth
-from roadscope.benchmarks.suite import Suite, check_names
-from roadscope.benchmarks.suite_files import SPLITS, load_suite
+from roadscope.benchmarks.suite import SPLITS, Suite, check_names
+from roadscope.benchmarks.suite_files import load_suite
 from roadscope.core import (
     Calibration,
     Category,

@@ -19,6 +19,13 @@ SomeNames = Annotated[Names, Meta(min_length=1)]
 Positive = Annotated[float, Meta(gt=0, le=sys.float_info.max)]
 """A finite number above 0, of seconds or metres."""
 
+SPLITS: Mapping[str, range] = {
+    "train": range(0, 10_000),
+    "validation": range(10_000, 20_000),
+    "test": range(20_000, 30_000),
+}
+"""Seeds of each split; nothing is tuned on test seeds."""
+
 
 class SuiteError(ValueError):
     """A suite cannot be read, or has unknown names or wrong values."""

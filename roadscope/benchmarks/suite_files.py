@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, TypeVar, cast
 from msgspec import Struct, defstruct
 
 from roadscope.benchmarks.eligibility import Eligibility
-from roadscope.benchmarks.suite import Names, Positive, SomeNames, Suite, SuiteError
+from roadscope.benchmarks.suite import SPLITS, Names, Positive, SomeNames, Suite, SuiteError
 from roadscope.core.config import ConfigError, read_config
 from roadscope.core.names import unknown
 
@@ -41,13 +41,6 @@ SUITES = (
     "crossing",
 )
 """The suites of roadscope."""
-
-SPLITS: Mapping[str, range] = {
-    "train": range(0, 10_000),
-    "validation": range(10_000, 20_000),
-    "test": range(20_000, 30_000),
-}
-"""Seeds of each split; nothing is tuned on test seeds."""
 
 
 class EligibilityTable(Struct, frozen=True, forbid_unknown_fields=True):

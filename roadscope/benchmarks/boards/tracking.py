@@ -51,8 +51,7 @@ from roadscope.benchmarks.references import (
     is_noise,
     pose_source,
 )
-from roadscope.benchmarks.suite import BoardSettings, Names, Suite
-from roadscope.benchmarks.suite_files import SPLITS
+from roadscope.benchmarks.suite import SPLITS, BoardSettings, Names, Suite
 from roadscope.core import Spec, SpecError
 from roadscope.core.spec import FUSED, NO_POSES, ORACLE, TRUE_POSES
 

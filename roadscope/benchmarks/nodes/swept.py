@@ -9,6 +9,7 @@ mean are compared at their best.
 from __future__ import annotations
 
 from dataclasses import dataclass, fields, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -19,9 +20,11 @@ from roadscope.benchmarks.loop import RunOptions
 from roadscope.benchmarks.metrics.tracking.hota import Hota, hota
 from roadscope.benchmarks.metrics.tracking.scores import counted_rows, counted_sequence
 from roadscope.benchmarks.nodes.tracks import TrackNode
-from roadscope.benchmarks.recorded.recording import Recording
 from roadscope.benchmarks.records import EpisodeDetections, EpisodeRecord, EpisodeTracks
 from roadscope.core import Spec
+
+if TYPE_CHECKING:
+    from roadscope.benchmarks.recorded.recording import Recording
 
 SWEPT = "swept"
 """The value of arguments that get the chosen threshold."""
