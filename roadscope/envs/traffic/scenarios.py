@@ -140,7 +140,7 @@ _SCENARIOS = (
         "hills",
         "two_way",
         "urban",
-        "As two-way, over crests and through sags, on slopes of about 10 %, at most 16 %.",
+        "As two-way, over crests and through sags, on slopes of mostly 10 %, rarely over 15 %.",
     ),
     _uneven(
         "camber",
