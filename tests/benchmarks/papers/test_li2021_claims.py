@@ -9,10 +9,9 @@ import pytest
 
 from roadscope.benchmarks.papers import FigureKey, by_figure, li2021
 
-SEEDS = range(10300, 10303)
-"""Thirty test seeds: `docs/papers.md`."""
-CHANCE = 4.30
-"""Student's t of three seeds, two-sided, 95 %."""
+SEEDS = range(10300, 10306)
+CHANCE = 2.57
+"""Student's t of six seeds, two-sided, 95 %."""
 OURS, THEIRS = "consistent", "li2021"
 FAMILIES = (li2021.VEHICLES, li2021.CYCLISTS, li2021.PEDESTRIANS)
 
@@ -91,9 +90,9 @@ def test_distance_stays_right_of_what_is_partly_hidden(figures: Figures, conditi
 @pytest.mark.parametrize("family", FAMILIES)
 def test_fog_costs_five_points_at_most(figures: Figures, family: str) -> None:
     cost = figures("clear", OURS, family) - figures("fog", OURS, family)
-    # Three seeds leave the mean open by four points (one standard error), of cyclists by more.
+    # Six seeds leave ten points open, of cyclists twenty.
     assert span(cost)[0] < 5.0
-    assert np.nanmean(cost) < 10.0
+    assert np.nanmean(cost) < 7.0
 
 
 def test_fog_leaves_the_distance_right(figures: Figures) -> None:
@@ -105,9 +104,7 @@ def test_fog_leaves_the_distance_right(figures: Figures) -> None:
 
 
 @pytest.mark.parametrize("condition", li2021.CONDITIONS)
-def test_ours_finds_more_than_the_better_sensor_alone_and_of_no_family_clearly_fewer(
-    figures: Figures, condition: str
-) -> None:
+def test_ours_finds_more_than_the_better_sensor_alone(figures: Figures, condition: str) -> None:
     """Also than the one that is left when the other fails."""
     place = li2021.MORE_BOTH if condition in li2021.WITH_BOTH else li2021.MORE_ONE
     more = figures(place, OURS, condition)
@@ -121,9 +118,8 @@ def test_ours_finds_more_than_the_better_sensor_alone_and_of_no_family_clearly_f
             for one, gone in ((li2021.LIDAR, "LiDAR fails"), (li2021.CAMERA, "camera fails"))
             if condition != gone
         ]
-        # Of a handful of cyclists a seed, both may find all.
-        more = figures(condition, OURS, family) - np.fmax.reduce(alone)
-        assert more.mean() > -3.0, family
+        # A handful of cyclists a seed: six seeds leave ten points open.
+        assert span(figures(condition, OURS, family) - np.fmax.reduce(alone))[1] > 0.0, family
 
 
 def test_one_seed_gives_every_figure_of_the_paper(measured: list[dict[FigureKey, float]]) -> None:
