@@ -291,7 +291,7 @@ def _text_of_constant(name: str, value: object) -> list[str]:
 MODULES = (
     "roadscope",
     *(f"roadscope.{name}" for name in ("metrics", "formats", "testing", "envs", "detectors")),
-    *(f"roadscope.{name}" for name in ("odometry", "trackers", "fusion", "benchmarks")),
+    *(f"roadscope.{name}" for name in ("odometry", "trackers", "fusion", "driving", "benchmarks")),
 )
 """The modules whose names are public."""
 

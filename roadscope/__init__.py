@@ -2,8 +2,8 @@
 
 These names are public. They are loaded when they are first used. More public names are in
 `roadscope.metrics`, `formats` and `testing`, and in the packages `roadscope.envs`, `detectors`,
-`odometry`, `trackers`, `fusion` and `benchmarks`. Modules inside those packages are private: they
-may change in any version.
+`odometry`, `trackers`, `fusion`, `driving` and `benchmarks`. Modules inside those packages are
+private: they may change in any version.
 
 Importing the package makes its environments known to Gymnasium.
 """
@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from roadscope import (
         benchmarks,
         detectors,
+        driving,
         envs,
         formats,
         fusion,
@@ -50,6 +51,7 @@ if TYPE_CHECKING:
     from roadscope.core.wheels import WheelSamples
     from roadscope.detectors import DETECTORS
     from roadscope.detectors.camera import CAMERA_DETECTORS
+    from roadscope.driving.wrapper import PerceptionWrapper
     from roadscope.envs.gym.registration import make
     from roadscope.envs.gym.sensor_wrapper import SensorWrapper
     from roadscope.fusion import FUSIONS
@@ -61,6 +63,7 @@ __version__ = "0.1.0"
 
 _PLACES = {
     "make": "roadscope.envs.gym.registration:make",
+    "PerceptionWrapper": "roadscope.driving.wrapper:PerceptionWrapper",
     "SensorWrapper": "roadscope.envs.gym.sensor_wrapper:SensorWrapper",
     "Calibration": "roadscope.core.frame:Calibration",
     "CameraImage": "roadscope.core.image:CameraImage",
@@ -97,6 +100,7 @@ _PLACES = {
     "run_episode": "roadscope.benchmarks.single:run_episode",
     "benchmarks": "roadscope.benchmarks",
     "detectors": "roadscope.detectors",
+    "driving": "roadscope.driving",
     "envs": "roadscope.envs",
     "formats": "roadscope.formats",
     "fusion": "roadscope.fusion",
@@ -126,6 +130,7 @@ __all__ = [
     "LidarScan",
     "OdometryEstimate",
     "OdometryStatus",
+    "PerceptionWrapper",
     "Pose",
     "Projection",
     "RecordError",
@@ -141,6 +146,7 @@ __all__ = [
     "check",
     "compare",
     "detectors",
+    "driving",
     "envs",
     "formats",
     "fusion",

@@ -49,6 +49,18 @@ def test_ppo_trains_on_the_observation() -> None:
     assert "trained for 64 steps" in run("train_ppo.py")
 
 
+@pytest.mark.slow
+def test_an_agent_drives_on_what_is_perceived() -> None:
+    pytest.importorskip("stable_baselines3")
+    lines = run("drive_on_perception.py").splitlines()
+    assert [line.partition(":")[0] for line in lines[-3:]] == [
+        "truth",
+        "distance-l-shape + existence",
+        "blind",
+    ]
+    assert all("crashes in 1 episodes" in line for line in lines[-3:])
+
+
 def test_the_tracker_of_ones_own_keeps_identities() -> None:
     tracker = TRACKERS.make(f"{EXAMPLES / 'my_tracker.py'}:LastSeen?gate_m=2.5")
     centres = np.array([[10.0, 0.0, 0.5], [20.0, 3.0, 0.5]])

@@ -20,7 +20,7 @@ import roadscope
 ROOT = Path(__file__).parents[1]
 NAMES = Path(__file__).parent / "public_names.txt"
 OFFERED_MODULES = ("metrics", "formats", "testing")
-ROOMS = ("envs", "detectors", "odometry", "trackers", "fusion", "benchmarks")
+ROOMS = ("envs", "detectors", "odometry", "trackers", "fusion", "driving", "benchmarks")
 OFFERING = (
     "roadscope",
     *(f"roadscope.{name}" for name in ("metrics", "formats", "testing", *ROOMS)),

@@ -107,7 +107,7 @@ class ScenarioEnv(gym.Env[Observation, Any]):
             task = TASKS[scenario]
             self._limit_s = task.limit_s if duration_s is None else duration_s
             traffic = _traffic(task, config or {}, render_mode)
-            inner: gym.Env[Observation, Any] = SensorWrapper(traffic, rig, **sensing)
+            inner: gym.Env[Observation, Any] = self._with_sensors(traffic, rig, **sensing)
         else:
             if config is not None:
                 raise ValueError("config: only with ego='agent'; a played scenario has none")
@@ -125,6 +125,12 @@ class ScenarioEnv(gym.Env[Observation, Any]):
         self.observation_space = inner.observation_space
         self.action_space = inner.action_space
         self.metadata = dict(inner.metadata)
+
+    def _with_sensors(
+        self, traffic: gym.Env[Any, Any], rig: str | Rig, **sensing: Any
+    ) -> gym.Env[Observation, Any]:
+        """Return the traffic that an agent drives in, with sensors."""
+        return SensorWrapper(traffic, rig, **sensing)
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None

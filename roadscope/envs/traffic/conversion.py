@@ -33,6 +33,15 @@ def to_world(
     return positions * flip, -headings, None if velocities is None else velocities * flip
 
 
+def from_world(
+    positions: np.ndarray, headings: np.ndarray, velocities: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Convert from our frame to highway-env's, as `to_world`."""
+    flipped, turned, moving = to_world(positions, headings, velocities)
+    assert moving is not None
+    return flipped, turned, moving
+
+
 def road_map(network: Any) -> RoadMap:
     """Sample the lanes of a highway-env road network every 2 m at most, true ends included."""
     return RoadMap.from_lanes([_sample(lane) for lane in network.lanes_list()])

@@ -1,0 +1,231 @@
+"""A perception stack: detector, tracker and perhaps an odometry, fed while the ego drives."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Iterable
+from dataclasses import replace
+
+import numpy as np
+
+from roadscope.core import Detections, Frame, ImageDetections, Pose, Spec, Tracks, Truth
+from roadscope.core.loading import SpecError
+from roadscope.core.projection import Projection
+from roadscope.core.spec import FUSED, FUSED_PARTS, NO_POSES, TRUE_POSES
+from roadscope.detectors import DETECTORS
+from roadscope.detectors.camera import CAMERA_DETECTORS
+from roadscope.envs.sensors.rig import Rig
+from roadscope.fusion import FUSIONS
+from roadscope.fusion.pairing import LIMIT_S, moved_projection
+from roadscope.odometry import ODOMETRIES
+from roadscope.odometry.api import update_with_wheels
+from roadscope.trackers import TRACKERS, is_offline
+
+PLUS = " + "
+"""Stands between the detector and the tracker of a stack."""
+
+
+class Perception:
+    """A detector and a tracker that run while the ego drives.
+
+    text: `DETECTOR + TRACKER`, each a spec. The detector is one of LiDAR or
+        `fused?lidar=A&camera=B&fusion=C`. The tracker may have `?ego=ODOMETRY` or `?ego=none`;
+        otherwise it gets the true poses of the ego.
+    rig: the sensors whose frames it gets.
+
+    Plug-ins run in this process. Raises `SpecError` if the text names no stack.
+    """
+
+    def __init__(self, text: str, rig: Rig) -> None:
+        detector, plus, tracker = text.rpartition(PLUS)
+        if not plus:
+            raise SpecError(
+                f"'{text}' names no perception stack: expected 'DETECTOR{PLUS}TRACKER', such as "
+                f"'distance-l-shape{PLUS}existence'"
+            )
+        spec = TRACKERS.resolve(tracker)
+        if is_offline(spec.factory):
+            raise SpecError(f"'{tracker}' needs the whole episode, so nobody can drive with it")
+        self.text = text
+        self._tracker = spec.plain.make()
+        self._ego = _Ego(spec.ego, rig)
+        source = Spec.parse(detector)
+        self._source = _Fused(source, rig) if source.name == FUSED else _Lidar(detector)
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget the episode."""
+        self._source.reset()
+        self._tracker.reset()
+        self._ego.reset()
+        self._tracks: Tracks | None = None
+
+    def update(self, frames: Iterable[Frame], truths: Iterable[Truth], now_s: float) -> None:
+        """Process the frames that sensors completed since the last call, up to `now_s`.
+
+        truths: of the frames; only the poses of the ego are used.
+        """
+        for frame, truth in zip(frames, truths, strict=True):
+            self._ego.add(frame, truth)
+            self._source.add(frame)
+        for detections in self._source.completed(now_s):
+            self._track(detections)
+
+    def tracks(self, now_s: float) -> Tracks:
+        """Return the tracks that are not tentative, frame `world`, moved on to `now_s`."""
+        if self._tracks is None:
+            return Tracks.empty(now_s, "world")
+        moved = self._tracks.centres.copy()
+        moved[:, :2] += (now_s - self._tracks.stamp_s) * self._tracks.velocities
+        return replace(self._tracks, centres=moved, stamp_s=now_s)
+
+    def _track(self, detections: Detections) -> None:
+        # A detector that answers late gives an empty answer for a frame before the real one.
+        if self._tracks is not None and detections.stamp_s <= self._tracks.stamp_s:
+            return
+        pose = self._ego.believed(detections.stamp_s)
+        tracks = self._tracker.update(detections, pose).sure
+        self._tracks = self._ego.in_true_world(tracks, pose, detections.stamp_s)
+
+
+class _Lidar:
+    """Detections of a LiDAR detector."""
+
+    def __init__(self, text: str) -> None:
+        self._detector = DETECTORS.make(text)
+
+    def reset(self) -> None:
+        self._detector.reset()
+        self._completed: list[Detections] = []
+
+    def add(self, frame: Frame) -> None:
+        if frame.lidar is not None:
+            detections = self._detector.detect(frame)
+            if not isinstance(detections, Detections):
+                raise SpecError(f"{type(self._detector).__name__} finds no boxes in space")
+            self._completed.append(detections)
+
+    def completed(self, now_s: float) -> list[Detections]:
+        """Return the detections since the last call."""
+        completed, self._completed = self._completed, []
+        return completed
+
+
+class _Fused:
+    """Fused detections of scans and the images nearest in time.
+
+    A scan waits until no image that comes later can be nearest to it.
+    """
+
+    def __init__(self, spec: Spec, rig: Rig) -> None:
+        if rig.camera is None:
+            raise SpecError(f"'{spec}' needs a camera, which the rig '{rig.name}' does not have")
+        missing = [key for key in FUSED_PARTS if key not in spec.parts]
+        if missing:
+            raise SpecError(f"'{spec}': expected {'=, '.join(missing)}= too")
+        self._rig, self._camera = rig, rig.camera
+        self._detector = DETECTORS.make(spec.parts["lidar"])
+        self._image_detector = CAMERA_DETECTORS.make(spec.parts["camera"])
+        self._fusion = FUSIONS.make(spec.parts["fusion"])
+
+    def reset(self) -> None:
+        for each in (self._detector, self._image_detector, self._fusion):
+            each.reset()
+        self._scans: deque[tuple[Frame, Detections]] = deque()
+        self._images: deque[ImageDetections] = deque(maxlen=8)
+
+    def add(self, frame: Frame) -> None:
+        if frame.camera is not None:
+            boxes = self._image_detector.detect(frame)
+            assert isinstance(boxes, ImageDetections)
+            self._images.append(boxes)
+        if frame.lidar is not None:
+            detections = self._detector.detect(frame)
+            assert isinstance(detections, Detections)
+            self._scans.append((frame, detections))
+
+    def completed(self, now_s: float) -> list[Detections]:
+        """Return the fused detections of scans whose nearest image is known."""
+        wait_s = LIMIT_S + self._camera.spec.exposure_s / 2
+        fused = []
+        while self._scans and self._scans[0][1].stamp_s + wait_s <= now_s:
+            fused.append(self._fuse(*self._scans.popleft()))
+        return fused
+
+    def _fuse(self, frame: Frame, detections: Detections) -> Detections:
+        near = [
+            boxes for boxes in self._images if abs(boxes.stamp_s - detections.stamp_s) <= LIMIT_S
+        ]
+        image = min(near, key=lambda b: abs(b.stamp_s - detections.stamp_s), default=None)
+        pinhole = self._camera.spec.pinhole
+        mounting = frame.calibration.pose(self._camera.name)
+        projection = Projection.of(pinhole.intrinsics, mounting, pinhole.width, pinhole.height)
+        gap_s = 0.0 if image is None else image.stamp_s - detections.stamp_s
+        period_s = self._rig.lidar.spec.period_s
+        projection = moved_projection(projection, frame.previous_from_ego, period_s, gap_s)
+        return self._fusion.fuse(detections, image, projection).detections()
+
+
+class _Ego:
+    """The poses of the ego that a tracker gets."""
+
+    def __init__(self, spec: Spec | None, rig: Rig) -> None:
+        source = TRUE_POSES if spec is None else str(spec)
+        self._posed, self._odometry = source != NO_POSES, None
+        self._rig = rig
+        if source not in (TRUE_POSES, NO_POSES):
+            self._odometry = ODOMETRIES.make(source)
+
+    def reset(self) -> None:
+        self._true: deque[tuple[float, Pose]] = deque(maxlen=64)
+        self._estimated: deque[tuple[float, Pose]] = deque(maxlen=64)
+        self._fresh = True
+
+    def add(self, frame: Frame, truth: Truth) -> None:
+        self._true.append((truth.stamp_s, truth.world_from_ego))
+        if self._odometry is None or frame.lidar is None:
+            return
+        mounting = frame.calibration.pose(self._rig.lidar.name)
+        if self._fresh:
+            lidar_from_imu = None
+            if self._rig.imu is not None:
+                lidar_from_imu = mounting.inverse() @ frame.calibration.pose(self._rig.imu.name)
+            self._odometry.reset(lidar_from_imu)
+            self._fresh = False
+        estimate = update_with_wheels(self._odometry, frame.lidar, frame.imu, frame.wheels)
+        pose = mounting @ estimate.start_from_lidar @ mounting.inverse()
+        self._estimated.append((frame.lidar.stamp_s, pose))
+
+    def believed(self, stamp_s: float) -> Pose | None:
+        """Return the pose that the tracker gets."""
+        if not self._posed:
+            return None
+        return _nearest(self._true if self._odometry is None else self._estimated, stamp_s)
+
+    def in_true_world(self, tracks: Tracks, pose: Pose | None, stamp_s: float) -> Tracks:
+        """Return tracks in the true world: they are where the ego believes them, seen from it."""
+        world_from_ego = _nearest(self._true, stamp_s)
+        if tracks.frame == "ego":
+            own = tracks.moved(world_from_ego, "world")
+            return replace(own, velocities=own.velocities + self._velocity(world_from_ego, own))
+        if pose is None or self._odometry is None:
+            return tracks
+        return tracks.moved(world_from_ego @ pose.inverse(), "world")
+
+    def _velocity(self, world_from_ego: Pose, tracks: Tracks) -> np.ndarray:
+        """Return (N, 2) velocity of points that move along with the ego, m/s."""
+        if len(self._true) < 2:
+            return np.zeros((len(tracks), 2))
+        (before_s, before), (now_s, now) = self._true[-2], self._true[-1]
+        step_s = now_s - before_s
+        if step_s <= 0:
+            return np.zeros((len(tracks), 2))
+        velocity = (now.translation - before.translation)[:2] / step_s
+        rate = float(np.angle(np.exp(1j * (now.yaw - before.yaw)))) / step_s
+        lever = tracks.centres[:, :2] - world_from_ego.translation[:2]
+        moving: np.ndarray = velocity + rate * np.column_stack([-lever[:, 1], lever[:, 0]])
+        return moving
+
+
+def _nearest(poses: Iterable[tuple[float, Pose]], stamp_s: float) -> Pose:
+    return min(poses, key=lambda each: abs(each[0] - stamp_s))[1]

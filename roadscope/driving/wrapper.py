@@ -1,0 +1,143 @@
+"""highway-env environments whose observations are made of what is perceived."""
+
+from __future__ import annotations
+
+from typing import Any, SupportsFloat
+
+import gymnasium as gym
+import numpy as np
+from gymnasium.utils import RecordConstructorArgs
+
+from roadscope.core import Tracks
+from roadscope.driving.belief import BelievedObservation, check_observation
+from roadscope.driving.perception import Perception
+from roadscope.envs.gym.highway import ScenarioEnv
+from roadscope.envs.gym.observer import rig_of
+from roadscope.envs.gym.sensor_wrapper import SensorWrapper
+from roadscope.envs.imaging.light import Light
+from roadscope.envs.sensors.faults import Faults
+from roadscope.envs.sensors.rig import Rig
+from roadscope.envs.sensors.weather import Weather
+
+TRUTH, BLIND = "truth", "blind"
+"""Not perceived: highway-env's own observation, and a world without other vehicles."""
+
+
+class PerceptionWrapper(gym.Wrapper[np.ndarray, Any, Any, Any], RecordConstructorArgs):
+    """Makes the observation of a highway-env environment of tracks in place of true vehicles.
+
+    env: a single-agent environment with an observation of type `Kinematics`, `OccupancyGrid` or
+        `TimeToCollision`. The space and the layout of the observation stay as they are.
+    perception: `DETECTOR + TRACKER`, such as `distance-l-shape + existence` (see `Perception`);
+        `truth`: highway-env's own observation; `blind`: no other vehicle is ever observed.
+    rig, seed, style, weather, light, faults: of the sensors, as in `SensorWrapper`.
+
+    Sensors and perception run at the rate of the sensors between two steps. An observation holds
+    the tracks that are not tentative, moved on to the instant of the step at constant velocity, so
+    it contains missed vehicles, ghosts, delays and errors as they come. At first nothing is
+    tracked. The ego's own state, lanes and fixed obstacles are true; tracks more than 3 m beside
+    every lane are left out. `info["tracks"]` has the
+    tracks, frame `world`; other entries are those of `SensorWrapper`. Traffic, rewards and ends of
+    episodes are those of the environment.
+    """
+
+    def __init__(
+        self,
+        env: gym.Env[Any, Any],
+        perception: str,
+        rig: str | Rig = "hdl32e",
+        *,
+        seed: int | None = None,
+        style: str | None = None,
+        weather: str | Weather = "clear",
+        light: str | Light | None = None,
+        faults: Faults = (),
+    ) -> None:
+        sensing: dict[str, Any] = {
+            "seed": seed,
+            "style": style,
+            "weather": weather,
+            "light": light,
+            "faults": faults,
+        }
+        RecordConstructorArgs.__init__(self, perception=perception, rig=rig, **sensing)
+        self._stack: Perception | None = None
+        if perception in (TRUTH, BLIND):
+            gym.Wrapper.__init__(self, env)
+        else:
+            check_observation(env.unwrapped)
+            self._stack = Perception(perception, rig_of(rig))
+            sensed: gym.Env[Any, Any] = SensorWrapper(env, rig, **sensing)
+            gym.Wrapper.__init__(self, sensed)
+        self.observation_space = env.observation_space
+        self._perception = perception
+        self._belief: BelievedObservation | None = None
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[np.ndarray, dict[str, Any]]:
+        """Begin an episode."""
+        observation, info = self.env.reset(seed=seed, options=options)
+        if self._perception != TRUTH:
+            self._belief = BelievedObservation(self.env.unwrapped, seed or 0)
+        if self._stack is not None:
+            self._stack.reset()
+        return self._observed(observation, info)
+
+    def step(self, action: Any) -> tuple[np.ndarray, SupportsFloat, bool, bool, dict[str, Any]]:
+        """Drive for one step; sense, detect and track meanwhile."""
+        observation, reward, terminated, truncated, info = self.env.step(action)
+        if self._stack is not None:
+            self._stack.update(info["frames"], info["truths"], info["time_s"])
+        believed, info = self._observed(observation, info)
+        return believed, reward, terminated, truncated, info
+
+    def _observed(
+        self, observation: np.ndarray, info: dict[str, Any]
+    ) -> tuple[np.ndarray, dict[str, Any]]:
+        if self._belief is None:
+            return observation, info
+        if self._stack is None:
+            tracks = Tracks.empty(0.0, "world")
+        else:
+            tracks = self._stack.tracks(info["time_s"])
+        return self._belief.observe(tracks), {**info, "tracks": tracks}
+
+
+class PerceivedEnv(ScenarioEnv):
+    """A scenario in which an agent drives on what is perceived.
+
+    The observation space is highway-env's with finite bounds, those of its type.
+
+    perception: as in `PerceptionWrapper`. Other arguments: those of `ScenarioEnv`.
+    """
+
+    def __init__(self, scenario: str, *, perception: str, **settings: Any) -> None:
+        self._perception = perception
+        super().__init__(scenario, ego="agent", **settings)
+        self.observation_space = _bounded(self.observation_space)
+
+    def _with_sensors(self, traffic: gym.Env[Any, Any], rig: str | Rig, **sensing: Any) -> Any:
+        for name in ("records", "pixel_truth"):
+            sensing.pop(name)
+        return PerceptionWrapper(traffic, self._perception, rig, **sensing)
+
+
+def _bounded(space: gym.Space[Any]) -> gym.Space[Any]:
+    """Return a box whose infinite bounds are the extreme values of its type."""
+    assert isinstance(space, gym.spaces.Box)
+    if not np.issubdtype(space.dtype, np.floating):
+        return space
+    most = np.finfo(space.dtype).max
+    low, high = np.maximum(space.low, -most), np.minimum(space.high, most)
+    return gym.spaces.Box(low, high, dtype=space.dtype.type)
+
+
+def scenario_env(scenario: str, *, perception: str | None = None, **settings: Any) -> ScenarioEnv:
+    """Return the environment of an id: observed through sensors or, if named, a perception stack.
+
+    perception: as in `PerceptionWrapper`; None: observations are those of the sensors.
+    """
+    if perception is None:
+        return ScenarioEnv(scenario, **settings)
+    return PerceivedEnv(scenario, perception=perception, **settings)

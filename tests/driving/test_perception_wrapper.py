@@ -1,0 +1,227 @@
+"""Observations made of what is perceived."""
+
+from __future__ import annotations
+
+import warnings
+from typing import Any
+
+import gymnasium as gym
+import highway_env  # noqa: F401  (registers its ids)
+import numpy as np
+import pytest
+from gymnasium.utils.env_checker import check_env
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import roadscope
+from roadscope import Category, SpecError, Tracks
+from roadscope.driving import BelievedObservation, Perception, PerceptionWrapper
+from roadscope.envs import find_rig
+from roadscope.envs.traffic import ForeignEnvError, to_world
+
+pytestmark = pytest.mark.filterwarnings("ignore:.*is out of date:DeprecationWarning")
+
+STACK = "distance-l-shape + existence"
+UNITS = np.array([200.0, 16.0, 80.0, 80.0])
+"""Of x, y, vx, vy in an observation of `highway-v0`, metres and m/s."""
+KINDS = {
+    "Kinematics": {"type": "Kinematics", "vehicles_count": 8, "see_behind": True},
+    "every feature": {
+        "type": "Kinematics",
+        "features": ["presence", "x", "y", "vx", "vy", "heading", "cos_h", "sin_h", "lat_off"],
+        "absolute": True,
+        "normalize": False,
+    },
+    "OccupancyGrid": {"type": "OccupancyGrid"},
+    "TimeToCollision": {"type": "TimeToCollision", "horizon": 10},
+}
+
+
+def highway(kind: str = "Kinematics", **config: Any) -> gym.Env[Any, Any]:
+    chosen = {"observation": KINDS[kind], "vehicles_count": 20, **config}
+    return gym.make("highway-v0", config=chosen)
+
+
+def true_tracks(env: Any) -> Tracks:
+    """Return the true vehicles of an environment of highway-env as tracks."""
+    others = [each for each in env.road.vehicles if each is not env.vehicle]
+    n = len(others)
+    positions, yaws, velocities = to_world(
+        np.array([each.position for each in others]),
+        np.array([each.heading for each in others]),
+        np.array([each.velocity for each in others]),
+    )
+    return Tracks(
+        np.arange(n),
+        np.column_stack([positions, np.full(n, 0.75)]),
+        np.array([[each.LENGTH, each.WIDTH, 1.5] for each in others]),
+        yaws,
+        velocities,
+        np.tile(np.eye(4), (n, 1, 1)),
+        np.full(n, Category.CAR),
+        np.ones(n),
+        np.ones(n, np.int8),
+        "world",
+        0.0,
+    )
+
+
+def off_nearest(row: np.ndarray, others: np.ndarray) -> tuple[float, float]:
+    """Return how far a vehicle is from the nearest of other rows, metres, and its velocity, m/s."""
+    off = (others[1:, 1:] - row[1:]) * UNITS
+    nearest = off[np.hypot(off[:, 0], off[:, 1]).argmin()]
+    return float(np.hypot(*nearest[:2])), float(np.hypot(*nearest[2:]))
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_truth_is_the_own_observation_to_the_bit(kind: str) -> None:
+    plain, wrapped = highway(kind), PerceptionWrapper(highway(kind), "truth")
+    assert wrapped.observation_space == plain.observation_space
+    expected, _ = plain.reset(seed=4)
+    observed, _ = wrapped.reset(seed=4)
+    assert np.array_equal(observed, expected)
+    for action in (1, 0, 3, 2):
+        expected, reward, *_ = plain.step(action)
+        observed, own_reward, *_ = wrapped.step(action)
+        assert np.array_equal(observed, expected)
+        assert own_reward == reward
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@settings(max_examples=6)
+@given(seed=st.integers(0, 10_000), steps=st.integers(0, 4))
+def test_perfect_tracks_give_the_own_observation(kind: str, seed: int, steps: int) -> None:
+    env = highway(kind)
+    expected, _ = env.reset(seed=seed)
+    for _ in range(steps):
+        expected, *_ = env.step(1)
+    inner = env.unwrapped
+    believed = BelievedObservation(inner, seed=0).observe(true_tracks(inner))
+    assert believed.dtype == expected.dtype
+    np.testing.assert_allclose(believed, expected, atol=1e-6)
+
+
+def test_a_missed_vehicle_and_a_ghost_are_observed_as_such() -> None:
+    env = highway()
+    env.reset(seed=0)
+    inner = env.unwrapped
+    observation = BelievedObservation(inner, seed=0)
+    tracks = true_tracks(inner)
+    assert observation.observe(tracks)[1:, 0].sum() == 7
+    assert observation.observe(tracks.select(np.arange(2)))[1:, 0].sum() == 2
+    x, y = inner.vehicle.position
+    ghost = tracks.select(np.arange(1))
+    ghost.centres[0, :2] = x + 20.0, -y
+    row = observation.observe(ghost)[1]
+    assert row[1] == pytest.approx(20.0 / 200.0, abs=1e-6)
+    assert row[2] == pytest.approx(0.0, abs=1e-6)
+    ghost.centres[0, 1] = 40.0
+    assert not observation.observe(ghost)[1:].any(), "beside the road"
+
+
+def test_the_blind_observe_nobody() -> None:
+    env = PerceptionWrapper(highway(), "blind")
+    observation, _ = env.reset(seed=0)
+    assert observation[1:].any() == 0
+    assert not env.step(1)[0][1:].any()
+
+
+def test_what_is_near_is_perceived_where_it_is() -> None:
+    plain, wrapped = highway(), PerceptionWrapper(highway(), STACK, rig="hdl32e")
+    plain.reset(seed=3)
+    first, info = wrapped.reset(seed=3)
+    assert not first[1:].any()
+    assert len(info["tracks"]) == 0
+    for _ in range(2):
+        expected, reward, *_ = plain.step(1)
+        observed, own_reward, _, _, info = wrapped.step(1)
+        assert own_reward == reward
+    assert observed.shape == expected.shape
+    assert np.array_equal(observed[0], expected[0])
+    assert len(info["tracks"]) >= 2
+    assert info["tracks"].stamp_s == pytest.approx(2.0)
+    for track in observed[1:3]:
+        near_m, speed_m_s = off_nearest(track, expected)
+        assert near_m < 1.0
+        assert speed_m_s < 3.0
+
+
+@pytest.mark.parametrize("ego", ["none", "dead-reckoning"])
+def test_tracks_stand_where_the_ego_sees_them_whatever_its_poses(ego: str) -> None:
+    stack, rig = Perception(f"{STACK}?ego={ego}", find_rig("vlp16-imu")), "vlp16-imu"
+    assert stack.text.endswith(ego)
+    told = [PerceptionWrapper(highway(), f"{STACK}{each}", rig=rig) for each in ("", f"?ego={ego}")]
+    rows = []
+    for env in told:
+        env.reset(seed=3)
+        for _ in range(2):
+            observed, *_ = env.step(1)
+        rows.append(observed)
+    # Few beams see ghosts, which poses move; a true vehicle is tracked by both.
+    off = np.array([off_nearest(track, rows[1]) for track in rows[0][1:4]])
+    assert (off < [1.5, 4.0]).all(axis=1).any()
+
+
+@pytest.mark.slow
+def test_a_fusion_perceives_too() -> None:
+    stack = "fused?lidar=distance-l-shape&camera=network&fusion=li2021 + existence"
+    env = PerceptionWrapper(highway(), stack, rig="wide")
+    env.reset(seed=3)
+    for _ in range(2):
+        observed, *_, info = env.step(1)
+    assert len(info["tracks"])
+    assert observed[1, 0] == 1
+
+
+def test_an_id_takes_a_stack() -> None:
+    env = gym.make("roadscope/Highway-v0", perception=STACK, rig="vlp16", disable_env_checker=True)
+    assert type(env.unwrapped).__module__.startswith("roadscope.")
+    own = highway().unwrapped.observation_type.space()
+    assert env.observation_space.shape[1:] == own.shape[1:]
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        check_env(env.unwrapped, skip_render_check=True)
+    env.close()
+
+
+@pytest.mark.slow
+def test_environments_run_side_by_side() -> None:
+    envs = gym.make_vec(
+        "roadscope/Highway-v0",
+        num_envs=2,
+        vectorization_mode="sync",
+        perception=STACK,
+        rig="vlp16",
+    )
+    envs.reset(seed=1)
+    observed, *_ = envs.step(np.ones(2, np.int64))
+    alone = gym.make("roadscope/Highway-v0", perception=STACK, rig="vlp16")
+    alone.reset(seed=1)
+    assert np.array_equal(observed[0], alone.step(1)[0])
+    envs.close()
+
+
+@pytest.mark.parametrize(
+    ("text", "rig", "word"),
+    [
+        ("existence", "vlp16", "DETECTOR"),
+        ("no-such + existence", "vlp16", "no-such"),
+        ("distance-l-shape + no-such", "vlp16", "no-such"),
+        ("distance-l-shape + existence-offline", "vlp16", "whole episode"),
+        ("fused?lidar=distance-l-shape&camera=network&fusion=li2021 + gnn", "vlp16", "camera"),
+        ("fused?lidar=distance-l-shape + gnn", "wide", "camera="),
+    ],
+)
+def test_what_is_no_stack_is_refused(text: str, rig: str, word: str) -> None:
+    with pytest.raises(SpecError, match=word):
+        PerceptionWrapper(highway(), text, rig=rig)
+
+
+def test_other_observations_are_refused() -> None:
+    env = gym.make("parking-v0")
+    with pytest.raises(ForeignEnvError, match="KinematicsGoal"):
+        PerceptionWrapper(env, STACK)
+
+
+def test_the_wrapper_is_public() -> None:
+    assert roadscope.PerceptionWrapper is PerceptionWrapper
