@@ -16,7 +16,7 @@ from roadscope.benchmarks.isolation import Limits
 from roadscope.benchmarks.kinds import entry_kind
 from roadscope.benchmarks.loop import RunOptions
 from roadscope.benchmarks.manifest import manifest
-from roadscope.benchmarks.nodes.swept import is_swept
+from roadscope.benchmarks.nodes.tuned import is_tuned
 from roadscope.benchmarks.progress import Progress, silent
 from roadscope.benchmarks.recorded.kitti_drive import LIDAR_HEIGHT_M
 from roadscope.benchmarks.recorded.mot import mot_suite
@@ -235,7 +235,7 @@ def agreements(
         for name in dict.fromkeys(board.compared_with for board in comparable):
             boards = [board for board in comparable if board.compared_with == name]
             entries = (spec for board in boards for spec in run_plan.entries.get(board.name, ()))
-            specs = [spec for spec in dict.fromkeys(entries) if not is_swept(spec)]
+            specs = [spec for spec in dict.fromkeys(entries) if not is_tuned(spec)]
             figures = _figures_of_earlier_runs(board_named(name), suite, specs, outcomes)
             for board in boards:
                 recorded = _headline_figures(results, board, list(map(str, specs)))

@@ -16,7 +16,7 @@ from roadscope.benchmarks.loop import RunOptions
 from roadscope.benchmarks.metrics.score import Score
 from roadscope.benchmarks.nodes.fusions import detection_node
 from roadscope.benchmarks.nodes.poses import PoseNode, start_from_ego
-from roadscope.benchmarks.nodes.swept import is_swept
+from roadscope.benchmarks.nodes.tuned import is_tuned
 from roadscope.benchmarks.nodes.tracks import track
 from roadscope.benchmarks.progress import Progress, silent
 from roadscope.benchmarks.records import EpisodeDetections, EpisodePoses
@@ -83,7 +83,7 @@ def run_episode(
     options: how plug-ins that are not part of roadscope are run; `PluginError` if one fails.
     """
     source = check_detection_source(detector)
-    if is_swept(Spec.parse(tracker)):
+    if is_tuned(Spec.parse(tracker)):
         raise SpecError(f"{tracker}: a board chooses thresholds, one episode cannot")
     tracker_spec = check_plugin_spec(Spec.parse(tracker), TRACKER)
     if tracker_spec.ego is not None:

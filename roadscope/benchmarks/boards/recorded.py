@@ -24,7 +24,7 @@ from roadscope.benchmarks.boards.tracking import (
     NEES,
     OFFLINE,
     TrackingBoard,
-    check_swept,
+    check_tuned,
     missing_requirement,
     offline_score,
     with_each_ego,
@@ -34,12 +34,12 @@ from roadscope.benchmarks.graph import Job, Node
 from roadscope.benchmarks.kinds import TRACKER
 from roadscope.benchmarks.loop import RunOptions
 from roadscope.benchmarks.metrics.score import Score
-from roadscope.benchmarks.nodes.swept import (
+from roadscope.benchmarks.nodes.tuned import (
     THRESHOLDS,
-    SweptNode,
+    TunedNode,
     at_threshold,
     hota_nodes,
-    is_swept,
+    is_tuned,
 )
 from roadscope.benchmarks.nodes.tracks import TrackNode, is_offline, scores_tentative_tracks
 from roadscope.benchmarks.recorded.combined import COMBINED, NEES_BAND
@@ -96,10 +96,10 @@ class RecordedNode(Node):
         return self.recording.replayed()
 
 
-def _track_nodes(tracker: Spec, recordings: Sequence[Recording]) -> Sequence[TrackNode | SweptNode]:
+def _track_nodes(tracker: Spec, recordings: Sequence[Recording]) -> Sequence[TrackNode | TunedNode]:
     """Return the tracks of a tracker on each recording.
 
-    If its spec has `swept`, the threshold is chosen on all other videos with the same detector.
+    If its spec has `tuned`, the threshold is chosen on all other videos with the same detector.
     """
     chosen = at_threshold(tracker, THRESHOLDS[0])
     nodes = [
@@ -111,11 +111,11 @@ def _track_nodes(tracker: Spec, recordings: Sequence[Recording]) -> Sequence[Tra
         )
         for recording in recordings
     ]
-    if not is_swept(tracker):
+    if not is_tuned(tracker):
         return nodes
     scored = list(map(hota_nodes, nodes, recordings))
     return [
-        SweptNode(
+        TunedNode(
             tuple(each.tracks for each in own),
             tuple(
                 other
@@ -127,8 +127,8 @@ def _track_nodes(tracker: Spec, recordings: Sequence[Recording]) -> Sequence[Tra
     ]
 
 
-def _missing_training(node: TrackNode | SweptNode) -> str:
-    """Return what a tracker with `swept` lacks where there is one sequence; empty if nothing."""
+def _missing_training(node: TrackNode | TunedNode) -> str:
+    """Return what a tracker with `tuned` lacks where there is one sequence; empty if nothing."""
     if isinstance(node, TrackNode) or node.training:
         return ""
     return "a threshold is chosen on other sequences, and there is only one"
@@ -164,7 +164,7 @@ class RecordedBoard(Board):
 
     def check_entry(self, spec: Spec) -> Spec:
         """Return a tracker's resolved spec; recordings have no scans for an odometry."""
-        resolved = check_swept(spec, super().check_entry)
+        resolved = check_tuned(spec, super().check_entry)
         if spec.ego is not None and str(spec.ego) not in (TRUE_POSES, NO_POSES):
             raise SpecError(f"'{spec}': recorded detections come without scans for an odometry")
         return resolved
@@ -198,7 +198,7 @@ class RecordedBoard(Board):
 
     def score(self, job: Job, answers: EpisodeTracks, options: RunOptions) -> Scores:
         """Return the scores of a job's answers, times of calls, and `offline`."""
-        assert isinstance(job.answers, TrackNode | SweptNode)
+        assert isinstance(job.answers, TrackNode | TunedNode)
         assert isinstance(job.episode, Recording)
         offline = is_offline(job.answers.tracker)
         return {

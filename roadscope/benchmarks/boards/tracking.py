@@ -33,13 +33,13 @@ from roadscope.benchmarks.metrics.tracking import score_alphas, score_tracks
 from roadscope.benchmarks.metrics.tracking.scores import BY_ALPHA
 from roadscope.benchmarks.nodes.fusions import detection_node
 from roadscope.benchmarks.nodes.poses import PoseNode
-from roadscope.benchmarks.nodes.swept import (
+from roadscope.benchmarks.nodes.tuned import (
     THRESHOLDS,
     HotaNode,
-    SweptNode,
+    TunedNode,
     at_threshold,
     hota_nodes,
-    is_swept,
+    is_tuned,
 )
 from roadscope.benchmarks.nodes.tracks import TrackNode, is_offline
 from roadscope.benchmarks.records import EpisodeDetections, EpisodeTracks
@@ -173,7 +173,7 @@ class TrackingBoard(Board):
 
     def check_entry(self, spec: Spec) -> Spec:
         """Return a tracker's resolved spec, with the odometry that gives it the ego's poses."""
-        resolved = check_swept(spec, super().check_entry)
+        resolved = check_tuned(spec, super().check_entry)
         if spec.ego is not None:
             check_ego(spec.ego)
         return resolved
@@ -205,9 +205,9 @@ class TrackingBoard(Board):
         alone = settings.detectors == (ORACLE,)
         trackers = with_each_ego(entries, settings.egos)
         missing = {tracker: missing_requirement(tracker) for tracker in trackers}
-        swept = {
+        tuned = {
             (tracker, detector): _training(tracker, detector, suite)
-            for tracker in filter(is_swept, trackers)
+            for tracker in filter(is_tuned, trackers)
             for detector in settings.detectors
         }
         return [
@@ -218,7 +218,7 @@ class TrackingBoard(Board):
                 _with_threshold(
                     track_node(tracker, detector, episode, suite.eligibility),
                     suite.eligibility,
-                    swept.get((tracker, detector)),
+                    tuned.get((tracker, detector)),
                 ),
                 mark=UPPER_MARK if detector == ORACLE and not alone else None,
                 inputs=detector,
@@ -232,7 +232,7 @@ class TrackingBoard(Board):
 
     def score(self, job: Job, answers: EpisodeTracks, options: RunOptions) -> Scores:
         """Return the scores of a job's answers."""
-        assert isinstance(job.answers, TrackNode | SweptNode)
+        assert isinstance(job.answers, TrackNode | TunedNode)
         inputs: EpisodeDetections = job.answers.detections.read(options)
         scores = tracking_scores(answers, inputs, job.settings)
         scores |= tracking_parts(answers, inputs, job.settings)
@@ -266,9 +266,9 @@ def with_each_ego(trackers: Iterable[Spec], egos: Sequence[str]) -> list[Spec]:
     return list(dict.fromkeys(specs))
 
 
-def check_swept(spec: Spec, check_entry: Callable[[Spec], Spec]) -> Spec:
-    """Return an entry's resolved spec; `swept` is checked with a threshold in its place."""
-    if not is_swept(spec):
+def check_tuned(spec: Spec, check_entry: Callable[[Spec], Spec]) -> Spec:
+    """Return an entry's resolved spec; `tuned` is checked with a threshold in its place."""
+    if not is_tuned(spec):
         return check_entry(spec)
     resolved = check_entry(at_threshold(spec, THRESHOLDS[0]))
     arguments = {**resolved.arguments, **spec.arguments}
@@ -295,11 +295,11 @@ def _training(tracker: Spec, detector: str, suite: Suite) -> Training:
 
 def _with_threshold(
     node: TrackNode, rule: Eligibility, training: Training | None
-) -> TrackNode | SweptNode:
+) -> TrackNode | TunedNode:
     """Return the node that chooses a threshold by its training; the node itself without any."""
     if training is None:
         return node
-    return SweptNode(tuple(each.tracks for each in hota_nodes(node, rule)), training)
+    return TunedNode(tuple(each.tracks for each in hota_nodes(node, rule)), training)
 
 
 def track_node(tracker: Spec, detector: str, episode: Episode, rule: Eligibility) -> TrackNode:

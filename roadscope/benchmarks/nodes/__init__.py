@@ -7,7 +7,7 @@ _PARTS = {
     "fusions": "FusedDetectionNode FusionNode targets_of",
     "images": "ImageNode lit_share",
     "poses": "PoseNode start_from_ego",
-    "swept": "SweptNode THRESHOLDS at_threshold is_swept",
+    "tuned": "TunedNode THRESHOLDS at_threshold is_tuned",
     "tracks": "ego_motions is_offline scores_tentative_tracks track",
 }
 """Names by the file that defines them, loaded when first used: the face of this folder."""

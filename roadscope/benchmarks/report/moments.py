@@ -32,7 +32,7 @@ from roadscope.benchmarks.metrics.trajectory_errors import (
     aligned,
     relative_errors,
 )
-from roadscope.benchmarks.nodes.swept import SweptNode
+from roadscope.benchmarks.nodes.tuned import TunedNode
 from roadscope.benchmarks.nodes.tracks import TrackNode
 from roadscope.benchmarks.nodes.traffic import TrafficNode
 from roadscope.benchmarks.progress import Progress, silent
@@ -180,7 +180,7 @@ def _read(job: Job, kind: str) -> list[Moment]:
         if not isinstance(job.settings, Eligibility):
             return []  # Recorded data are matched by rules of their own.
         inputs = answers
-        if isinstance(job.answers, TrackNode | SweptNode):
+        if isinstance(job.answers, TrackNode | TunedNode):
             source = job.answers.detections
             inputs = read_kept(source.path, source.record.load)
     except (OSError, RecordError):

@@ -116,9 +116,9 @@ def test_all_that_is_stored_is_shown_without_a_note(folder: Path) -> None:
         assert {curve.board for curve in view.curves} >= {board}
 
 
-def test_a_tracker_with_a_swept_threshold_has_truth_and_detections(tmp_path: Path) -> None:
+def test_a_tracker_with_a_tuned_threshold_has_truth_and_detections(tmp_path: Path) -> None:
     suite = replace(load_suite(write_suite(tmp_path)), seeds=SEEDS[:1], scenarios=SCENARIOS[:1])
-    entry = "nearest?least_score=swept"
+    entry = "nearest?least_score=tuned"
     leaderboard(suite, [entry], only=True, boards=["tracking"], out_dir=tmp_path)
     view = view_of_results(tmp_path, EpisodeChoice("tracking", entry))
     assert view.episode is not None

@@ -1,14 +1,14 @@
 """Trackers whose threshold of scores is chosen on training data.
 
-`gnn?least_score=swept` gets only detections with at least a score; other arguments with the value
-`swept` get that score. It is the one with the highest HOTA on episodes of which none is ranked with
+`gnn?least_score=tuned` gets only detections with at least a score; other arguments with the value
+`tuned` get that score. It is the one with the highest HOTA on episodes of which none is ranked with
 it: train seeds of a suite, all other sequences of a folder. So entries that do not know what scores
 mean are compared at their best.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -26,7 +26,7 @@ from roadscope.core import Spec
 if TYPE_CHECKING:
     from roadscope.benchmarks.recorded.recording import Recording
 
-SWEPT = "swept"
+TUNED = "tuned"
 """The value of arguments that get the chosen threshold."""
 LEAST_SCORE = "least_score"
 """The argument that stands for leaving out detections; no tracker needs to have it."""
@@ -34,17 +34,17 @@ THRESHOLDS = (0.0, 0.05, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 0.95, 0.98
 """Scores that are tried: round figures, denser where scores of trained detectors are."""
 
 
-def is_swept(tracker: Spec) -> bool:
+def is_tuned(tracker: Spec) -> bool:
     """Return whether a tracker's threshold of scores is to be chosen."""
-    return SWEPT in tracker.arguments.values()
+    return TUNED in tracker.arguments.values()
 
 
 def at_threshold(tracker: Spec, threshold: float) -> Spec:
-    """Return the spec of a tracker with a threshold in place of `swept`, of others the same."""
-    if not is_swept(tracker):
+    """Return the spec of a tracker with a threshold in place of `tuned`, of others the same."""
+    if not is_tuned(tracker):
         return tracker
-    arguments = {k: threshold if v == SWEPT else v for k, v in tracker.arguments.items()}
-    if tracker.arguments.get(LEAST_SCORE) == SWEPT:
+    arguments = {k: threshold if v == TUNED else v for k, v in tracker.arguments.items()}
+    if tracker.arguments.get(LEAST_SCORE) == TUNED:
         del arguments[LEAST_SCORE]
     items = [f"{name}={value}" for name, value in arguments.items()]
     items += [f"ego={tracker.ego}"] if tracker.ego else []
@@ -54,20 +54,9 @@ def at_threshold(tracker: Spec, threshold: float) -> Spec:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class EpisodeHota(EpisodeRecord):
-    """The sums behind HOTA, see `Hota`."""
+    """HOTA of an episode as a record that is kept as a file."""
 
-    hits: np.ndarray
-    misses: np.ndarray
-    false_alarms: np.ndarray
-    closeness: np.ndarray
-    shared: np.ndarray
-    shared_recall: np.ndarray
-    shared_precision: np.ndarray
-
-    @property
-    def curves(self) -> Hota:
-        """HOTA of the episode."""
-        return Hota(*(getattr(self, each.name) for each in fields(Hota)))
+    curves: Hota
 
 
 @dataclass(frozen=True)
@@ -93,12 +82,12 @@ class HotaNode(Node):
             curves = hota(counted_sequence(tracks, inputs.truths, pairings, counted))
         else:
             curves = hota(self.judge.counted(tracks))
-        return EpisodeHota(*(getattr(curves, each.name) for each in fields(Hota)))
+        return EpisodeHota(curves)
 
 
 def hota_nodes(ranked: TrackNode, judge: Recording | Eligibility) -> tuple[HotaNode, ...]:
-    """Return HOTA at each threshold, of a tracker whose spec has `swept`."""
-    filters = ranked.tracker.arguments.get(LEAST_SCORE) == SWEPT
+    """Return HOTA at each threshold, of a tracker whose spec has `tuned`."""
+    filters = ranked.tracker.arguments.get(LEAST_SCORE) == TUNED
     return tuple(
         HotaNode(
             replace(
@@ -113,7 +102,7 @@ def hota_nodes(ranked: TrackNode, judge: Recording | Eligibility) -> tuple[HotaN
 
 
 @dataclass(frozen=True)
-class SweptNode(Node):
+class TunedNode(Node):
     """The tracks at the threshold that is best in training.
 
     candidates: the tracks at each threshold.

@@ -6,11 +6,11 @@ from toy_kitti import write_kitti
 from roadscope import Spec, leaderboard, load_suite
 from roadscope.benchmarks import plan, run_jobs
 from roadscope.benchmarks.boards import JobOptions, board_named
-from roadscope.benchmarks.nodes import THRESHOLDS, SweptNode, at_threshold, is_swept
+from roadscope.benchmarks.nodes import THRESHOLDS, TunedNode, at_threshold, is_tuned
 from roadscope.benchmarks.recorded import MotRecording, kitti_suite
 from roadscope.core import SpecError
 
-SWEPT = "gnn?least_score=swept"
+TUNED = "gnn?least_score=tuned"
 DETECTORS = ("DPM", "FRCNN", "SDP")
 
 
@@ -39,12 +39,12 @@ def tracks_of(folder, entry):
 
 @pytest.mark.slow
 def test_the_best_threshold_of_the_others_is_taken(folder):
-    assert tracks_of(folder, SWEPT) == tracks_of(folder, "gnn?least_score=0.7")
-    assert tracks_of(folder, SWEPT) != tracks_of(folder, "gnn")
+    assert tracks_of(folder, TUNED) == tracks_of(folder, "gnn?least_score=0.7")
+    assert tracks_of(folder, TUNED) != tracks_of(folder, "gnn")
 
 
 def test_no_recording_of_the_same_video_trains_a_threshold(folder):
-    made = plan(kitti_suite(folder), [SWEPT], boards=["tracking"], only=True)
+    made = plan(kitti_suite(folder), [TUNED], boards=["tracking"], only=True)
     for job in made.jobs:
         judges = {node.judge for nodes in job.answers.training for node in nodes}
         assert judges
@@ -63,49 +63,49 @@ def test_mot17_has_each_video_three_times():
 
 @pytest.mark.slow
 def test_own_labels_change_no_track_of_a_sequence(folder):
-    before = tracks_of(folder, SWEPT)
+    before = tracks_of(folder, TUNED)
     labels = folder / "label_02" / "0000.txt"
     rows = [line for line in labels.read_text().splitlines() if " Car " not in line]
     labels.write_text("\n".join(rows) + "\n")
-    after = tracks_of(folder, SWEPT)
+    after = tracks_of(folder, TUNED)
     assert after["0000"] == before["0000"]
 
 
 @pytest.mark.slow
 def test_any_tracker_can_have_a_threshold_and_the_row_says_so(folder):
-    entries = ["nearest?least_score=swept", "nearest?least_score=swept&ego=none"]
+    entries = ["nearest?least_score=tuned", "nearest?least_score=tuned&ego=none"]
     found = leaderboard("quick", entries, boards=["tracking"], only=True, kitti=folder)
     assert not found.failures
     assert set(found.entries("kitti car")) == set(entries)
 
 
 def test_arguments_get_the_threshold():
-    spec = Spec.parse("bytetrack?low_score=0.0&high_score=swept&new_score=swept&ego=none")
+    spec = Spec.parse("bytetrack?low_score=0.0&high_score=tuned&new_score=tuned&ego=none")
     at = at_threshold(spec, 0.3)
     assert dict(at.arguments) == {"low_score": 0.0, "high_score": 0.3, "new_score": 0.3}
     assert str(at) == "bytetrack?low_score=0.0&high_score=0.3&new_score=0.3&ego=none"
-    assert is_swept(spec)
-    assert not is_swept(at)
-    assert at_threshold(Spec.parse(SWEPT), 0.3) == Spec.parse("gnn")
+    assert is_tuned(spec)
+    assert not is_tuned(at)
+    assert at_threshold(Spec.parse(TUNED), 0.3) == Spec.parse("gnn")
 
 
 def test_wrong_arguments_are_refused_before_a_run(folder):
-    for entry in ("gnn?gate=swept", "gnn?least_score=swept&gate=3"):
+    for entry in ("gnn?gate=tuned", "gnn?least_score=tuned&gate=3"):
         with pytest.raises(SpecError, match="gate"):
             plan(kitti_suite(folder), [entry], boards=["tracking"], only=True)
 
 
 def test_one_sequence_has_none_to_choose_on(tmp_path):
     folder = write_kitti(tmp_path / "kitti", ("0000",))
-    found = leaderboard("quick", [SWEPT], boards=["tracking"], only=True, kitti=folder)
+    found = leaderboard("quick", [TUNED], boards=["tracking"], only=True, kitti=folder)
     assert "only one" in found.failures[0].reason
 
 
 def test_on_simulated_traffic_thresholds_are_chosen_on_train_seeds():
     board, suite = board_named("tracking"), load_suite("quick")
-    jobs = board.jobs(suite, [board.check_entry(Spec.parse(SWEPT))], JobOptions(marks=False))
+    jobs = board.jobs(suite, [board.check_entry(Spec.parse(TUNED))], JobOptions(marks=False))
     for job in jobs:
-        assert isinstance(job.answers, SweptNode)
+        assert isinstance(job.answers, TunedNode)
         scores = [node for nodes in job.answers.training for node in nodes]
         seeds = {node.tracks.detections.episode.seed for node in scores}
         assert max(seeds) < 10_000 <= job.episode.seed
