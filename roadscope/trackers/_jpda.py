@@ -51,9 +51,10 @@ class JpdaTracker:
     """Every track is corrected by all detections in its gate, weighted by their probabilities.
 
     Probabilities are marginals of joint events, exact up to `exact_limit`. Of events that differ
-    only in who has which detection, the likeliest counts (JPDA*, Blom and Bloem 2000). In clusters
-    of more than about 9 tracks and 9 detections all events count. Tracks are confirmed and dropped
-    by their probability of existence alone, which is also their score.
+    only in who has which detection, the likeliest counts (JPDA*, Blom and Bloem 2000). Clusters
+    that are too large for this, as 10 tracks with 9 detections are, get plain JPDA: all events
+    count. A greater `exact_limit` moves this border. Tracks are confirmed and dropped by their
+    probability of existence alone, which is also their score.
 
     The paper leaves open how tracks start. Here a detection starts a track unless it is most
     likely that of a known one.

@@ -1,9 +1,12 @@
+from itertools import combinations
+
 import numpy as np
 import pytest
 from dense_costs import candidates
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
+from scipy.optimize import linear_sum_assignment
 from tracked_scenes import boxes, make
 
 from roadscope.core import Category, Detections, Pose, TrackState
@@ -96,10 +99,41 @@ def test_pruned_marginals_are_those_of_the_likeliest_permutations(problem):
     )
 
 
-def test_large_clusters_are_not_pruned():
-    problem = on_a_line(2, 12, 12, 6.0)
+def by_assignments(pairs, missed, free):
+    """Assign each set of rows to each set of columns that is as large, optimally."""
+    n, m = pairs.shape
+    found, total = np.zeros((n, m)), 0.0
+    for size in range(min(n, m) + 1):
+        for rows in map(list, combinations(range(n), size)):
+            for columns in map(list, combinations(range(m), size)):
+                block = pairs[np.ix_(rows, columns)]
+                one, other = linear_sum_assignment(np.log(block), maximize=True)
+                weight = block[one, other].prod()
+                weight *= np.delete(missed, rows).prod() * np.delete(free, columns).prod()
+                total += weight
+                found[np.array(rows, int)[one], np.array(columns, int)[other]] += weight
+    return found / total
+
+
+@pytest.mark.parametrize(
+    ("n", "m"),
+    [(7, 6), pytest.param(9, 9, marks=pytest.mark.slow)],
+)
+def test_a_crowd_up_to_the_limit_is_pruned(n, m):
+    problem = on_a_line(4, n, m, 2.5)
+    assert problem[0].all()
+    pruned = marginals(*problem, EXACT_LIMIT, pruned=True)
+    np.testing.assert_allclose(pruned, by_assignments(*problem), atol=1e-9)
+    assert np.abs(pruned - marginals(*problem, EXACT_LIMIT)).max() > 0.01
+
+
+@pytest.mark.parametrize(("n", "m", "prunes"), [(9, 9, True), (10, 9, False), (2, 18, True)])
+def test_in_a_cluster_beyond_the_limit_all_events_count(n, m, prunes):
+    problem = on_a_line(2, n, m, 2.5)
     exact = marginals(*problem, EXACT_LIMIT)
-    assert np.array_equal(marginals(*problem, EXACT_LIMIT, pruned=True), exact)
+    assert np.array_equal(marginals(*problem, EXACT_LIMIT, pruned=True), exact) != prunes
+    if not prunes:
+        assert not np.allclose(marginals(*problem, np.inf, pruned=True), exact, atol=1e-3)
 
 
 @pytest.mark.parametrize("gap_m", [0.5, 0.8])
