@@ -16,8 +16,8 @@ from roadscope.benchmarks.loop import RunOptions
 from roadscope.benchmarks.metrics.score import Score
 from roadscope.benchmarks.nodes.fusions import detection_node
 from roadscope.benchmarks.nodes.poses import PoseNode, start_from_ego
-from roadscope.benchmarks.nodes.tuned import is_tuned
 from roadscope.benchmarks.nodes.tracks import track
+from roadscope.benchmarks.nodes.tuned import is_tuned
 from roadscope.benchmarks.progress import Progress, silent
 from roadscope.benchmarks.records import EpisodeDetections, EpisodePoses
 from roadscope.benchmarks.references import (

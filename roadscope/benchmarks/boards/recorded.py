@@ -34,6 +34,7 @@ from roadscope.benchmarks.graph import Job, Node
 from roadscope.benchmarks.kinds import TRACKER
 from roadscope.benchmarks.loop import RunOptions
 from roadscope.benchmarks.metrics.score import Score
+from roadscope.benchmarks.nodes.tracks import TrackNode, is_offline, scores_tentative_tracks
 from roadscope.benchmarks.nodes.tuned import (
     THRESHOLDS,
     TunedNode,
@@ -41,7 +42,6 @@ from roadscope.benchmarks.nodes.tuned import (
     hota_nodes,
     is_tuned,
 )
-from roadscope.benchmarks.nodes.tracks import TrackNode, is_offline, scores_tentative_tracks
 from roadscope.benchmarks.recorded.combined import COMBINED, NEES_BAND
 from roadscope.benchmarks.recorded.recording import (
     KITTI_CLASSES,

@@ -33,6 +33,7 @@ from roadscope.benchmarks.metrics.tracking import score_alphas, score_tracks
 from roadscope.benchmarks.metrics.tracking.scores import BY_ALPHA
 from roadscope.benchmarks.nodes.fusions import detection_node
 from roadscope.benchmarks.nodes.poses import PoseNode
+from roadscope.benchmarks.nodes.tracks import TrackNode, is_offline
 from roadscope.benchmarks.nodes.tuned import (
     THRESHOLDS,
     HotaNode,
@@ -41,7 +42,6 @@ from roadscope.benchmarks.nodes.tuned import (
     hota_nodes,
     is_tuned,
 )
-from roadscope.benchmarks.nodes.tracks import TrackNode, is_offline
 from roadscope.benchmarks.records import EpisodeDetections, EpisodeTracks
 from roadscope.benchmarks.references import (
     UPPER_MARK,

@@ -32,9 +32,9 @@ from roadscope.benchmarks.metrics.trajectory_errors import (
     aligned,
     relative_errors,
 )
-from roadscope.benchmarks.nodes.tuned import TunedNode
 from roadscope.benchmarks.nodes.tracks import TrackNode
 from roadscope.benchmarks.nodes.traffic import TrafficNode
+from roadscope.benchmarks.nodes.tuned import TunedNode
 from roadscope.benchmarks.progress import Progress, silent
 from roadscope.benchmarks.records import EpisodeDetections, EpisodePoses, EpisodeTracks
 from roadscope.benchmarks.results import JobScores, Results
