@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import typer
 
 from roadscope.commands import completion
 
 RUNNING, OUTPUT, RECORDED = "Running", "Output", "Recorded data"
+PICTURES, METHODS, CONDITIONS = "Pictures", "Methods", "Conditions"
 """Headings of groups of options."""
 
 Jobs = Annotated[
@@ -33,13 +34,91 @@ Quiet = Annotated[
 JsonFile = Annotated[
     Path | None, typer.Option("--out", metavar="FILE", help="Write the JSON to this file, too")
 ]
-Every = Annotated[bool, typer.Option("--all", help="Show all metrics", rich_help_panel=OUTPUT)]
+Every = Annotated[
+    bool,
+    typer.Option("--all", help="Show all metrics, not only the main ones", rich_help_panel=OUTPUT),
+]
 Rig = Annotated[
     str,
     typer.Option(
         metavar="NAME",
         help="roadscope list rigs, or a .toml file",
         autocompletion=completion.rigs,
+    ),
+]
+ReturnColours = Annotated[
+    Literal["object", "intensity"],
+    typer.Option(
+        "--returns",
+        metavar="NAME",
+        help="Colour returns by object or intensity",
+        rich_help_panel=PICTURES,
+    ),
+]
+Seconds = Annotated[
+    float | None,
+    typer.Option(metavar="S", help="Length, 3600 at most; the scenario's if left out"),
+]
+Detector = Annotated[
+    str,
+    typer.Option(
+        metavar="SPEC",
+        help="NAME or file.py:Class, with ?argument=value",
+        autocompletion=completion.detectors,
+        rich_help_panel=METHODS,
+    ),
+]
+Tracker = Annotated[
+    str,
+    typer.Option(
+        metavar="SPEC",
+        help="NAME or file.py:Class",
+        autocompletion=completion.trackers,
+        rich_help_panel=METHODS,
+    ),
+]
+Odometry = Annotated[
+    str | None,
+    typer.Option(
+        metavar="SPEC",
+        help="Run one beside; see roadscope list odometries",
+        autocompletion=completion.odometries,
+        rich_help_panel=METHODS,
+    ),
+]
+CameraDetector = Annotated[
+    str | None,
+    typer.Option(
+        metavar="SPEC",
+        help="Whose boxes pictures and videos show",
+        autocompletion=completion.camera_detectors,
+        rich_help_panel=METHODS,
+    ),
+]
+Weather = Annotated[
+    str,
+    typer.Option(
+        metavar="NAME",
+        help="See roadscope list weathers",
+        autocompletion=completion.weathers,
+        rich_help_panel=CONDITIONS,
+    ),
+]
+Light = Annotated[
+    str,
+    typer.Option(
+        metavar="NAME",
+        help="See roadscope list lights",
+        autocompletion=completion.lights,
+        rich_help_panel=CONDITIONS,
+    ),
+]
+Faults = Annotated[
+    str,
+    typer.Option(
+        metavar="LIST",
+        help="Such as 'fog:3 + glare:1'",
+        rich_help_panel=CONDITIONS,
     ),
 ]
 LidarMounting = Annotated[

@@ -3,19 +3,34 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from roadscope.commands import completion
-from roadscope.commands.options import OUTPUT, Json, Quiet, Rig, is_given
+from roadscope.commands.options import (
+    PICTURES,
+    CameraDetector,
+    Detector,
+    Every,
+    Faults,
+    Json,
+    Light,
+    Odometry,
+    Quiet,
+    ReturnColours,
+    Rig,
+    Seconds,
+    Tracker,
+    Weather,
+    is_given,
+)
 from roadscope.commands.terminal import headline, print_json, progress_bars, show
 
 if TYPE_CHECKING:
     from roadscope.benchmarks.single import Summary
 
 
-PICTURES, METHODS, CONDITIONS = "Pictures", "Methods", "Conditions"
 TARGETS = {
     "returns": ("picture", "video"),
     "video_width": ("video",),
@@ -49,15 +64,6 @@ Image = Annotated[
         rich_help_panel=PICTURES,
     ),
 ]
-ReturnColours = Annotated[
-    Literal["object", "intensity"],
-    typer.Option(
-        "--returns",
-        metavar="NAME",
-        help="By object or intensity",
-        rich_help_panel=PICTURES,
-    ),
-]
 Width = Annotated[
     int,
     typer.Option(
@@ -77,78 +83,6 @@ Nth = Annotated[
         metavar="N",
         help="Draw every n-th scan",
         rich_help_panel=PICTURES,
-    ),
-]
-Seconds = Annotated[
-    float | None,
-    typer.Option(metavar="S", help="Length, 3600 at most; the scenario's if left out"),
-]
-Detector = Annotated[
-    str,
-    typer.Option(
-        metavar="SPEC",
-        help="NAME or file.py:Class, with ?argument=value",
-        autocompletion=completion.detectors,
-        rich_help_panel=METHODS,
-    ),
-]
-Tracker = Annotated[
-    str,
-    typer.Option(
-        metavar="SPEC",
-        help="NAME or file.py:Class",
-        autocompletion=completion.trackers,
-        rich_help_panel=METHODS,
-    ),
-]
-Odometry = Annotated[
-    str | None,
-    typer.Option(
-        metavar="SPEC",
-        help="See roadscope list odometries; none if left out",
-        autocompletion=completion.odometries,
-        rich_help_panel=METHODS,
-    ),
-]
-CameraDetector = Annotated[
-    str | None,
-    typer.Option(
-        metavar="SPEC",
-        help="Whose boxes pictures and videos show",
-        autocompletion=completion.camera_detectors,
-        rich_help_panel=METHODS,
-    ),
-]
-Weather = Annotated[
-    str,
-    typer.Option(
-        metavar="NAME",
-        help="See roadscope list weathers",
-        autocompletion=completion.weathers,
-        rich_help_panel=CONDITIONS,
-    ),
-]
-Light = Annotated[
-    str,
-    typer.Option(
-        metavar="NAME",
-        help="See roadscope list lights",
-        autocompletion=completion.lights,
-        rich_help_panel=CONDITIONS,
-    ),
-]
-Faults = Annotated[
-    str,
-    typer.Option(
-        metavar="LIST",
-        help="Such as 'fog:3 + glare:1'",
-        rich_help_panel=CONDITIONS,
-    ),
-]
-Every = Annotated[
-    bool,
-    typer.Option(
-        "--all", help="Show all metrics, not only the ten main ones", rich_help_panel=OUTPUT
     ),
 ]
 

@@ -10,17 +10,19 @@ from typing import Annotated
 import typer
 
 from roadscope.commands import completion
-from roadscope.commands.options import Quiet, Rig, is_given
-from roadscope.commands.run import (
-    METHODS,
+from roadscope.commands.options import (
     CameraDetector,
     Detector,
     Faults,
     Light,
+    Odometry,
+    Quiet,
     ReturnColours,
+    Rig,
     Seconds,
     Tracker,
     Weather,
+    is_given,
 )
 from roadscope.commands.terminal import complain, progress_bars
 
@@ -41,15 +43,6 @@ Save = Annotated[
 Seed = Annotated[
     int | None,
     typer.Option(min=0, metavar="N", help="Of the episode; of a scenario, 0 if left out"),
-]
-Odometry = Annotated[
-    str | None,
-    typer.Option(
-        metavar="SPEC",
-        help="Whose path is shown beside the true one",
-        autocompletion=completion.odometries,
-        rich_help_panel=METHODS,
-    ),
 ]
 BoardName = Annotated[
     str | None,
