@@ -48,7 +48,10 @@ SuiteName = Annotated[
     ),
 ]
 Seeds = Annotated[
-    int | None, typer.Option(min=1, metavar="N", help="Run only the first N seeds: a quick look")
+    int | None,
+    typer.Option(
+        min=1, metavar="N", help="First N seeds only; a tuned threshold is tuned on N, too"
+    ),
 ]
 Out = Annotated[
     Path | None,
