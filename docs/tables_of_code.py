@@ -1,9 +1,11 @@
 """Tables and lists that are made from the code itself; `conf.py` puts them into pages.
 
     ```{from-code} rigs
+    On the site. Here: roadscope list rigs
     ```
 
-The word names a function below; what it returns is Markdown.
+The word names a function below; what it returns is Markdown. It replaces the text, which is for
+those who read the page on GitHub.
 """
 
 import importlib
@@ -201,8 +203,7 @@ def scenarios() -> str:
         parts += [
             f"### {scenario.name}",
             f"{scenario.description}{known}",
-            f"![{scenario.name}: what the camera sees, and the scene from above]"
-            f"(images/scenarios/{scenario.name}.png)",
+            f"![A picture of {scenario.name}](images/scenarios/{scenario.name}.png)",
         ]
     return "\n\n".join(parts)
 
@@ -318,4 +319,4 @@ def with_tables(text: str) -> str:
         maker, *arguments = match[1].split()
         return MAKERS[maker](*arguments)
 
-    return re.sub(r"^```\{from-code\} (.+)\n```$", made, text, flags=re.MULTILINE)
+    return re.sub(r"^```\{from-code\} (.+)\n(?:(?!```).*\n)*```$", made, text, flags=re.MULTILINE)
