@@ -164,14 +164,18 @@ def agreement_lines(results: Results, name: str) -> list[str]:
     If there is nothing to compare with, return what to run.
     """
     lines = [
-        f"Ranks agree with those of suite {a.suite} by {a.rho:.2f} (Spearman, "
-        f"{len(a.entries)} trackers; 1 is the same order)."
+        f"Ranks agree with those of suite {a.suite} by {a.rho:.2f}{_in_brackets(a.interval)} "
+        f"(Spearman, {len(a.entries)} trackers; 1 is the same order)."
         for a in results.agreements
         if a.board == name
     ]
     ranked = [s for s in results.standings if s.board == name and s.rank is not None]
     comparable = board_named(name) in KITTI_BOARDS and len(ranked) >= LEAST
     return lines or [NO_COMPARISON] * comparable
+
+
+def _in_brackets(interval: tuple[float, float] | None) -> str:
+    return "" if interval is None else f" [{interval[0]:.2f}, {interval[1]:.2f}]"
 
 
 def comparison(results: Results, name: str) -> str:

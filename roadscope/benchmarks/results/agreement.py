@@ -9,6 +9,8 @@ import numpy as np
 
 LEAST = 3
 """Least number of entries that are compared: two can only agree or disagree completely."""
+NORMAL_95 = 1.959964
+"""The 97.5 % quantile of the standard normal distribution."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -25,6 +27,19 @@ class BoardAgreement:
     suite: str
     rho: float
     entries: tuple[str, ...]
+
+    @property
+    def interval(self) -> tuple[float, float] | None:
+        """The 95 % interval of rho over entries (Bonett and Wright 2000).
+
+        None with three entries, or if all ranks agree or all are reversed: nothing varies then.
+        """
+        count = len(self.entries)
+        if count <= LEAST or abs(self.rho) > 1 - 1e-9:
+            return None
+        spread = NORMAL_95 * np.sqrt((1 + self.rho**2 / 2) / (count - 3))
+        low, high = np.tanh(np.arctanh(self.rho) + np.array([-spread, spread]))
+        return float(low), float(high)
 
     @staticmethod
     def of(

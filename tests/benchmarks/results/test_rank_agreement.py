@@ -36,6 +36,28 @@ def test_entries_on_both_boards_are_compared():
     assert found.rho == pytest.approx(0.5)
 
 
+def of_figures(ones, others):
+    names = [str(k) for k in range(len(ones))]
+    figures = (dict(zip(names, each, strict=True)) for each in (ones, others))
+    return BoardAgreement.of("kitti car", "quick v1", *figures)
+
+
+@pytest.mark.parametrize("correlation", [0.0, 0.8])
+def test_intervals_hold_the_correlation_of_all_entries_nineteen_times_in_twenty(correlation):
+    truth = 6 / np.pi * np.arcsin(correlation / 2)  # Spearman's of normal values
+    normal = np.random.default_rng(0).normal(size=(1000, 2, 16))
+    other = correlation * normal[:, 0] + np.sqrt(1 - correlation**2) * normal[:, 1]
+    intervals = [of_figures(*pair).interval for pair in zip(normal[:, 0], other, strict=True)]
+    assert 0.93 < np.mean([low <= truth <= high for low, high in intervals]) < 0.97
+
+
+def test_where_nothing_varies_there_is_no_interval():
+    assert of_figures([1, 2, 3], [1, 3, 2]).interval is None
+    assert of_figures([1, 2, 3, 4], [1, 2, 3, 5]).interval is None
+    low, high = of_figures([1, 2, 3, 4], [1, 2, 4, 3]).interval
+    assert -1 < low < 0.8 < high < 1
+
+
 @pytest.mark.parametrize("figures", [{"a": 1.0, "b": 2.0}, {"a": 1.0, "b": 1.0, "c": 1.0}])
 def test_too_little_to_compare_is_no_agreement(figures):
     others = {"a": 1.0, "b": 2.0, "c": 3.0}
