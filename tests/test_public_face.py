@@ -197,7 +197,7 @@ INSIDE = {
     "roadscope.detectors.scoring", "roadscope.benchmarks.boards.board",
     "roadscope.benchmarks.papers.zhang2022",
     "roadscope.benchmarks.speed.odometry", "roadscope.benchmarks.speed.trackers",
-    "roadscope.envs.traffic.walkers", "roadscope.odometry.inertial.speed_search",
+    "roadscope.odometry.inertial.speed_search",
     "roadscope.odometry.loam.feature_match", "roadscope.trackers._motion",
 }  # fmt: skip
 """Files from which tests take a name that two files of the folder have, or a kernel's own part.

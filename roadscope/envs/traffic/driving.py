@@ -1,299 +1,414 @@
-"""Drivers with true sizes whose motion a real vehicle could follow."""
+"""Drivers: IDM and MOBIL with true sizes, and a steering that a real vehicle could follow."""
 
 from __future__ import annotations
 
-from typing import Any
+from math import cos, pi, sin, sqrt
+from typing import NamedTuple, Protocol
 
 import numpy as np
-from highway_env.utils import wrap_to_pi
-from highway_env.vehicle.behavior import IDMVehicle
-from highway_env.vehicle.kinematics import Vehicle
 
-from roadscope.core import Category
-from roadscope.envs.traffic.lanes import greatest_curvature
-from roadscope.envs.traffic.mix import RoadUserBody
+from roadscope.core.jit import compiled
+from roadscope.envs.traffic.lane_geometry import (
+    LOOK_AHEAD_M,
+    Traffic,
+    along_lane,
+    follow_road,
+    heading_at,
+    leg_after,
+    local_coordinates,
+    next_lane,
+    wrapped,
+)
+from roadscope.envs.traffic.neighbours import (
+    Occupants,
+    find_leader,
+    find_neighbours,
+    find_occupants,
+    note_change,
+)
+from roadscope.envs.traffic.road_users import DRIVER, OBSTACLE, WALKER, Body
+from roadscope.envs.traffic.roads import record_type
 
 LATERAL_LIMIT_M_S2 = 2.7
 """Largest lateral acceleration that the steering controller asks for; chosen by hand."""
-CURVE_LATERAL_M_S2 = 1.9
-"""Lateral acceleration at which drivers take curves; chosen by hand."""
 LATERAL_JERK_M_S3 = 5.0
 """Largest lateral jerk of a vehicle; chosen by hand."""
 STEERING_RATE_RAD_S = 0.7
 """Largest turning rate of the wheels, radians per second; chosen by hand."""
+STEERING_LIMIT_RAD = pi / 3
+"""Largest angle of the wheels: that of highway-env."""
 CURVE_BRAKING_M_S2 = 1.2
 """Deceleration with which drivers slow down for a curve; chosen by hand."""
 CALM_BRAKING_M_S2 = 3.0
 """Drivers brake harder than this only to avoid a collision; chosen by hand."""
 RAMP_GAP_S, RAMP_BRAKING_M_S2 = 0.3, 2.0
 """Time gap and braking that drivers at the end of a ramp accept; chosen by hand."""
-LOOK_AHEAD_M = 120.0
-"""Drivers look for leaders and curves this far ahead; chosen by hand."""
+HARDEST_BRAKING_M_S2 = 8.0
+"""Largest deceleration of a vehicle."""
+COMFORT_M_S2, COMFORT_HEAVY_M_S2, COMFORT_BRAKING_M_S2 = 1.8, 0.9, 2.5
+"""Accelerations of IDM: of drivers, of those of heavy vehicles, and the comfortable braking."""
+POLITENESS, LEAST_GAIN_M_S2, MOST_IMPOSED_BRAKING_M_S2 = 0.1, 0.15, 2.0
+"""Parameters of MOBIL."""
+LANE_CHANGE_DELAY_S = 1.0
+"""Time between two thoughts of a lane change."""
 
-HEAVY = (Category.TRUCK, Category.BUS)
 
+class Exponents(NamedTuple):
+    """Exponents of IDM: of the free road and of squares.
 
-def clamp(value: float, low: float, high: float) -> float:
-    """Return a number limited to an interval; `np.clip` takes ten times as long for one number."""
-    return float(min(max(value, low), high))
-
-
-class Driver(IDMVehicle):  # type: ignore[misc]
-    """An IDM and MOBIL vehicle of highway-env with its own body.
-
-    Gaps are bumper to bumper, braking ends at standstill, curves are taken slowly enough, and
-    steering obeys limits of rate, lateral jerk and lateral acceleration, so that the recorded
-    motion could be that of a vehicle. All constants are our own: building one of highway-env's
-    intersections overwrites those of `IDMVehicle`.
+    They are arguments of kernels, for LLVM replaces `x**2.0` with `x * x`, which differs from the C
+    library's power in the last bit.
     """
 
-    ACC_MAX = 8.0
-    COMFORT_ACC_MAX = 1.8
-    COMFORT_ACC_MIN = -2.5
-    DISTANCE_WANTED = 2.5
-    TIME_WANTED = 1.2
-    DELTA = 4.0
-    POLITENESS = 0.1
-    LANE_CHANGE_MIN_ACC_GAIN = 0.15
-    LANE_CHANGE_MAX_BRAKING_IMPOSED = 2.0
-    LANE_CHANGE_DELAY = 1.0
-    MIN_SPEED = 0.0
+    free: float = 4.0
+    square: float = 2.0
 
-    def __init__(
-        self,
-        road: Any,
-        lane_index: Any,
-        along_m: float,
-        *,
-        body: RoadUserBody,
-        speed: float,
-        desired_speed: float,
-        lane_changes: bool = False,
-        route: Any = None,
-    ) -> None:
-        """Place the driver on a lane; `desired_speed` is the speed on a free road, m/s."""
-        lane = road.network.get_lane(lane_index)
-        super().__init__(
-            road,
-            lane.position(along_m, 0.0),
-            lane.heading_at(along_m),
-            speed,
-            target_lane_index=lane_index,
-            target_speed=desired_speed,
-            route=route,
-            enable_lane_change=lane_changes,
+
+class Plan(Protocol):
+    """A record of what a driver steers and brakes for.
+
+    across: offset from the centre line of the target lane, metres.
+    here, there: headings of that lane at the driver and `ahead` metres further, without slopes.
+    has_curve: whether there is a lane that far ahead.
+    gap, speed_there, heading: of the leaders on the own and on the target lane, inf without one.
+    """
+
+    across: float
+    here: float
+    there: float
+    ahead: float
+    has_curve: bool
+    leader: int
+    gap: float
+    heading: float
+    target_leader: int
+    target_gap: float
+    target_heading: float
+
+
+PLAN = record_type(Plan)
+
+
+# --------------------------------------------------------------------------------------------------
+# Decisions, one driver after the other.
+
+
+@compiled()
+def decide(traffic: Traffic, plans: np.ndarray, slopes: np.ndarray, exponents: Exponents) -> None:
+    """Let every driver choose a lane; each knows the choices of those before it.
+
+    Writes plans, (N,) of `PLAN`, and slopes, (N, 4): those of the headings here, there and at both
+    leaders.
+    """
+    occupants = find_occupants(traffic)
+    for slot in range(len(traffic.bodies)):
+        body = traffic.bodies[slot]
+        if body.kind == DRIVER and not body.crashed:
+            follow_road(traffic, slot)
+            if body.lane_changes:
+                _change_lane(traffic, occupants, slot, exponents)
+            _plan(traffic, occupants, slot, plans[slot], slopes[slot])
+        note_change(occupants, traffic, slot)
+
+
+@compiled(borrowing=True, forceinline=True)
+def _plan(
+    traffic: Traffic, occupants: Occupants, slot: int, plan: Plan, slopes: np.ndarray
+) -> None:
+    """Write down what a driver steers and brakes for."""
+    body, roads = traffic.bodies[slot], traffic.roads
+    lane = roads.lanes[body.target]
+    place = local_coordinates(traffic, lane, slot)
+    plan.across, plan.ahead = place.across, max(1.5, 0.5 * body.speed)
+    here = heading_at(lane, place.along)
+    plan.here, slopes[0] = here.base, here.slope
+    plan.has_curve, there = True, place.along + plan.ahead
+    heading = here
+    if there <= lane.length:
+        heading = heading_at(lane, there)
+    else:
+        following = next_lane(roads, traffic.legs, body.first_leg, body.last_leg, body.target)
+        plan.has_curve = following >= 0
+        if following >= 0:
+            heading = heading_at(roads.lanes[following], there - lane.length)
+    plan.there, slopes[1] = heading.base, heading.slope
+    leader = find_leader(traffic, occupants, slot, body.lane)
+    plan.leader, plan.gap = leader.slot, leader.gap
+    plan.heading, slopes[2] = leader.heading.base, leader.heading.slope
+    plan.target_leader = -1
+    if body.target != body.lane:
+        leader = find_leader(traffic, occupants, slot, body.target)
+        plan.target_leader, plan.target_gap = leader.slot, leader.gap
+        plan.target_heading, slopes[3] = leader.heading.base, leader.heading.slope
+
+
+@compiled(borrowing=True)
+def _change_lane(traffic: Traffic, occupants: Occupants, slot: int, exponents: Exponents) -> None:
+    """Begin a lane change, or abort one, as highway-env's `change_lane_policy`."""
+    body, lanes = traffic.bodies[slot], traffic.roads.lanes
+    if body.lane != body.target:
+        if lanes[body.lane].road == lanes[body.target].road and _is_taken(traffic, slot):
+            body.target = body.lane
+        return
+    if not body.timer > LANE_CHANGE_DELAY_S:
+        return
+    body.timer = 0.0
+    road = traffic.roads.roads[lanes[body.lane].road]
+    for side in (-1, 1):
+        option = body.lane + side
+        if road.first <= option < road.first + road.count and abs(body.speed) >= 1.0:
+            lane = lanes[option]
+            place = local_coordinates(traffic, lane, slot)
+            near = abs(place.across) <= 2 * lane.width and 0.0 <= place.along < lane.length + 5.0
+            if near and not lane.forbidden and _pays(traffic, occupants, slot, option, exponents):
+                body.target = option
+
+
+@compiled(borrowing=True)
+def _is_taken(traffic: Traffic, slot: int) -> bool:
+    """Return whether another driver changes to the same lane close ahead."""
+    body = traffic.bodies[slot]
+    for other in range(len(traffic.bodies)):
+        leader = traffic.bodies[other]
+        if (
+            other != slot
+            and leader.kind == DRIVER
+            and leader.target == body.target
+            and leader.lane != body.target
+        ):
+            distance = _lane_distance(traffic, slot, other)
+            wanted = _clearance(body, body.speed, body.speed - leader.speed)
+            if 0.0 < distance < wanted + _half_lengths(body, leader):
+                return True
+    return False
+
+
+@compiled(borrowing=True)
+def _pays(
+    traffic: Traffic, occupants: Occupants, slot: int, option: int, exponents: Exponents
+) -> bool:
+    """Return whether to change to a lane: it is safe, and it pays (MOBIL) or the own lane ends."""
+    lane = traffic.bodies[slot].lane
+    new = find_neighbours(traffic, occupants, slot, option)
+    if traffic.roads.lanes[lane].forbidden:
+        return _gap_is_safe(traffic, slot, new.ahead, exponents) and _gap_is_safe(
+            traffic, new.behind, slot, exponents
         )
-        self.carry(body)
-        self.lane_index, self.lane = lane_index, lane
-        # How far the front may still go until a line to wait at, metres; None where there is none.
-        self.hold_m: float | None = None
-        self.slot = -1
+    follower = _acceleration(traffic, slot, new.behind, new.ahead, exponents)
+    follower_then = _acceleration(traffic, slot, new.behind, slot, exponents)
+    if follower_then < -MOST_IMPOSED_BRAKING_M_S2:
+        return False
+    old = find_neighbours(traffic, occupants, slot, lane)
+    own_then = _acceleration(traffic, slot, slot, new.ahead, exponents)
+    own = _acceleration(traffic, slot, slot, old.ahead, exponents)
+    left = _acceleration(traffic, slot, old.behind, slot, exponents)
+    left_then = _acceleration(traffic, slot, old.behind, old.ahead, exponents)
+    others = POLITENESS * (follower_then - follower + left_then - left)
+    return bool(own_then - own + others >= LEAST_GAIN_M_S2)
 
-    def carry(self, body: RoadUserBody) -> None:
-        """Set the body; drivers of heavy vehicles accelerate less."""
-        self.body = body
-        self.LENGTH, self.WIDTH, _ = body.size
-        self.diagonal = float(np.hypot(self.LENGTH, self.WIDTH))
-        self.COMFORT_ACC_MAX = 0.9 if body.category in HEAVY else type(self).COMFORT_ACC_MAX
 
-    def vary(self, rng: np.random.Generator) -> Driver:
-        """Draw the time gap, the gap at standstill and the acceleration of this driver."""
-        self.TIME_WANTED = float(rng.uniform(0.9, 1.5))
-        self.DISTANCE_WANTED = float(rng.uniform(2.0, 3.0))
-        self.COMFORT_ACC_MAX *= float(rng.uniform(0.85, 1.15))
-        self.timer = float(rng.uniform(0.0, self.LANE_CHANGE_DELAY))
-        return self
+@compiled(borrowing=True)
+def _gap_is_safe(traffic: Traffic, rear: int, front: int, exponents: Exponents) -> bool:
+    """Return whether drivers at the end of a ramp accept the gap between two vehicles."""
+    if rear < 0 or front < 0:
+        return True
+    behind, ahead = traffic.bodies[rear], traffic.bodies[front]
+    gap = _lane_distance(traffic, rear, front) - _half_lengths(behind, ahead)
+    closing = max(behind.speed - ahead.speed, 0.0)
+    stopping = closing**exponents.square / (2 * RAMP_BRAKING_M_S2)
+    return bool(gap > max(2.0, RAMP_GAP_S * behind.speed) + stopping)
 
-    def act(self, action: Any = None) -> None:
-        """Choose lane, steering and acceleration."""
-        if self.crashed:
-            return
-        self.follow_road()
-        if self.enable_lane_change:
-            self.change_lane_policy()
-        steering = self.steering_control(self.target_lane_index)
-        Vehicle.act(self, {"steering": steering, "acceleration": self._allowed_acceleration()})
 
-    def step(self, dt: float) -> None:
-        """Move for `dt` seconds within the limits of steering; never drive backwards."""
-        rate = min(STEERING_RATE_RAD_S, LATERAL_JERK_M_S3 * self.LENGTH / max(self.speed, 1.0) ** 2)
-        last = getattr(self, "wheel", 0.0)
-        self.wheel = last + clamp(self.action["steering"] - last, -rate * dt, rate * dt)
-        self.action["steering"] = self.wheel
-        if not self.crashed:
-            self.action["acceleration"] = max(self.action["acceleration"], -self.speed / dt)
-        super().step(dt)
+@compiled(borrowing=True)
+def _acceleration(
+    traffic: Traffic, driver: int, rear: int, front: int, exponents: Exponents
+) -> float:
+    """Return the acceleration of a vehicle behind another as a driver assumes it, m/s^2.
 
-    def on_state_update(self) -> None:
-        """Keep the lane: `FlowRoad.step` updates the lanes of all vehicles together."""
+    rear, front: slots, -1 for none.
+    """
+    if rear < 0:
+        return 0.0
+    model, body = traffic.bodies[driver], traffic.bodies[rear]
+    if body.kind == WALKER or body.kind == OBSTACLE:
+        return 0.0
+    pace = _pace(model, body.speed, body.target_speed, exponents)
+    if front < 0:
+        return pace.free
+    leader = traffic.bodies[front]
+    gap = _lane_distance(traffic, rear, front) - _half_lengths(body, leader)
+    return _following_acceleration(model, pace, gap, leader.speed, exponents)
 
-    def acceleration(
-        self, ego_vehicle: Any, front_vehicle: Any = None, rear_vehicle: Any = None
-    ) -> float:
-        """Return the acceleration of a vehicle behind another, m/s^2; MOBIL calls this."""
-        if ego_vehicle is None or not isinstance(ego_vehicle, Vehicle):
-            return 0.0
-        desired_speed = float(getattr(ego_vehicle, "target_speed", ego_vehicle.speed))
-        if front_vehicle is None:
-            return self.free_acceleration(ego_vehicle.speed, desired_speed)
-        gap = ego_vehicle.lane_distance_to(front_vehicle) - _half_lengths(
-            ego_vehicle, front_vehicle
-        )
-        return self.following_acceleration(
-            ego_vehicle.speed, desired_speed, gap, front_vehicle.speed
-        )
 
-    def mobil(self, lane_index: Any) -> bool:
-        """Return whether to change to a lane: it is safe, and it pays or the own lane ends."""
-        if not self.lane.forbidden:
-            return bool(super().mobil(lane_index))
-        ahead, behind = self.road.neighbour_vehicles(self, lane_index)
-        return self._gap_is_safe(self, ahead) and self._gap_is_safe(behind, self)
+@compiled(borrowing=True, forceinline=True)
+def _lane_distance(traffic: Traffic, rear: int, front: int) -> float:
+    """Return the distance between two bodies along the lane of the first, metres."""
+    lane = traffic.roads.lanes[traffic.bodies[rear].lane]
+    ahead = local_coordinates(traffic, lane, front).along
+    return ahead - local_coordinates(traffic, lane, rear).along
 
-    def _gap_is_safe(self, rear: Any, front: Any) -> bool:
-        """Return whether drivers at the end of a ramp accept the gap between two vehicles."""
-        if rear is None or front is None:
-            return True
-        gap = rear.lane_distance_to(front) - _half_lengths(rear, front)
-        closing = max(rear.speed - front.speed, 0.0)
-        return bool(gap > max(2.0, RAMP_GAP_S * rear.speed) + closing**2 / (2 * RAMP_BRAKING_M_S2))
 
-    def desired_gap(
-        self, ego_vehicle: Any, front_vehicle: Any = None, projected: bool = True
-    ) -> float:
-        """Return the desired distance between both centres in metres, from the true lengths."""
-        closing = ego_vehicle.speed - front_vehicle.speed
-        return self._desired_clearance(ego_vehicle.speed, closing) + _half_lengths(
-            ego_vehicle, front_vehicle
-        )
+@compiled(borrowing=True, forceinline=True)
+def _half_lengths(body: Body, other: Body) -> float:
+    """Return the distance between the centres of two bodies whose bumpers touch, metres."""
+    return (body.length + other.length) / 2
 
-    def free_acceleration(self, speed: float, desired_speed: float) -> float:
-        """Return the acceleration on a free road, m/s^2 (improved IDM of Treiber and Kesting)."""
-        up, down = self.COMFORT_ACC_MAX, -self.COMFORT_ACC_MIN
-        desired_speed = max(desired_speed, 0.1)
-        if speed <= desired_speed:
-            return float(up * (1.0 - (speed / desired_speed) ** self.DELTA))
-        return float(-down * (1.0 - (desired_speed / speed) ** (up * self.DELTA / down)))
 
-    def following_acceleration(
-        self, speed: float, desired_speed: float, gap_m: float, front_speed: float
-    ) -> float:
-        """Return the acceleration behind a leader at a bumper-to-bumper gap, m/s^2."""
-        ratio = self._desired_clearance(speed, speed - front_speed) / max(gap_m, 0.1)
-        acceleration = (
-            self.free_acceleration(speed, desired_speed) - self.COMFORT_ACC_MAX * ratio**2
-        )
-        # If another vehicle cuts in and the gap is too short, plain IDM brakes far too hard.
-        needed_braking = max(speed**2 - front_speed**2, 0.0) / (2 * max(gap_m - 0.5, 0.3))
-        return float(
-            max(acceleration, -max(CALM_BRAKING_M_S2, 1.5 * needed_braking), -self.ACC_MAX)
-        )
+# --------------------------------------------------------------------------------------------------
+# IDM.
 
-    def steering_control(self, target_lane_index: Any) -> float:
-        """Return the wheel angle that leads to a lane's centre line, radians.
 
-        Curvature of the lane ahead plus feedback of offset and course error; the product of
-        curvature and squared speed stays within `LATERAL_LIMIT_M_S2`.
-        """
-        lane = self.road.network.get_lane(target_lane_index)
-        along, across = lane.local_coordinates(self.position)
-        slip = np.arctan(np.tan(self.action["steering"]) / 2)
-        course = wrap_to_pi(self.heading + slip - lane.heading_at(along))
-        speed = max(self.speed, 3.0)
-        feedback = 0.6 * clamp(across, -2.5, 2.5) + 1.6 * speed * np.sin(course)
-        curvature = self._curvature_ahead(lane, along) - feedback / speed**2
-        curvature_limit = LATERAL_LIMIT_M_S2 / max(self.speed, 0.5) ** 2
-        sine_of_slip = clamp(
-            clamp(curvature, -curvature_limit, curvature_limit) * self.LENGTH / 2, -0.9, 0.9
-        )
-        wheel = np.arctan(2 * np.tan(np.arcsin(sine_of_slip)))
-        return clamp(wheel, -self.MAX_STEERING_ANGLE, self.MAX_STEERING_ANGLE)
+@compiled(borrowing=True, forceinline=True)
+def _free_acceleration(
+    model: Body, speed: float, desired_speed: float, exponents: Exponents
+) -> float:
+    """Return the acceleration on a free road, m/s^2 (improved IDM of Treiber and Kesting)."""
+    up, down = model.comfort, COMFORT_BRAKING_M_S2
+    desired_speed = max(desired_speed, 0.1)
+    if speed <= desired_speed:
+        return float(up * (1.0 - (speed / desired_speed) ** exponents.free))
+    return float(-down * (1.0 - (desired_speed / speed) ** (up * exponents.free / down)))
 
-    def _curvature_ahead(self, lane: Any, along: float) -> float:
-        """Return the mean curvature of the lane ahead, 1/m."""
-        ahead = max(1.5, 0.5 * self.speed)
-        here = lane.heading_at(along)
-        if along + ahead <= lane.length:
-            there = lane.heading_at(along + ahead)
-        else:
-            following = self.road.next_lane(self.target_lane_index, self.route)
-            if following is None:
-                return 0.0
-            after = self.road.network.get_lane(following)
-            there = after.heading_at(along + ahead - lane.length)
-        return float(wrap_to_pi(there - here) / ahead)
 
-    def _allowed_acceleration(self) -> float:
-        """Return the acceleration that leaders, curves and junctions allow, m/s^2."""
-        desired_speed = min(self.target_speed, self._curve_speed())
-        acceleration = self.free_acceleration(self.speed, desired_speed)
-        lanes = [self.lane_index]
-        if self.target_lane_index != self.lane_index:
-            lanes.append(self.target_lane_index)
-        for lane_index in lanes:
-            leader = self.road.leader(self, lane_index)
-            if leader is not None:
-                acceleration = min(
-                    acceleration, self.following_acceleration(self.speed, desired_speed, *leader)
+@compiled(borrowing=True, forceinline=True)
+def _clearance(model: Body, speed: float, closing: float) -> float:
+    """Return IDM's desired gap in metres, bumper to bumper."""
+    braking = 2 * sqrt(-model.comfort * -COMFORT_BRAKING_M_S2)
+    return model.standstill_gap + max(0.0, speed * model.time_gap + speed * closing / braking)
+
+
+class _Pace(NamedTuple):
+    """A speed in m/s, its square, and the acceleration with it on a free road, m/s^2."""
+
+    speed: float
+    squared: float
+    free: float
+
+
+@compiled(borrowing=True, forceinline=True)
+def _pace(model: Body, speed: float, desired_speed: float, exponents: Exponents) -> _Pace:
+    free = _free_acceleration(model, speed, desired_speed, exponents)
+    return _Pace(speed, speed**exponents.square, free)
+
+
+@compiled(borrowing=True, forceinline=True)
+def _following_acceleration(
+    model: Body, pace: _Pace, gap: float, front_speed: float, exponents: Exponents
+) -> float:
+    """Return the acceleration behind a leader at a bumper-to-bumper gap, m/s^2."""
+    square = exponents.square
+    ratio = _clearance(model, pace.speed, pace.speed - front_speed) / max(gap, 0.1)
+    acceleration = pace.free - model.comfort * ratio**square
+    # If another vehicle cuts in and the gap is too short, plain IDM brakes far too hard.
+    needed = max(pace.squared - front_speed**square, 0.0) / (2 * max(gap - 0.5, 0.3))
+    hardest = max(CALM_BRAKING_M_S2, 1.5 * needed)
+    return float(max(max(acceleration, -hardest), -HARDEST_BRAKING_M_S2))
+
+
+# --------------------------------------------------------------------------------------------------
+# Steering and acceleration, every driver for itself.
+
+
+@compiled()
+def control(
+    traffic: Traffic,
+    plans: np.ndarray,
+    bends: np.ndarray,
+    exponents: Exponents,
+    dt: float,
+    sines: np.ndarray,
+) -> None:
+    """Choose the accelerations of all drivers and how far their wheels may turn in `dt` seconds.
+
+    bends: (N, 4) arctangents of the slopes. Writes sines, (N,): of the slip angles to steer for.
+    """
+    for slot in range(len(traffic.bodies)):
+        body = traffic.bodies[slot]
+        if body.kind == DRIVER:
+            desired = min(body.target_speed, _curve_speed(traffic, slot))
+            pace = _pace(body, body.speed, desired, exponents)
+            rate = LATERAL_JERK_M_S3 * body.length / _squared(pace, 1.0, exponents)
+            body.turn_limit = min(STEERING_RATE_RAD_S, rate) * dt
+            if not body.crashed:
+                sines[slot] = _sine_of_slip(body, pace, plans[slot], bends[slot], exponents)
+                body.acceleration = _allowed(
+                    traffic, body, pace, plans[slot], bends[slot], exponents
                 )
-        if self.hold_m is not None:
-            gap = self.hold_m + self.DISTANCE_WANTED - 0.5
-            acceleration = min(
-                acceleration, self.following_acceleration(self.speed, desired_speed, gap, 0.0)
-            )
-        return max(acceleration, -self.ACC_MAX)
-
-    def _curve_speed(self) -> float:
-        """Return the greatest speed that still allows to slow down for the curves ahead, m/s."""
-        allowed_speed = np.inf
-        for lane_index, start_m in self.road.lanes_ahead(self, self.target_lane_index):
-            lane = self.road.network.get_lane(lane_index)
-            curvature = greatest_curvature(lane)
-            limit = lane.speed_limit or np.inf
-            if curvature > 0:
-                limit = min(limit, np.sqrt(CURVE_LATERAL_M_S2 / curvature))
-            distance_m = max(start_m - self.LENGTH / 2, 0.0)
-            allowed_speed = min(
-                allowed_speed, np.sqrt(limit**2 + 2 * CURVE_BRAKING_M_S2 * distance_m)
-            )
-        return float(allowed_speed)
-
-    def _desired_clearance(self, speed: float, closing: float) -> float:
-        """Return IDM's desired gap in metres, bumper to bumper."""
-        braking = 2 * np.sqrt(-self.COMFORT_ACC_MAX * self.COMFORT_ACC_MIN)
-        return float(
-            self.DISTANCE_WANTED + max(0.0, speed * self.TIME_WANTED + speed * closing / braking)
-        )
 
 
-class Parked(Vehicle):  # type: ignore[misc]
-    """A vehicle that stands still on a lane, or facing against it."""
-
-    def __init__(
-        self,
-        road: Any,
-        lane_index: Any,
-        along_m: float,
-        *,
-        body: RoadUserBody,
-        reverse: bool = False,
-    ) -> None:
-        lane = road.network.get_lane(lane_index)
-        heading = lane.heading_at(along_m) + np.pi * reverse
-        super().__init__(road, lane.position(along_m, 0.0), heading, 0.0)
-        self.body = body
-        self.LENGTH, self.WIDTH, _ = body.size
-        self.diagonal = float(np.hypot(self.LENGTH, self.WIDTH))
-        self.lane_index, self.lane, self.target_lane_index = lane_index, lane, lane_index
-        self.slot = -1
-
-    def act(self, action: Any = None) -> None:
-        """Do nothing."""
-
-    def step(self, dt: float) -> None:
-        """Stay."""
+@compiled(borrowing=True, forceinline=True)
+def _squared(pace: _Pace, least: float, exponents: Exponents) -> float:
+    """Return the square of a speed or of the least speed to reckon with."""
+    return pace.squared if pace.speed >= least else least**exponents.square
 
 
-def _half_lengths(a: Any, b: Any) -> float:
-    """Return the distance between the centres of two vehicles whose bumpers touch, metres."""
-    return float((a.LENGTH + b.LENGTH) / 2)
+@compiled(borrowing=True, forceinline=True)
+def _sine_of_slip(
+    body: Body, pace: _Pace, plan: Plan, bends: np.ndarray, exponents: Exponents
+) -> float:
+    """Return the sine of the slip that leads to the centre line of the target lane.
+
+    Curvature of the lane ahead plus feedback of offset and course error; the product of curvature
+    and squared speed stays within `LATERAL_LIMIT_M_S2`.
+    """
+    here = plan.here + bends[0]
+    course = wrapped(body.heading + body.slip - here)
+    feedback = 0.6 * _clamped(plan.across, -2.5, 2.5) + 1.6 * max(pace.speed, 3.0) * sin(course)
+    curvature = 0.0
+    if plan.has_curve:
+        curvature = wrapped(plan.there + bends[1] - here) / plan.ahead
+    curvature -= feedback / _squared(pace, 3.0, exponents)
+    limit = LATERAL_LIMIT_M_S2 / _squared(pace, 0.5, exponents)
+    return _clamped(_clamped(curvature, -limit, limit) * body.length / 2, -0.9, 0.9)
+
+
+@compiled(borrowing=True, forceinline=True)
+def _clamped(value: float, low: float, high: float) -> float:
+    return min(max(value, low), high)
+
+
+@compiled(borrowing=True, forceinline=True)
+def _allowed(
+    traffic: Traffic,
+    body: Body,
+    pace: _Pace,
+    plan: Plan,
+    bends: np.ndarray,
+    exponents: Exponents,
+) -> float:
+    """Return the acceleration that leaders, curves and junctions allow, m/s^2."""
+    allowed = pace.free
+    if plan.leader >= 0:
+        front = _speed_along(traffic.bodies[plan.leader], plan.heading + bends[2])
+        allowed = min(allowed, _following_acceleration(body, pace, plan.gap, front, exponents))
+    if plan.target_leader >= 0:
+        front = _speed_along(traffic.bodies[plan.target_leader], plan.target_heading + bends[3])
+        behind = _following_acceleration(body, pace, plan.target_gap, front, exponents)
+        allowed = min(allowed, behind)
+    if not np.isnan(body.hold):
+        gap = body.hold + body.standstill_gap - 0.5
+        allowed = min(allowed, _following_acceleration(body, pace, gap, 0.0, exponents))
+    return max(allowed, -HARDEST_BRAKING_M_S2)
+
+
+@compiled(borrowing=True, forceinline=True)
+def _speed_along(body: Body, heading: float) -> float:
+    """Return the speed of a body in a direction, at least 0, m/s."""
+    along = body.speed * body.cos * cos(heading) + body.speed * body.sin * sin(heading)
+    return max(along, 0.0)
+
+
+@compiled(borrowing=True, forceinline=True)
+def _curve_speed(traffic: Traffic, slot: int) -> float:
+    """Return the greatest speed that still allows to slow down for the curves ahead, m/s."""
+    body, roads = traffic.bodies[slot], traffic.roads
+    allowed, lane, leg = np.inf, body.target, body.first_leg
+    start = -along_lane(traffic, lane, slot)
+    while lane >= 0 and start < LOOK_AHEAD_M:
+        distance = max(start - body.length / 2, 0.0)
+        squared = roads.lanes[lane].speed_squared + 2 * CURVE_BRAKING_M_S2 * distance
+        allowed = min(allowed, sqrt(squared))
+        start += roads.lanes[lane].length
+        leg = leg_after(roads, traffic.legs, leg, body.last_leg, lane)
+        lane = next_lane(roads, traffic.legs, leg, body.last_leg, lane)
+    return allowed

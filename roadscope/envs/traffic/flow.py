@@ -1,221 +1,232 @@
-"""A highway-env road that finds neighbours for all vehicles at once."""
+"""Traffic on a road, stepped by kernels over one array of all bodies."""
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from highway_env.road.road import Road
 
-from roadscope.envs.traffic.driving import LOOK_AHEAD_M, Driver
-from roadscope.envs.traffic.lanes import along_direction, coordinates
+from roadscope.core import Category
+from roadscope.core.jit import compiled
+from roadscope.envs.traffic.driving import (
+    COMFORT_HEAVY_M_S2,
+    COMFORT_M_S2,
+    LANE_CHANGE_DELAY_S,
+    PLAN,
+    Exponents,
+    control,
+    decide,
+)
+from roadscope.envs.traffic.lane_geometry import Traffic, body_point
+from roadscope.envs.traffic.mix import RoadUserBody
+from roadscope.envs.traffic.motion import move, turn_wheels
+from roadscope.envs.traffic.road_users import (
+    BODY,
+    DRIVER,
+    OBSTACLE,
+    PARKED,
+    PATH,
+    Bodies,
+    copied,
+    joined,
+    new_body,
+)
+from roadscope.envs.traffic.roads import LaneIndex, Roads
 
-MARGIN_M = 0.35
-"""Lateral distance that drivers keep from what they pass; chosen by hand."""
+HEAVY = (Category.TRUCK, Category.BUS)
 
 
-class FlowRoad(Road):  # type: ignore[misc]
-    """A road for `Driver`s of any size.
+@dataclass(slots=True)
+class Driver:
+    """A driver before it is on a road.
 
-    Leaders are searched along the route, also beyond the end of a lane, with true widths. Lane
-    coordinates are computed for all bodies together, once for each step and lane.
+    desired_speed: speed on a free road, m/s. route: roads from that of the lane on; None to go on
+    to the next road.
     """
 
-    def __init__(self, network: Any, rng: np.random.Generator) -> None:
-        super().__init__(network=network, np_random=rng)
-        self._next: dict[Any, list[Any]] = {}
-        self._previous: dict[Any, list[Any]] = {}
+    body: RoadUserBody
+    lane_index: LaneIndex
+    along_m: float
+    speed: float
+    desired_speed: float
+    lane_changes: bool = False
+    route: list[int] | None = None
+    time_gap_s: float = 1.2
+    standstill_gap_m: float = 2.5
+    comfort_m_s2: float = 0.0
+    timer_s: float = 0.0
+
+    def __post_init__(self) -> None:
+        self.carry(self.body)
+
+    def carry(self, body: RoadUserBody) -> None:
+        """Set the body; drivers of heavy vehicles accelerate less."""
+        self.body = body
+        self.comfort_m_s2 = COMFORT_HEAVY_M_S2 if body.category in HEAVY else COMFORT_M_S2
+
+    def vary(self, rng: np.random.Generator) -> Driver:
+        """Draw the time gap, the gap at standstill and the acceleration of this driver."""
+        self.time_gap_s = float(rng.uniform(0.9, 1.5))
+        self.standstill_gap_m = float(rng.uniform(2.0, 3.0))
+        self.comfort_m_s2 *= float(rng.uniform(0.85, 1.15))
+        self.timer_s = float(rng.uniform(0.0, LANE_CHANGE_DELAY_S))
+        return self
+
+
+class Flow:
+    """The bodies on a road and their motion.
+
+    roads: the network. bodies: (N,) of `BODY` in highway-env's frame. users: categories and sizes
+    by number. now_s: time since the start.
+    """
+
+    def __init__(self, roads: Roads) -> None:
+        self.roads = roads
+        self.users: list[RoadUserBody | None] = []
         self.now_s = 0.0
-        self.refresh()
+        self.paths = np.zeros(0, PATH)
+        self._legs: dict[tuple[int, ...], int] = {}
+        self._leg_array = np.zeros(0, np.int64)
+        self._waiting: list[np.ndarray] = []
+        self._angles: np.ndarray | None = None
+        self._set_bodies(np.zeros(0, BODY))
 
-    def refresh(self) -> None:
-        """Collect positions, sizes and speeds of all bodies; to be called after they moved."""
-        bodies = self.vehicles + self.objects
-        for slot, body in enumerate(bodies):
-            body.slot = slot
-        self.bodies = bodies
-        self.positions = np.array([b.position for b in bodies]).reshape(-1, 2)
-        self.lengths = np.array([b.LENGTH for b in bodies])
-        self.widths = np.array([b.WIDTH for b in bodies])
-        headings = np.array([b.heading for b in bodies], np.float64)
-        self.directions = np.stack([np.cos(headings), np.sin(headings)], axis=-1)
-        half = self.lengths[:, None] / 2 * self.directions
-        self._points = np.concatenate(
-            [self.positions, self.positions + half, self.positions - half]
+    @property
+    def bodies(self) -> Bodies:
+        """All bodies, in the order in which they decide."""
+        if self._waiting:
+            self._set_bodies(joined([self._bodies, *self._waiting]))
+        return self._bodies
+
+    def add_driver(self, driver: Driver) -> int:
+        """Put a driver on its lane; return its number."""
+        if driver.lane_changes and driver.route is not None:
+            raise ValueError("a driver with a route keeps its lane")
+        lane = self.roads.lane_numbers[driver.lane_index]
+        first = self._first_leg(driver.route or [])
+        return self._place(
+            driver.lane_index,
+            driver.along_m,
+            driver.body,
+            kind=DRIVER,
+            lane=lane,
+            target=lane,
+            speed=driver.speed,
+            target_speed=driver.desired_speed,
+            lane_changes=driver.lane_changes,
+            time_gap=driver.time_gap_s,
+            standstill_gap=driver.standstill_gap_m,
+            comfort=driver.comfort_m_s2,
+            timer=driver.timer_s,
+            first_leg=first,
+            last_leg=first + len(driver.route or []),
         )
-        self.velocities = np.array([b.velocity for b in bodies]).reshape(-1, 2)
-        self._coordinates: dict[Any, tuple[np.ndarray, np.ndarray]] = {}
-        self._changing: dict[Any, list[int]] = {}
-        for vehicle in self.vehicles:
-            self._note_change(vehicle)
 
-    def lane_coordinates(self, lane_index: Any) -> tuple[np.ndarray, np.ndarray]:
-        """Return the lane coordinates of every body, metres.
+    def park(
+        self, lane_index: LaneIndex, along_m: float, body: RoadUserBody, *, reverse: bool = False
+    ) -> None:
+        """Put a standing vehicle on a lane, or facing against it."""
+        lane = self.roads.lane_numbers[lane_index]
+        turned = np.pi * reverse
+        self._place(lane_index, along_m, body, turned, kind=PARKED, lane=lane, target=lane)
 
-        Two arrays (3, B): along the lane and across it; rows are centre, front and rear.
-        """
-        if lane_index not in self._coordinates:
-            along, across = coordinates(self.network.get_lane(lane_index), self._points)
-            self._coordinates[lane_index] = along.reshape(3, -1), across.reshape(3, -1)
-        return self._coordinates[lane_index]
+    def add_obstacle(self, obstacle: Any) -> None:
+        """Put an obstacle of highway-env on the road."""
+        lane = self.roads.lane_numbers[obstacle.lane_index]
+        self.add(
+            None,
+            kind=OBSTACLE,
+            x=obstacle.position[0],
+            y=obstacle.position[1],
+            heading=obstacle.heading,
+            length=obstacle.LENGTH,
+            width=obstacle.WIDTH,
+            lane=lane,
+            target=lane,
+        )
 
-    def along(self, vehicle: Any, lane_index: Any) -> float:
-        """Return the longitudinal lane coordinate of a vehicle's centre, metres."""
-        return float(self.lane_coordinates(lane_index)[0][0, vehicle.slot])
+    def add(self, user: RoadUserBody | None, **values: Any) -> int:
+        """Add a body with fields of `Body`; return its number."""
+        number = len(self.users)
+        self.users.append(user)
+        if user is not None:
+            values["length"], values["width"] = user.size.length_m, user.size.width_m
+        self._waiting.append(new_body(number=number, **values))
+        return number
 
-    def act(self) -> None:
-        """Let every driver decide in turn; each knows the decisions of those before it."""
-        self.refresh()
-        for vehicle in self.vehicles:
-            vehicle.act()
-            self._note_change(vehicle)
+    def remove_gone(self) -> None:
+        """Remove all bodies that are marked as gone."""
+        self._set_bodies(copied(self.bodies, ~self.bodies["gone"]))
+
+    def traffic(self) -> Traffic:
+        """Return what kernels read."""
+        bodies = self.bodies
+        if self._angles is None:
+            self._angles = _angles(bodies, self.roads.arrays.centres)
+        return Traffic(bodies, self.roads.arrays, self._leg_array, self._angles)
 
     def step(self, dt: float) -> None:
-        """Move all vehicles, update their lanes, and check close pairs for collisions."""
-        for vehicle in self.vehicles:
-            vehicle.step(dt)
+        """Let all drivers decide, and move all bodies for `dt` seconds."""
+        traffic = self.traffic()
+        decide(traffic, self._plans, self._slopes, EXPONENTS)
+        bends = np.arctan(self._slopes) if self.roads.has_sine_lanes else self._slopes
+        control(traffic, self._plans, bends, EXPONENTS, dt, self._sines)
+        turn_wheels(self._bodies, np.arctan(2 * np.tan(np.arcsin(self._sines))))
+        slips = np.arctan(1 / 2 * np.tan(self._bodies["steering"]))
+        move(traffic, self.paths, slips, self._order, dt)
+        self._angles = None
         self.now_s += dt
-        self.refresh()
-        for vehicle in self.vehicles:
-            if isinstance(vehicle, Driver):
-                self._update_lane(vehicle)
-        for i, j in self._close_pairs(dt):
-            self.bodies[i].handle_collisions(self.bodies[j], dt)
 
-    def next_lane(self, lane_index: Any, route: Any = None) -> Any:
-        """Return the next lane along a route, or None at the end of the road."""
-        if route and route[-1][:2] == lane_index[:2]:
-            return None
-        options = self._next_lanes(lane_index)
-        legs = [leg[:2] for leg in route or () if leg[:2] != lane_index[:2]]
-        if legs:
-            options = [option for option in options if option[:2] == legs[0]]
-        return options[0] if options else None
+    def _place(
+        self,
+        lane_index: LaneIndex,
+        along_m: float,
+        body: RoadUserBody,
+        turned: float = 0.0,
+        **values: Any,
+    ) -> int:
+        lane = self.roads.lane(lane_index)
+        x, y = lane.position(along_m, 0.0)
+        return self.add(body, x=x, y=y, heading=lane.heading_at(along_m) + turned, **values)
 
-    def lanes_ahead(self, vehicle: Any, lane_index: Any) -> list[tuple[Any, float]]:
-        """Return the lanes ahead with the distance in metres to the start of each."""
-        start, lanes = -self.along(vehicle, lane_index), []
-        route = list(vehicle.route) if vehicle.route else None
-        while lane_index is not None and start < LOOK_AHEAD_M:
-            lanes.append((lane_index, start))
-            start += float(self.network.get_lane(lane_index).length)
-            if route and route[0][:2] == lane_index[:2]:
-                route = route[1:] or route
-            lane_index = self.next_lane(lane_index, route)
-        return lanes
+    def _first_leg(self, route: list[int]) -> int:
+        """Return where a route is among the legs of all routes."""
+        key = tuple(route)
+        if key not in self._legs:
+            self._legs[key] = len(self._leg_array)
+            self._leg_array = np.append(self._leg_array, np.array(route, np.int64))
+        return self._legs[key]
 
-    def leader(self, vehicle: Any, lane_index: Any) -> tuple[float, float] | None:
-        """Return the bumper-to-bumper gap in metres and the speed of the vehicle ahead, m/s."""
-        for index, start in self.lanes_ahead(vehicle, lane_index):
-            lane = self.network.get_lane(index)
-            along, _ = self.lane_coordinates(index)
-            points = self._in_path(index, vehicle) & (along > -1.0) & (along < lane.length + 3.0)
-            points &= (start + along[0] > 0.0) & ~self._is_oncoming(vehicle)
-            points[:, vehicle.slot] = False
-            if points.any():
-                nearest = np.where(points, along, np.inf).min(axis=0)
-                slot = int(nearest.argmin())
-                heading = lane.heading_at(float(along[0, slot]))
-                ahead = np.array([np.cos(heading), np.sin(heading)])
-                gap = start + nearest[slot] - vehicle.LENGTH / 2
-                return float(gap), max(float(along_direction(self.velocities[slot], ahead)), 0.0)
-        return None
+    def _set_bodies(self, bodies: Bodies) -> None:
+        count = len(bodies)
+        self._bodies, self._waiting = bodies, []
+        self._order = np.arange(count)
+        self._plans, self._slopes = np.zeros(count, PLAN), np.zeros((count, 4))
+        self._sines = np.zeros(count)
+        self._angles = None
 
-    def neighbour_vehicles(self, vehicle: Any, lane_index: Any = None) -> tuple[Any, Any]:
-        """Return the vehicles ahead and behind, on a lane and on the lanes that lead to it."""
-        lane_index = lane_index or vehicle.lane_index
-        here = self.along(vehicle, lane_index)
-        segments = [(lane_index, 0.0)]
-        following = self.next_lane(lane_index, vehicle.route)
-        if following is not None:
-            segments.append((following, float(self.network.get_lane(lane_index).length)))
-        segments += [
-            (i, -float(self.network.get_lane(i).length)) for i in self._previous_lanes(lane_index)
-        ]
-        ahead, behind = (np.inf, None), (-np.inf, None)
-        for index, start in segments:
-            along = self.lane_coordinates(index)[0][0]
-            length = float(self.network.get_lane(index).length)
-            mask = (
-                self._in_path(index, vehicle).any(axis=0) & (along >= -1.0) & (along < length + 1.0)
-            )
-            mask[vehicle.slot] = False
-            offset_m = np.where(mask, along + start - here, np.nan)
-            front, rear = (
-                np.where(offset_m >= 0, offset_m, np.inf),
-                np.where(offset_m < 0, offset_m, -np.inf),
-            )
-            if front.min() < ahead[0]:
-                ahead = (front.min(), self.bodies[int(front.argmin())])
-            if rear.max() > behind[0]:
-                behind = (rear.max(), self.bodies[int(rear.argmax())])
-        return ahead[1], behind[1]
 
-    def _is_oncoming(self, vehicle: Any) -> np.ndarray:
-        """Return (B,) whether a body faces a vehicle, so that it keeps to its side of the road."""
-        ahead = np.array([np.cos(vehicle.heading), np.sin(vehicle.heading)])
-        facing: np.ndarray = along_direction(self.directions, ahead) < -0.7
-        return facing
+EXPONENTS = Exponents()
 
-    def _in_path(self, lane_index: Any, vehicle: Any) -> np.ndarray:
-        """Return (3, B) whether a body blocks a vehicle on that lane, or changes to that lane."""
-        _, across = self.lane_coordinates(lane_index)
-        inside: np.ndarray = np.abs(across) < (self.widths + vehicle.WIDTH) / 2 + MARGIN_M
-        for slot in self._changing.get(lane_index, ()):
-            inside[:, slot] = True
-        return inside
 
-    def _note_change(self, vehicle: Any) -> None:
-        """Record that a vehicle changes lanes, so that vehicles on the target lane know."""
-        target, lane_index = vehicle.target_lane_index, vehicle.lane_index
-        if target != lane_index and target[:2] == lane_index[:2]:
-            self._changing.setdefault(target, []).append(vehicle.slot)
+def _angles(bodies: Bodies, centres: np.ndarray) -> np.ndarray:
+    """Return (C, 3, N) angles of centre, front and rear of all bodies about centres, radians."""
+    if not len(centres):
+        return np.zeros((0, 3, len(bodies)))
+    offsets = _offsets(bodies, centres)
+    angles: np.ndarray = np.arctan2(offsets[1], offsets[0])
+    return angles
 
-    def _update_lane(self, vehicle: Driver) -> None:
-        """Set the lane of a vehicle: the nearest of the target lane and those beside it."""
-        target = vehicle.target_lane_index
-        best, least = target, np.inf
-        for index in self.network.all_side_lanes(target):
-            across = abs(float(self.lane_coordinates(index)[1][0, vehicle.slot]))
-            if across < least - 1e-9:
-                best, least = index, across
-        if not vehicle.enable_lane_change:
-            best = target
-        vehicle.lane_index, vehicle.lane = best, self.network.get_lane(best)
 
-    def _close_pairs(self, dt: float) -> list[tuple[int, int]]:
-        """Return pairs of bodies that may touch, in order; at least one is a vehicle."""
-        radii = np.hypot(self.lengths, self.widths) / 2
-        speeds = np.hypot(self.velocities[:, 0], self.velocities[:, 1])
-        distances = np.linalg.norm(self.positions[:, None] - self.positions[None], axis=-1)
-        near = distances <= radii[:, None] + radii[None] + speeds[:, None] * dt + 0.1
-        rows, columns = np.nonzero(np.triu(near, 1))
-        movers = len(self.vehicles)
-        return [(int(i), int(j)) for i, j in zip(rows, columns, strict=True) if i < movers]
-
-    def _next_lanes(self, lane_index: Any) -> list[Any]:
-        """Return the lanes that begin where a lane ends: one of each road, nearest first."""
-        if lane_index not in self._next:
-            lane = self.network.get_lane(lane_index)
-            end = lane.position(lane.length, 0.0)
-            nearest = []
-            for to, lanes in self.network.graph.get(lane_index[1], {}).items():
-                distances = [
-                    float(np.linalg.norm(other.position(0.0, 0.0) - end)) for other in lanes
-                ]
-                closest = int(np.argmin(distances))
-                nearest.append((distances[closest], (lane_index[1], to, closest)))
-            self._next[lane_index] = [option for _, option in sorted(nearest)]
-        return self._next[lane_index]
-
-    def _previous_lanes(self, lane_index: Any) -> list[Any]:
-        """Return the lanes that end where a lane begins."""
-        if lane_index not in self._previous:
-            start = self.network.get_lane(lane_index).position(0.0, 0.0)
-            self._previous[lane_index] = [
-                (origin, lane_index[0], i)
-                for origin, roads in self.network.graph.items()
-                for i, other in enumerate(roads.get(lane_index[0], []))
-                if np.linalg.norm(other.position(other.length, 0.0) - start) < 2.0
-            ]
-        return self._previous[lane_index]
+@compiled()
+def _offsets(bodies: Bodies, centres: np.ndarray) -> np.ndarray:
+    """Return (2, C, 3, N) offsets in x and y of centre, front and rear of all bodies."""
+    offsets = np.empty((2, len(centres), 3, len(bodies)))
+    for slot in range(len(bodies)):
+        for row in range(3):
+            x, y = body_point(bodies[slot], row)
+            for k in range(len(centres)):
+                offsets[0, k, row, slot] = x - centres[k, 0]
+                offsets[1, k, row, slot] = y - centres[k, 1]
+    return offsets

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
 
 import numpy as np
 
-from roadscope.envs.traffic.driving import Driver
-from roadscope.envs.traffic.flow import FlowRoad
+from roadscope.core.jit import compiled
+from roadscope.envs.traffic.flow import Flow
+from roadscope.envs.traffic.lane_geometry import Traffic, along_lane, next_lane
+from roadscope.envs.traffic.road_users import DRIVER
+from roadscope.envs.traffic.roads import LaneIndex, Roads
 
 REQUEST_M = 26.0
 """Drivers request their path this far before the line; chosen by hand."""
@@ -18,6 +20,71 @@ PATIENCE_S = 4.0
 """After this wait no later request is granted before a driver's own; chosen by hand."""
 CLEARANCE_M = 3.2
 """Paths through a crossing that come closer than this exclude each other."""
+SAMPLES = 40
+"""Points on a path at which conflicts are searched."""
+
+
+def _before_end(roads: Roads, lines: Mapping[LaneIndex, float]) -> np.ndarray:
+    """Return (L,) how far before the end of each lane its line is, metres, nan for none."""
+    before_end = np.full(len(roads.arrays.lanes), np.nan)
+    for index, metres in lines.items():
+        before_end[roads.lane_numbers[index]] = metres
+    return before_end
+
+
+@compiled(borrowing=True)
+def _distance_to_line(traffic: Traffic, slot: int, line: float) -> float:
+    """Return the metres from the front bumper to the line, negative beyond it."""
+    body = traffic.bodies[slot]
+    length = traffic.roads.lanes[body.target].length
+    return float(length - line - along_lane(traffic, body.target, slot) - body.length / 2)
+
+
+class Hold:
+    """Stops all drivers of some lanes at their lines.
+
+    lines: for each lane, how far before its end the line is.
+    """
+
+    def __init__(self, roads: Roads, lines: Mapping[LaneIndex, float]) -> None:
+        self.lines = lines
+        self._before_end = _before_end(roads, lines)
+
+    def __call__(self, flow: Flow) -> None:
+        """Set how far each driver may go."""
+        hold(flow.traffic(), self._before_end)
+
+
+@compiled()
+def hold(traffic: Traffic, before_end: np.ndarray) -> None:
+    """Stop all drivers at the lines of their lanes."""
+    for slot in range(len(traffic.bodies)):
+        body = traffic.bodies[slot]
+        if body.kind == DRIVER and not np.isnan(before_end[body.target]):
+            left = traffic.roads.lanes[body.target].length - along_lane(traffic, body.target, slot)
+            body.hold = left - before_end[body.target] - body.length / 2
+
+
+# --------------------------------------------------------------------------------------------------
+# Crossings.
+
+
+class Conflicts:
+    """Which paths through a crossing exclude each other.
+
+    lines: for each lane that ends at the crossing, how far before its end the line is.
+    """
+
+    def __init__(self, roads: Roads, lines: Mapping[LaneIndex, float]) -> None:
+        self.lines = lines
+        self.before_end = _before_end(roads, lines)
+        paths = [
+            (index[1], to, i)
+            for index in lines
+            for to, lanes in roads.network.graph[index[1]].items()
+            for i in range(len(lanes))
+        ]
+        self.blocked_until = _blocked_until(roads, paths)
 
 
 class Crossing:
@@ -25,99 +92,150 @@ class Crossing:
 
     First come, first served. A driver with a free path may go before one whose path is blocked,
     until that one has waited for `PATIENCE_S`.
-
-    lines: for each lane that ends at the crossing, how far before its end the line is.
     """
 
-    def __init__(self, road: FlowRoad, lines: Mapping[Any, float]) -> None:
-        self._lines = dict(lines)
-        self._paths = [
-            (lane_index[1], to, i)
-            for lane_index in self._lines
-            for to, lanes in road.network.graph[lane_index[1]].items()
-            for i in range(len(lanes))
-        ]
-        self._blocked_until_m = _conflicts(road, self._paths)
-        self._granted: dict[int, tuple[Driver, Any]] = {}
-        self._requested_s: dict[int, float] = {}
-        self._count = 0
+    def __init__(self, conflicts: Conflicts) -> None:
+        self.conflicts = conflicts
+        self._requests = 0
 
-    def __call__(self, road: FlowRoad) -> None:
-        """Set `hold_m` of each approaching driver."""
-        drivers = [v for v in road.vehicles if isinstance(v, Driver)]
-        self._release(road, drivers)
-        reserved_paths: list[Any] = []
-        for ticket, driver, path in self._requests(road, drivers):
-            reserved = any((other, path) in self._blocked_until_m for other in reserved_paths)
-            if not reserved and not self._is_blocked(road, path):
-                self._granted[ticket] = (driver, path)
-            elif road.now_s - self._requested_s[ticket] > PATIENCE_S:
-                reserved_paths.append(path)
-        for driver in drivers:
-            ticket = vars(driver).get("ticket", -1)
-            line = self._lines.get(driver.target_lane_index)
-            waits = line is not None and ticket not in self._granted
-            driver.hold_m = (
-                _distance_to_line(road, driver, line) if waits and line is not None else None
-            )
+    def __call__(self, flow: Flow) -> None:
+        """Set how far each approaching driver may go."""
+        conflicts = self.conflicts
+        self._requests = grant_paths(
+            flow.traffic(),
+            conflicts.before_end,
+            conflicts.blocked_until,
+            flow.now_s,
+            self._requests,
+        )
 
-    def _release(self, road: FlowRoad, drivers: list[Driver]) -> None:
-        """Remove the grants of drivers whose rear has left the crossing."""
-        here = {vars(d).get("ticket", -1): d for d in drivers}
-        for ticket, (driver, path) in list(self._granted.items()):
-            gone = ticket not in here
-            lane_index = driver.target_lane_index
-            if not gone and lane_index[0] == path[1]:
-                gone = road.along(driver, lane_index) > driver.LENGTH / 2 + 1.0
-            if gone:
-                del self._granted[ticket]
-                self._requested_s.pop(ticket, None)
 
-    def _is_blocked(self, road: FlowRoad, path: Any) -> bool:
-        """Return whether a path conflicts with a granted one whose driver has not yet passed."""
-        for driver, other in self._granted.values():
-            until = self._blocked_until_m.get((other, path))
-            if until is not None:
-                at = -np.inf
-                if driver.target_lane_index == other:
-                    at = road.along(driver, other)
-                elif driver.target_lane_index[0] == other[1]:
-                    length = float(road.network.get_lane(other).length)
-                    at = length + road.along(driver, driver.target_lane_index)
-                if at - driver.LENGTH / 2 < until + 0.5:
-                    return True
+@compiled()
+def grant_paths(
+    traffic: Traffic,
+    before_end: np.ndarray,
+    blocked_until: np.ndarray,
+    now_s: float,
+    requests: int,
+) -> int:
+    """Grant paths to drivers and let the others wait; return the number of requests so far.
+
+    before_end: (L,) where the lines are. blocked_until: (L, L) how far along the first path it
+    blocks the second, metres, nan if it does not.
+    """
+    bodies = traffic.bodies
+    _release(traffic)
+    waiting = np.full(len(bodies), -1)
+    count = 0
+    for slot in range(len(bodies)):
+        if _asks(traffic, slot, before_end):
+            body = bodies[slot]
+            if body.ticket < 0:
+                requests += 1
+                body.ticket = requests
+            if np.isnan(body.requested):
+                body.requested = now_s
+            k = count
+            while k > 0 and bodies[waiting[k - 1]].ticket > body.ticket:
+                waiting[k] = waiting[k - 1]
+                k -= 1
+            waiting[k] = slot
+            count += 1
+    reserved, kept = np.empty(count, np.int64), 0
+    for slot in waiting[:count]:
+        body = bodies[slot]
+        path = next_lane(traffic.roads, traffic.legs, body.first_leg, body.last_leg, body.target)
+        free = not _is_blocked(traffic, path, blocked_until)
+        for other in reserved[:kept]:
+            free = free and np.isnan(blocked_until[other, path])
+        if free:
+            body.path = path
+        elif now_s - body.requested > PATIENCE_S:
+            reserved[kept] = path
+            kept += 1
+    for slot in range(len(bodies)):
+        body = bodies[slot]
+        if body.kind == DRIVER:
+            line = before_end[body.target]
+            body.hold = np.nan
+            if body.path < 0 and not np.isnan(line):
+                body.hold = _distance_to_line(traffic, slot, line)
+    return requests
+
+
+@compiled(borrowing=True)
+def _release(traffic: Traffic) -> None:
+    """Take back the paths of drivers whose rear has left the crossing."""
+    for slot in range(len(traffic.bodies)):
+        body = traffic.bodies[slot]
+        if body.path >= 0 and _starts_after(traffic, body.target, body.path):
+            is_past = along_lane(traffic, body.target, slot) > body.length / 2 + 1.0
+            body.path = -1 if is_past else body.path
+            body.requested = np.nan if is_past else body.requested
+
+
+@compiled(borrowing=True)
+def _starts_after(traffic: Traffic, lane: int, path: int) -> bool:
+    """Return whether a lane begins where a path ends."""
+    lanes, roads = traffic.roads.lanes, traffic.roads.roads
+    return bool(roads[lanes[lane].road].start == roads[lanes[path].road].end)
+
+
+@compiled(borrowing=True)
+def _asks(traffic: Traffic, slot: int, before_end: np.ndarray) -> bool:
+    """Return whether a driver is close to its line, without a path, and the first to wait there."""
+    body = traffic.bodies[slot]
+    if body.kind != DRIVER or body.path >= 0 or np.isnan(before_end[body.target]):
         return False
+    if not _distance_to_line(traffic, slot, before_end[body.target]) < REQUEST_M:
+        return False
+    along = along_lane(traffic, body.target, slot)
+    for other in range(len(traffic.bodies)):
+        rival = traffic.bodies[other]
+        if rival.kind == DRIVER and rival.path < 0 and rival.target == body.target:
+            ahead = along_lane(traffic, body.target, other)
+            if ahead > along or (ahead == along and other > slot):
+                return False
+    return True
 
-    def _requests(self, road: FlowRoad, drivers: list[Driver]) -> list[tuple[int, Driver, Any]]:
-        """Return ticket, driver and path of each request, the longest waiting first."""
-        asking = []
-        foremost = self._first_drivers(road)
-        for driver in drivers:
-            line = self._lines.get(driver.target_lane_index)
-            if line is None or vars(driver).get("ticket", -1) in self._granted:
-                continue
-            if _distance_to_line(road, driver, line) < REQUEST_M and driver.slot in foremost:
-                if "ticket" not in vars(driver):
-                    driver.ticket = self._count = self._count + 1
-                self._requested_s.setdefault(driver.ticket, road.now_s)
-                path = road.next_lane(driver.target_lane_index, driver.route)
-                asking.append((driver.ticket, driver, path))
-        return sorted(asking, key=lambda item: item[0])
 
-    def _first_drivers(self, road: FlowRoad) -> set[int]:
-        """Return the slots of the first driver without a grant before each line."""
-        slots = set()
-        for lane_index in self._lines:
-            waiting = [
-                (road.along(v, lane_index), v.slot)
-                for v in road.vehicles
-                if isinstance(v, Driver)
-                and v.target_lane_index == lane_index
-                and vars(v).get("ticket", -1) not in self._granted
-            ]
-            if waiting:
-                slots.add(max(waiting)[1])
-        return slots
+@compiled(borrowing=True)
+def _is_blocked(traffic: Traffic, path: int, blocked_until: np.ndarray) -> bool:
+    """Return whether a path conflicts with a granted one whose driver has not yet passed."""
+    for slot in range(len(traffic.bodies)):
+        body = traffic.bodies[slot]
+        if body.path >= 0:
+            until = blocked_until[body.path, path]
+            if not np.isnan(until):
+                at = -np.inf
+                if body.target == body.path:
+                    at = along_lane(traffic, body.path, slot)
+                elif _starts_after(traffic, body.target, body.path):
+                    length = traffic.roads.lanes[body.path].length
+                    at = length + along_lane(traffic, body.target, slot)
+                if at - body.length / 2 < until + 0.5:
+                    return True
+    return False
+
+
+def _blocked_until(roads: Roads, paths: list[LaneIndex]) -> np.ndarray:
+    """Return (L, L) how far along the first lane it blocks the second; nan if it does not."""
+    until = np.full((len(roads.arrays.lanes),) * 2, np.nan)
+    along = {path: np.linspace(0.0, float(roads.lane(path).length), SAMPLES) for path in paths}
+    points = {
+        path: np.array([roads.lane(path).position(s, 0.0) for s in along[path]]) for path in paths
+    }
+    for a in paths:
+        for b in paths:
+            distances = np.linalg.norm(points[a][:, None] - points[b][None], axis=-1).min(axis=1)
+            if a[0] != b[0] and distances.min() < CLEARANCE_M:
+                pair = roads.lane_numbers[a], roads.lane_numbers[b]
+                until[pair] = along[a][distances < CLEARANCE_M].max()
+    return until
+
+
+# --------------------------------------------------------------------------------------------------
+# Roundabouts.
 
 
 class GiveWay:
@@ -129,66 +247,72 @@ class GiveWay:
     """
 
     def __init__(
-        self, lines: Mapping[Any, float], ring: Mapping[Any, list[Any]], gap_s: float
+        self,
+        roads: Roads,
+        lines: Mapping[LaneIndex, float],
+        ring: Mapping[LaneIndex, list[LaneIndex]],
+        gap_s: float,
     ) -> None:
-        self._lines, self._ring, self._gap_s = dict(lines), dict(ring), gap_s
+        self.lines, self.ring, self.gap_s = lines, ring, gap_s
+        self._before_end = _before_end(roads, lines)
+        longest = max(map(len, ring.values()))
+        self._ring = np.full((len(roads.arrays.lanes), longest), -1)
+        for entry, lanes in ring.items():
+            numbers = [roads.lane_numbers[index] for index in lanes]
+            self._ring[roads.lane_numbers[entry], : len(lanes)] = numbers
 
-    def __call__(self, road: FlowRoad) -> None:
-        """Set `hold_m` of each entering driver."""
-        for driver in road.vehicles:
-            if not isinstance(driver, Driver):
-                continue
-            line = self._lines.get(driver.target_lane_index)
-            driver.hold_m = None
-            if line is not None:
-                distance_m = _distance_to_line(road, driver, line)
-                cannot_stop = driver.speed**2 / (2 * SHARP_M_S2) > distance_m
-                if not cannot_stop and not self._ring_is_clear(road, driver, distance_m):
-                    driver.hold_m = distance_m
+    def __call__(self, flow: Flow) -> None:
+        """Set how far each entering driver may go."""
+        give_way(flow.traffic(), self._before_end, self._ring, self.gap_s)
 
-    def _ring_is_clear(self, road: FlowRoad, driver: Driver, distance_m: float) -> bool:
-        """Return whether all drivers that come along the ring are far enough away."""
-        entry = driver.target_lane_index
-        need_s = self._gap_s + max(distance_m, 0.0) / max(driver.speed, 3.0)
-        for other in road.vehicles:
-            if not isinstance(other, Driver) or other is driver:
-                continue
-            left_m = self._distance_to_entry(road, other, entry)
-            if left_m is not None and left_m < max(other.speed, 4.0) * need_s + 2.0:
+
+@compiled()
+def give_way(traffic: Traffic, before_end: np.ndarray, ring: np.ndarray, gap_s: float) -> None:
+    """Let drivers wait at the lines of a roundabout until the ring is clear.
+
+    before_end: (L,) where the lines are. ring: (L, K) lanes of the ring before each entry, or -1.
+    """
+    for slot in range(len(traffic.bodies)):
+        body = traffic.bodies[slot]
+        if body.kind == DRIVER:
+            body.hold = np.nan
+            if not np.isnan(before_end[body.target]):
+                distance = _distance_to_line(traffic, slot, before_end[body.target])
+                stops = body.speed * body.speed / (2 * SHARP_M_S2) <= distance
+                if stops and not _ring_is_clear(traffic, slot, distance, ring[body.target], gap_s):
+                    body.hold = distance
+
+
+@compiled(borrowing=True)
+def _ring_is_clear(
+    traffic: Traffic, slot: int, distance: float, ring: np.ndarray, gap_s: float
+) -> bool:
+    """Return whether all drivers that come along the ring are far enough away."""
+    body = traffic.bodies[slot]
+    need_s = gap_s + max(distance, 0.0) / max(body.speed, 3.0)
+    for other in range(len(traffic.bodies)):
+        rival = traffic.bodies[other]
+        if rival.kind == DRIVER and other != slot:
+            left = _distance_to_entry(traffic, other, body.target, ring)
+            if left < max(rival.speed, 4.0) * need_s + 2.0:
                 return False
-        return True
-
-    def _distance_to_entry(self, road: FlowRoad, other: Driver, entry: Any) -> float | None:
-        """Return the metres from a driver's front to an entry; None if it goes elsewhere."""
-        if not any(leg[0] == entry[1] for leg in other.route or ()):
-            return None
-        distance_m = 0.0
-        for lane_index in self._ring[entry]:
-            length = float(road.network.get_lane(lane_index).length)
-            if other.target_lane_index == lane_index:
-                return distance_m + length - road.along(other, lane_index) - other.LENGTH / 2
-            distance_m += length
-        return None
+    return True
 
 
-def _distance_to_line(road: FlowRoad, driver: Driver, line: float) -> float:
-    """Return the metres from the front bumper to the line, negative beyond it."""
-    lane_index = driver.target_lane_index
-    length = float(road.network.get_lane(lane_index).length)
-    return length - line - road.along(driver, lane_index) - driver.LENGTH / 2
-
-
-def _conflicts(road: FlowRoad, paths: list[Any]) -> dict[tuple[Any, Any], float]:
-    """Return for each pair of conflicting paths how far along the first it blocks the second."""
-    count, points = 40, {}
-    for path in paths:
-        lane = road.network.get_lane(path)
-        points[path] = np.array([lane.position(s, 0.0) for s in np.linspace(0, lane.length, count)])
-    until = {}
-    for a in paths:
-        along = np.linspace(0, float(road.network.get_lane(a).length), count)
-        for b in paths:
-            distances = np.linalg.norm(points[a][:, None] - points[b][None], axis=-1).min(axis=1)
-            if a[0] != b[0] and distances.min() < CLEARANCE_M:
-                until[a, b] = float(along[distances < CLEARANCE_M].max())
-    return until
+@compiled(borrowing=True)
+def _distance_to_entry(traffic: Traffic, slot: int, entry: int, ring: np.ndarray) -> float:
+    """Return the metres from a driver's front to an entry; inf if it goes elsewhere."""
+    body, lanes, roads = traffic.bodies[slot], traffic.roads.lanes, traffic.roads.roads
+    passes, distance = False, 0.0
+    for leg in range(body.first_leg, body.last_leg):
+        passes |= roads[traffic.legs[leg]].start == roads[lanes[entry].road].end
+    if not passes:
+        return np.inf
+    for lane in ring:
+        if lane >= 0:
+            length = lanes[lane].length
+            if body.target == lane:
+                rear = distance + length - along_lane(traffic, lane, slot)
+                return float(rear - body.length / 2)
+            distance += length
+    return np.inf

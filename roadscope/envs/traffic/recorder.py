@@ -16,14 +16,17 @@ from roadscope.envs.traffic.conversion import (
     ForeignEnvError,
     refuse_multi_agent,
     road_map,
-    to_world,
 )
 from roadscope.envs.traffic.mix import EGO, RoadUserBody, draw_body
+from roadscope.envs.traffic.recording import (
+    Motion,
+    Samples,
+    obstacles_of,
+    tabulate,
+    timeline_of,
+)
 from roadscope.envs.traffic.road_map import RoadMap
 from roadscope.envs.traffic.timeline import Timeline
-
-OBSTACLE_HEIGHT_M = 1.0
-"""highway-env's obstacles are flat; a concrete barrier is about this high."""
 
 
 class RecordedRoad(Road):  # type: ignore[misc]
@@ -196,23 +199,29 @@ class TrafficRecorder:
     def _assemble(self, snapshots: list[RecordedStates]) -> Timeline:
         ids = np.array(sorted({i for s in snapshots for i in s.ids}))
         actors = [self._actors[i] for i in ids]
-        present, crashed, centres, states = _tabulate(snapshots, ids)
+        samples = Samples(
+            rows=np.repeat(np.arange(len(snapshots)), [len(s.ids) for s in snapshots]),
+            columns=np.searchsorted(ids, [i for s in snapshots for i in s.ids]),
+            centres=np.concatenate([s.centres for s in snapshots]),
+            states=np.array(
+                [
+                    state
+                    for s in snapshots
+                    for state in zip(s.headings, s.speeds, s.steering, strict=True)
+                ]
+            ),
+            crashed=np.array([crashed for s in snapshots for crashed in s.crashed]),
+        )
+        present, crashed, centres, states = tabulate(samples, (len(snapshots), len(ids)))
         states[:, [actor.slides for actor in actors], 2] = 0.0
-        ahead = np.array([actor.ahead_m for actor in actors])
-        axles, yaws, speeds = rear_axles(centres, states, ahead)
         if self._map is None:
             self._map = road_map(self._road.network)
-        return Timeline(
-            stamps_s=np.array([s.stamp_s for s in snapshots]),
-            ids=ids,
-            categories=np.array([actor.body.category for actor in actors], np.int8),
-            sizes=np.array([actor.body.size for actor in actors]),
-            centre_ahead_m=ahead,
-            present=present,
-            axles=axles,
-            yaws=np.unwrap(yaws, axis=0),
-            speeds=speeds,
-            crashed=crashed,
+        motion = Motion(np.array([s.stamp_s for s in snapshots]), present, crashed, centres, states)
+        return timeline_of(
+            motion,
+            ids,
+            [actor.body for actor in actors],
+            np.array([actor.ahead_m for actor in actors]),
             road=self._map,
             style=self._style,
             raw=self._raw,
@@ -221,64 +230,5 @@ class TrafficRecorder:
 
     def _obstacles(self) -> np.ndarray:
         solid = [o for o in self._road.objects if o.solid and not isinstance(o, Landmark)]
-        if not solid:
-            return np.empty((0, 6))
-        centres, yaws, _ = to_world(
-            np.array([o.position for o in solid]), np.array([o.heading for o in solid])
-        )
-        sizes = [(o.LENGTH, o.WIDTH, OBSTACLE_HEIGHT_M) for o in solid]
-        return np.column_stack([centres, yaws, sizes])
-
-
-def rear_axles(
-    centres: np.ndarray, states: np.ndarray, half_lengths: np.ndarray
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return axles (..., 2), yaws and speeds of rear axles, world frame.
-
-    highway-env's bicycle turns about the box centre; its wheelbase is the vehicle's length, so
-    the rear axle lies half a length behind, and along it the speed is that of the centre times
-    the cosine of the slip angle that the last steering gave.
-
-    centres: (..., 2) in highway-env's frame; states: (..., 3) heading, speed, steering.
-    """
-    heading, speed, steering = states[..., 0], states[..., 1], states[..., 2]
-    slip = np.arctan(np.tan(steering) / 2)
-    direction = np.stack([np.cos(heading), np.sin(heading)], axis=-1)
-    axles, yaws, _ = to_world(centres - half_lengths[:, None] * direction, heading)
-    return axles, yaws, speed * np.cos(slip)
-
-
-def _tabulate(
-    snapshots: list[RecordedStates], ids: np.ndarray
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Return presence (K, A), crashes, centres (K, A, 2), and heading, speed, steering (K, A, 3).
-
-    Where an actor is absent, its values are those of the nearest recorded sample.
-    """
-    column = np.searchsorted(ids, np.arange(ids[-1] + 1))
-    shape = (len(snapshots), len(ids))
-    present, crashed = np.zeros(shape, np.bool_), np.zeros(shape, np.bool_)
-    centres, states = np.zeros((*shape, 2)), np.zeros((*shape, 3))
-    for k, shot in enumerate(snapshots):
-        at = column[shot.ids]
-        present[k, at], crashed[k, at] = True, shot.crashed
-        centres[k, at] = shot.centres
-        states[k, at] = np.array((shot.headings, shot.speeds, shot.steering)).T
-    fill, actors = _nearest_recorded(present), np.arange(len(ids))
-    return (_unbroken(present), crashed[fill, actors], centres[fill, actors], states[fill, actors])
-
-
-def _nearest_recorded(present: np.ndarray) -> np.ndarray:
-    """Return (K, A) rows of the last recorded sample, or of the first before an actor appears."""
-    rows = np.where(present, np.arange(len(present))[:, None], -1)
-    last = np.maximum.accumulate(rows, axis=0)
-    filled: np.ndarray = np.where(last < 0, present.argmax(axis=0), last)
-    return filled
-
-
-def _unbroken(present: np.ndarray) -> np.ndarray:
-    """Return (K, A) presence from the first to the last sample of each actor."""
-    since = np.logical_or.accumulate(present, axis=0)
-    until = np.logical_or.accumulate(present[::-1], axis=0)[::-1]
-    both: np.ndarray = since & until
-    return both
+        places = [(*o.position, o.heading, o.LENGTH, o.WIDTH) for o in solid]
+        return obstacles_of(np.array(places, np.float64).reshape(-1, 5))

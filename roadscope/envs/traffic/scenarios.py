@@ -246,12 +246,10 @@ def record(name: str, seed: int, duration_s: float | None = None) -> Timeline:
 
     ground = np.random.default_rng([_GROUND_SALT, seed])
     for child in np.random.SeedSequence(seed).spawn(TRIES):
-        traffic, dressing = child.spawn(2)
         timeline = play(
-            build(np.random.default_rng(traffic)),
+            build(np.random.default_rng(child.spawn(1)[0])),
             duration_s=duration_s or scenario.duration_s,
             style=scenario.style,
-            seed=dressing,
         )
         if accept(timeline).accepted:
             if scenario.uneven:

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -20,54 +21,50 @@ from highway_env.road.lane import LineType, StraightLane
 from highway_env.road.road import RoadNetwork
 
 from roadscope.core.bounds import Bounds
-from roadscope.envs.traffic.driving import HEAVY, Driver, Parked
-from roadscope.envs.traffic.flow import FlowRoad
-from roadscope.envs.traffic.inflow import Inflow, remove_arrived
-from roadscope.envs.traffic.junction import Crossing, GiveWay
+from roadscope.envs.traffic.flow import HEAVY, Driver, Flow
+from roadscope.envs.traffic.flow_recorder import FlowRecorder
+from roadscope.envs.traffic.inflow import Inflow, Outflow
+from roadscope.envs.traffic.junction import Conflicts, Crossing, GiveWay, Hold
 from roadscope.envs.traffic.mix import EGO, draw_body
-from roadscope.envs.traffic.recorder import TrafficRecorder
+from roadscope.envs.traffic.roads import LaneIndex, Roads
 from roadscope.envs.traffic.timeline import Timeline
 from roadscope.envs.traffic.walkers import Kerb, People
 
 STEP_S = 0.05
 """Physics step: 20 Hz."""
 
-LaneIndex = tuple[str, str, int]
-"""A lane of highway-env: from node, to node, number from the left."""
-
 
 @dataclass(frozen=True, slots=True)
 class Stage:
     """A road with traffic on it, ready to be recorded.
 
+    ego: its number.
     warm_up_s: simulated time before the recording begins.
-    rules: called with the road before every step: inflow, removal, right of way.
+    rules: called with the traffic before every step: inflow, removal, right of way.
     """
 
-    road: FlowRoad
-    ego: Any
+    flow: Flow
+    ego: int
     warm_up_s: float = 0.0
-    rules: tuple[Callable[[FlowRoad], None], ...] = ()
+    rules: tuple[Callable[[Flow], None], ...] = ()
 
 
-def play(stage: Stage, *, duration_s: float, style: str, seed: np.random.SeedSequence) -> Timeline:
+def play(stage: Stage, *, duration_s: float, style: str) -> Timeline:
     """Run the traffic at 20 Hz and return its timeline."""
-    stage.road.refresh()
     for _ in range(round(stage.warm_up_s / STEP_S)):
-        _advance(stage)
-    recorder = TrafficRecorder(seed=seed, style=style, raw=False)
-    recorder.follow(stage.road, stage.ego)
+        advance(stage)
+    recorder = FlowRecorder(stage.flow, stage.ego)
     for _ in range(round(duration_s / STEP_S)):
-        _advance(stage)
-        recorder.tick(stage.road, STEP_S)
-    return recorder.timeline()
+        advance(stage)
+        recorder.tick()
+    return recorder.timeline(STEP_S, style)
 
 
-def _advance(stage: Stage) -> None:
+def advance(stage: Stage) -> None:
+    """Apply the rules of a stage and simulate one step."""
     for rule in stage.rules:
-        rule(stage.road)
-    stage.road.act()
-    stage.road.step(STEP_S)
+        rule(stage.flow)
+    stage.flow.step(STEP_S)
 
 
 def network_of(
@@ -88,77 +85,74 @@ def network_of(
 
 # Motorway -----------------------------------------------------------------------------------------
 
-MOTORWAY_M, MOTORWAY_EGO_M = 2400.0, 500.0
-"""Length of the motorway, and where the ego begins on it."""
-
 
 @dataclass(frozen=True, slots=True)
-class MotorwayFlow:
+class MotorwayTraffic:
     """Traffic on a straight motorway.
 
     desired_speed: speed on a free road, m/s; drivers of lane i have 0.94 - 0.05 i times that.
     headway_s: mean time between two vehicles of a lane.
     reach_m: vehicles begin within this distance of the ego.
+    length_m, ego_m: length of the road, and where the ego begins on it.
     """
 
     desired_speed: float
     headway_s: float
     reach_m: float
     lanes: int = 4
+    length_m: float = 2400.0
+    ego_m: float = 500.0
 
 
 def motorway(rng: np.random.Generator) -> Stage:
     """Build four lanes of traffic at about 25 m/s."""
-    return _straight(rng, MotorwayFlow(31.0, headway_s=1.35, reach_m=300.0))
+    return straight(rng, MotorwayTraffic(31.0, headway_s=1.35, reach_m=300.0))
 
 
 def dense_motorway(rng: np.random.Generator) -> Stage:
     """Build four full lanes at about 12 m/s."""
-    return _straight(rng, MotorwayFlow(16.0, headway_s=1.05, reach_m=150.0))
+    return straight(rng, MotorwayTraffic(16.0, headway_s=1.05, reach_m=150.0))
 
 
-def _straight(rng: np.random.Generator, flow: MotorwayFlow) -> Stage:
-    network = RoadNetwork.straight_road_network(
-        flow.lanes, length=MOTORWAY_M, speed_limit=1.2 * flow.desired_speed
-    )
-    road = FlowRoad(network, rng)
-    ego_lane = int(rng.integers(1, flow.lanes - 1))
-    ego = None
-    for lane in range(flow.lanes):
-        speed = flow.desired_speed * (0.94 - 0.05 * lane)
-        spacing_m = flow.headway_s * speed + 8.0
-        for along_m in _motorway_positions(rng, ego_lane == lane, spacing_m, flow.reach_m):
-            is_ego = ego is None and lane == ego_lane and along_m == MOTORWAY_EGO_M
+def straight(rng: np.random.Generator, traffic: MotorwayTraffic) -> Stage:
+    """Build a straight motorway."""
+    flow = Flow(_motorway_roads(traffic))
+    ego_lane = int(rng.integers(1, traffic.lanes - 1))
+    ego = -1
+    for lane in range(traffic.lanes):
+        speed = traffic.desired_speed * (0.94 - 0.05 * lane)
+        spacing_m = traffic.headway_s * speed + 8.0
+        for along_m in _motorway_positions(rng, ego_lane == lane, spacing_m, traffic):
+            is_ego = ego < 0 and lane == ego_lane and along_m == traffic.ego_m
             body = EGO if is_ego else draw_body("motorway", rng)
-            if body.category in HEAVY and lane < flow.lanes - 2:
+            if body.category in HEAVY and lane < traffic.lanes - 2:
                 body = draw_body("parked", rng)
             desired_speed = speed * float(rng.uniform(0.9, 1.3))
             driver = Driver(
-                road,
-                ("0", "1", lane),
-                along_m,
-                body=body,
-                lane_changes=True,
-                speed=speed,
-                desired_speed=desired_speed,
-            ).vary(rng)
-            road.vehicles.append(driver)
-            ego = driver if is_ego else ego
-    assert ego is not None
-    return Stage(road, ego, warm_up_s=2.0)
+                body, ("0", "1", lane), along_m, speed, desired_speed, lane_changes=True
+            )
+            number = flow.add_driver(driver.vary(rng))
+            ego = number if is_ego else ego
+    return Stage(flow, ego, warm_up_s=2.0)
+
+
+@cache
+def _motorway_roads(traffic: MotorwayTraffic) -> Roads:
+    network = RoadNetwork.straight_road_network(
+        traffic.lanes, length=traffic.length_m, speed_limit=1.2 * traffic.desired_speed
+    )
+    return Roads(network)
 
 
 def _motorway_positions(
-    rng: np.random.Generator, with_ego: bool, spacing_m: float, reach_m: float
+    rng: np.random.Generator, with_ego: bool, spacing_m: float, traffic: MotorwayTraffic
 ) -> list[float]:
     """Draw where vehicles begin along a lane, around the ego's position."""
-    first = (
-        MOTORWAY_EGO_M if with_ego else MOTORWAY_EGO_M + float(rng.uniform(-0.5, 0.5)) * spacing_m
-    )
-    positions = [first]
-    while positions[-1] < MOTORWAY_EGO_M + reach_m:
+    middle, reach_m = traffic.ego_m, traffic.reach_m
+    positions = [middle if with_ego else middle + float(rng.uniform(-0.5, 0.5)) * spacing_m]
+    while positions[-1] < middle + reach_m:
         positions.append(positions[-1] + _centre_distance(rng, spacing_m))
-    while positions[0] > MOTORWAY_EGO_M - reach_m:
+    while positions[0] > middle - reach_m:
         positions.insert(0, positions[0] - _centre_distance(rng, spacing_m))
     return positions
 
@@ -182,10 +176,9 @@ MERGE_EGO_M = 215.0
 
 def merge(rng: np.random.Generator) -> Stage:
     """Build two lanes at about 16 m/s and a ramp whose vehicles must merge before its end."""
-    built = network_of(MergeGenericEnv, config=MERGE_SECTIONS)
-    road = FlowRoad(built.network, rng)
-    road.objects = built.objects
-    ego = None
+    roads, obstacles = _merge_roads()
+    flow = Flow(roads)
+    ego = -1
     for lane, desired_speed in ((0, 18.0), (1, 16.0)):
         start = MERGE_EGO_M if lane else MERGE_EGO_M + float(rng.uniform(-15.0, 15.0))
         positions = [start]
@@ -196,34 +189,41 @@ def merge(rng: np.random.Generator) -> Stage:
         for along_m in positions:
             is_ego = lane == 1 and along_m == MERGE_EGO_M
             driver = _merging(
-                road, rng, ("a", "b", lane), along_m, desired_speed=desired_speed, is_ego=is_ego
+                flow, rng, ("a", "b", lane), along_m, desired_speed=desired_speed, is_ego=is_ego
             )
             ego = driver if is_ego else ego
     for along_m in np.arange(100.0, 250.0, 35.0) + rng.uniform(-5.0, 5.0, 5):
-        _merging(road, rng, ("j", "k", 0), float(along_m), desired_speed=15.0)
-    return Stage(road, ego, rules=(lambda road: remove_arrived(road, ego),))
+        _merging(flow, rng, ("j", "k", 0), float(along_m), desired_speed=15.0)
+    for obstacle in obstacles:
+        flow.add_obstacle(obstacle)
+    return Stage(flow, ego, rules=(Outflow(ego),))
+
+
+@cache
+def _merge_roads() -> tuple[Roads, list[Any]]:
+    """Return the roads and the obstacles on them."""
+    built = network_of(MergeGenericEnv, config=MERGE_SECTIONS)
+    return Roads(built.network), built.objects
 
 
 def _merging(
-    road: FlowRoad,
+    flow: Flow,
     rng: np.random.Generator,
     lane_index: LaneIndex,
     along_m: float,
     *,
     desired_speed: float,
     is_ego: bool = False,
-) -> Driver:
+) -> int:
     driver = Driver(
-        road,
+        EGO if is_ego else draw_body("urban", rng),
         lane_index,
         along_m,
-        body=EGO if is_ego else draw_body("urban", rng),
-        speed=0.9 * desired_speed,
-        desired_speed=desired_speed * float(rng.uniform(0.95, 1.1)),
+        0.9 * desired_speed,
+        desired_speed * float(rng.uniform(0.95, 1.1)),
         lane_changes=not is_ego,
-    ).vary(rng)
-    road.vehicles.append(driver)
-    return driver
+    )
+    return flow.add_driver(driver.vary(rng))
 
 
 # Roundabout ---------------------------------------------------------------------------------------
@@ -244,33 +244,41 @@ EGO_RANK = 2
 
 def roundabout(rng: np.random.Generator) -> Stage:
     """Build a roundabout with traffic from all sides at up to 9 m/s, all on the outer lane."""
-    road = FlowRoad(network_of(RoundaboutEnv).network, rng)
+    roads, rule = _roundabout_roads()
+    flow = Flow(roads)
     inflow = Inflow(rng, RING_SOURCES, _ring_exit, "tight", RING_SPEED, headway_s=3.5)
-    for lane in road.network.lanes_list():
+    ego = inflow.line_up_all(flow, Bounds(2.0, 10.0), EGO_RANK)
+    return Stage(flow, ego, warm_up_s=1.0, rules=(inflow, rule))
+
+
+@cache
+def _roundabout_roads() -> tuple[Roads, GiveWay]:
+    network = network_of(RoundaboutEnv).network
+    for lane in network.lanes_list():
         if type(lane) is not StraightLane:
             lane.speed_limit = BEND_SPEED
-    ego = inflow.line_up_all(road, Bounds(2.0, 10.0), EGO_RANK)
-    stop_lines = {entry: _stop_line_m(road, entry) for entry in RING_ENTRIES}
-    rule = GiveWay(stop_lines, {entry: _upstream(entry) for entry in RING_ENTRIES}, 3.2)
-    return Stage(road, ego, warm_up_s=1.0, rules=(inflow, rule))
+    roads = Roads(network)
+    stop_lines = {entry: _stop_line_m(roads, entry) for entry in RING_ENTRIES}
+    ring = {entry: _upstream(entry) for entry in RING_ENTRIES}
+    return roads, GiveWay(roads, stop_lines, ring, 3.2)
 
 
-def _ring_exit(rng: np.random.Generator, source: Any, length_m: float) -> str:
+def _ring_exit(rng: np.random.Generator, source: LaneIndex, length_m: float) -> str:
     """Draw an exit other than the one beside the entry."""
     others = [side for side in SIDES if side != source[0][0]]
     return f"{others[int(rng.integers(len(others)))]}xr"
 
 
-def _upstream(entry: Any) -> list[Any]:
+def _upstream(entry: LaneIndex) -> list[LaneIndex]:
     """Return the ring's outer lanes that lead to an entry, nearest first."""
     index = RING_NODES.index(entry[1])
     nodes = [RING_NODES[(index - k) % 8] for k in range(8)]
     return [(start, end, OUTER_LANE) for start, end in zip(nodes[1:], nodes[:-1], strict=True)]
 
 
-def _stop_line_m(road: FlowRoad, entry: Any) -> float:
+def _stop_line_m(roads: Roads, entry: LaneIndex) -> float:
     """Return the metres before the end of an entry at which it comes within the line's radius."""
-    lane = road.network.get_lane(entry)
+    lane = roads.lane(entry)
     along = np.linspace(0.0, lane.length, 200)
     radii = np.array([np.hypot(*lane.position(s, 0.0)) for s in along])
     return float(lane.length - along[radii > LINE_RADIUS_M].max())
@@ -293,43 +301,43 @@ listed twice is twice as likely."""
 
 def intersection(rng: np.random.Generator) -> Stage:
     """Build an intersection with traffic from all sides at up to 8 m/s."""
-    road = FlowRoad(network_of(IntersectionEnv).network, rng)
+    roads, conflicts = _crossing_roads()
+    flow = Flow(roads)
     inflow = Inflow(rng, ARMS, _any_arm, "urban", ARM_SPEED, headway_s=3.5)
-    ego = inflow.line_up_all(road, Bounds(8.0, 18.0), EGO_RANK)
-    rule = Crossing(road, dict.fromkeys(ARMS, LINE_M))
-    return Stage(road, ego, warm_up_s=2.0, rules=(inflow, rule))
+    ego = inflow.line_up_all(flow, Bounds(8.0, 18.0), EGO_RANK)
+    return Stage(flow, ego, warm_up_s=2.0, rules=(inflow, Crossing(conflicts)))
+
+
+@cache
+def _crossing_roads() -> tuple[Roads, Conflicts]:
+    roads = Roads(network_of(IntersectionEnv).network)
+    return roads, Conflicts(roads, dict.fromkeys(ARMS, LINE_M))
 
 
 def waiting(rng: np.random.Generator) -> Stage:
     """Build an intersection where the ego and the drivers opposite wait for crossing traffic."""
-    road = FlowRoad(network_of(IntersectionEnv).network, rng)
+    roads, _ = _crossing_roads()
+    flow = Flow(roads)
     inflow = Inflow(rng, ARMS, _arm_without_left_turn, "urban", ARM_SPEED, headway_s=2.6)
-    inflow.line_up_all(road, Bounds(8.0, 14.0), ego_rank=0)
-    return Stage(road, inflow.ego, warm_up_s=5.0, rules=(inflow, _hold_minor_road))
+    ego = inflow.line_up_all(flow, Bounds(8.0, 14.0), ego_rank=0)
+    # All drivers of the minor road, which is the ego's, stop at their lines.
+    rule = Hold(roads, dict.fromkeys((ARMS[0], ARMS[2]), LINE_M))
+    return Stage(flow, ego, warm_up_s=5.0, rules=(inflow, rule))
 
 
-def _hold_minor_road(road: FlowRoad) -> None:
-    """Stop all drivers of the minor road, which is the ego's, at their lines."""
-    for driver in road.vehicles:
-        lane_index = driver.target_lane_index
-        if lane_index in (ARMS[0], ARMS[2]):
-            left_m = float(road.network.get_lane(lane_index).length) - road.along(
-                driver, lane_index
-            )
-            driver.hold_m = left_m - LINE_M - driver.LENGTH / 2
-
-
-def _any_arm(rng: np.random.Generator, source: Any, length_m: float) -> str:
+def _any_arm(rng: np.random.Generator, source: LaneIndex, length_m: float) -> str:
     """Draw a destination: straight on, left or right."""
     return _arm(rng, source, length_m, ANY_TURN)
 
 
-def _arm_without_left_turn(rng: np.random.Generator, source: Any, length_m: float) -> str:
+def _arm_without_left_turn(rng: np.random.Generator, source: LaneIndex, length_m: float) -> str:
     """Draw a destination: straight on or right, never across oncoming traffic."""
     return _arm(rng, source, length_m, NO_LEFT_TURN)
 
 
-def _arm(rng: np.random.Generator, source: Any, length_m: float, turns: tuple[int, ...]) -> str:
+def _arm(
+    rng: np.random.Generator, source: LaneIndex, length_m: float, turns: tuple[int, ...]
+) -> str:
     corner = int(source[0][1])
     turn = 2 if length_m > LONGEST_TURNING_M else int(rng.choice(turns))
     return f"o{(corner + turn) % 4}"
@@ -348,56 +356,63 @@ CROSSWALK_M = 12.0
 
 def two_way(rng: np.random.Generator) -> Stage:
     """Build one lane in each direction at about 13 m/s; nobody overtakes."""
-    road = FlowRoad(network_of(TwoWayEnv, length=ROAD_M).network, rng)
+    flow = Flow(_two_way_roads(ROAD_M))
     lanes = (EGO_DIRECTION, ONCOMING_DIRECTION)
     inflow = Inflow(rng, lanes, lambda *_: None, "urban", ROAD_SPEED, headway_s=2.6)
-    ego = inflow.ego = inflow.place(road, EGO_DIRECTION, ROAD_EGO_M, EGO)
+    ego = inflow.ego = inflow.place(flow, EGO_DIRECTION, ROAD_EGO_M, EGO)
     sections = (
         (EGO_DIRECTION, ROAD_EGO_M, ROAD_EGO_M + 260.0),
         (ONCOMING_DIRECTION, 10.0, ROAD_M - 20.0),
     )
     for lane_index, first, last in sections:
         for along_m in _positions(rng, first, last, ROAD_SPACING_M):
-            inflow.place(road, lane_index, along_m, draw_body("urban", rng))
+            inflow.place(flow, lane_index, along_m, draw_body("urban", rng))
     along_m = ROAD_EGO_M - float(rng.uniform(*ROAD_SPACING_M))
     while along_m > 10.0:
-        inflow.place(road, EGO_DIRECTION, along_m, draw_body("urban", rng))
+        inflow.place(flow, EGO_DIRECTION, along_m, draw_body("urban", rng))
         along_m -= float(rng.uniform(*ROAD_SPACING_M))
-    return Stage(road, ego, rules=(inflow,))
+    return Stage(flow, ego, rules=(inflow,))
+
+
+@cache
+def _two_way_roads(length_m: float) -> Roads:
+    return Roads(network_of(TwoWayEnv, length=length_m).network)
 
 
 def street(rng: np.random.Generator) -> Stage:
     """Build a street with one lane in each direction; people walk, wait, cycle and cross."""
-    road = FlowRoad(network_of(TwoWayEnv, length=STREET_M).network, rng)
+    roads = _two_way_roads(STREET_M)
+    flow = Flow(roads)
     lanes = (EGO_DIRECTION, ONCOMING_DIRECTION)
     inflow = Inflow(rng, lanes, lambda *_: None, "urban", STREET_SPEED, headway_s=5.0)
-    ego = inflow.ego = inflow.place(road, EGO_DIRECTION, STREET_EGO_M, EGO)
+    ego = inflow.ego = inflow.place(flow, EGO_DIRECTION, STREET_EGO_M, EGO)
     for lane_index, first, last in (
         (EGO_DIRECTION, STREET_EGO_M, 380.0),
         (ONCOMING_DIRECTION, 20.0, 400.0),
     ):
         for along_m in _positions(rng, first, last, STREET_SPACING_M):
-            inflow.place(road, lane_index, along_m, draw_body("urban", rng))
-    width_m = sum(float(road.network.get_lane(lane).width_at(0.0)) for lane in lanes)
-    for kerb in [Kerb(road, lane_index, width_m) for lane_index in lanes]:
+            inflow.place(flow, lane_index, along_m, draw_body("urban", rng))
+    width_m = sum(float(roads.lane(lane).width_at(0.0)) for lane in lanes)
+    for kerb in [Kerb(flow, lane_index, width_m) for lane_index in lanes]:
         _populate(kerb, rng)
-    return Stage(road, ego, warm_up_s=1.0, rules=(inflow, People(STEP_S)))
+    return Stage(flow, ego, warm_up_s=1.0, rules=(inflow, People(STEP_S)))
 
 
 def town_crossing(rng: np.random.Generator) -> Stage:
     """Build an intersection with people at all corners."""
-    road = FlowRoad(network_of(IntersectionEnv).network, rng)
+    roads, conflicts = _crossing_roads()
+    flow = Flow(roads)
     inflow = Inflow(rng, ARMS, _any_arm, "urban", ARM_SPEED, headway_s=4.5)
-    ego = inflow.line_up_all(road, Bounds(8.0, 18.0), EGO_RANK)
-    rule = Crossing(road, dict.fromkeys(ARMS, LINE_M))
+    ego = inflow.line_up_all(flow, Bounds(8.0, 18.0), EGO_RANK)
     for source in ARMS:
-        kerb = Kerb(road, source, 2 * float(road.network.get_lane(source).width_at(0.0)))
+        kerb = Kerb(flow, source, 2 * float(roads.lane(source).width_at(0.0)))
         edge_m = kerb.length_m - CROSSWALK_M
         for along_m in rng.uniform(edge_m - 50.0, edge_m, 3):
             kerb.walk(rng, float(along_m), ends=Bounds(5.0, kerb.length_m - 2.0))
         kerb.cross(rng, edge_m, coming_m=float(rng.uniform(1.0, 14.0)))
         kerb.add_cyclist(rng, float(rng.uniform(edge_m - 60.0, edge_m - 25.0)), end_m=edge_m)
-    return Stage(road, ego, warm_up_s=2.0, rules=(inflow, rule, People(STEP_S)))
+    rules = (inflow, Crossing(conflicts), People(STEP_S))
+    return Stage(flow, ego, warm_up_s=2.0, rules=rules)
 
 
 def _positions(
@@ -437,82 +452,79 @@ def racetrack_loop(rng: np.random.Generator) -> Stage:
 
 
 def _filled_track(rng: np.random.Generator, *, spacing_m: float, speeds: Bounds) -> Stage:
-    road = FlowRoad(network_of(RacetrackEnv).network, rng)
+    roads, drivers = _racetrack_roads(), []
     for side in (0, 1):
         along_m = float(rng.uniform(5.0, spacing_m))
-        for start, roads in road.network.graph.items():
-            for end, lanes in roads.items():
+        for start, ends in roads.network.graph.items():
+            for end, lanes in ends.items():
                 length = float(lanes[side].length)
                 while along_m < length - 1.0:
                     desired_speed = float(rng.uniform(*speeds))
                     body = draw_body("tight", rng)
-                    driver = Driver(
-                        road,
-                        (start, end, side),
-                        along_m,
-                        body=body,
-                        speed=4.5,
-                        desired_speed=desired_speed,
-                    )
-                    road.vehicles.append(driver.vary(rng))
+                    driver = Driver(body, (start, end, side), along_m, 4.5, desired_speed)
+                    drivers.append(driver.vary(rng))
                     along_m += spacing_m * float(rng.uniform(0.85, 1.4))
                 along_m -= length
-    ego = road.vehicles[int(rng.integers(len(road.vehicles)))]
-    ego.carry(EGO)
-    return Stage(road, ego, warm_up_s=3.0)
+    ego = int(rng.integers(len(drivers)))
+    drivers[ego].carry(EGO)
+    flow = Flow(roads)
+    numbers = [flow.add_driver(driver) for driver in drivers]
+    return Stage(flow, numbers[ego], warm_up_s=3.0)
+
+
+@cache
+def _racetrack_roads() -> Roads:
+    return Roads(network_of(RacetrackEnv).network)
 
 
 # Car park -----------------------------------------------------------------------------------------
 
 AISLE_END_M, AISLE_LEFT_M = 50.0, 3.0
 """Half the length of the aisle, and how far each of its lanes lies from its middle."""
+EAST, WEST = ("w", "e", 0), ("e2", "w2", 0)
+"""The lanes of the aisle."""
 OCCUPIED_SHARE = 0.75
 """Share of the spots that are taken; chosen by hand."""
 
 
 def parking_lot(rng: np.random.Generator) -> Stage:
     """Build a car park with 28 spots, three quarters of them taken, and traffic at 3 m/s."""
-    network = network_of(ParkingEnv, builder="_create_road").network
-    end_m, left_m = AISLE_END_M, AISLE_LEFT_M
-    no_lines = (LineType.NONE, LineType.NONE)
-    east, west = ("w", "e", 0), ("e2", "w2", 0)
-    network.add_lane("w", "e", StraightLane([-end_m, left_m], [end_m, left_m], line_types=no_lines))
-    network.add_lane(
-        "e2", "w2", StraightLane([end_m, -left_m], [-end_m, -left_m], line_types=no_lines)
-    )
-    road = FlowRoad(network, rng)
+    flow = Flow(_parking_roads())
     spots = [("a", "b", i) for i in range(14)] + [("b", "c", i) for i in range(14)]
     for spot in spots:
         if rng.random() < OCCUPIED_SHARE:
             along_m = 4.0 + float(rng.uniform(-0.6, 0.6))
             body, reverse = draw_body("parked", rng), bool(rng.random() < 0.3)
-            road.vehicles.append(Parked(road, spot, along_m, body=body, reverse=reverse))
-    ego = _driving_slowly(road, rng, east, 18.0, is_ego=True)
-    for lane_index, positions in ((east, (4.0, 36.0, 52.0)), (west, (8.0, 27.0, 46.0, 62.0))):
+            flow.park(spot, along_m, body, reverse=reverse)
+    ego = _driving_slowly(flow, rng, EAST, 18.0, is_ego=True)
+    for lane_index, positions in ((EAST, (4.0, 36.0, 52.0)), (WEST, (8.0, 27.0, 46.0, 62.0))):
         for along_m in positions:
             if rng.random() < 0.8:
-                _driving_slowly(road, rng, lane_index, along_m + float(rng.uniform(-3.0, 3.0)))
-    return Stage(road, ego, rules=(lambda road: remove_arrived(road, ego),))
+                _driving_slowly(flow, rng, lane_index, along_m + float(rng.uniform(-3.0, 3.0)))
+    return Stage(flow, ego, rules=(Outflow(ego),))
+
+
+@cache
+def _parking_roads() -> Roads:
+    network = network_of(ParkingEnv, builder="_create_road").network
+    end_m, left_m = AISLE_END_M, AISLE_LEFT_M
+    no_lines = (LineType.NONE, LineType.NONE)
+    east = StraightLane([-end_m, left_m], [end_m, left_m], line_types=no_lines)
+    west = StraightLane([end_m, -left_m], [-end_m, -left_m], line_types=no_lines)
+    network.add_lane(*EAST[:2], east)
+    network.add_lane(*WEST[:2], west)
+    return Roads(network)
 
 
 def _driving_slowly(
-    road: FlowRoad,
+    flow: Flow,
     rng: np.random.Generator,
     lane_index: LaneIndex,
     along_m: float,
     *,
     is_ego: bool = False,
-) -> Driver:
+) -> int:
     body = EGO if is_ego else draw_body("parked", rng)
-    desired_speed = float(rng.uniform(2.4, 3.4))
-    driver = Driver(
-        road,
-        lane_index,
-        along_m,
-        body=body,
-        speed=desired_speed,
-        desired_speed=desired_speed,
-        route=[lane_index],
-    )
-    road.vehicles.append(driver.vary(rng))
-    return driver
+    speed = float(rng.uniform(2.4, 3.4))
+    route = [flow.roads.road_number(lane_index)]
+    return flow.add_driver(Driver(body, lane_index, along_m, speed, speed, route=route).vary(rng))

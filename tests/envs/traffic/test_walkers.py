@@ -2,8 +2,7 @@ import numpy as np
 import pytest
 
 from roadscope.core import Category
-from roadscope.envs.traffic import Timeline, clamp, record, rounded_path
-from roadscope.envs.traffic.walkers import _interpolate
+from roadscope.envs.traffic import Timeline, record, rounded_path
 
 PEOPLE = (Category.PEDESTRIAN, Category.CYCLIST)
 
@@ -79,12 +78,3 @@ def test_corners_are_cut_and_ends_stay() -> None:
     assert np.allclose(path[[0, -1]], [[0, 0], [4, 4]])
     turns = np.abs(np.diff(np.arctan2(*np.diff(path, axis=0).T[::-1])))
     assert turns.max() < 0.5
-
-
-def test_interpolation_of_one_number_equals_numpys() -> None:
-    rng = np.random.default_rng(0)
-    places, values = np.sort(rng.uniform(0, 9, 12)).tolist(), rng.normal(size=12).tolist()
-    for at in [-1.0, 10.0, *places, *rng.uniform(0, 9, 200).tolist()]:
-        assert _interpolate(at, places, values) == np.interp(at, places, values)
-        assert clamp(at, 2.0, 5.0) == np.clip(at, 2.0, 5.0)
-    assert _interpolate(3.0, [1.0], [4.0]) == 4.0

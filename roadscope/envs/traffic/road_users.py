@@ -1,0 +1,130 @@
+"""Everything that moves or stands on a road, one record each."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, Protocol
+
+import numpy as np
+
+from roadscope.envs.traffic.roads import record_type
+
+DRIVER, WALKER, PARKED, OBSTACLE = 0, 1, 2, 3
+"""Kinds of bodies."""
+
+
+class Body(Protocol):
+    """A record of a body in highway-env's frame; metres, radians, seconds.
+
+    number: unique on its road. kind: `DRIVER`, `WALKER`, `PARKED` or `OBSTACLE`.
+    x, y: its centre. cos, sin: of the heading. diagonal: of its outline.
+    steering: angle of the front wheels that the last step used. wheel: the same before a crash set
+    it to 0. slip: angle from the heading to the course.
+    impact_x, impact_y: displacement by a collision in the next step, nan for none.
+    gone: whether it has arrived and is to be removed.
+
+    Drivers: lane and target: where they are and where they want to go, numbers of lanes, -1 for
+    people. target_speed: on a free road, m/s. time_gap, standstill_gap, comfort: parameters of IDM,
+    comfort in m/s^2. timer: since the last thought of a lane change. turn_limit: how far the wheels
+    can turn in a step. acceleration: chosen, m/s^2. hold: how far the front may still go until a
+    line to wait at, nan for no line. first_leg, last_leg: the roads of the route that are left,
+    rows of `Routes`. ticket: number of the request to cross, -1 before it. path: lane of a
+    crossing that is granted, -1 for none. requested: instant of the request.
+
+    People: first_knot, last_knot: of their path, rows of `PATH`. along: on the path. pace: m/s.
+    kerb: where on the path they wait, nan for nowhere. across: from there to the other side.
+    patience: how long they still stand there.
+    """
+
+    number: int
+    kind: int
+    x: float
+    y: float
+    heading: float
+    cos: float
+    sin: float
+    speed: float
+    length: float
+    width: float
+    diagonal: float
+    steering: float
+    wheel: float
+    slip: float
+    impact_x: float
+    impact_y: float
+    crashed: bool
+    gone: bool
+    lane: int
+    target: int
+    lane_changes: bool
+    target_speed: float
+    time_gap: float
+    standstill_gap: float
+    comfort: float
+    timer: float
+    turn_limit: float
+    acceleration: float
+    hold: float
+    first_leg: int
+    last_leg: int
+    ticket: int
+    path: int
+    requested: float
+    first_knot: int
+    last_knot: int
+    along: float
+    pace: float
+    kerb: float
+    across: float
+    patience: float
+    crossing: bool
+    blocked: bool
+
+
+class Knot(Protocol):
+    """A record of a knot of a path: its place, its arc length, and the step to the next knot.
+
+    middle: arc length of the middle of the step. turn: its heading, continuous along the path.
+    """
+
+    x: float
+    y: float
+    arc: float
+    middle: float
+    turn: float
+
+
+BODY, PATH = record_type(Body), record_type(Knot)
+
+Bodies = np.ndarray[Any, Any]
+"""(N,) of `BODY`, in the order in which they decide."""
+
+
+def new_body(**values: Any) -> np.ndarray:
+    """Return (1,) of `BODY` with some fields set; the others have neutral values."""
+    body = np.zeros(1, BODY)
+    for name in ("impact_x", "impact_y", "hold", "kerb", "requested"):
+        body[name] = np.nan
+    for name in ("lane", "target", "ticket", "path"):
+        body[name] = -1
+    for name, value in values.items():
+        body[name] = value
+    body["cos"], body["sin"] = np.cos(body["heading"]), np.sin(body["heading"])
+    body["diagonal"] = np.hypot(body["length"], body["width"])
+    return body
+
+
+def copied(rows: Bodies, chosen: Any = ...) -> np.ndarray:
+    """Return a copy of chosen records; NumPy would copy field by field, 15 times as slowly."""
+    copy: np.ndarray = np.array(_whole(rows)[chosen]).view(rows.dtype)
+    return copy
+
+
+def joined(parts: Sequence[Bodies]) -> np.ndarray:
+    """Concatenate arrays of one record type."""
+    return np.concatenate([_whole(part) for part in parts]).view(parts[0].dtype)
+
+
+def _whole(rows: Bodies) -> np.ndarray:
+    """Return a view of records without fields."""
+    return rows.view(np.dtype((np.void, rows.dtype.itemsize)))
