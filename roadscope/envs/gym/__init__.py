@@ -3,6 +3,7 @@
 from roadscope._lazy import lazy_names
 
 _PARTS = {
+    "agent_env": "MotorwayEnv",
     "highway": "ScenarioEnv TASKS",
     "registration": "IDS env_ids",
     "sensor_wrapper": "SensorWrapper",

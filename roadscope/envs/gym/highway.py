@@ -32,26 +32,31 @@ ACTION_INFO = ("action", "rewards")
 class Task:
     """An environment in which an agent drives.
 
-    env: `module:Class` below `highway_env.envs`.
+    env: `module:Class`.
     config: settings that differ from the environment's defaults.
     limit_s: time after which the episode is truncated.
+    counted: whether the number of other vehicles can be chosen.
     """
 
     env: str
     config: Mapping[str, Any] = field(default_factory=dict)
     limit_s: float = 60.0
+    counted: bool = False
 
 
+_MOTORWAY, _FOREIGN = "roadscope.envs.gym.agent_env:MotorwayEnv", "highway_env.envs"
 TASKS: Mapping[str, Task] = MappingProxyType(
     {
-        "motorway": Task("highway_env:HighwayEnv"),
-        "dense-motorway": Task("highway_env:HighwayEnv", {"vehicles_density": 1.5}),
-        "merge": Task("merge_env:ConnectedLaneMergeEnv"),
-        "roundabout": Task("roundabout_env:ConnectedLaneRoundaboutEnv"),
-        "intersection": Task("intersection_env:ConnectedLaneIntersectionEnv"),
-        "racetrack": Task("racetrack_env:ConnectedLaneRacetrackEnv", limit_s=300.0),
-        "two-way": Task("two_way_env:TwoWayEnv", limit_s=15.0),
-        "parking-lot": Task("parking_env:ParkingEnv", {"vehicles_count": 10}, limit_s=100.0),
+        "motorway": Task(_MOTORWAY, counted=True),
+        "dense-motorway": Task(_MOTORWAY, {"vehicles_density": 1.5}, counted=True),
+        "merge": Task(f"{_FOREIGN}.merge_env:ConnectedLaneMergeEnv"),
+        "roundabout": Task(f"{_FOREIGN}.roundabout_env:ConnectedLaneRoundaboutEnv"),
+        "intersection": Task(f"{_FOREIGN}.intersection_env:ConnectedLaneIntersectionEnv"),
+        "racetrack": Task(f"{_FOREIGN}.racetrack_env:ConnectedLaneRacetrackEnv", limit_s=300.0),
+        "two-way": Task(f"{_FOREIGN}.two_way_env:TwoWayEnv", limit_s=15.0),
+        "parking-lot": Task(
+            f"{_FOREIGN}.parking_env:ParkingEnv", {"vehicles_count": 10}, limit_s=100.0
+        ),
     }
 )
 """Scenarios in which an agent can drive; the others are only played."""
@@ -65,6 +70,7 @@ class ScenarioEnv(gym.Env[Observation, Any]):
         highway-env's own environment. `idm`: a recorded scenario is played whose ego drives
         itself, and the only action is to continue. None: `agent` if the scenario has a task.
     rig, style, weather, light, faults, records, pixel_truth: as in `SensorWrapper`.
+    vehicles: number of other vehicles on an agent's motorway; None for highway-env's 50.
     config: settings of highway-env that an agent's environment should have.
     duration_s: the episode is truncated after this time at the latest.
     step_s: time from step to step of a played scenario; None for the period of the LiDAR.
@@ -84,12 +90,14 @@ class ScenarioEnv(gym.Env[Observation, Any]):
         faults: Faults = (),
         records: bool = True,
         pixel_truth: bool = False,
+        vehicles: int | None = None,
         config: Mapping[str, Any] | None = None,
         duration_s: float | None = None,
         step_s: float | None = None,
         render_mode: str | None = None,
     ) -> None:
         driver = _driver(scenario, ego)
+        _check_vehicles(vehicles, scenario, driver)
         _check_render_mode(render_mode, self.metadata["render_modes"])
         sensing: dict[str, Any] = {
             "style": style,
@@ -106,7 +114,8 @@ class ScenarioEnv(gym.Env[Observation, Any]):
                 raise ValueError("step_s: only with ego='idm'; set config['policy_frequency']")
             task = TASKS[scenario]
             self._limit_s = task.limit_s if duration_s is None else duration_s
-            traffic = _traffic(task, config or {}, render_mode)
+            settings = {} if vehicles is None else {"vehicles_count": vehicles}
+            traffic = _traffic(task, {**settings, **(config or {})}, render_mode)
             inner: gym.Env[Observation, Any] = self._with_sensors(traffic, rig, **sensing)
         else:
             if config is not None:
@@ -130,6 +139,8 @@ class ScenarioEnv(gym.Env[Observation, Any]):
         self, traffic: gym.Env[Any, Any], rig: str | Rig, **sensing: Any
     ) -> gym.Env[Observation, Any]:
         """Return the traffic that an agent drives in, with sensors."""
+        if hasattr(traffic, "observes"):
+            traffic.observes = False
         return SensorWrapper(traffic, rig, **sensing)
 
     def reset(
@@ -170,6 +181,17 @@ def _driver(scenario: str, ego: str | None) -> str:
     return ego
 
 
+def _check_vehicles(vehicles: int | None, scenario: str, driver: str) -> None:
+    """Raise an error unless a number of vehicles can be chosen."""
+    if vehicles is None:
+        return
+    if driver != "agent" or not TASKS[scenario].counted:
+        names = ", ".join(f"'{name}'" for name, task in TASKS.items() if task.counted)
+        raise ValueError(f"vehicles: only with ego='agent', in {names}")
+    if isinstance(vehicles, bool) or not isinstance(vehicles, (int, np.integer)) or vehicles < 0:
+        raise ValueError(f"vehicles: expected a whole number from 0 up, got {vehicles!r}")
+
+
 def _check_render_mode(mode: str | None, modes: Sequence[str]) -> None:
     if mode is not None and mode not in modes:
         listed = ", ".join(f"'{name}'" for name in modes)
@@ -181,7 +203,7 @@ def _check_render_mode(mode: str | None, modes: Sequence[str]) -> None:
 
 def _traffic(task: Task, config: Mapping[str, Any], render_mode: str | None) -> gym.Env[Any, Any]:
     """Make the environment of highway-env that an agent drives in."""
-    make: Any = load_env_creator(f"highway_env.envs.{task.env}")
+    make: Any = load_env_creator(task.env)
     settings = {**task.config, **config}
     with original_constants({}):
         traffic: gym.Env[Any, Any] = make(config=settings, render_mode=render_mode)

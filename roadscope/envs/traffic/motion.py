@@ -51,7 +51,7 @@ def move(
     for slot in range(len(bodies)):
         if bodies[slot].kind == DRIVER:
             _update_lane(traffic, slot)
-    _collide(bodies, order, dt)
+    collide(bodies, order, dt)
 
 
 @compiled(borrowing=True, forceinline=True)
@@ -106,7 +106,7 @@ class Meeting(NamedTuple):
 
 
 @compiled()
-def _collide(bodies: Bodies, order: np.ndarray, dt: float) -> None:
+def collide(bodies: Bodies, order: np.ndarray, dt: float) -> None:
     """Let vehicles crash that touch each other or an obstacle; pairs in the order of slots.
 
     order: (N,) slots by x, nearly sorted; it is sorted here.

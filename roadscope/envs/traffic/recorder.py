@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import bisect
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -12,6 +13,7 @@ from highway_env.road.road import Road
 from highway_env.vehicle.dynamics import BicycleVehicle
 from highway_env.vehicle.objects import Landmark
 
+from roadscope.envs.traffic.agent_road import AgentRoad
 from roadscope.envs.traffic.conversion import (
     ForeignEnvError,
     refuse_multi_agent,
@@ -51,7 +53,7 @@ class RecordedRegulatedRoad(RegulatedRoad):  # type: ignore[misc]
         self.recorder.tick(self, dt)
 
 
-RECORDED = {Road: RecordedRoad, RegulatedRoad: RecordedRegulatedRoad}
+RECORDED = {Road: RecordedRoad, RegulatedRoad: RecordedRegulatedRoad, AgentRoad: AgentRoad}
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,10 +77,10 @@ class RecordedStates:
     stamp_s: float
     ids: list[int]
     centres: np.ndarray
-    headings: list[float]
-    speeds: list[float]
-    steering: list[float]
-    crashed: list[bool]
+    headings: Sequence[float] | np.ndarray
+    speeds: Sequence[float] | np.ndarray
+    steering: Sequence[float] | np.ndarray
+    crashed: Sequence[bool] | np.ndarray
 
 
 class TrafficRecorder:
@@ -161,11 +163,15 @@ class TrafficRecorder:
         return twin
 
     def _record(self, road: Any, stamp_s: float) -> None:
-        vehicles = road.vehicles
+        by_kernels = isinstance(road, AgentRoad)
+        vehicles = road.vehicles_as_listed if by_kernels else road.vehicles
         try:
             ids = [v.actor_id for v in vehicles]
         except AttributeError:
             ids = [self._admit(v) for v in vehicles]
+        if by_kernels:
+            self._snapshots.append(_states_of_cars(stamp_s, ids, road.cars))
+            return
         self._snapshots.append(
             RecordedStates(
                 stamp_s,
@@ -203,14 +209,10 @@ class TrafficRecorder:
             rows=np.repeat(np.arange(len(snapshots)), [len(s.ids) for s in snapshots]),
             columns=np.searchsorted(ids, [i for s in snapshots for i in s.ids]),
             centres=np.concatenate([s.centres for s in snapshots]),
-            states=np.array(
-                [
-                    state
-                    for s in snapshots
-                    for state in zip(s.headings, s.speeds, s.steering, strict=True)
-                ]
+            states=np.concatenate(
+                [np.array((s.headings, s.speeds, s.steering)).T for s in snapshots]
             ),
-            crashed=np.array([crashed for s in snapshots for crashed in s.crashed]),
+            crashed=np.concatenate([s.crashed for s in snapshots]),
         )
         present, crashed, centres, states = tabulate(samples, (len(snapshots), len(ids)))
         states[:, [actor.slides for actor in actors], 2] = 0.0
@@ -232,3 +234,9 @@ class TrafficRecorder:
         solid = [o for o in self._road.objects if o.solid and not isinstance(o, Landmark)]
         places = [(*o.position, o.heading, o.LENGTH, o.WIDTH) for o in solid]
         return obstacles_of(np.array(places, np.float64).reshape(-1, 5))
+
+
+def _states_of_cars(stamp_s: float, ids: list[int], cars: np.ndarray) -> RecordedStates:
+    centres = np.stack([cars["x"], cars["y"]], axis=-1)
+    arrays = (cars[name].copy() for name in ("heading", "speed", "steering", "crashed"))
+    return RecordedStates(stamp_s, ids, centres, *arrays)

@@ -233,7 +233,8 @@ def _describe(record: Any, lane: Any, centres: list[tuple[float, float]]) -> Non
     if curvature > 0:
         limit = min(limit, np.sqrt(CURVE_LATERAL_M_S2 / curvature))
     record["speed_squared"] = float(limit) ** 2
-    along = np.linspace(0.0, float(lane.length), int(lane.length) + 2)
+    count = 2 if record["kind"] == STRAIGHT else int(lane.length) + 2
+    along = np.linspace(0.0, float(lane.length), count)
     points = np.array([lane.position(s, 0.0) for s in along])
     low, high = points.min(axis=0), points.max(axis=0)
     record["box_x"], record["box_y"] = (low + high) / 2

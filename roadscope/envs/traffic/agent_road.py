@@ -1,0 +1,142 @@
+"""A road of highway-env whose vehicles are stepped by kernels."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from highway_env.road.lane import StraightLane
+from highway_env.road.road import Road
+from highway_env.vehicle.behavior import IDMVehicle
+from highway_env.vehicle.controller import ControlledVehicle, MDPVehicle
+from highway_env.vehicle.kinematics import Vehicle
+
+from roadscope.envs.traffic.cars import CAR, CONTROLLED, IDM, STEERED, IdmModel, step_cars
+from roadscope.envs.traffic.roads import Roads
+
+_KINDS: dict[type, int] = {IDMVehicle: IDM, MDPVehicle: CONTROLLED, Vehicle: STEERED}
+
+
+class AgentRoad(Road):  # type: ignore[misc]
+    """A straight road with an agent among highway-env's IDM drivers, stepped by a kernel.
+
+    The vehicles remain objects of highway-env. That of the agent is up to date after every step,
+    the others when `vehicles` is read.
+    """
+
+    recorder: Any = None
+
+    @staticmethod
+    def adopt(road: Any, agent: Any) -> bool:
+        """Turn a road of highway-env into such a road; return whether that is possible."""
+        if not _is_simple(road, agent):
+            return False
+        road.__class__ = AgentRoad
+        road._start(agent)
+        return True
+
+    @property
+    def vehicles(self) -> list[Any]:
+        """All vehicles as objects; changes of their states have no effect, but for the agent's."""
+        if self._behind:
+            self._behind = False
+            for vehicle, car in zip(self._vehicles, self.cars, strict=True):
+                self._update(vehicle, car)
+        vehicles: list[Any] = self._vehicles
+        return vehicles
+
+    @vehicles.setter
+    def vehicles(self, vehicles: list[Any]) -> None:
+        """Replace the vehicles; from then on this is a road of highway-env again."""
+        _ = self.vehicles
+        self.__class__ = Road
+        self.vehicles = vehicles
+
+    @property
+    def vehicles_as_listed(self) -> list[Any]:
+        """All vehicles as objects whose states may be old."""
+        vehicles: list[Any] = self._vehicles
+        return vehicles
+
+    def act(self) -> None:
+        """Do nothing: drivers decide in `step`."""
+
+    def step(self, dt: float) -> None:
+        """Let all drivers decide, move them, and record them."""
+        car, agent = self.cars[self._slot], self._agent
+        if isinstance(agent, ControlledVehicle):
+            car["target"] = self._lanes[agent.target_lane_index]
+            car["target_speed"] = agent.target_speed
+        else:
+            car["steering"] = agent.action["steering"]
+            car["acceleration"] = agent.action["acceleration"]
+        step_cars(self.cars, self._lane_array, self._order, self._model, dt)
+        self._update(agent, car)
+        self._behind = True
+        if self.recorder is not None:
+            self.recorder.tick(self, dt)
+
+    def _start(self, agent: Any) -> None:
+        self._vehicles = vars(self).pop("vehicles")
+        self._agent, self._slot, self._behind = agent, self._vehicles.index(agent), False
+        roads = Roads(self.network)
+        self._lanes, self._names = roads.lane_numbers, list(roads.lane_numbers)
+        self._lane_array = roads.arrays.lanes
+        # Drivers of highway-env know no limit of curvature; these lanes have none.
+        self._model = IdmModel(*(float(getattr(IDMVehicle, name)) for name in IdmModel._fields))
+        self.cars = np.zeros(len(self._vehicles), CAR)
+        for vehicle, car in zip(self._vehicles, self.cars, strict=True):
+            _describe(car, vehicle, self._lanes)
+        self._order = np.argsort(self.cars["x"], kind="stable")
+
+    def _update(self, vehicle: Any, car: Any) -> None:
+        """Write the state of a record to its object."""
+        vehicle.position = np.array((car["x"], car["y"]))
+        vehicle.heading, vehicle.speed = float(car["heading"]), float(car["speed"])
+        vehicle.crashed = bool(car["crashed"])
+        vehicle.lane_index = self._names[car["lane"]]
+        vehicle.lane = self.network.get_lane(vehicle.lane_index)
+        vehicle.action = {
+            "steering": float(car["steering"]),
+            "acceleration": float(car["acceleration"]),
+        }
+        if car["kind"] == IDM:
+            vehicle.target_lane_index = self._names[car["target"]]
+            vehicle.timer = float(car["timer"])
+
+
+def _is_simple(road: Any, agent: Any) -> bool:
+    """Return whether a road has one straight road of lanes, and nothing but IDM drivers on it."""
+    lanes = road.network.lanes_dict()
+    return (
+        type(road) is Road
+        and not road.objects
+        and not road.record_history
+        and not road.neighbour_vehicles_connected_lanes
+        and len({index[:2] for index in lanes}) == 1
+        and all(type(lane) is StraightLane for lane in lanes.values())
+        and type(agent) in (MDPVehicle, Vehicle)
+        and all(type(v) is IDMVehicle and not v.route for v in road.vehicles if v is not agent)
+        and all(v.check_collisions and v.collidable and v.solid for v in road.vehicles)
+    )
+
+
+def _describe(car: Any, vehicle: Any, lanes: dict[Any, int]) -> None:
+    """Write a vehicle of highway-env to a record."""
+    car["kind"] = _KINDS[type(vehicle)]
+    car["x"], car["y"] = vehicle.position
+    for name in ("heading", "speed", "diagonal", "crashed"):
+        car[name] = getattr(vehicle, name)
+    car["length"], car["width"] = vehicle.LENGTH, vehicle.WIDTH
+    car["cos"], car["sin"] = np.cos(vehicle.heading), np.sin(vehicle.heading)
+    car["steering"] = vehicle.action["steering"]
+    car["acceleration"] = vehicle.action["acceleration"]
+    car["impact_x"], car["impact_y"] = (
+        (np.nan, np.nan) if vehicle.impact is None else vehicle.impact
+    )
+    car["lane"] = car["target"] = lanes[vehicle.lane_index]
+    if isinstance(vehicle, ControlledVehicle):
+        car["target"], car["target_speed"] = lanes[vehicle.target_lane_index], vehicle.target_speed
+    if isinstance(vehicle, IDMVehicle):
+        car["lane_changes"], car["timer"] = vehicle.enable_lane_change, vehicle.timer
+        car["exponent"] = vehicle.DELTA
