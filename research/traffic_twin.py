@@ -9,21 +9,30 @@ from time import process_time
 from typing import NamedTuple
 
 import numpy as np
+from highway_env.envs.highway_env import HighwayEnv
 from rich.console import Console
 from rich.table import Table
 
 from research.object_traffic import ObjectStage
 from roadscope.core import Category
+from roadscope.envs.gym import MotorwayEnv
 from roadscope.envs.traffic.flow import Driver, Flow
 from roadscope.envs.traffic.mix import RoadUserBody, Size
 from roadscope.envs.traffic.scenarios import SCENARIOS
-from roadscope.envs.traffic.simulated import MotorwayTraffic, Stage, advance, play, straight
+from roadscope.envs.traffic.simulated import (
+    STEP_S,
+    MotorwayTraffic,
+    Stage,
+    advance,
+    play,
+    straight,
+)
 from roadscope.envs.traffic.timeline import Timeline
 
 SEEDS, DURATION_S = 20, 20.0
 VEHICLES = (50, 100, 200, 500)
-STEPS, REPEATS = 20, 5
-"""Steps of a second, and seconds that are timed in turn."""
+REPEATS, FAST_STEPS, SLOW_STEPS = 7, 20, 2
+"""Turns that are timed after a first one, and steps of kernels and of objects in each."""
 
 
 class TwinRow(NamedTuple):
@@ -42,9 +51,9 @@ class TwinRow(NamedTuple):
 
 
 def compare(name: str, seeds: Sequence[int], duration_s: float) -> TwinRow:
-    """Record a scenario with kernels and with objects."""
+    """Record a scenario with kernels and with objects, after a second that compiles the kernels."""
     build = builder(name)
-    build(np.random.default_rng(0))
+    play(build(np.random.default_rng(0)), duration_s=1.0, style="bare")
     equal = decided = 0
     largest_m, times_s = 0.0, np.zeros(2)
     for seed in seeds:
@@ -112,25 +121,41 @@ def same_decisions(fast: Timeline, slow: Timeline) -> bool:
     )
 
 
-def speed(vehicles: int) -> tuple[float, float]:
-    """Return milliseconds of processor time for a second of a motorway, kernels and objects.
-
-    Both are timed in turn; each is the median of `REPEATS` seconds.
-    """
+def speed_of_scenarios(vehicles: int) -> tuple[float, float]:
+    """Return milliseconds of processor time for a second of our motorway, kernels and objects."""
     reach_m = 45.0 * vehicles / 8
     traffic = MotorwayTraffic(31.0, 1.35, reach_m, length_m=3 * reach_m + 3e3, ego_m=reach_m + 50)
     fast = straight(np.random.default_rng(0), traffic)
     slow = ObjectStage(straight(np.random.default_rng(0), traffic))
-    advance(fast)
-    slow.advance()
-    times_s: list[list[float]] = [[], []]
-    for _ in range(REPEATS):
-        for column, step in enumerate((lambda: advance(fast), slow.advance)):
+    return _in_turn(lambda: advance(fast), slow.advance, STEP_S)
+
+
+def speed_of_agents(vehicles: int) -> tuple[float, float]:
+    """Return the same for an agent's motorway: the road alone, without actions and rewards."""
+    config = {"vehicles_count": vehicles}
+    ours, theirs = MotorwayEnv(config=config), HighwayEnv(config=config)
+    dt = 1 / ours.config["simulation_frequency"]
+
+    def step(env: HighwayEnv) -> None:
+        env.road.act()
+        env.road.step(dt)
+
+    return _in_turn(lambda: step(ours), lambda: step(theirs), dt)
+
+
+def _in_turn(
+    fast: Callable[[], object], slow: Callable[[], object], dt: float
+) -> tuple[float, float]:
+    """Return medians of `REPEATS` turns, milliseconds for a second."""
+    times_s: tuple[list[float], list[float]] = ([], [])
+    for _ in range(REPEATS + 1):
+        for each, step, steps in zip(times_s, (fast, slow), (FAST_STEPS, SLOW_STEPS), strict=True):
             since_s = process_time()
-            for _ in range(STEPS):
+            for _ in range(steps):
                 step()
-            times_s[column].append(process_time() - since_s)
-    return 1e3 * float(np.median(times_s[0])), 1e3 * float(np.median(times_s[1]))
+            each.append((process_time() - since_s) / steps)
+    first, second = (1e3 / dt * float(np.median(each[1:])) for each in times_s)
+    return first, second
 
 
 def main() -> None:
@@ -139,6 +164,7 @@ def main() -> None:
     parser.add_argument("--seeds", type=int, default=SEEDS, help="recordings of each scenario")
     parser.add_argument("--duration", type=float, default=DURATION_S, help="of each, seconds")
     parser.add_argument("--scenarios", nargs="*", default=None, help="names; all without")
+    parser.add_argument("--vehicles", type=int, nargs="*", default=VEHICLES, help="on motorways")
     options = parser.parse_args()
     console = Console()
     names = options.scenarios
@@ -158,11 +184,14 @@ def main() -> None:
             f"{row.ratio:.0f}",
         )
     console.print(table)
-    table = Table("vehicles", "kernels, ms a second", "objects, ms a second", "ratio")
-    for vehicles in VEHICLES:
-        fast_ms, slow_ms = speed(vehicles)
-        table.add_row(str(vehicles), f"{fast_ms:.2f}", f"{slow_ms:.0f}", f"{slow_ms / fast_ms:.0f}")
-    console.print(table)
+    for title, measure in (("scenario", speed_of_scenarios), ("agent", speed_of_agents)):
+        table = Table("vehicles", "kernels, ms a second", "objects, ms a second", "ratio")
+        table.title = f"Motorway: {title}"
+        for vehicles in options.vehicles:
+            fast_ms, slow_ms = measure(vehicles)
+            ratio = f"{slow_ms / fast_ms:.0f}"
+            table.add_row(str(vehicles), f"{fast_ms:.2f}", f"{slow_ms:.0f}", ratio)
+        console.print(table)
 
 
 if __name__ == "__main__":

@@ -139,7 +139,9 @@ class ScenarioEnv(gym.Env[Observation, Any]):
         self, traffic: gym.Env[Any, Any], rig: str | Rig, **sensing: Any
     ) -> gym.Env[Observation, Any]:
         """Return the traffic that an agent drives in, with sensors."""
-        if hasattr(traffic, "observes"):
+        from roadscope.envs.gym.agent_env import MotorwayEnv
+
+        if isinstance(traffic, MotorwayEnv):
             traffic.observes = False
         return SensorWrapper(traffic, rig, **sensing)
 

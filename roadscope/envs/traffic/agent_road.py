@@ -25,6 +25,8 @@ class AgentRoad(Road):  # type: ignore[misc]
     """
 
     recorder: Any = None
+    cars: np.ndarray
+    _behind: bool
 
     @staticmethod
     def adopt(road: Any, agent: Any) -> bool:
@@ -77,7 +79,7 @@ class AgentRoad(Road):  # type: ignore[misc]
             self.recorder.tick(self, dt)
 
     def _start(self, agent: Any) -> None:
-        self._vehicles = vars(self).pop("vehicles")
+        self._vehicles = self.__dict__.pop("vehicles")
         self._agent, self._slot, self._behind = agent, self._vehicles.index(agent), False
         roads = Roads(self.network)
         self._lanes, self._names = roads.lane_numbers, list(roads.lane_numbers)
