@@ -105,19 +105,24 @@ class PerceptionWrapper(gym.Wrapper[np.ndarray, Any, Any, Any], RecordConstructo
 
 
 class PerceivedEnv(ScenarioEnv):
-    """A scenario in which an agent drives on what is perceived.
+    """A scenario that an agent observes through a perception stack, if one is named.
 
-    The observation space is highway-env's with finite bounds, those of its type.
-
-    perception: as in `PerceptionWrapper`. Other arguments: those of `ScenarioEnv`.
+    perception: as in `PerceptionWrapper`; the observation space is then highway-env's, with the
+        extreme values of its type in place of infinite bounds. None: observations are those of the
+        sensors. Other arguments: those of `ScenarioEnv`.
     """
 
-    def __init__(self, scenario: str, *, perception: str, **settings: Any) -> None:
+    def __init__(self, scenario: str, *, perception: str | None = None, **settings: Any) -> None:
         self._perception = perception
-        super().__init__(scenario, ego="agent", **settings)
-        self.observation_space = _bounded(self.observation_space)
+        if perception is not None and settings.setdefault("ego", "agent") != "agent":
+            raise ValueError("perception: only with ego='agent'; a played ego drives itself")
+        super().__init__(scenario, **settings)
+        if perception is not None:
+            self.observation_space = _bounded(self.observation_space)
 
     def _with_sensors(self, traffic: gym.Env[Any, Any], rig: str | Rig, **sensing: Any) -> Any:
+        if self._perception is None:
+            return super()._with_sensors(traffic, rig, **sensing)
         for name in ("records", "pixel_truth"):
             sensing.pop(name)
         return PerceptionWrapper(traffic, self._perception, rig, **sensing)
@@ -131,13 +136,3 @@ def _bounded(space: gym.Space[Any]) -> gym.Space[Any]:
     most = np.finfo(space.dtype).max
     low, high = np.maximum(space.low, -most), np.minimum(space.high, most)
     return gym.spaces.Box(low, high, dtype=space.dtype.type)
-
-
-def scenario_env(scenario: str, *, perception: str | None = None, **settings: Any) -> ScenarioEnv:
-    """Return the environment of an id: observed through sensors or, if named, a perception stack.
-
-    perception: as in `PerceptionWrapper`; None: observations are those of the sensors.
-    """
-    if perception is None:
-        return ScenarioEnv(scenario, **settings)
-    return PerceivedEnv(scenario, perception=perception, **settings)

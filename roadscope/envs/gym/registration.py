@@ -40,7 +40,7 @@ def register() -> None:
         if f"{NAMESPACE}/{name}" not in registration.registry:
             registration.register(
                 id=f"{NAMESPACE}/{name}",
-                entry_point="roadscope.driving.wrapper:scenario_env",
+                entry_point="roadscope.driving.wrapper:PerceivedEnv",
                 kwargs=dict(arguments),
             )
 

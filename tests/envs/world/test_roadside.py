@@ -40,7 +40,7 @@ def _own(name: str) -> RoadMap:
     build = getattr(import_module(module), function)
     if scenario.scripted:
         return build(name, 0, 1.0).road
-    return road_map(build(np.random.default_rng(0)).road.network)
+    return build(np.random.default_rng(0)).flow.roads.map
 
 
 def _some(road: RoadMap, style: str, seed: int = 0) -> Prisms:
