@@ -3,6 +3,7 @@
 It was the product until the kernels replaced it, and says in plain terms what they compute.
 """
 
+from research.object_traffic.lanes import coordinates
 from research.object_traffic.stage import ObjectStage
 
-__all__ = ["ObjectStage"]
+__all__ = ["ObjectStage", "coordinates"]

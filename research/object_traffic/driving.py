@@ -18,8 +18,7 @@ from roadscope.envs.traffic.driving import (
     RAMP_GAP_S,
     STEERING_RATE_RAD_S,
 )
-from roadscope.envs.traffic.lanes import greatest_curvature
-from roadscope.envs.traffic.roads import CURVE_LATERAL_M_S2, Roads
+from roadscope.envs.traffic.roads import CURVE_LATERAL_M_S2, Roads, greatest_curvature
 
 
 def clamp(value: float, low: float, high: float) -> float:

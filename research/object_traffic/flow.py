@@ -8,8 +8,8 @@ import numpy as np
 from highway_env.road.road import Road
 
 from research.object_traffic.driving import Driver
+from research.object_traffic.lanes import along_direction, coordinates
 from roadscope.envs.traffic.lane_geometry import LOOK_AHEAD_M
-from roadscope.envs.traffic.lanes import along_direction, coordinates
 from roadscope.envs.traffic.neighbours import MARGIN_M
 
 

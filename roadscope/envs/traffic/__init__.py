@@ -5,12 +5,12 @@ from roadscope._lazy import lazy_names
 _PARTS = {
     "conversion": "DRIVER_CONSTANTS ForeignEnvError LANE_STEP_M restore_driver_constants to_world",
     "course": "Bend Course SHARPEST_M winding",
-    "lanes": "coordinates greatest_curvature",
     "lu2018": "Event FRAME_S LEFT_EDGE SCRIPTS SENSOR_AHEAD_M Script play_script",
     "mix": "MIXES UNSEEN",
     "recorder": "RecordedRegulatedRoad RecordedRoad TrafficRecorder",
     "recording": "rear_axles",
     "road_map": "RoadMap",
+    "roads": "greatest_curvature",
     "scenarios": "SCENARIOS ScenarioError accept find record scenario_of_environment",
     "script": "Change ScriptedMotion",
     "scripts": "convoy_pull_away",

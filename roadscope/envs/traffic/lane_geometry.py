@@ -83,7 +83,7 @@ def body_point(body: Body, row: int) -> tuple[float, float]:
 
 @compiled(borrowing=True, forceinline=True)
 def lane_point(traffic: Traffic, lane: Lane, slot: int, row: int) -> LanePoint:
-    """Return the lane coordinates of a body's centre, front or rear, as `lanes.coordinates`."""
+    """Return the lane coordinates of a body's centre, front or rear."""
     x, y = body_point(traffic.bodies[slot], row)
     x, y = x - lane.x, y - lane.y
     if lane.kind == CIRCULAR:

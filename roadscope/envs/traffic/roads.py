@@ -11,7 +11,6 @@ import numpy as np
 from highway_env.road.lane import CircularLane, SineLane, StraightLane
 
 from roadscope.envs.traffic.conversion import road_map
-from roadscope.envs.traffic.lanes import greatest_curvature
 from roadscope.envs.traffic.road_map import RoadMap
 
 CURVE_LATERAL_M_S2 = 1.9
@@ -202,6 +201,13 @@ class Roads:
             for i, other in enumerate(roads.get(index[0], []))
             if np.linalg.norm(other.position(other.length, 0.0) - start) < CONNECTED_M
         ]
+
+
+def greatest_curvature(lane: Any) -> float:
+    """Return the largest curvature of a straight, sine or circular lane in 1/m."""
+    if isinstance(lane, SineLane):
+        return float(lane.amplitude * lane.pulsation**2)
+    return 0.0 if isinstance(lane, StraightLane) else 1.0 / float(lane.radius)
 
 
 def _describe(record: Any, lane: Any, centres: list[tuple[float, float]]) -> None:

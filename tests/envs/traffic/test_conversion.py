@@ -3,7 +3,8 @@ import pytest
 from highway_env.road.lane import CircularLane, SineLane, StraightLane
 from highway_env.road.road import RoadNetwork
 
-from roadscope.envs.traffic import LANE_STEP_M, coordinates, greatest_curvature, to_world
+from research.object_traffic import coordinates
+from roadscope.envs.traffic import LANE_STEP_M, greatest_curvature, to_world
 from roadscope.envs.traffic.conversion import road_map
 
 LANES = [

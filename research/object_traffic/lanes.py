@@ -7,9 +7,6 @@ from typing import Any
 import numpy as np
 from highway_env.road.lane import CircularLane, SineLane, StraightLane
 
-SAMPLE_M = 1.5
-"""Curvature is averaged over at least this length."""
-
 
 def coordinates(lane: Any, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return `lane.local_coordinates` of (N, 2) points as two (N,) arrays."""
@@ -34,16 +31,3 @@ def along_direction(vectors: np.ndarray, direction: np.ndarray) -> np.ndarray:
     """Project (..., 2) vectors; unlike a BLAS product it rounds the same way everywhere."""
     projected: np.ndarray = vectors[..., 0] * direction[0] + vectors[..., 1] * direction[1]
     return projected
-
-
-def greatest_curvature(lane: Any) -> float:
-    """Return the largest curvature of a lane in 1/m."""
-    if isinstance(lane, SineLane):
-        return float(lane.amplitude * lane.pulsation**2)
-    if isinstance(lane, StraightLane):
-        return 0.0
-    if isinstance(lane, CircularLane):
-        return 1.0 / float(lane.radius)
-    along = np.linspace(0.0, lane.length, max(2, int(lane.length / SAMPLE_M)))
-    headings = np.unwrap([lane.heading_at(s) for s in along])
-    return float(np.abs(np.diff(headings) / np.diff(along)).max())
