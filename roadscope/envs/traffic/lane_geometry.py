@@ -97,13 +97,13 @@ def lane_point(traffic: Traffic, lane: Lane, slot: int, row: int) -> LanePoint:
     return LanePoint(along, across)
 
 
-@compiled(borrowing=True, forceinline=True)
+@compiled(borrowing=True)
 def along_lane(traffic: Traffic, lane: int, slot: int) -> float:
     """Return the coordinate of a body's centre along a lane, metres."""
     return lane_point(traffic, traffic.roads.lanes[lane], slot, 0).along
 
 
-@compiled(borrowing=True, forceinline=True)
+@compiled(borrowing=True)
 def local_coordinates(traffic: Traffic, lane: Lane, slot: int) -> LanePoint:
     """Return `lane.local_coordinates` of highway-env for the centre of a body."""
     body = traffic.bodies[slot]
@@ -120,7 +120,7 @@ def local_coordinates(traffic: Traffic, lane: Lane, slot: int) -> LanePoint:
     return LanePoint(along, across)
 
 
-@compiled(borrowing=True, forceinline=True)
+@compiled(borrowing=True)
 def heading_at(lane: Lane, along: float) -> Heading:
     """Return the heading of a lane."""
     if lane.kind == CIRCULAR:
@@ -149,7 +149,7 @@ def centre_line(lane: Lane, along: float) -> tuple[float, float]:
 # Along a route.
 
 
-@compiled(borrowing=True, forceinline=True)
+@compiled(borrowing=True)
 def next_lane(roads: RoadArrays, legs: np.ndarray, first: int, last: int, lane: int) -> int:
     """Return the lane that follows a lane on the legs first to last, -1 at the end of the road."""
     road = roads.lanes[lane].road
@@ -165,7 +165,7 @@ def next_lane(roads: RoadArrays, legs: np.ndarray, first: int, last: int, lane: 
     return int(roads.onward[lane, 0])
 
 
-@compiled(borrowing=True, forceinline=True)
+@compiled(borrowing=True)
 def leg_after(roads: RoadArrays, legs: np.ndarray, first: int, last: int, lane: int) -> int:
     """Return the first leg that is left once a lane is passed; the last one always stays."""
     passed = first + 1 < last and legs[first] == roads.lanes[lane].road

@@ -159,7 +159,7 @@ def _first_from(lows: np.ndarray, count: int, low: float) -> int:
 # Leaders along a route.
 
 
-@compiled(borrowing=True, forceinline=True)
+@compiled(borrowing=True)
 def find_leader(traffic: Traffic, occupants: Occupants, slot: int, lane: int) -> Leader:
     """Return the nearest body ahead of a driver, on a lane and on those that follow it."""
     body, lanes = traffic.bodies[slot], traffic.roads.lanes
