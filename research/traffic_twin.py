@@ -158,14 +158,14 @@ def _in_turn(
     return first, second
 
 
-def main() -> None:
+def main(arguments: Sequence[str] | None = None) -> None:
     """Compare all simulated scenarios and time motorways."""
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = argparse.ArgumentParser("python -m research.traffic_twin", description=__doc__)
     parser.add_argument("--seeds", type=int, default=SEEDS, help="recordings of each scenario")
     parser.add_argument("--duration", type=float, default=DURATION_S, help="of each, seconds")
     parser.add_argument("--scenarios", nargs="*", default=None, help="names; all without")
     parser.add_argument("--vehicles", type=int, nargs="*", default=VEHICLES, help="on motorways")
-    options = parser.parse_args()
+    options = parser.parse_args(arguments)
     console = Console()
     names = options.scenarios
     if names is None:
