@@ -48,7 +48,7 @@ class Driver(IDMVehicle):  # type: ignore[misc]
     MIN_SPEED = 0.0
 
     def __init__(self, road: Any, roads: Roads, body: Any, legs: Any) -> None:
-        """Take over a record of `Body` and the roads of its route."""
+        """Take over a record of `RoadBody` and the roads of its route."""
         index = list(roads.lane_numbers)[body["target"]]
         names = roads.road_names
         super().__init__(

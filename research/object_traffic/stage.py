@@ -57,7 +57,7 @@ class ObjectStage:
         return recorder.timeline()
 
     def _object(self, body: Any) -> Any:
-        """Return the object of a record of `Body`."""
+        """Return the object of a record of `RoadBody`."""
         flow = self._stage.flow
         if body["kind"] == OBSTACLE:
             obstacle = Obstacle(self.road, (body["x"], body["y"]), float(body["heading"]))

@@ -40,7 +40,7 @@ class Walker:
     solid = crashed = False
 
     def __init__(self, body: Any, knots: np.ndarray) -> None:
-        """Take over a record of `Body` and the knots of its path."""
+        """Take over a record of `RoadBody` and the knots of its path."""
         self.number = int(body["number"])
         self.LENGTH, self.WIDTH = float(body["length"]), float(body["width"])
         self.diagonal = float(np.hypot(self.LENGTH, self.WIDTH))

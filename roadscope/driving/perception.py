@@ -48,7 +48,7 @@ class Perception:
             raise SpecError(f"'{tracker}' needs the whole episode, so nobody can drive with it")
         self.text = text
         self._tracker = spec.plain.make()
-        self._ego = _Ego(spec.ego, rig)
+        self._ego = _EgoPoses(spec.ego, rig)
         source = Spec.parse(detector)
         self._source = _Fused(source, rig) if source.name == FUSED else _Lidar(detector)
         self.reset()
@@ -166,7 +166,7 @@ class _Fused:
         return self._fusion.fuse(detections, image, projection).detections()
 
 
-class _Ego:
+class _EgoPoses:
     """The poses of the ego that a tracker gets."""
 
     def __init__(self, spec: Spec | None, rig: Rig) -> None:

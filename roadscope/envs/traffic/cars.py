@@ -14,7 +14,7 @@ import numpy as np
 from roadscope.core.jit import compiled
 from roadscope.envs.traffic.lane_geometry import wrapped
 from roadscope.envs.traffic.motion import collide
-from roadscope.envs.traffic.roads import Lane, record_type
+from roadscope.envs.traffic.roads import LaneRecord, record_type
 
 IDM, CONTROLLED, STEERED = 0, 4, 5
 """Who drives: the IDM, an agent that chooses lane and speed, or one that steers. They differ from
@@ -32,7 +32,7 @@ class Car(Protocol):
 
     kind: `IDM`, `CONTROLLED` or `STEERED`. lane, target: numbers of lanes. target_speed: m/s.
     exponent: of the free road in IDM. timer: since the last thought of a lane change. The others
-    are as in `road_users.Body`.
+    are as in `road_users.RoadBody`.
     """
 
     kind: int
@@ -118,12 +118,12 @@ def step_cars(
 
 
 @compiled(borrowing=True, forceinline=True)
-def _along(car: Car, lane: Lane) -> float:
+def _along(car: Car, lane: LaneRecord) -> float:
     return (car.x - lane.x) * lane.along_x + (car.y - lane.y) * lane.along_y
 
 
 @compiled(borrowing=True, forceinline=True)
-def _across(car: Car, lane: Lane) -> float:
+def _across(car: Car, lane: LaneRecord) -> float:
     return (car.x - lane.x) * lane.across_x + (car.y - lane.y) * lane.across_y
 
 
@@ -178,7 +178,7 @@ def _not_zero(value: float) -> float:
 
 
 @compiled(borrowing=True)
-def _steering(car: Car, lane: Lane) -> float:
+def _steering(car: Car, lane: LaneRecord) -> float:
     """Return the wheel angle that leads to the centre line of a lane."""
     aside = -_across(car, lane) / TAU_LATERAL_S
     turn = asin(min(max(aside / _not_zero(car.speed), -1.0), 1.0))

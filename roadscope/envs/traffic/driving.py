@@ -26,7 +26,7 @@ from roadscope.envs.traffic.neighbours import (
     find_occupants,
     note_change,
 )
-from roadscope.envs.traffic.road_users import DRIVER, OBSTACLE, WALKER, Body
+from roadscope.envs.traffic.road_users import DRIVER, OBSTACLE, WALKER, RoadBody
 from roadscope.envs.traffic.roads import record_type
 
 LATERAL_LIMIT_M_S2 = 2.7
@@ -249,7 +249,7 @@ def _lane_distance(traffic: Traffic, rear: int, front: int) -> float:
 
 
 @compiled(borrowing=True, forceinline=True)
-def _half_lengths(body: Body, other: Body) -> float:
+def _half_lengths(body: RoadBody, other: RoadBody) -> float:
     """Return the distance between the centres of two bodies whose bumpers touch, metres."""
     return (body.length + other.length) / 2
 
@@ -260,7 +260,7 @@ def _half_lengths(body: Body, other: Body) -> float:
 
 @compiled(borrowing=True, forceinline=True)
 def _free_acceleration(
-    model: Body, speed: float, desired_speed: float, exponents: Exponents
+    model: RoadBody, speed: float, desired_speed: float, exponents: Exponents
 ) -> float:
     """Return the acceleration on a free road, m/s^2 (improved IDM of Treiber and Kesting)."""
     up, down = model.comfort, COMFORT_BRAKING_M_S2
@@ -271,7 +271,7 @@ def _free_acceleration(
 
 
 @compiled(borrowing=True, forceinline=True)
-def _clearance(model: Body, speed: float, closing: float) -> float:
+def _clearance(model: RoadBody, speed: float, closing: float) -> float:
     """Return IDM's desired gap in metres, bumper to bumper."""
     braking = 2 * sqrt(-model.comfort * -COMFORT_BRAKING_M_S2)
     return model.standstill_gap + max(0.0, speed * model.time_gap + speed * closing / braking)
@@ -286,14 +286,14 @@ class _Pace(NamedTuple):
 
 
 @compiled(borrowing=True, forceinline=True)
-def _pace(model: Body, speed: float, desired_speed: float, exponents: Exponents) -> _Pace:
+def _pace(model: RoadBody, speed: float, desired_speed: float, exponents: Exponents) -> _Pace:
     free = _free_acceleration(model, speed, desired_speed, exponents)
     return _Pace(speed, speed**exponents.square, free)
 
 
 @compiled(borrowing=True, forceinline=True)
 def _following_acceleration(
-    model: Body, pace: _Pace, gap: float, front_speed: float, exponents: Exponents
+    model: RoadBody, pace: _Pace, gap: float, front_speed: float, exponents: Exponents
 ) -> float:
     """Return the acceleration behind a leader at a bumper-to-bumper gap, m/s^2."""
     square = exponents.square
@@ -344,7 +344,7 @@ def _squared(pace: _Pace, least: float, exponents: Exponents) -> float:
 
 @compiled(borrowing=True, forceinline=True)
 def _sine_of_slip(
-    body: Body, pace: _Pace, plan: Plan, bends: np.ndarray, exponents: Exponents
+    body: RoadBody, pace: _Pace, plan: Plan, bends: np.ndarray, exponents: Exponents
 ) -> float:
     """Return the sine of the slip that leads to the centre line of the target lane.
 
@@ -370,7 +370,7 @@ def _clamped(value: float, low: float, high: float) -> float:
 @compiled(borrowing=True, forceinline=True)
 def _allowed(
     traffic: Traffic,
-    body: Body,
+    body: RoadBody,
     pace: _Pace,
     plan: Plan,
     bends: np.ndarray,
@@ -392,7 +392,7 @@ def _allowed(
 
 
 @compiled(borrowing=True, forceinline=True)
-def _speed_along(body: Body, heading: float) -> float:
+def _speed_along(body: RoadBody, heading: float) -> float:
     """Return the speed of a body in a direction, at least 0, m/s."""
     along = body.speed * body.cos * cos(heading) + body.speed * body.sin * sin(heading)
     return max(along, 0.0)

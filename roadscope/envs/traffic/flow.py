@@ -147,7 +147,7 @@ class Flow:
         )
 
     def add(self, user: RoadUserBody | None, **values: Any) -> int:
-        """Add a body with fields of `Body`; return its number."""
+        """Add a body with fields of `RoadBody`; return its number."""
         number = len(self.users)
         self.users.append(user)
         if user is not None:

@@ -5,7 +5,13 @@ from __future__ import annotations
 import numpy as np
 
 from roadscope.envs.traffic.flow import Flow
-from roadscope.envs.traffic.recording import Motion, Samples, obstacles_of, tabulate, timeline_of
+from roadscope.envs.traffic.recording import (
+    RecordedMotion,
+    Samples,
+    obstacles_of,
+    tabulate,
+    timeline_of,
+)
 from roadscope.envs.traffic.road_users import OBSTACLE, Bodies, copied, joined
 from roadscope.envs.traffic.timeline import Timeline
 
@@ -49,7 +55,9 @@ class FlowRecorder:
         standing = self._flow.bodies[self._flow.bodies["kind"] == OBSTACLE]
         places = [standing[name] for name in ("x", "y", "heading", "length", "width")]
         return timeline_of(
-            Motion(step_s * np.arange(len(self._snapshots)), present, crashed, centres, states),
+            RecordedMotion(
+                step_s * np.arange(len(self._snapshots)), present, crashed, centres, states
+            ),
             np.arange(len(ids)),
             bodies,
             np.array([body.size.length_m / 2 for body in bodies]),

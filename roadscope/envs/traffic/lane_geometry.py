@@ -16,8 +16,8 @@ from numba import types
 from numba.extending import intrinsic
 
 from roadscope.core.jit import compiled
-from roadscope.envs.traffic.road_users import Bodies, Body
-from roadscope.envs.traffic.roads import CIRCULAR, SINE, Lane, RoadArrays
+from roadscope.envs.traffic.road_users import Bodies, RoadBody
+from roadscope.envs.traffic.roads import CIRCULAR, SINE, LaneRecord, RoadArrays
 
 LOOK_AHEAD_M = 120.0
 """Drivers look for leaders and curves this far ahead; chosen by hand."""
@@ -71,7 +71,7 @@ def wrapped(angle: float) -> float:
 
 
 @compiled(borrowing=True, forceinline=True)
-def body_point(body: Body, row: int) -> tuple[float, float]:
+def body_point(body: RoadBody, row: int) -> tuple[float, float]:
     """Return the centre (row 0), the front (1) or the rear (2) of a body."""
     if row == 0:
         return body.x, body.y
@@ -82,7 +82,7 @@ def body_point(body: Body, row: int) -> tuple[float, float]:
 
 
 @compiled(borrowing=True, forceinline=True)
-def lane_point(traffic: Traffic, lane: Lane, slot: int, row: int) -> LanePoint:
+def lane_point(traffic: Traffic, lane: LaneRecord, slot: int, row: int) -> LanePoint:
     """Return the lane coordinates of a body's centre, front or rear."""
     x, y = body_point(traffic.bodies[slot], row)
     x, y = x - lane.x, y - lane.y
@@ -104,7 +104,7 @@ def along_lane(traffic: Traffic, lane: int, slot: int) -> float:
 
 
 @compiled(borrowing=True)
-def local_coordinates(traffic: Traffic, lane: Lane, slot: int) -> LanePoint:
+def local_coordinates(traffic: Traffic, lane: LaneRecord, slot: int) -> LanePoint:
     """Return `lane.local_coordinates` of highway-env for the centre of a body."""
     body = traffic.bodies[slot]
     x, y = body.x - lane.x, body.y - lane.y
@@ -121,7 +121,7 @@ def local_coordinates(traffic: Traffic, lane: Lane, slot: int) -> LanePoint:
 
 
 @compiled(borrowing=True)
-def heading_at(lane: Lane, along: float) -> Heading:
+def heading_at(lane: LaneRecord, along: float) -> Heading:
     """Return the heading of a lane."""
     if lane.kind == CIRCULAR:
         phase = lane.turn * along / lane.radius + lane.start_phase
@@ -133,7 +133,7 @@ def heading_at(lane: Lane, along: float) -> Heading:
 
 
 @compiled(borrowing=True)
-def centre_line(lane: Lane, along: float) -> tuple[float, float]:
+def centre_line(lane: LaneRecord, along: float) -> tuple[float, float]:
     """Return a point on the centre line of a lane."""
     if lane.kind == CIRCULAR:
         phase = lane.turn * along / lane.radius + lane.start_phase
@@ -201,7 +201,7 @@ def follow_road(traffic: Traffic, slot: int) -> None:
 
 
 @compiled(borrowing=True)
-def _entry(roads: RoadArrays, lane: Lane, road: int, x: float, y: float) -> tuple[int, float]:
+def _entry(roads: RoadArrays, lane: LaneRecord, road: int, x: float, y: float) -> tuple[int, float]:
     """Return the lane of a road that a driver takes after a lane, and the distance to it.
 
     It is the same of as many lanes, otherwise the nearest.
@@ -218,7 +218,7 @@ def _entry(roads: RoadArrays, lane: Lane, road: int, x: float, y: float) -> tupl
 
 
 @compiled(borrowing=True)
-def _distance(lane: Lane, x: float, y: float) -> float:
+def _distance(lane: LaneRecord, x: float, y: float) -> float:
     """Return the distance from a point to a lane: across it, plus beyond its ends."""
     x, y = x - lane.x, y - lane.y
     if lane.kind == CIRCULAR:

@@ -10,7 +10,7 @@ import numpy as np
 from roadscope.core.jit import compiled
 from roadscope.envs.traffic.driving import STEERING_LIMIT_RAD
 from roadscope.envs.traffic.lane_geometry import Traffic, dot, lane_point
-from roadscope.envs.traffic.road_users import DRIVER, OBSTACLE, WALKER, Bodies, Body
+from roadscope.envs.traffic.road_users import DRIVER, OBSTACLE, WALKER, Bodies, RoadBody
 from roadscope.envs.traffic.walking import walk
 
 FASTEST_M_S = 40.0
@@ -55,7 +55,7 @@ def move(
 
 
 @compiled(borrowing=True, forceinline=True)
-def _drive(body: Body, slip: float, dt: float) -> None:
+def _drive(body: RoadBody, slip: float, dt: float) -> None:
     """Move a vehicle: a bicycle that turns about its centre; never backwards."""
     acceleration = -body.speed if body.crashed else max(body.acceleration, -body.speed / dt)
     if body.speed > FASTEST_M_S:
@@ -161,7 +161,7 @@ def _find_near(
 
 
 @compiled(borrowing=True, forceinline=True)
-def _may_touch(body: Body, other: Body, dt: float) -> bool:
+def _may_touch(body: RoadBody, other: RoadBody, dt: float) -> bool:
     """Return whether two bodies can collide and are close to each other."""
     if other.kind == WALKER or (body.kind == OBSTACLE and other.kind == OBSTACLE):
         return False
@@ -170,7 +170,7 @@ def _may_touch(body: Body, other: Body, dt: float) -> bool:
 
 
 @compiled()
-def _meet(body: Body, other: Body, dt: float) -> None:
+def _meet(body: RoadBody, other: RoadBody, dt: float) -> None:
     """Let two bodies crash if they touch, and part them if they will."""
     meeting = _meeting(body, other, dt)
     if meeting.soon:
@@ -183,7 +183,7 @@ def _meet(body: Body, other: Body, dt: float) -> None:
 
 
 @compiled()
-def _meeting(body: Body, other: Body, dt: float) -> Meeting:
+def _meeting(body: RoadBody, other: RoadBody, dt: float) -> Meeting:
     """Return whether two outlines meet, by separating axes."""
     outlines = np.empty((2, 4, 2))
     _write_outline(outlines[0], body)
@@ -221,7 +221,7 @@ def _meeting(body: Body, other: Body, dt: float) -> Meeting:
 
 
 @compiled(borrowing=True, forceinline=True)
-def _write_outline(outline: np.ndarray, body: Body) -> None:
+def _write_outline(outline: np.ndarray, body: RoadBody) -> None:
     """Write the (4, 2) corners of a body."""
     for k, (x, y) in enumerate(((-1.0, -1.0), (-1.0, 1.0), (1.0, 1.0), (1.0, -1.0))):
         ahead, aside = x * body.length / 2, y * body.width / 2

@@ -17,7 +17,7 @@ from roadscope.envs.traffic.lane_geometry import (
     leg_after,
     next_lane,
 )
-from roadscope.envs.traffic.roads import Lane
+from roadscope.envs.traffic.roads import LaneRecord
 
 MARGIN_M = 0.35
 """Lateral distance that drivers keep from what they pass; chosen by hand."""
@@ -59,7 +59,7 @@ class Leader(NamedTuple):
     heading: Heading
 
 
-class Neighbours(NamedTuple):
+class LaneNeighbours(NamedTuple):
     """Slots of the bodies ahead and behind on a lane, -1 for none."""
 
     ahead: int
@@ -220,7 +220,7 @@ def _is_ahead(traffic: Traffic, slot: int, other: int, distance: float) -> bool:
 
 
 @compiled(borrowing=True, forceinline=True)
-def _nearer(along: float, lane: Lane, least: float) -> float:
+def _nearer(along: float, lane: LaneRecord, least: float) -> float:
     """Return the lesser of two coordinates if the first is on the lane."""
     return min(along, least) if -BEHIND_M < along < lane.length + BEYOND_M else least
 
@@ -242,7 +242,7 @@ NOBODY = _Beside(-1, np.inf, -1, -np.inf)
 
 
 @compiled(borrowing=True)
-def find_neighbours(traffic: Traffic, occupants: Occupants, slot: int, lane: int) -> Neighbours:
+def find_neighbours(traffic: Traffic, occupants: Occupants, slot: int, lane: int) -> LaneNeighbours:
     """Return the bodies ahead and behind on a lane, and on those before and after it."""
     body, roads = traffic.bodies[slot], traffic.roads
     here = along_lane(traffic, lane, slot)
@@ -256,7 +256,7 @@ def find_neighbours(traffic: Traffic, occupants: Occupants, slot: int, lane: int
         if source >= 0:
             start = -roads.lanes[source].length
             best = _beside(traffic, occupants, slot, source, start, here, best)
-    return Neighbours(best.ahead, best.behind)
+    return LaneNeighbours(best.ahead, best.behind)
 
 
 @compiled(borrowing=True)
@@ -315,6 +315,6 @@ def _blocks(traffic: Traffic, points: np.ndarray, other: int, width: float) -> b
 
 
 @compiled(borrowing=True, forceinline=True)
-def _is_on(lane: Lane, along: float) -> bool:
+def _is_on(lane: LaneRecord, along: float) -> bool:
     """Return whether a coordinate is on a lane or close to its ends."""
     return bool(-BEHIND_M <= along < lane.length + 1.0)

@@ -21,7 +21,7 @@ from roadscope.envs.traffic.conversion import (
 )
 from roadscope.envs.traffic.mix import EGO, RoadUserBody, draw_body
 from roadscope.envs.traffic.recording import (
-    Motion,
+    RecordedMotion,
     Samples,
     obstacles_of,
     tabulate,
@@ -218,7 +218,9 @@ class TrafficRecorder:
         states[:, [actor.slides for actor in actors], 2] = 0.0
         if self._map is None:
             self._map = road_map(self._road.network)
-        motion = Motion(np.array([s.stamp_s for s in snapshots]), present, crashed, centres, states)
+        motion = RecordedMotion(
+            np.array([s.stamp_s for s in snapshots]), present, crashed, centres, states
+        )
         return timeline_of(
             motion,
             ids,

@@ -28,7 +28,7 @@ class Samples(NamedTuple):
     crashed: np.ndarray
 
 
-class Motion(NamedTuple):
+class RecordedMotion(NamedTuple):
     """Motion of A actors at K stamps, highway-env's frame.
 
     present, crashed: (K, A) bool. centres: (K, A, 2). states: (K, A, 3) heading, speed, steering.
@@ -42,7 +42,7 @@ class Motion(NamedTuple):
 
 
 def timeline_of(
-    motion: Motion,
+    motion: RecordedMotion,
     ids: np.ndarray,
     bodies: list[RoadUserBody],
     ahead_m: np.ndarray,

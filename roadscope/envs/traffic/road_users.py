@@ -13,7 +13,7 @@ DRIVER, WALKER, PARKED, OBSTACLE = 0, 1, 2, 3
 """Kinds of bodies."""
 
 
-class Body(Protocol):
+class RoadBody(Protocol):
     """A record of a body in highway-env's frame; metres, radians, seconds.
 
     number: unique on its road. kind: `DRIVER`, `WALKER`, `PARKED` or `OBSTACLE`.
@@ -94,7 +94,7 @@ class Knot(Protocol):
     turn: float
 
 
-BODY, PATH = record_type(Body), record_type(Knot)
+BODY, PATH = record_type(RoadBody), record_type(Knot)
 
 Bodies = np.ndarray[Any, Any]
 """(N,) of `BODY`, in the order in which they decide."""

@@ -24,7 +24,7 @@ LaneIndex = tuple[str, str, int]
 """A lane of highway-env: from node, to node, number from the left."""
 
 
-class Lane(Protocol):
+class LaneRecord(Protocol):
     """A record of a lane in highway-env's frame; metres and radians.
 
     kind: `STRAIGHT`, `SINE` or `CIRCULAR`.
@@ -83,7 +83,7 @@ def record_type(protocol: type) -> np.dtype[Any]:
     return np.dtype([(name, _KINDS[str(kind)]) for name, kind in fields])
 
 
-LANE, ROAD = record_type(Lane), record_type(Road)
+LANE, ROAD = record_type(LaneRecord), record_type(Road)
 
 
 class RoadArrays(NamedTuple):

@@ -7,7 +7,7 @@ from math import cos, sin, sqrt
 import numpy as np
 
 from roadscope.core.jit import compiled
-from roadscope.envs.traffic.road_users import DRIVER, WALKER, Bodies, Body
+from roadscope.envs.traffic.road_users import DRIVER, WALKER, Bodies, RoadBody
 
 ACCELERATION_M_S2 = 1.2
 COMFORTABLE_BRAKING_M_S2 = 2.0
@@ -41,7 +41,7 @@ def look(bodies: Bodies, paths: np.ndarray, dt: float) -> bool:
 
 
 @compiled(borrowing=True)
-def _is_blocked(bodies: Bodies, paths: np.ndarray, walker: Body) -> bool:
+def _is_blocked(bodies: Bodies, paths: np.ndarray, walker: RoadBody) -> bool:
     """Return whether a driver is, or soon will be, where the next steps lead."""
     for slot in range(len(bodies)):
         driver = bodies[slot]
@@ -53,7 +53,7 @@ def _is_blocked(bodies: Bodies, paths: np.ndarray, walker: Body) -> bool:
 
 
 @compiled(borrowing=True)
-def _blocks(driver: Body, paths: np.ndarray, walker: Body) -> bool:
+def _blocks(driver: RoadBody, paths: np.ndarray, walker: RoadBody) -> bool:
     half, side = driver.length / 2, driver.width / 2
     front = half + 0.4 + driver.speed * AHEAD_S
     for step in (0.5, 1.0, 0.5 + walker.speed):
@@ -67,14 +67,14 @@ def _blocks(driver: Body, paths: np.ndarray, walker: Body) -> bool:
 
 
 @compiled(borrowing=True)
-def _seen_from(driver: Body, x: float, y: float) -> tuple[float, float]:
+def _seen_from(driver: RoadBody, x: float, y: float) -> tuple[float, float]:
     """Return the offset of a point from a driver, along and across its heading, metres."""
     x, y = x - driver.x, y - driver.y
     return x * driver.cos + y * driver.sin, x * driver.sin - y * driver.cos
 
 
 @compiled(borrowing=True)
-def _is_safe(bodies: Bodies, paths: np.ndarray, walker: Body) -> bool:
+def _is_safe(bodies: Bodies, paths: np.ndarray, walker: RoadBody) -> bool:
     """Return whether each driver can stop before the line across the road, or never reaches it."""
     end = paths[walker.last_knot - 1].arc
     x, y = _position_at(walker, paths, walker.kerb)
@@ -95,7 +95,7 @@ def _is_safe(bodies: Bodies, paths: np.ndarray, walker: Body) -> bool:
 
 
 @compiled(borrowing=True)
-def walk(body: Body, paths: np.ndarray, dt: float) -> None:
+def walk(body: RoadBody, paths: np.ndarray, dt: float) -> None:
     """Move for `dt` seconds along the path; slow down for the kerb and for the end."""
     stop = paths[body.last_knot - 1].arc
     if not body.crossing and not np.isnan(body.kerb):
@@ -117,7 +117,7 @@ def walk(body: Body, paths: np.ndarray, dt: float) -> None:
 
 
 @compiled(borrowing=True)
-def _position_at(body: Body, paths: np.ndarray, along: float) -> tuple[float, float]:
+def _position_at(body: RoadBody, paths: np.ndarray, along: float) -> tuple[float, float]:
     """Return the point of a person's path at an arc length, its ends beyond them."""
     first, last = body.first_knot, body.last_knot
     arcs, x, y = paths["arc"][first:last], paths["x"][first:last], paths["y"][first:last]
