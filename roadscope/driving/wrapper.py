@@ -36,8 +36,10 @@ class PerceptionWrapper(gym.Wrapper[np.ndarray, Any, Any, Any], RecordConstructo
     the tracks that are not tentative, moved on to the instant of the step at constant velocity, so
     it contains missed vehicles, ghosts, delays and errors as they come. At first nothing is
     tracked. The ego's own state, lanes and fixed obstacles are true; tracks more than 3 m beside
-    every lane are left out. `info["tracks"]` has the
-    tracks, frame `world`; other entries are those of `SensorWrapper`. Traffic, rewards and ends of
+    every lane are left out.
+
+    `info["tracks"]` has the tracks, frame `world`. Other entries are those of `SensorWrapper`;
+    without sensors there is only `time_s`. Traffic, rewards and ends of
     episodes are those of the environment.
     """
 
@@ -72,6 +74,7 @@ class PerceptionWrapper(gym.Wrapper[np.ndarray, Any, Any, Any], RecordConstructo
         self.observation_space = env.observation_space
         self._perception = perception
         self._belief: BelievedObservation | None = None
+        self._steps = 0
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -82,11 +85,13 @@ class PerceptionWrapper(gym.Wrapper[np.ndarray, Any, Any, Any], RecordConstructo
             self._belief = BelievedObservation(self.env.unwrapped, seed or 0)
         if self._stack is not None:
             self._stack.reset()
+        self._steps = 0
         return self._observed(observation, info)
 
     def step(self, action: Any) -> tuple[np.ndarray, SupportsFloat, bool, bool, dict[str, Any]]:
         """Drive for one step; sense, detect and track meanwhile."""
         observation, reward, terminated, truncated, info = self.env.step(action)
+        self._steps += 1
         if self._stack is not None:
             self._stack.update(info["frames"], info["truths"], info["time_s"])
         believed, info = self._observed(observation, info)
@@ -95,10 +100,13 @@ class PerceptionWrapper(gym.Wrapper[np.ndarray, Any, Any, Any], RecordConstructo
     def _observed(
         self, observation: np.ndarray, info: dict[str, Any]
     ) -> tuple[np.ndarray, dict[str, Any]]:
+        if self._stack is None:
+            rate = self.env.unwrapped.config["policy_frequency"]  # type: ignore[attr-defined]
+            info = {**info, "time_s": self._steps / rate}
         if self._belief is None:
             return observation, info
         if self._stack is None:
-            tracks = Tracks.empty(0.0, "world")
+            tracks = Tracks.empty(info["time_s"], "world")
         else:
             tracks = self._stack.tracks(info["time_s"])
         return self._belief.observe(tracks), {**info, "tracks": tracks}

@@ -184,6 +184,23 @@ def test_an_id_takes_a_stack() -> None:
     env.close()
 
 
+@pytest.mark.parametrize("perception", ["truth", "blind"])
+def test_an_id_drives_without_sensors(perception: str) -> None:
+    env = gym.make("roadscope/Highway-v0", perception=perception, duration_s=2.0)
+    observed, _ = env.reset(seed=5)
+    assert observed[1:].any() == (perception == "truth")
+    assert not env.step(1)[3]
+    observed, _, terminated, truncated, info = env.step(1)
+    assert terminated or truncated
+    assert info["time_s"] == pytest.approx(2.0)
+    env.close()
+
+
+def test_a_played_ego_needs_no_perception() -> None:
+    with pytest.raises(ValueError, match="ego"):
+        gym.make("roadscope/Highway-v0", perception="truth", ego="idm")
+
+
 @pytest.mark.slow
 def test_environments_run_side_by_side() -> None:
     envs = gym.make_vec(
