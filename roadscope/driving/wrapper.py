@@ -64,10 +64,11 @@ class PerceptionWrapper(gym.Wrapper[np.ndarray, Any, Any, Any], RecordConstructo
         }
         RecordConstructorArgs.__init__(self, perception=perception, rig=rig, **sensing)
         self._stack: Perception | None = None
+        if perception != TRUTH:
+            check_observation(env.unwrapped)
         if perception in (TRUTH, BLIND):
             gym.Wrapper.__init__(self, env)
         else:
-            check_observation(env.unwrapped)
             self._stack = Perception(perception, rig_of(rig))
             sensed: gym.Env[Any, Any] = SensorWrapper(env, rig, **sensing)
             gym.Wrapper.__init__(self, sensed)
@@ -137,9 +138,8 @@ class PerceivedEnv(ScenarioEnv):
 
 
 def _bounded(space: gym.Space[Any]) -> gym.Space[Any]:
-    """Return a box whose infinite bounds are the extreme values of its type."""
-    assert isinstance(space, gym.spaces.Box)
-    if not np.issubdtype(space.dtype, np.floating):
+    """Return a box of floats with the extreme values of its type in place of infinite bounds."""
+    if not isinstance(space, gym.spaces.Box) or not np.issubdtype(space.dtype, np.floating):
         return space
     most = np.finfo(space.dtype).max
     low, high = np.maximum(space.low, -most), np.minimum(space.high, most)

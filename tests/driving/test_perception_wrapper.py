@@ -236,8 +236,11 @@ def test_what_is_no_stack_is_refused(text: str, rig: str, word: str) -> None:
 
 def test_other_observations_are_refused() -> None:
     env = gym.make("parking-v0")
-    with pytest.raises(ForeignEnvError, match="KinematicsGoal"):
-        PerceptionWrapper(env, STACK)
+    for perception in (STACK, "blind"):
+        with pytest.raises(ForeignEnvError, match="KinematicsGoal"):
+            PerceptionWrapper(env, perception)
+    own = gym.make("roadscope/ParkingLot-v0", perception="truth", disable_env_checker=True)
+    assert own.observation_space == env.observation_space
 
 
 def test_the_wrapper_is_public() -> None:
