@@ -36,6 +36,7 @@ if TYPE_CHECKING:
     from roadscope.core.category import Category, Family
     from roadscope.core.checks import RecordError
     from roadscope.core.detections import Detections, ImageDetections
+    from roadscope.core.driving import DrivingCommand, DrivingScene
     from roadscope.core.frame import Calibration, Frame
     from roadscope.core.fused import FusedDetections
     from roadscope.core.image import CameraImage
@@ -69,6 +70,8 @@ _PLACES = {
     "CameraImage": "roadscope.core.image:CameraImage",
     "Category": "roadscope.core.category:Category",
     "Detections": "roadscope.core.detections:Detections",
+    "DrivingCommand": "roadscope.core.driving:DrivingCommand",
+    "DrivingScene": "roadscope.core.driving:DrivingScene",
     "Family": "roadscope.core.category:Family",
     "Frame": "roadscope.core.frame:Frame",
     "FusedDetections": "roadscope.core.fused:FusedDetections",
@@ -121,6 +124,8 @@ __all__ = [
     "CameraImage",
     "Category",
     "Detections",
+    "DrivingCommand",
+    "DrivingScene",
     "Episode",
     "Family",
     "Frame",

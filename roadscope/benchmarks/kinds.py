@@ -14,6 +14,7 @@ from roadscope.core.names import unknown
 from roadscope.core.spec import ORACLE, no_class_named
 from roadscope.detectors import DETECTORS
 from roadscope.detectors.camera import CAMERA_DETECTORS
+from roadscope.driving import DRIVERS
 from roadscope.fusion import FUSIONS
 from roadscope.odometry import ODOMETRIES
 from roadscope.trackers import TRACKERS
@@ -44,8 +45,9 @@ CAMERA_DETECTOR = Kind("camera detector", CAMERA_DETECTORS, "detect", warm_calls
 TRACKER = Kind("tracker", TRACKERS, "update")
 FUSION = Kind("fusion", FUSIONS, "fuse")
 ODOMETRY = Kind("odometry", ODOMETRIES, "update", warm_calls=4)
+DRIVER = Kind("driver", DRIVERS, "drive")
 KINDS: Mapping[str, Kind] = {
-    kind.name: kind for kind in (DETECTOR, CAMERA_DETECTOR, TRACKER, FUSION, ODOMETRY)
+    kind.name: kind for kind in (DETECTOR, CAMERA_DETECTOR, TRACKER, FUSION, ODOMETRY, DRIVER)
 }
 _IMITATIONS = ((CAMERA_DETECTOR, CAMERA_NOISES), (ODOMETRY, ODOMETRY_NOISES))
 """Noise models that are entries of a board."""

@@ -68,6 +68,12 @@ def _odometries() -> list[tuple[str, str]]:
     return [*_plugins(ODOMETRIES), oracle, *_plugins(ODOMETRY_NOISES)]
 
 
+def _drivers() -> list[tuple[str, str]]:
+    from roadscope.driving import DRIVERS
+
+    return _plugins(DRIVERS)
+
+
 def _plugins(registry: Registry[Any]) -> list[tuple[str, str]]:
     """Return names with summaries; plug-ins of other packages have that of their class."""
     return [
@@ -194,6 +200,7 @@ KINDS: Mapping[str, Callable[[], list[tuple[str, str]]]] = {
     "fusions": _fusions,
     "trackers": _trackers,
     "odometries": _odometries,
+    "drivers": _drivers,
     "boards": _boards,
     "scenarios": _scenarios,
     "suites": _suites,

@@ -13,6 +13,7 @@ from roadscope.core import Pose, Truth
 from roadscope.core.projection import Projection
 
 if TYPE_CHECKING:
+    from roadscope.envs.traffic.timeline import Timeline
     from roadscope.envs.world.world import World
 
 PARKED_RANGE_M = 150.0
@@ -31,13 +32,20 @@ def parked_owners(truth: Truth) -> set[int]:
 
 def parked_centres(episode: Episode, owners: Iterable[int]) -> np.ndarray:
     """Return (P, 2) box centres of parked cars, metres, world frame. owners: their numbers."""
+    numbers = sorted(owners)
+    if not numbers:
+        return np.empty((0, 2))
+    return parked_centres_on(timeline_of(episode), episode.seed, numbers)
+
+
+def parked_centres_on(timeline: Timeline, seed: int, owners: Iterable[int]) -> np.ndarray:
+    """Return `parked_centres` along the drive of a timeline. seed: of the world."""
     from roadscope.envs.sensors.sensing import world_of
 
     numbers = sorted(owners)
     if not numbers:
         return np.empty((0, 2))
-    timeline = timeline_of(episode)
-    scenery = world_of(timeline, episode.seed).scenery.along(timeline.axles[:, 0])
+    scenery = world_of(timeline, seed).scenery.along(timeline.axles[:, 0])
     outlines = (scenery.footprints[scenery.owners == owner].reshape(-1, 2) for owner in numbers)
     # A body's outline is point symmetric, so this is its centre at any yaw.
     return np.array([(o.min(axis=0) + o.max(axis=0)) / 2 for o in outlines])

@@ -39,6 +39,8 @@ SUITES = (
     "odometry-ablation",
     "tracking-ego",
     "crossing",
+    "driving",
+    "driving-camera",
 )
 """The suites of roadscope."""
 

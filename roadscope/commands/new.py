@@ -15,7 +15,7 @@ def new(
         str,
         typer.Argument(
             metavar="KIND",
-            help="tracker, detector, camera-detector, odometry, fusion or suite",
+            help="tracker, detector, camera-detector, odometry, fusion, driver or suite",
             autocompletion=template_kinds,
         ),
     ],

@@ -7,6 +7,7 @@ from roadscope._lazy import lazy_names
 from roadscope.core.category import Category, Family
 from roadscope.core.checks import RecordError
 from roadscope.core.detections import Detections, ImageDetections
+from roadscope.core.driving import DrivingCommand, DrivingScene
 from roadscope.core.frame import Calibration, Frame
 from roadscope.core.image import CameraImage
 from roadscope.core.imu import ImuSamples
@@ -29,6 +30,8 @@ __all__ = [
     "CameraImage",
     "Category",
     "Detections",
+    "DrivingCommand",
+    "DrivingScene",
     "Family",
     "Frame",
     "ImageDetections",

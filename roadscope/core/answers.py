@@ -13,6 +13,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from roadscope.core.detections import Detections, ImageDetections
+from roadscope.core.driving import DrivingCommand
 from roadscope.core.fused import FusedDetections
 from roadscope.core.odometry import OdometryEstimate
 from roadscope.core.tracks import Tracks
@@ -123,6 +124,15 @@ def check_estimate(answer: Any, *, stamp_s: float, returns: int) -> OdometryEsti
     if not farthest_m <= FARTHEST_POSE_M:
         raise AnswerError(f"the pose is {farthest_m:.3g} m from the start")
     return estimate
+
+
+def check_command(answer: Any, *, lanes: int) -> DrivingCommand:
+    """Return a driver's answer to a scene with so many lanes."""
+    command = _of_class(answer, DrivingCommand, "drive")
+    if not 0 <= command.target_lane < lanes:
+        raise AnswerError(f"target_lane {command.target_lane}; there are lanes 0 to {lanes - 1}")
+    _check_values(command, ("acceleration_m_s2",))
+    return command
 
 
 def check_masses(masses: np.ndarray | None, columns: set[int]) -> None:

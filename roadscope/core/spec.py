@@ -28,7 +28,7 @@ from roadscope.core.constructing import binding_problem, construct, wrong_litera
 from roadscope.core.loading import NotInstalledError, Requirement, SpecError, load_class
 from roadscope.core.names import unknown
 
-KINDS = ("detector", "camera detector", "tracker", "fusion", "odometry")
+KINDS = ("detector", "camera detector", "tracker", "fusion", "odometry", "driver")
 """The kinds of plug-in. A class may declare its kind by an attribute: `kind = "tracker"`."""
 ORACLE, FUSED = "oracle", "fused"
 TRUE_POSES, NO_POSES = "truth", "none"

@@ -19,6 +19,7 @@ import numpy as np
 from roadscope.core.category import Family
 from roadscope.core.checks import RecordError
 from roadscope.core.detections import Detections, ImageDetections
+from roadscope.core.driving import DrivingCommand, DrivingScene
 from roadscope.core.frame import Calibration, Frame
 from roadscope.core.fused import FusedDetections
 from roadscope.core.image import CameraImage
@@ -60,6 +61,8 @@ RECORDS: Mapping[str, type[Record]] = {
         Calibration,
         CameraImage,
         Detections,
+        DrivingCommand,
+        DrivingScene,
         Frame,
         FusedDetections,
         ImageDetections,

@@ -3,12 +3,22 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
-from roadscope.core import Detections, Frame, ImageDetections, Pose, Spec, Tracks, Truth
+from roadscope.core import (
+    Detections,
+    Frame,
+    ImageDetections,
+    Pose,
+    Registry,
+    Spec,
+    Tracks,
+    Truth,
+)
 from roadscope.core.loading import SpecError
 from roadscope.core.projection import Projection
 from roadscope.core.spec import FUSED, FUSED_PARTS, NO_POSES, TRUE_POSES
@@ -23,6 +33,34 @@ from roadscope.trackers import TRACKERS, is_offline
 
 PLUS = " + "
 """Stands between the detector and the tracker of a stack."""
+TRUTH, BLIND = "truth", "blind"
+"""Not perceived: all road users as they are, and none at all."""
+
+
+MakePlugin = Callable[[Registry[Any], Spec], Any]
+"""Makes a plug-in of a registry."""
+
+
+def in_this_process(registry: Registry[Any], spec: Spec) -> Any:
+    """Make a plug-in in this process; `SpecError` for a tracker that needs the whole episode."""
+    plugin = registry.make(spec)
+    if is_offline(type(plugin)):
+        raise SpecError(f"'{spec}' needs the whole episode, so nobody can drive with it")
+    return plugin
+
+
+def parts_of(text: str) -> tuple[Spec, Spec]:
+    """Return the specs of the detector and of the tracker of a stack, `SpecError` if it is none.
+
+    That of the tracker is resolved.
+    """
+    detector, plus, tracker = text.rpartition(PLUS)
+    if not plus:
+        raise SpecError(
+            f"'{text}' names no perception stack: expected 'DETECTOR{PLUS}TRACKER', such as "
+            f"'distance-l-shape{PLUS}existence'"
+        )
+    return Spec.parse(detector), TRACKERS.resolve(tracker)
 
 
 class Perception:
@@ -32,25 +70,19 @@ class Perception:
         `fused?lidar=A&camera=B&fusion=C`. The tracker may have `?ego=ODOMETRY` or `?ego=none`;
         otherwise it gets the true poses of the ego.
     rig: the sensors whose frames it gets.
+    make: makes a plug-in of a registry from its spec; None makes them in this process.
 
-    Plug-ins run in this process. Raises `SpecError` if the text names no stack.
+    Raises `SpecError` if the text names no stack.
     """
 
-    def __init__(self, text: str, rig: Rig) -> None:
-        detector, plus, tracker = text.rpartition(PLUS)
-        if not plus:
-            raise SpecError(
-                f"'{text}' names no perception stack: expected 'DETECTOR{PLUS}TRACKER', such as "
-                f"'distance-l-shape{PLUS}existence'"
-            )
-        spec = TRACKERS.resolve(tracker)
-        if is_offline(spec.factory):
-            raise SpecError(f"'{tracker}' needs the whole episode, so nobody can drive with it")
+    def __init__(self, text: str, rig: Rig, make: MakePlugin | None = None) -> None:
+        make = make or in_this_process
+        detector, tracker = parts_of(text)
         self.text = text
-        self._tracker = spec.plain.make()
-        self._ego = _EgoPoses(spec.ego, rig)
-        source = Spec.parse(detector)
-        self._source = _Fused(source, rig) if source.name == FUSED else _Lidar(detector)
+        self._tracker = make(TRACKERS, tracker.plain)
+        self._ego = _EgoPoses(tracker.ego, rig, make)
+        fused = detector.name == FUSED
+        self._source = _Fused(detector, rig, make) if fused else _Lidar(detector, make)
         self.reset()
 
     def reset(self) -> None:
@@ -59,6 +91,12 @@ class Perception:
         self._tracker.reset()
         self._ego.reset()
         self._tracks: Tracks | None = None
+
+    def used_sensors(self, rig: Rig) -> Rig:
+        """Return the sensors of a rig that the stack uses."""
+        if not isinstance(self._source, _Fused):
+            rig = replace(rig, camera=None)
+        return rig if self._ego.estimates else replace(rig, imu=None, wheels=None)
 
     def update(self, frames: Iterable[Frame], truths: Iterable[Truth], now_s: float) -> None:
         """Process the frames that sensors completed since the last call, up to `now_s`.
@@ -91,8 +129,8 @@ class Perception:
 class _Lidar:
     """Detections of a LiDAR detector."""
 
-    def __init__(self, text: str) -> None:
-        self._detector = DETECTORS.make(text)
+    def __init__(self, spec: Spec, make: MakePlugin) -> None:
+        self._detector = make(DETECTORS, spec)
 
     def reset(self) -> None:
         self._detector.reset()
@@ -117,16 +155,16 @@ class _Fused:
     A scan waits until no image that comes later can be nearest to it.
     """
 
-    def __init__(self, spec: Spec, rig: Rig) -> None:
+    def __init__(self, spec: Spec, rig: Rig, make: MakePlugin) -> None:
         if rig.camera is None:
             raise SpecError(f"'{spec}' needs a camera, which the rig '{rig.name}' does not have")
         missing = [key for key in FUSED_PARTS if key not in spec.parts]
         if missing:
             raise SpecError(f"'{spec}': expected {'=, '.join(missing)}= too")
         self._rig, self._camera = rig, rig.camera
-        self._detector = DETECTORS.make(spec.parts["lidar"])
-        self._image_detector = CAMERA_DETECTORS.make(spec.parts["camera"])
-        self._fusion = FUSIONS.make(spec.parts["fusion"])
+        self._detector = make(DETECTORS, spec.parts["lidar"])
+        self._image_detector = make(CAMERA_DETECTORS, spec.parts["camera"])
+        self._fusion = make(FUSIONS, spec.parts["fusion"])
 
     def reset(self) -> None:
         for each in (self._detector, self._image_detector, self._fusion):
@@ -163,18 +201,24 @@ class _Fused:
         gap_s = 0.0 if image is None else image.stamp_s - detections.stamp_s
         period_s = self._rig.lidar.spec.period_s
         projection = moved_projection(projection, frame.previous_from_ego, period_s, gap_s)
-        return self._fusion.fuse(detections, image, projection).detections()
+        fused: Detections = self._fusion.fuse(detections, image, projection).detections()
+        return fused
 
 
 class _EgoPoses:
     """The poses of the ego that a tracker gets."""
 
-    def __init__(self, spec: Spec | None, rig: Rig) -> None:
+    def __init__(self, spec: Spec | None, rig: Rig, make: MakePlugin) -> None:
         source = TRUE_POSES if spec is None else str(spec)
         self._posed, self._odometry = source != NO_POSES, None
         self._rig = rig
         if source not in (TRUE_POSES, NO_POSES):
-            self._odometry = ODOMETRIES.make(source)
+            self._odometry = make(ODOMETRIES, Spec.parse(source))
+
+    @property
+    def estimates(self) -> bool:
+        """Whether an odometry estimates the poses."""
+        return self._odometry is not None
 
     def reset(self) -> None:
         self._true: deque[tuple[float, Pose]] = deque(maxlen=64)

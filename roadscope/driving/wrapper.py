@@ -10,7 +10,7 @@ from gymnasium.utils import RecordConstructorArgs
 
 from roadscope.core import Tracks
 from roadscope.driving.belief import BelievedObservation, check_observation
-from roadscope.driving.perception import Perception
+from roadscope.driving.perception import BLIND, TRUTH, Perception
 from roadscope.envs.gym.highway import ScenarioEnv
 from roadscope.envs.gym.observer import rig_of
 from roadscope.envs.gym.sensor_wrapper import SensorWrapper
@@ -18,9 +18,6 @@ from roadscope.envs.imaging.light import Light
 from roadscope.envs.sensors.faults import Faults
 from roadscope.envs.sensors.rig import Rig
 from roadscope.envs.sensors.weather import Weather
-
-TRUTH, BLIND = "truth", "blind"
-"""Not perceived: highway-env's own observation, and a world without other vehicles."""
 
 
 class PerceptionWrapper(gym.Wrapper[np.ndarray, Any, Any, Any], RecordConstructorArgs):

@@ -11,6 +11,7 @@ from roadscope.benchmarks.isolation import Limits, PluginError, probing
 from roadscope.benchmarks.kinds import (
     CAMERA_DETECTOR,
     DETECTOR,
+    DRIVER,
     FUSION,
     KINDS,
     ODOMETRY,
@@ -40,6 +41,7 @@ MODULES: Mapping[str, str] = {
     TRACKER.name: "trackers",
     FUSION.name: "fusions",
     ODOMETRY.name: "odometries",
+    DRIVER.name: "drivers",
 }
 """The module of `roadscope.testing` that has the promises of each kind."""
 WARNING = re.compile(r"^.*:\d+: \w*Warning: .*\n(?:  .*\n?)?", re.MULTILINE)

@@ -18,6 +18,7 @@ from roadscope.benchmarks import (
 )
 from roadscope.benchmarks.boards import (
     CameraSettings,
+    DrivingSettings,
     FusionSettings,
     OdometrySettings,
     TrackingSettings,
@@ -163,6 +164,9 @@ lidar = ["pag"]
 camera = ["network"]
 [odometry]
 lengths_m = [10, 20, 10]
+[driving]
+entries = ["idm"]
+stacks = ["pag + gnn", "blind", "blind"]
 [eligibility]
 range_m = [1, 30]
 min_returns = 3
@@ -177,6 +181,7 @@ families = ["cyclist"]
             entries=("union",), lidar=("pag",), camera=("network",), every_s=0.4
         ),
         "odometry": OdometrySettings(lengths_m=(10.0, 20.0)),
+        "driving": DrivingSettings(entries=("idm",), stacks=("pag + gnn", "blind")),
     }
     assert suite.settings("tracking", TrackingSettings).egos == ("truth",)
     assert suite.eligibility == Eligibility((1.0, 30.0), 3, ("cyclist",))

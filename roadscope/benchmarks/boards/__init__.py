@@ -8,6 +8,7 @@ from roadscope._lazy import lazy_names
 from roadscope.benchmarks.boards.board import Board
 from roadscope.benchmarks.boards.camera import CameraBoard
 from roadscope.benchmarks.boards.detection import DetectionBoard
+from roadscope.benchmarks.boards.driving import DrivingBoard
 from roadscope.benchmarks.boards.fusion import FusionBoard
 from roadscope.benchmarks.boards.kitti_objects import KITTI_OBJECT_BOARDS
 from roadscope.benchmarks.boards.kitti_odometry import KITTI_ODOMETRY_BOARD
@@ -26,6 +27,7 @@ BOARDS: Mapping[str, Board] = {
         CameraBoard(),
         FusionBoard(),
         OdometryBoard(),
+        DrivingBoard(),
     )
 }
 """Boards of simulated traffic, by name: a new board needs a file and its line here."""
@@ -76,6 +78,7 @@ _PARTS = {
     "board": "Breakdown CONDITIONS Column JobOptions Scores call_cost episodes time_columns",
     "camera": "CameraSettings",
     "detection": "detection_parts detection_scores",
+    "driving": "DrivingSettings",
     "fusion": "FusionSettings",
     "odometry": "OdometrySettings",
     "tracking": "OFFLINE TrackingSettings track_node with_each_ego",

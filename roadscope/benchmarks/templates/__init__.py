@@ -41,6 +41,7 @@ TEMPLATES: Mapping[str, Template] = {
     "camera-detector": _plugin("camera_detector", "MyCameraDetector", "camera"),
     "odometry": _plugin("odometry", "MyOdometry", "odometry"),
     "fusion": _plugin("fusion", "MyFusion", "fusion"),
+    "driver": _plugin("driver", "MyDriver", "driving"),
 }
 
 

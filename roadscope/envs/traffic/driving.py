@@ -105,7 +105,7 @@ def decide(traffic: Traffic, plans: np.ndarray, slopes: np.ndarray, exponents: E
         body = traffic.bodies[slot]
         if body.kind == DRIVER and not body.crashed:
             follow_road(traffic, slot)
-            if body.lane_changes:
+            if body.lane_changes and not body.commanded:
                 _change_lane(traffic, occupants, slot, exponents)
             _plan(traffic, occupants, slot, plans[slot], slopes[slot])
         note_change(occupants, traffic, slot)
@@ -331,9 +331,10 @@ def control(
             body.turn_limit = min(STEERING_RATE_RAD_S, rate) * dt
             if not body.crashed:
                 sines[slot] = _sine_of_slip(body, pace, plans[slot], bends[slot], exponents)
-                body.acceleration = _allowed(
-                    traffic, body, pace, plans[slot], bends[slot], exponents
-                )
+                if not body.commanded:
+                    body.acceleration = _allowed(
+                        traffic, body, pace, plans[slot], bends[slot], exponents
+                    )
 
 
 @compiled(borrowing=True, forceinline=True)
@@ -396,6 +397,12 @@ def _speed_along(body: RoadBody, heading: float) -> float:
     """Return the speed of a body in a direction, at least 0, m/s."""
     along = body.speed * body.cos * cos(heading) + body.speed * body.sin * sin(heading)
     return max(along, 0.0)
+
+
+@compiled(borrowing=True)
+def speed_allowed(traffic: Traffic, slot: int) -> float:
+    """Return the speed that a driver's desired speed and the curves ahead allow, m/s."""
+    return float(min(traffic.bodies[slot].target_speed, _curve_speed(traffic, slot)))
 
 
 @compiled(borrowing=True, forceinline=True)

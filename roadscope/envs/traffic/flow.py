@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any
 
@@ -104,7 +105,7 @@ class Flow:
         if driver.lane_changes and driver.route is not None:
             raise ValueError("a driver with a route keeps its lane")
         lane = self.roads.lane_numbers[driver.lane_index]
-        first = self._first_leg(driver.route or [])
+        first, last = self.add_route(driver.route or [])
         return self._place(
             driver.lane_index,
             driver.along_m,
@@ -120,7 +121,7 @@ class Flow:
             comfort=driver.comfort_m_s2,
             timer=driver.timer_s,
             first_leg=first,
-            last_leg=first + len(driver.route or []),
+            last_leg=last,
         )
 
     def park(
@@ -166,12 +167,29 @@ class Flow:
             self._angles = _angles(bodies, self.roads.arrays.centres)
         return Traffic(bodies, self.roads.arrays, self._leg_array, self._angles)
 
-    def step(self, dt: float) -> None:
-        """Let all drivers decide, and move all bodies for `dt` seconds."""
+    def with_bodies(self, bodies: Bodies) -> Flow:
+        """Return other bodies on the same roads, with the same routes and instant."""
+        flow = Flow(self.roads)
+        flow._legs, flow._leg_array = dict(self._legs), self._leg_array
+        flow.now_s = self.now_s
+        flow._set_bodies(bodies)
+        return flow
+
+    def decide(self, dt: float) -> np.ndarray:
+        """Let all drivers choose lanes and accelerations for a step of `dt` seconds.
+
+        Returns (N,) of `PLAN`: what each of them steers and brakes for.
+        """
         traffic = self.traffic()
         decide(traffic, self._plans, self._slopes, EXPONENTS)
         bends = np.arctan(self._slopes) if self.roads.has_sine_lanes else self._slopes
         control(traffic, self._plans, bends, EXPONENTS, dt, self._sines)
+        return self._plans
+
+    def step(self, dt: float) -> None:
+        """Let all drivers decide, and move all bodies for `dt` seconds."""
+        self.decide(dt)
+        traffic = self.traffic()
         turn_wheels(self._bodies, np.arctan(2 * np.tan(np.arcsin(self._sines))))
         slips = np.arctan(1 / 2 * np.tan(self._bodies["steering"]))
         move(traffic, self.paths, slips, self._order, dt)
@@ -190,13 +208,13 @@ class Flow:
         x, y = lane.position(along_m, 0.0)
         return self.add(body, x=x, y=y, heading=lane.heading_at(along_m) + turned, **values)
 
-    def _first_leg(self, route: list[int]) -> int:
-        """Return where a route is among the legs of all routes."""
-        key = tuple(route)
+    def add_route(self, roads: Iterable[int]) -> tuple[int, int]:
+        """Return where a route, the numbers of its roads, begins and ends among all legs."""
+        key = tuple(roads)
         if key not in self._legs:
             self._legs[key] = len(self._leg_array)
-            self._leg_array = np.append(self._leg_array, np.array(route, np.int64))
-        return self._legs[key]
+            self._leg_array = np.append(self._leg_array, np.array(key, np.int64))
+        return self._legs[key], self._legs[key] + len(key)
 
     def _set_bodies(self, bodies: Bodies) -> None:
         count = len(bodies)

@@ -29,17 +29,22 @@ class FlowRecorder:
         """Record all bodies as they are."""
         self._snapshots.append(copied(self._flow.bodies))
 
-    def timeline(self, step_s: float, style: str) -> Timeline:
-        """Return the recording, with samples every `step_s` seconds."""
-        samples = joined(self._snapshots)
-        rows = np.repeat(np.arange(len(self._snapshots)), list(map(len, self._snapshots)))
+    def timeline(self, step_s: float, style: str, *, last: int | None = None) -> Timeline:
+        """Return the recording, with samples every `step_s` seconds.
+
+        last: how many samples to return, the last ones. Bodies then have their numbers on the road,
+            from 1 on, as ids, for the recording may still grow; None: all samples.
+        """
+        snapshots = self._snapshots if last is None else self._snapshots[-last:]
+        samples = joined(snapshots)
+        rows = np.repeat(np.arange(len(snapshots)), list(map(len, snapshots)))
         moving = samples["kind"] != OBSTACLE
         samples, rows = copied(samples, moving), rows[moving]
         # The ego is actor 0, the others are numbered as they appear.
         numbers, first = np.unique(np.append(self._ego, samples["number"]), return_index=True)
         order = np.argsort(first)
         ids = np.argsort(order)
-        shape = len(self._snapshots), len(ids)
+        shape = len(snapshots), len(ids)
         present, crashed, centres, states = tabulate(
             Samples(
                 rows=rows,
@@ -56,9 +61,13 @@ class FlowRecorder:
         places = [standing[name] for name in ("x", "y", "heading", "length", "width")]
         return timeline_of(
             RecordedMotion(
-                step_s * np.arange(len(self._snapshots)), present, crashed, centres, states
+                step_s * (np.arange(len(snapshots)) + len(self._snapshots) - len(snapshots)),
+                present,
+                crashed,
+                centres,
+                states,
             ),
-            np.arange(len(ids)),
+            np.arange(len(ids)) if last is None else np.append(0, numbers[order][1:] + 1),
             bodies,
             np.array([body.size.length_m / 2 for body in bodies]),
             road=self._flow.roads.map,

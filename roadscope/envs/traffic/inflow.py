@@ -119,13 +119,14 @@ def mark_arrived(traffic: Traffic, ego: int) -> bool:
     for slot in range(len(traffic.bodies)):
         body = traffic.bodies[slot]
         if body.kind == DRIVER and body.number != ego:
-            body.gone = _is_at_end(traffic, slot)
+            body.gone = is_at_end(traffic, slot)
             found |= body.gone
     return found
 
 
 @compiled(borrowing=True)
-def _is_at_end(traffic: Traffic, slot: int) -> bool:
+def is_at_end(traffic: Traffic, slot: int) -> bool:
+    """Return whether a driver is at the end of its route."""
     body, roads = traffic.bodies[slot], traffic.roads
     following = next_lane(roads, traffic.legs, body.first_leg, body.last_leg, body.target)
     if following >= 0:

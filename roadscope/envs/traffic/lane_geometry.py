@@ -172,6 +172,28 @@ def leg_after(roads: RoadArrays, legs: np.ndarray, first: int, last: int, lane: 
     return first + 1 if passed else first
 
 
+@compiled()
+def path_ahead(traffic: Traffic, slot: int, points: int, step: float) -> np.ndarray:
+    """Return (points, 2) of the centre line ahead of a driver, `step` metres from one to the next.
+
+    It begins beside the driver's centre and goes straight on at the end of the road.
+    """
+    body, roads = traffic.bodies[slot], traffic.roads
+    path = np.empty((points, 2))
+    lane, leg, along = body.target, body.first_leg, along_lane(traffic, body.target, slot)
+    for k in range(points):
+        while along > roads.lanes[lane].length:
+            leg = leg_after(roads, traffic.legs, leg, body.last_leg, lane)
+            following = next_lane(roads, traffic.legs, leg, body.last_leg, lane)
+            if following < 0:
+                break
+            along -= roads.lanes[lane].length
+            lane = following
+        path[k] = centre_line(roads.lanes[lane], along)
+        along += step
+    return path
+
+
 @compiled(borrowing=True)
 def follow_road(traffic: Traffic, slot: int) -> None:
     """Set the target of a driver to the next lane at the end of its lane, as highway-env does."""

@@ -183,6 +183,19 @@ def _meet(body: RoadBody, other: RoadBody, dt: float) -> None:
 
 
 @compiled()
+def touched(bodies: Bodies, slot: int) -> int:
+    """Return the slot of the first other body that a body touches, -1 for none; people count."""
+    body = bodies[slot]
+    for other in range(len(bodies)):
+        x, y = bodies[other].x - body.x, bodies[other].y - body.y
+        reach = (body.diagonal + bodies[other].diagonal) / 2
+        is_near = other != slot and x * x + y * y <= reach * reach
+        if is_near and _meeting(body, bodies[other], 0.0).now:
+            return other
+    return -1
+
+
+@compiled()
 def _meeting(body: RoadBody, other: RoadBody, dt: float) -> Meeting:
     """Return whether two outlines meet, by separating axes."""
     outlines = np.empty((2, 4, 2))

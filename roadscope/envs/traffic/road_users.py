@@ -24,11 +24,12 @@ class RoadBody(Protocol):
     gone: whether it has arrived and is to be removed.
 
     Drivers: lane and target: where they are and where they want to go, numbers of lanes, -1 for
-    people. target_speed: on a free road, m/s. time_gap, standstill_gap, comfort: parameters of IDM,
-    comfort in m/s^2. timer: since the last thought of a lane change. turn_limit: how far the wheels
-    can turn in a step. acceleration: chosen, m/s^2. hold: how far the front may still go until a
-    line to wait at, nan for no line. first_leg, last_leg: the roads of the route that are left,
-    rows of `Routes`. ticket: number of the request to cross, -1 before it. path: lane of a
+    people. commanded: whether somebody else sets target and acceleration, as `DrivenTraffic` does
+    for the ego. target_speed: on a free road, m/s. time_gap, standstill_gap, comfort: parameters of
+    IDM, comfort in m/s^2. timer: since the last thought of a lane change. turn_limit: how far the
+    wheels can turn in a step. acceleration: chosen, m/s^2. hold: how far the front may still go
+    until a line to wait at, nan for no line. first_leg, last_leg: the roads of the route that are
+    left, rows of `Routes`. ticket: number of the request to cross, -1 before it. path: lane of a
     crossing that is granted, -1 for none. requested: instant of the request.
 
     People: first_knot, last_knot: of their path, rows of `PATH`. along: on the path. pace: m/s.
@@ -57,6 +58,7 @@ class RoadBody(Protocol):
     lane: int
     target: int
     lane_changes: bool
+    commanded: bool
     target_speed: float
     time_gap: float
     standstill_gap: float

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import importlib
 import re
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from types import MappingProxyType
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -14,6 +15,9 @@ from roadscope.core import Category
 from roadscope.core.names import unknown
 from roadscope.envs.traffic.terrain import terrain_of
 from roadscope.envs.traffic.timeline import Timeline
+
+if TYPE_CHECKING:
+    from roadscope.envs.traffic.simulated import Stage
 
 LEAST_OBJECTS = 5
 NEAR_M = 60.0
@@ -42,6 +46,7 @@ class Scenario:
     scripted: whether all motion is written down; such scenarios are exempt from `accept`.
     unseen: whether vehicles have the shapes of `mix.UNSEEN`, on which no detector was trained.
     uneven: whether the ground has the terrain of that name in `terrain.TERRAINS`.
+    provoked: whether others act against the ego: they cut in ahead of it or step out.
     """
 
     name: str
@@ -52,6 +57,13 @@ class Scenario:
     scripted: bool = False
     unseen: bool = False
     uneven: bool = False
+    provoked: bool = False
+
+    def build(self) -> Callable[..., Any]:
+        """Return the builder."""
+        module, _, function = self.builder.partition(":")
+        build: Callable[..., Any] = getattr(importlib.import_module(module), function)
+        return build
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,6 +88,11 @@ def _simulated(
     function = name.removeprefix("unseen-").replace("-", "_")
     builder = f"{_PACKAGE}.simulated:{function}"
     return Scenario(name, description, style, builder, duration_s, unseen=unseen)
+
+
+def _provoked(name: str, style: str, description: str) -> Scenario:
+    """Return a simulated scenario in which others act against the ego."""
+    return replace(_simulated(name, style, description), provoked=True)
 
 
 def _uneven(name: str, traffic: str, style: str, description: str) -> Scenario:
@@ -124,6 +141,10 @@ _SCENARIOS = (
         "street", "town", "A street in town: people walk, wait, cross and ride beside the traffic."
     ),
     _simulated("town-crossing", "town", "A crossing in town with people on foot and on bicycles."),
+    _provoked(
+        "cutting-in", "motorway", "Drivers cut in closely ahead of the ego, again and again."
+    ),
+    _provoked("stepping-out", "town", "A street where people step out in front of the ego."),
     _simulated(
         "unseen-motorway",
         "motorway",
@@ -236,26 +257,43 @@ def record(name: str, seed: int, duration_s: float | None = None) -> Timeline:
     scenario = find(name)
     if duration_s is not None and not duration_s > 0:
         raise ScenarioError(f"a duration is a positive number of seconds, got {duration_s}")
-    module, _, function = scenario.builder.partition(":")
-    build = getattr(importlib.import_module(module), function)
     if scenario.scripted:
-        timeline: Timeline = build(scenario.name, seed, duration_s)
+        timeline: Timeline = scenario.build()(scenario.name, seed, duration_s)
         return timeline
     from roadscope.envs.traffic.mix import with_unseen_bodies
+
+    timeline = _accepted(scenario, seed, duration_s)[1]
+    if scenario.uneven:
+        ground = np.random.default_rng([_GROUND_SALT, seed])
+        return with_terrain(timeline, scenario.name, ground)
+    return with_unseen_bodies(timeline) if scenario.unseen else timeline
+
+
+def accepted_stage(name: str, seed: int, duration_s: float | None = None) -> Stage:
+    """Return the stage of a simulated scenario that `record` plays, not yet played."""
+    scenario = find(name)
+    draw = _accepted(scenario, seed, duration_s)[0]
+    stage: Stage = scenario.build()(np.random.default_rng(draw))
+    return stage
+
+
+def _accepted(
+    scenario: Scenario, seed: int, duration_s: float | None
+) -> tuple[np.random.SeedSequence, Timeline]:
+    """Return the first sub-seed whose traffic is accepted, and that traffic."""
     from roadscope.envs.traffic.simulated import play
 
-    ground = np.random.default_rng([_GROUND_SALT, seed])
+    build = scenario.build()
     for child in np.random.SeedSequence(seed).spawn(TRIES):
+        draw = child.spawn(1)[0]
         timeline = play(
-            build(np.random.default_rng(child.spawn(1)[0])),
+            build(np.random.default_rng(draw)),
             duration_s=duration_s or scenario.duration_s,
             style=scenario.style,
         )
         if accept(timeline).accepted:
-            if scenario.uneven:
-                return with_terrain(timeline, scenario.name, ground)
-            return with_unseen_bodies(timeline) if scenario.unseen else timeline
-    raise ScenarioError(f"'{name}' with seed {seed}: no traffic accepted in {TRIES} tries")
+            return draw, timeline
+    raise ScenarioError(f"'{scenario.name}' with seed {seed}: no traffic accepted in {TRIES} tries")
 
 
 def with_terrain(timeline: Timeline, name: str, rng: np.random.Generator) -> Timeline:

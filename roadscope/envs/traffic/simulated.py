@@ -6,7 +6,7 @@ Each scenario's function draws a `Stage` from a generator; `play` lets its traff
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from typing import Any
 
@@ -26,6 +26,7 @@ from roadscope.envs.traffic.flow_recorder import FlowRecorder
 from roadscope.envs.traffic.inflow import Inflow, Outflow
 from roadscope.envs.traffic.junction import Conflicts, Crossing, GiveWay, Hold
 from roadscope.envs.traffic.mix import EGO, draw_body
+from roadscope.envs.traffic.provoking import CutIns, StepOuts
 from roadscope.envs.traffic.roads import LaneIndex, Roads
 from roadscope.envs.traffic.timeline import Timeline
 from roadscope.envs.traffic.walkers import Kerb, People
@@ -41,12 +42,16 @@ class Stage:
     ego: its number.
     warm_up_s: simulated time before the recording begins.
     rules: called with the traffic before every step: inflow, removal, right of way.
+    right_of_way: the one of the rules that sets where drivers wait, if it depends only on what they
+        see of each other. A driven ego obeys it as it believes the others to be; other rules hold
+        it as a traffic light would.
     """
 
     flow: Flow
     ego: int
     warm_up_s: float = 0.0
     rules: tuple[Callable[[Flow], None], ...] = ()
+    right_of_way: Callable[[Flow], None] | None = None
 
 
 def play(stage: Stage, *, duration_s: float, style: str) -> Timeline:
@@ -112,6 +117,12 @@ def motorway(rng: np.random.Generator) -> Stage:
 def dense_motorway(rng: np.random.Generator) -> Stage:
     """Build four full lanes at about 12 m/s."""
     return straight(rng, MotorwayTraffic(16.0, headway_s=1.05, reach_m=150.0))
+
+
+def cutting_in(rng: np.random.Generator) -> Stage:
+    """Build a motorway at about 20 m/s, on which drivers cut in closely ahead of the ego."""
+    stage = straight(rng, MotorwayTraffic(25.0, headway_s=1.3, reach_m=220.0))
+    return replace(stage, rules=(*stage.rules, CutIns(rng, stage.ego)))
 
 
 def straight(rng: np.random.Generator, traffic: MotorwayTraffic) -> Stage:
@@ -248,7 +259,7 @@ def roundabout(rng: np.random.Generator) -> Stage:
     flow = Flow(roads)
     inflow = Inflow(rng, RING_SOURCES, _ring_exit, "tight", RING_SPEED, headway_s=3.5)
     ego = inflow.line_up_all(flow, Bounds(2.0, 10.0), EGO_RANK)
-    return Stage(flow, ego, warm_up_s=1.0, rules=(inflow, rule))
+    return Stage(flow, ego, warm_up_s=1.0, rules=(inflow, rule), right_of_way=rule)
 
 
 @cache
@@ -396,6 +407,29 @@ def street(rng: np.random.Generator) -> Stage:
     for kerb in [Kerb(flow, lane_index, width_m) for lane_index in lanes]:
         _populate(kerb, rng)
     return Stage(flow, ego, warm_up_s=1.0, rules=(inflow, People(STEP_S)))
+
+
+def stepping_out(rng: np.random.Generator) -> Stage:
+    """Build a street in which people step out in front of the ego without looking."""
+    roads = _two_way_roads(STREET_M)
+    flow = Flow(roads)
+    lanes = (EGO_DIRECTION, ONCOMING_DIRECTION)
+    inflow = Inflow(rng, lanes, lambda *_: None, "urban", STREET_SPEED, headway_s=7.0)
+    ego = inflow.ego = inflow.place(flow, EGO_DIRECTION, STREET_EGO_M, EGO)
+    for along_m in _positions(rng, 20.0, 400.0, STREET_SPACING_M):
+        inflow.place(flow, ONCOMING_DIRECTION, along_m, draw_body("urban", rng))
+    width_m = sum(float(roads.lane(lane).width_at(0.0)) for lane in lanes)
+    right, left = (Kerb(flow, lane_index, width_m) for lane_index in lanes)
+    _populate(left, rng)
+    people = []
+    along_m = STREET_EGO_M + float(rng.uniform(35.0, 50.0))
+    while along_m < right.length_m - 40.0:
+        people.append(right.wait(rng, along_m))
+        along_m += float(rng.uniform(30.0, 45.0))
+    for along_m in rng.uniform(STREET_EGO_M, right.length_m - 30.0, 5):
+        right.walk(rng, float(along_m), ends=Bounds(5.0, right.length_m - 5.0))
+    rules = (inflow, People(STEP_S), StepOuts(rng, ego, people))
+    return Stage(flow, ego, warm_up_s=1.0, rules=rules)
 
 
 def town_crossing(rng: np.random.Generator) -> Stage:

@@ -178,6 +178,23 @@ class Kerb:
                 patience_s=patience,
             )
 
+    def wait(self, rng: np.random.Generator, at_m: float) -> int:
+        """Add a person who stands at the kerb, ready to cross; return the number."""
+        over = self._width_m + 2 * KERB_M
+        points = np.array([self._beside(at_m, off) for off in (PAVEMENT_M, KERB_M - over - 0.5)])
+        kerb = PAVEMENT_M - KERB_M - 0.35
+        number = len(self._flow.users)
+        self._add(
+            points,
+            pedestrian(rng),
+            float(rng.uniform(*WALKING_SPEEDS_M_S)),
+            start_m=kerb,
+            kerb_m=kerb,
+            across_m=over,
+            patience_s=np.inf,
+        )
+        return number
+
     def add_cyclist(self, rng: np.random.Generator, at_m: float, *, end_m: float) -> None:
         """Add a cyclist who rides with the traffic at the edge of the lane."""
         stops = np.linspace(at_m, end_m, 20)

@@ -19,7 +19,7 @@ scenarios = ["motorway", "two-way"]
 split = "validation"
 seeds = 2
 duration_s = 4.0
-[driving]
+[following]
 entries = ["coast"]
 step_s = 0.5
 """
@@ -52,15 +52,15 @@ class Breaks:
         return 0.0
 
 class Wild:
-    kind = "driver"
+    kind = "follower"
 
     def reset(self): ...
 
     def drive(self, gap_m, speed_m_s):
         return 1e3
 """
-IMPORT = "from roadscope.benchmarks.boards.driving import DrivingBoard\n"
-LINE = "        DrivingBoard(),\n"
+IMPORT = "from roadscope.benchmarks.boards.following import FollowingBoard\n"
+LINE = "        FollowingBoard(),\n"
 LAST = "        OdometryBoard(),\n"
 
 
@@ -72,7 +72,7 @@ def home(tmp_path_factory: pytest.TempPathFactory) -> Path:
     skipped = shutil.ignore_patterns("__pycache__")
     shutil.copytree(Path(roadscope.__file__).parent, package, ignore=skipped)
     boards = package / "benchmarks/boards"
-    shutil.copy(Path(__file__).parent / "driving_board.py", boards / "driving.py")
+    shutil.copy(Path(__file__).parent / "following_board.py", boards / "following.py")
     registry = boards / "__init__.py"
     text = registry.read_text()
     assert text.count(LAST) == 1
@@ -98,7 +98,7 @@ def does(home: Path, *arguments: str, **variables: str) -> subprocess.CompletedP
 
 
 def ranks(home: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
-    given = ("driving", "--suite", "mine.toml", "--jobs", "1", "--out", "out", *arguments)
+    given = ("following", "--suite", "mine.toml", "--jobs", "1", "--out", "out", *arguments)
     return does(home, "leaderboard", *given)
 
 
@@ -138,8 +138,8 @@ def test_drivers_are_ranked_by_what_they_do_to_the_world(home: Path, first) -> N
 def test_the_printed_board_has_its_columns_breakdown_and_reasons(first) -> None:
     text = first.stdout
     assert "Drivers follow a car that brakes." in text
-    assert "driving board" in text
-    for word in ("driver", "least gap m", "mean gap m", "ms p50", "by scenario", "two-way"):
+    assert "following board" in text
+    for word in ("follower", "least gap m", "mean gap m", "ms p50", "by scenario", "two-way"):
         assert word in text, word
     assert "drivers.py:Breaks failed in every episode" in text
     assert "the wheel came off" in text
@@ -170,16 +170,18 @@ def test_drivers_run_isolated_once_a_step_and_only_when_they_must(home: Path, fi
 
 @pytest.mark.slow
 def test_its_table_of_a_suite_is_checked_with_all_others(home: Path) -> None:
-    wrong = SUITE.replace("step_s = 0.5", "step_s = -1\nstepp_s = 1\n[drivign]\n[tracking]\nego=''")
+    wrong = SUITE.replace(
+        "step_s = 0.5", "step_s = -1\nstepp_s = 1\n[follwoing]\n[tracking]\nego=''"
+    )
     (home / "wrong.toml").write_text(wrong)
-    refused = does(home, "leaderboard", "driving", "--suite", "wrong.toml")
+    refused = does(home, "leaderboard", "following", "--suite", "wrong.toml")
     assert refused.returncode != 0
-    for words in ("driving.step_s: ", "driving.stepp_s", "'drivign'", "tracking.ego: "):
+    for words in ("following.step_s: ", "following.stepp_s", "'follwoing'", "tracking.ego: "):
         assert words in refused.stderr, words
-    unknown = does(home, "leaderboard", "driving", "--suite", "mine.toml", "--entry", "coats")
-    assert "no driver 'coats' (did you mean 'coast'" in unknown.stderr
-    other = does(home, "leaderboard", "driving", "--suite", "mine.toml", "--entry", "nearest")
-    assert "'nearest' is a tracker; the boards of this run are for a driver" in other.stderr
+    unknown = does(home, "leaderboard", "following", "--suite", "mine.toml", "--entry", "coats")
+    assert "no follower 'coats' (did you mean 'coast'" in unknown.stderr
+    other = does(home, "leaderboard", "following", "--suite", "mine.toml", "--entry", "nearest")
+    assert "'nearest' is a tracker; the boards of this run are for a follower" in other.stderr
 
 
 @pytest.mark.slow
@@ -191,5 +193,5 @@ def test_the_command_line_knows_the_board(home: Path) -> None:
     assert completed.split() == ["coast"]
     whole = does(home, "leaderboard", "--suite", "mine.toml", "--entry", "drivers.py:Careful")
     assert whole.returncode == 0, whole.stderr
-    assert "driving board" in whole.stdout
+    assert "following board" in whole.stdout
     assert "answers" in does(home, "cache", "clear").stdout

@@ -1,4 +1,4 @@
-"""The driving board: drivers that hold their distance to a car ahead.
+"""The following board: drivers that hold their distance to a car ahead.
 
 This file is all of a board whose plug-ins act on the world: its kind of plug-in, its settings, its
 node and its scores. `test_sixth_board.py` puts it into a copy of the package, beside the other
@@ -56,7 +56,7 @@ class Coast:
         return 0.0
 
 
-DRIVER: Kind = Kind("driver", Registry[Any]("driver", {"coast": f"{__name__}:Coast"}), "drive")
+DRIVER: Kind = Kind("follower", Registry[Any]("follower", {"coast": f"{__name__}:Coast"}), "drive")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -105,18 +105,18 @@ class DriveNode(Node):
         return EpisodeDrive(np.array(gaps_m), replies.times)
 
 
-class DrivingSettings(BoardSettings, frozen=True, kw_only=True):
-    """The table `[driving]`; step_s: time from one call of a driver to the next."""
+class FollowingSettings(BoardSettings, frozen=True, kw_only=True):
+    """The table `[following]`; step_s: time from one call of a driver to the next."""
 
     step_s: Positive = 0.1
 
 
-class DrivingBoard(Board):
+class FollowingBoard(Board):
     """Ranks drivers by their least distance to the car ahead."""
 
-    name = "driving"
+    name = "following"
     kind = DRIVER
-    settings_type = DrivingSettings
+    settings_type = FollowingSettings
     headline = "least_gap"
     columns = (
         Column("least_gap", "least gap m", 1, "least gap: to the car ahead, negative in a crash."),
@@ -129,7 +129,7 @@ class DrivingBoard(Board):
 
     def jobs(self, suite: Suite, entries: Sequence[Spec], options: JobOptions) -> list[Job]:
         """Return every driver on all episodes."""
-        step_s = suite.settings(self.name, DrivingSettings).step_s
+        step_s = suite.settings(self.name, FollowingSettings).step_s
         return [
             Job(self, str(driver), episode, DriveNode(driver, episode, step_s))
             for episode in episodes(suite)

@@ -1,0 +1,118 @@
+"""A drive in a closed loop: sensors, perception and a driver among traffic that reacts."""
+
+from __future__ import annotations
+
+from roadscope.core import DrivingCommand, DrivingScene, Frame, Tracks, Truth
+from roadscope.driving.perception import BLIND, TRUTH, Perception
+from roadscope.envs.sensors.ego_motion import STATES_AHEAD
+from roadscope.envs.sensors.faults import Faults
+from roadscope.envs.sensors.rig import Rig
+from roadscope.envs.sensors.sensing import Sensing
+from roadscope.envs.traffic.driven import DrivenTraffic, Outlook
+from roadscope.envs.traffic.simulated import STEP_S
+
+STEPS = 2
+"""Steps of the simulation from one decision to the next."""
+DECISION_S = STEPS * STEP_S
+SUPPORTS = 3
+"""A smooth motion needs so many times `STATES_AHEAD` recorded states: its delay and the supports of
+its splines."""
+
+
+class ClosedLoop:
+    """A drive of the ego through a scenario, on what is perceived.
+
+    scenario: a simulated one of `SCENARIOS`. seed: of traffic, world and noise.
+    perception: a stack; `truth`: all road users as they are; `blind`: none.
+    rig, weather, light, faults: of the sensors, as in `SensorWrapper`.
+
+    Sensors measure between the steps, at their own rates. The driver gets the latest tracks, moved
+    on to the step at constant velocity. Of itself and of the road it knows the truth.
+    """
+
+    def __init__(
+        self,
+        scenario: str,
+        seed: int,
+        *,
+        perception: Perception | str,
+        rig: Rig,
+        duration_s: float,
+        weather: str = "clear",
+        light: str | None = None,
+        faults: Faults = (),
+    ) -> None:
+        self.traffic = DrivenTraffic(scenario, seed, duration_s)
+        self.duration_s = duration_s
+        self.frames: list[Frame] = []
+        self.truths: list[Truth] = []
+        self._perception = perception
+        self._sensing: Sensing | None = None
+        if isinstance(perception, Perception):
+            perception.reset()
+            used = perception.used_sensors(rig)
+            self._sensing = Sensing(used, seed, weather=weather, light=light, faults=faults)
+            self._memory_s = 2 * used.lidar.spec.period_s + used.memory_s
+            if used.inertial:
+                self._memory_s += SUPPORTS * STATES_AHEAD * STEP_S
+
+    @property
+    def over(self) -> bool:
+        """Whether the time is up, the road has ended, or the ego has collided."""
+        traffic = self.traffic
+        is_late = traffic.now_s >= self.duration_s - STEP_S / 2
+        return is_late or traffic.collided_with is not None or traffic.arrived
+
+    def tracks(self) -> Tracks:
+        """Return the road users as they are perceived now, frame `world`.
+
+        Call it once at every step. `frames` and `truths` are those that sensors completed since the
+        last call.
+        """
+        traffic = self.traffic
+        if not isinstance(self._perception, Perception):
+            if self._perception == TRUTH:
+                return traffic.true_tracks()
+            assert self._perception == BLIND
+            return Tracks.empty(traffic.now_s, "world")
+        assert self._sensing is not None
+        pairs = self._sensing.advance(traffic.timeline(self._memory_s), traffic.now_s)
+        self.frames, self.truths = [f for f, _ in pairs], [t for _, t in pairs]
+        self._perception.update(self.frames, self.truths, traffic.now_s)
+        return self._perception.tracks(traffic.now_s)
+
+    def believed_at(self, stamp_s: float) -> Tracks:
+        """Return the latest tracks of a stack, moved to a stamp."""
+        assert isinstance(self._perception, Perception)
+        return self._perception.tracks(stamp_s)
+
+    def scene(self, tracks: Tracks) -> DrivingScene:
+        """Return what the driver gets. tracks: of this step."""
+        return scene_of(self.traffic, tracks, self.traffic.outlook(tracks))
+
+    def step(self, command: DrivingCommand) -> None:
+        """Drive on for 0.1 s."""
+        for k in range(STEPS):
+            if not self.over:
+                self.traffic.step(command, is_new=k == 0)
+
+
+def scene_of(traffic: DrivenTraffic, tracks: Tracks, outlook: Outlook) -> DrivingScene:
+    """Return a scene. outlook: of these tracks."""
+    return DrivingScene(
+        stamp_s=traffic.now_s,
+        world_from_ego=traffic.world_from_ego,
+        speed_m_s=traffic.speed_m_s,
+        size=traffic.size,
+        tracks=tracks,
+        lanes=outlook.lanes,
+        lane=outlook.lane,
+        target_lane=outlook.target_lane,
+        desired_speed_m_s=traffic.desired_speed_m_s,
+        allowed_speed_m_s=outlook.allowed_speed_m_s,
+        gap_m=outlook.gap_m,
+        leader_speed_m_s=outlook.leader_speed_m_s,
+        line_m=outlook.line_m,
+        path=outlook.path,
+        model=outlook.model,
+    )
