@@ -9,7 +9,7 @@ import ast
 import sys
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import suppress
-from functools import cache
+from functools import cache, lru_cache
 from hashlib import sha256
 from importlib.metadata import packages_distributions, version
 from importlib.util import resolve_name
@@ -24,6 +24,8 @@ DATA_KINDS = (".toml", ".json", ".npz", ".safetensors")
 """Endings of data files that results depend on, beside the sources."""
 FORMAT = 3
 """Version of the index; increased when `Source` or what its digest covers changes."""
+REMEMBERED_SOURCES = 256
+"""Most files of plug-ins that are not parsed again in a process while their content is the same."""
 
 
 class Import(msgspec.Struct, frozen=True, array_like=True):
@@ -306,6 +308,7 @@ def source_hash(target: str) -> str:
     return digest.hexdigest()[:16]
 
 
+@lru_cache(REMEMBERED_SOURCES)
 def _digest_of_bytes(content: bytes) -> str:
     """Return the digest of a source: of its syntax tree, or of its bytes if it has none."""
     try:
@@ -330,22 +333,27 @@ def _source_files(file: Path) -> list[Path]:
         if source_file in files:
             continue
         files.add(source_file)
-        try:
-            tree = ast.parse(source_file.read_bytes())
-        except (SyntaxError, ValueError):
-            continue
-        for node in ast.walk(tree):
-            if isinstance(node, ast.Import):
-                names = [alias.name for alias in node.names]
-            elif isinstance(node, ast.ImportFrom):
-                names = [node.module] if node.module else [alias.name for alias in node.names]
-            else:
-                continue
-            for top in {name.partition(".")[0] for name in names}:
-                module = source_file.parent / f"{top}.py"
-                package_folder = source_file.parent / top
-                pending += [module] if module.is_file() else package_folder.rglob("*.py")
+        for top in _imported_beside(source_file.read_bytes()):
+            module = source_file.parent / f"{top}.py"
+            package_folder = source_file.parent / top
+            pending += [module] if module.is_file() else package_folder.rglob("*.py")
     return sorted(files)
+
+
+@lru_cache(REMEMBERED_SOURCES)
+def _imported_beside(content: bytes) -> frozenset[str]:
+    """Return the first parts of the names of all modules that a source imports, if it has any."""
+    try:
+        tree = ast.parse(content)
+    except (SyntaxError, ValueError):
+        return frozenset()
+    names: list[str] = []
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Import):
+            names += [alias.name for alias in node.names]
+        elif isinstance(node, ast.ImportFrom):
+            names += [node.module] if node.module else [alias.name for alias in node.names]
+    return frozenset(name.partition(".")[0] for name in names)
 
 
 def _distribution_version(module: str) -> str:
