@@ -31,7 +31,7 @@ LONGEST = tuple(
         "envs/traffic/test_scenarios",
         "research/test_shipped_traits",
         "research/test_zhang2017_calibration",
-        "torture/test_all_entries_one_worker",
+        "torture/test_all_entries",
     )
 )
 """Files with tests of minutes. They come first: nothing runs beside what a worker begins last."""

@@ -113,20 +113,31 @@ FAILING = (*ENDS, *HANGS, *RESOURCES, *FORGERIES, *WRONG, *WATCHERS)
 ACTS = (*FAILING, *HARMLESS, *TOLERATED)
 EVERYWHERE = (*WRONG, *HARMLESS, *TOLERATED)
 """What an answer must be, and what is scored, differs by board; how a plug-in ends does not."""
+ONE_OF_EACH_KIND = frozenset(
+    {
+        "segfault",
+        "hang_in_call",
+        "hog",
+        "forged_answer",
+        "nothing",
+        "kill_both",
+        "honest",
+        "tiny_sizes",
+    }
+)
 
 
 def pairs(acts: Iterable[Act], jobs: int) -> list[tuple[str, Act]]:
     """Return boards with their acts in a run with so many workers.
 
-    With one worker the acts of `EVERYWHERE` are done on all their boards. Any other act is done on
-    one board, and on another one with two workers, where answers that are wrong need
-    no second test. Honest plug-ins, the measure, are on all.
+    With two workers the acts of `EVERYWHERE` are done on all their boards, any other act on one.
+    With one worker, where the same code watches over plug-ins, one act of each kind is done.
     """
-    everywhere = EVERYWHERE if jobs == 1 else HARMLESS[:1]
     chosen = []
     for act in acts:
-        if jobs > 1 and act in WRONG:
-            continue
         one = act.boards[(ACTS.index(act) + jobs) % len(act.boards)]
-        chosen += [(board, act) for board in (act.boards if act in everywhere else [one])]
+        if jobs > 1:
+            chosen += [(board, act) for board in (act.boards if act in EVERYWHERE else [one])]
+        elif act.name in ONE_OF_EACH_KIND:
+            chosen.append((one, act))
     return chosen

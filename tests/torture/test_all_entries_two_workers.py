@@ -1,7 +1,0 @@
-"""All hostile acts, with two workers."""
-
-from tests.torture.entries import EntryTests
-
-
-class TestTwoWorkers(EntryTests):
-    jobs = 2
