@@ -31,12 +31,21 @@ def ranges(origins, ways):
     with np.errstate(divide="ignore", invalid="ignore"):
         ground = np.where(ways[:, 2] < 0, -origins[:, 2] / ways[:, 2], np.inf)
         centres, halves = street()
-        low = (centres - halves - origins[:, None]) / ways[:, None]
-        high = (centres + halves - origins[:, None]) / ways[:, None]
-        enter = np.minimum(low, high).max(axis=2)
-        leave = np.maximum(low, high).min(axis=2)
+        enter, leave = -np.inf, np.inf
+        for axis in range(3):
+            sides = np.stack([centres - halves, centres + halves])[:, :, axis, None]
+            low, high = (sides - origins[:, axis]) / ways[:, axis]
+            enter = np.maximum(enter, np.minimum(low, high))
+            leave = np.minimum(leave, np.maximum(low, high))
     hit = np.where((enter <= leave) & (enter > 0), enter, np.inf)
-    return np.minimum(ground, hit.min(axis=1))
+    return np.minimum(ground, hit.min(axis=0))
+
+
+def beams(azimuths, ring):
+    """(N, 3) directions of beams."""
+    flat = np.cos(ELEVATIONS[ring])
+    return np.column_stack([flat * np.cos(azimuths), flat * np.sin(azimuths),
+                            np.sin(ELEVATIONS[ring])])  # fmt: skip
 
 
 class Drive:
@@ -50,33 +59,36 @@ class Drive:
         self.twist = np.array([speed_m_s, 0, 0, 0, 0, yaw_rate_rad_s])
         self.noise_m, self.seed, self.ramp_s, self.columns = noise_m, seed, ramp_s, columns
 
+    def _driven_s(self, stamps_s):
+        """For how long it would have driven at full speed to be where it is at some stamps."""
+        if not self.ramp_s:
+            return stamps_s - 0.05
+        ramped = np.clip(stamps_s, 0, self.ramp_s)
+        return ramped**2 / self.ramp_s / 2 + np.maximum(stamps_s - self.ramp_s, 0)
+
     def pose(self, stamp_s):
         """`start_from_lidar` at a stamp; the first scan's is 0.05 s."""
-        if not self.ramp_s:
-            return exp_se3(self.twist * (stamp_s - 0.05))
-        t = np.clip(stamp_s, 0, self.ramp_s)
-        return exp_se3(self.twist * (t**2 / self.ramp_s / 2 + max(stamp_s - self.ramp_s, 0)))
+        return exp_se3(self.twist * self._driven_s(stamp_s))
 
     def scan(self, k):
         rng = np.random.default_rng([self.seed, k])
         stamp_s = 0.05 + PERIOD_S * k
         offsets = (np.arange(self.columns) + 0.5) / self.columns * PERIOD_S - PERIOD_S / 2
         azimuths = -np.linspace(-np.pi, np.pi, self.columns, endpoint=False)
-        poses = np.array([self.pose(stamp_s + t) for t in offsets])
-        column, ring = (a.ravel() for a in np.meshgrid(
-            np.arange(self.columns), np.arange(16), indexing="ij"))  # fmt: skip
-        flat = np.cos(ELEVATIONS[ring])
-        ways = np.column_stack([
-            flat * np.cos(azimuths[column]), flat * np.sin(azimuths[column]),
-            np.sin(ELEVATIONS[ring])])  # fmt: skip
-        origins = poses[column, :3, 3] + [0, 0, HEIGHT_M]
-        reach = ranges(origins, np.einsum("nij,nj->ni", poses[column, :3, :3], ways))
+        column, ring = np.divmod(np.arange(16 * self.columns), 16)
+        driven_s = self._driven_s(stamp_s + offsets)
+        yaws = self.twist[5] * driven_s
+        chords = self.twist[0] * driven_s * np.sinc(yaws / (2 * np.pi))
+        origins = np.column_stack([
+            chords * np.cos(yaws / 2), chords * np.sin(yaws / 2), np.full(self.columns, HEIGHT_M)
+        ])[column]  # fmt: skip
+        reach = ranges(origins, beams((azimuths + yaws)[column], ring))
         reach = reach + self.noise_m * rng.standard_normal(len(reach))
         seen = reach < 80
         n = int(seen.sum())
         return LidarScan(
-            (reach[seen, None] * ways[seen]).astype(np.float32), np.full(n, 0.5), ring[seen],
-            column[seen], offsets[column[seen]], stamp_s, "lidar",
+            (reach[seen, None] * beams(azimuths[column[seen]], ring[seen])).astype(np.float32),
+            np.full(n, 0.5), ring[seen], column[seen], offsets[column[seen]], stamp_s, "lidar",
         )  # fmt: skip
 
     def imu(self, k, bias=(0.0, 0.0, 0.0)):
