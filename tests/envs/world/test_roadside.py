@@ -4,6 +4,7 @@ import sys
 import warnings
 from functools import lru_cache
 from importlib import import_module
+from zlib import crc32
 
 import gymnasium as gym
 import highway_env  # noqa: F401
@@ -101,10 +102,14 @@ def _nearest_edge_m(things: Prisms, road: RoadMap) -> float:
 
 
 @lru_cache
-def _nearest_in_any_style_m(pickled: bytes) -> float:
-    """Likewise of what grows along a road; many names share one, which is looked at once."""
-    road = pickle.loads(pickled)
-    return min(_nearest_edge_m(_standing(road, s, seed), road) for seed, s in enumerate(GROWN))
+def _nearest_in_two_styles_m(pickled: bytes) -> float:
+    """Likewise of what grows along a road; many names share one, which is looked at once.
+
+    Each road has two of the styles: simple roads have them all.
+    """
+    road, first = pickle.loads(pickled), crc32(pickled)
+    seeds = [(first + k) % len(GROWN) for k in (0, 2)]
+    return min(_nearest_edge_m(_standing(road, GROWN[seed], seed), road) for seed in seeds)
 
 
 @pytest.mark.sampled(4)
@@ -118,13 +123,13 @@ def test_nothing_stands_on_a_lane_of_simple_roads(road, style):
 @pytest.mark.sampled(2)
 @pytest.mark.parametrize("name", IDS)
 def test_nothing_stands_on_a_lane_of_highway_env(name):
-    assert _nearest_in_any_style_m(pickle.dumps(_foreign(name))) > 0.1
+    assert _nearest_in_two_styles_m(pickle.dumps(_foreign(name))) > 0.1
 
 
 @pytest.mark.sampled(2)
 @pytest.mark.parametrize("name", SCENARIOS)
 def test_nothing_stands_on_a_lane_of_our_scenarios(name):
-    assert _nearest_in_any_style_m(pickle.dumps(_own(name))) > 0.1
+    assert _nearest_in_two_styles_m(pickle.dumps(_own(name))) > 0.1
 
 
 def test_the_reference_sees_a_thing_on_a_lane():
