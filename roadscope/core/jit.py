@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import hashlib
 import re
 import tempfile
@@ -59,7 +60,7 @@ def compiled(*, borrowing: bool = False, **options: Any) -> Callable[[F], F]:
             nonlocal called
             if called:
                 return entry()(*arguments, **named)
-            with _compiling_alone(function):
+            with _compiling_alone(function), _without_garbage_collection():
                 result = entry()(*arguments, **named)
             called = True
             return result
@@ -87,6 +88,18 @@ def _folder_of(function: Callable[..., Any]) -> Path | None:
     file = Path(function.__code__.co_filename)
     folder = _writable_folder(file.parent)
     return folder and folder / f"{file.stem}-{_digest(file)}"
+
+
+@contextmanager
+def _without_garbage_collection() -> Iterator[None]:
+    """Collect no garbage inside the block: compiling makes millions of objects that stay."""
+    enabled = gc.isenabled()
+    gc.disable()
+    try:
+        yield
+    finally:
+        if enabled:
+            gc.enable()
 
 
 @contextmanager
