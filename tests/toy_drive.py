@@ -86,9 +86,10 @@ class Drive:
         reach = reach + self.noise_m * rng.standard_normal(len(reach))
         seen = reach < 80
         n = int(seen.sum())
+        ring, column = ring[seen].astype(np.int16), column[seen].astype(np.int32)
         return LidarScan(
-            (reach[seen, None] * beams(azimuths[column[seen]], ring[seen])).astype(np.float32),
-            np.full(n, 0.5), ring[seen], column[seen], offsets[column[seen]], stamp_s, "lidar",
+            (reach[seen, None] * beams(azimuths[column], ring)).astype(np.float32),
+            np.full(n, 0.5), ring, column, offsets[column], stamp_s, "lidar",
         )  # fmt: skip
 
     def imu(self, k, bias=(0.0, 0.0, 0.0)):

@@ -38,7 +38,6 @@ FIRST_CAPACITY = 256
 """Arrays of pairs have this length at first. They are doubled when they are full."""
 
 
-@compiled()
 def box_overlaps(rectangles: np.ndarray, others: np.ndarray) -> np.ndarray:
     """Return (N, M) intersection over union of (N, 5) and (M, 5) rectangles.
 
@@ -46,6 +45,15 @@ def box_overlaps(rectangles: np.ndarray, others: np.ndarray) -> np.ndarray:
     cut by the four sides of the second (Sutherland and Hodgman 1974), in the frame of the second,
     where the sides are x = +-l/2 and y = +-w/2. The shoelace formula gives the area that is left.
     """
+    overlaps: np.ndarray = _box_overlaps(
+        np.ascontiguousarray(rectangles), np.ascontiguousarray(others)
+    )
+    return overlaps
+
+
+@compiled()
+def _box_overlaps(rectangles: np.ndarray, others: np.ndarray) -> np.ndarray:
+    """Return `box_overlaps` of arrays in C order."""
     overlaps = np.zeros((len(rectangles), len(others)))
     boxes, other_boxes = _boxes(rectangles), _boxes(others)
     for i in range(len(boxes)):

@@ -152,9 +152,7 @@ def test_fresh_computes_again_all_but_what_is_the_same_each_time(log: Path) -> N
     assert begun(log) == {"deep": 1, "shared": 2, "a": 2, "b": 2, "c": 2, "source": 2}
 
 
-@pytest.mark.sampled(2)
-@pytest.mark.parametrize("workers", [1, 2])
-@pytest.mark.parametrize("fresh", [False, True])
+@pytest.mark.parametrize(("workers", "fresh"), [(1, False), (2, True)])
 def test_answers_of_several_jobs_are_computed_once_in_a_run(
     log: Path, workers: int, fresh: bool
 ) -> None:

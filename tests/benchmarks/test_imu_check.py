@@ -75,9 +75,8 @@ def test_accelerations_are_compared(by_imu, by_scans, degrees) -> None:
     assert (f"accelerates {degrees} degrees away" in doubt) if degrees else not doubt
 
 
-@pytest.mark.parametrize("seed", [10000, 10001])
-def test_wrong_mountings_and_units_are_told_of_drives(seed) -> None:
-    episode = Episode("racetrack-loop", seed, "vlp16-imu", 10.0)
+def test_wrong_mountings_and_units_are_told_of_drives() -> None:
+    episode = Episode("racetrack-loop", 10000, "vlp16-imu", 10.0)
     steps = list(drive(episode))
     blocks = [step.imu for step in steps if step.imu is not None]
     names = "stamps_s", "angular_velocity", "specific_force"

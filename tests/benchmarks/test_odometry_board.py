@@ -36,7 +36,7 @@ duration_s = 2.5
 scenarios = ["cold-start", "standing-in-traffic"]
 faults = ["clear", "dropped-scans:2"]
 split = "validation"
-seeds = [10001, 10002]
+seeds = [10001]
 [odometry]
 entries = ["scan-to-scan", "dead-reckoning", "still"]
 lengths_m = [10, 20]

@@ -70,7 +70,7 @@ def run(folder: Path, *options: str):
     return json.loads(done.stdout), done.stderr
 
 
-@pytest.mark.parametrize("degrees", [30, 90, 180, -90])
+@pytest.mark.parametrize("degrees", [30, 180, -90])
 def test_scans_are_turned_to_where_they_drive_and_poses_are_the_lidars(tmp_path, degrees):
     folder = record(tmp_path, lidar_from_ahead(degrees))
     found, told = run(folder)

@@ -146,8 +146,7 @@ def box_overlaps_from_above(detections: Detections, truth: Truth) -> np.ndarray:
         np.column_stack([boxes.centres[:, :2], boxes.sizes[:, :2], boxes.yaws])
         for boxes in (detections, truth)
     ]
-    overlaps: np.ndarray = box_overlaps(*rectangles)
-    return overlaps
+    return box_overlaps(*rectangles)
 
 
 # --------------------------------------------------------------------------------------------------

@@ -54,8 +54,7 @@ def _overlaps_from_above(labels: KittiObjects, boxes: KittiObjects) -> np.ndarra
     from roadscope.core.box_overlap import box_overlaps
 
     rows = [boxes_3d(each)[:, [0, 1, 3, 4, 6]] for each in (labels, boxes)]
-    overlaps: np.ndarray = box_overlaps(*rows)
-    return overlaps
+    return box_overlaps(*rows)
 
 
 def _overlaps_in_space(labels: KittiObjects, boxes: KittiObjects) -> np.ndarray:

@@ -66,7 +66,7 @@ def density_labels(points: np.ndarray, radius: float, min_points: int) -> np.nda
     if not len(points):
         return np.empty(0, np.int64)
     order, cells = _sorted_cells(points, radius)
-    limit = radius * radius
+    limit = float(radius * radius)
     core = _core_points(cells, limit, min_points)
     roots = _joined_cells(cells, core, limit)
     first_rows = np.minimum.reduceat(np.where(core, order, len(points)), cells.starts[:-1])

@@ -95,8 +95,7 @@ def test_the_spec_of_a_wrapped_environment_remakes_the_wrapper() -> None:
     ("mode", "options"),
     [
         ("sync", {}),
-        ("async", {"context": "spawn", "shared_memory": True}),
-        ("async", {"context": "spawn", "shared_memory": False}),
+        ("async", {"context": "spawn"}),
     ],
 )
 def test_vectors_give_what_single_environments_give(mode: str, options: dict[str, Any]) -> None:
@@ -129,20 +128,16 @@ def test_same_seed_same_bytes_in_every_process() -> None:
         "print(*walk())"
     )
     root = Path(__file__).parents[3]
-    found = []
-    for hash_seed in ("0", "1"):
-        environment = {**os.environ, "PYTHONHASHSEED": hash_seed, "PYTHONPATH": str(root)}
-        result = subprocess.run(
-            [sys.executable, "-c", code],
-            env=environment,
-            cwd=root,
-            check=True,
-            capture_output=True,
-            text=True,
-            timeout=120,
-        )
-        found.append(result.stdout.split())
-    assert found[0] == found[1] == walk()
+    result = subprocess.run(
+        [sys.executable, "-c", code],
+        env={**os.environ, "PYTHONHASHSEED": "77", "PYTHONPATH": str(root)},
+        cwd=root,
+        check=True,
+        capture_output=True,
+        text=True,
+        timeout=120,
+    )
+    assert result.stdout.split() == walk()
 
 
 def walk() -> list[str]:

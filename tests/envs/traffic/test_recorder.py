@@ -39,7 +39,7 @@ def make(name):
 
 
 @pytest.mark.parametrize(
-    "name", ["highway-v0", "intersection-v1", "parking-parked-v0", "u-turn-v1"]
+    "name", ["highway-fast-v0", "intersection-v1", "parking-parked-v0", "u-turn-v1"]
 )
 @pytest.mark.filterwarnings("ignore:.*")
 def test_recording_changes_no_bit_of_the_traffic(name):
@@ -90,7 +90,10 @@ def test_time_is_counted_from_physics_steps():
 
 @pytest.mark.filterwarnings("ignore:.*")
 def test_copies_and_pickles_record_independently():
-    for name, kind in (("highway-v0", RecordedRoad), ("intersection-v0", RecordedRegulatedRoad)):
+    for name, kind in (
+        ("highway-fast-v0", RecordedRoad),
+        ("intersection-v0", RecordedRegulatedRoad),
+    ):
         env = make(name)
         recorder = TrafficRecorder()
         drive(env, 1, recorder)

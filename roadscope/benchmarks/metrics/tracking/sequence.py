@@ -229,8 +229,7 @@ def by_area(truth: Boxes, tracks: Boxes) -> np.ndarray:
         np.column_stack([boxes.centres[:, :2], boxes.sizes[:, :2], boxes.yaws])
         for boxes in (truth, tracks)
     )
-    overlaps: np.ndarray = box_overlaps(truth_boxes, track_boxes)
-    return overlaps
+    return box_overlaps(truth_boxes, track_boxes)
 
 
 def by_volume(truth: Boxes, tracks: Boxes) -> np.ndarray:
