@@ -7,6 +7,7 @@ from roadscope.driving.perception import BLIND, TRUTH, Perception
 from roadscope.envs.sensors.ego_motion import STATES_AHEAD
 from roadscope.envs.sensors.faults import Faults
 from roadscope.envs.sensors.rig import Rig
+from roadscope.envs.sensors.rigs import rig as rig_named
 from roadscope.envs.sensors.sensing import Sensing
 from roadscope.envs.traffic.driven import DrivenTraffic, Outlook
 from roadscope.envs.traffic.simulated import STEP_S
@@ -24,7 +25,7 @@ class ClosedLoop:
 
     scenario: a simulated one of `SCENARIOS`. seed: of traffic, world and noise.
     perception: a stack; `truth`: all road users as they are; `blind`: none.
-    rig, weather, light, faults: of the sensors, as in `SensorWrapper`.
+    rig: a rig or the name of one; that of the stack. weather, light, faults: as in `SensorWrapper`.
 
     Sensors measure between the steps, at their own rates. The driver gets the latest tracks, moved
     on to the step at constant velocity. Of itself and of the road it knows the truth.
@@ -36,7 +37,7 @@ class ClosedLoop:
         seed: int,
         *,
         perception: Perception | str,
-        rig: Rig,
+        rig: Rig | str,
         duration_s: float,
         weather: str = "clear",
         light: str | None = None,
@@ -50,7 +51,7 @@ class ClosedLoop:
         self._sensing: Sensing | None = None
         if isinstance(perception, Perception):
             perception.reset()
-            used = perception.used_sensors(rig)
+            used = perception.used_sensors(rig_named(rig) if isinstance(rig, str) else rig)
             self._sensing = Sensing(used, seed, weather=weather, light=light, faults=faults)
             self._memory_s = 2 * used.lidar.spec.period_s + used.memory_s
             if used.inertial:

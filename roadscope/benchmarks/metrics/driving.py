@@ -75,14 +75,11 @@ class Drive:
 def score_drive(drive: Drive) -> DrivingScores:
     """Return the scores of a drive."""
     stamps_s = drive.stamps_s
-    step_s = float(np.median(np.diff(stamps_s))) if len(stamps_s) > 1 else 0.1
-    driven_s = max(float(stamps_s[-1] - stamps_s[0]), step_s)
+    driven_s = max(float(stamps_s[-1] - stamps_s[0]), _step_s(drive))
     times_s = times_to_collision(drive)
     near = times_s < NEAR_MISS_S
     if drive.collided:
         near &= stamps_s < stamps_s[-1] - NEAR_MISS_S - SEPARATE_S
-    hard = drive.accelerations < -HARD_BRAKING_M_S2
-    reasons = _lasting(drive.due_accelerations < -REASON_M_S2, round(REACTION_S / step_s))
     shares = np.minimum(drive.speeds / max(drive.desired_speed_m_s, 0.1), 1.0)
     planned = drive.planned_s if drive.collided else driven_s
     least_s = float(times_s.min(initial=LONGEST_S))
@@ -99,8 +96,8 @@ def score_drive(drive: Drive) -> DrivingScores:
         collisions=_rate(int(drive.collided), driven_s),
         near_misses=_rate(_events(near, stamps_s), driven_s),
         least_ttc_s=Score(0.0 if drive.collided else least_s, "s", "higher", len(stamps_s)),
-        hard_braking=_rate(_events(hard, stamps_s), driven_s),
-        phantom_braking=_rate(_events(hard & ~reasons, stamps_s), driven_s),
+        hard_braking=_rate(_events(_brakes_hard(drive), stamps_s), driven_s),
+        phantom_braking=_rate(_events(phantom_braking(drive), stamps_s), driven_s),
         progress=Score(
             float(drive.speeds.mean()) / max(drive.desired_speed_m_s, 0.1),
             "1",
@@ -110,6 +107,25 @@ def score_drive(drive: Drive) -> DrivingScores:
         ),
         comfort_m_s2=rms(float((drive.accelerations**2).sum()), len(stamps_s), "m/s^2"),
     )
+
+
+def phantom_braking(drive: Drive) -> np.ndarray:
+    """Return (K,) bool: when the ego brakes hard without a reason."""
+    has_reason = drive.due_accelerations < -REASON_M_S2
+    lasting: np.ndarray = np.convolve(has_reason, np.ones(1 + round(REACTION_S / _step_s(drive))))
+    phantom: np.ndarray = _brakes_hard(drive) & (lasting[: len(has_reason)] == 0)
+    return phantom
+
+
+def _brakes_hard(drive: Drive) -> np.ndarray:
+    hard: np.ndarray = drive.accelerations < -HARD_BRAKING_M_S2
+    return hard
+
+
+def _step_s(drive: Drive) -> float:
+    """Return the time from one instant to the next."""
+    steps = np.diff(drive.stamps_s)
+    return float(np.median(steps)) if len(steps) else 0.1
 
 
 def times_to_collision(drive: Drive) -> np.ndarray:
@@ -157,12 +173,6 @@ def _events(happens: np.ndarray, stamps_s: np.ndarray) -> int:
     """Return the number of separate spells."""
     times_s = stamps_s[happens]
     return int(len(times_s) > 0) + int((np.diff(times_s) > SEPARATE_S).sum())
-
-
-def _lasting(flags: np.ndarray, samples: int) -> np.ndarray:
-    """Return flags that stay set for some samples."""
-    lasting: np.ndarray = np.convolve(flags, np.ones(samples + 1))[: len(flags)] > 0
-    return lasting
 
 
 def _rate(events: int, driven_s: float) -> Score:

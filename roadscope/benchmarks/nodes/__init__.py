@@ -4,6 +4,7 @@ from roadscope._lazy import lazy_names
 
 _PARTS = {
     "detections": "DetectionNode oracle_detections",
+    "drives": "DriveNode EpisodeDrive Stack",
     "fusions": "FusedDetectionNode FusionNode targets_of",
     "images": "ImageNode lit_share",
     "poses": "PoseNode start_from_ego",

@@ -13,11 +13,17 @@ from typing import Any, NamedTuple
 import msgspec
 import numpy as np
 
+from roadscope.benchmarks.boards.driving import drive_of
 from roadscope.benchmarks.cache import read_kept
 from roadscope.benchmarks.eligibility import Eligibility
 from roadscope.benchmarks.episode import Episode
 from roadscope.benchmarks.graph import Job
 from roadscope.benchmarks.metrics.detection import GATE_M
+from roadscope.benchmarks.metrics.driving import (
+    NEAR_MISS_S,
+    phantom_braking,
+    times_to_collision,
+)
 from roadscope.benchmarks.metrics.matching import match
 from roadscope.benchmarks.metrics.score import Score
 from roadscope.benchmarks.metrics.tracking.clear import switched
@@ -32,6 +38,7 @@ from roadscope.benchmarks.metrics.trajectory_errors import (
     aligned,
     relative_errors,
 )
+from roadscope.benchmarks.nodes.drives import EpisodeDrive
 from roadscope.benchmarks.nodes.tracks import TrackNode
 from roadscope.benchmarks.nodes.traffic import TrafficNode
 from roadscope.benchmarks.nodes.tuned import TunedNode
@@ -42,6 +49,7 @@ from roadscope.core import Category, Detections, RecordError, Tracks, Truth
 
 SWITCHES, MISSES, ALARMS = "identity switches", "misses", "false alarms"
 DRIFT, JUMP = "drift", "jump"
+COLLISION, NEAR_MISS, PHANTOM = "collision", "near miss", "phantom braking"
 AROUND_S, MOST_AROUND = 2.0, 30
 """A moment lasts so long before and after its event, with at most so many frames on either side;
 chosen by hand."""
@@ -138,6 +146,11 @@ KINDS: Mapping[type, Mapping[str, Severity]] = {
         DRIFT: lambda scores: scores["end"].value,
         JUMP: lambda scores: scores["rpe"].value,
     },
+    EpisodeDrive: {
+        COLLISION: lambda scores: scores["collided"].value,
+        NEAR_MISS: lambda scores: scores["near_misses"].value,
+        PHANTOM: lambda scores: scores["phantom_braking"].value,
+    },
 }
 """What can be wrong with answers, by their record."""
 
@@ -177,6 +190,9 @@ def _read(job: Job, kind: str) -> list[Moment]:
         answers = read_kept(job.answers.path, job.answers.record.load)
         if isinstance(answers, EpisodePoses):
             return _of_poses(job, kind, answers)
+        if isinstance(answers, EpisodeDrive):
+            assert isinstance(job.settings, Eligibility)
+            return _of_drive(job, kind, answers, job.settings)
         if not isinstance(job.settings, Eligibility):
             return []  # Recorded data are matched by rules of their own.
         inputs = answers
@@ -383,6 +399,85 @@ def _series(
         own = number if second < 0 else -1
         series.append(MovingBox(own, first, "".join(states), int(length), int(width), motion))
     return series
+
+
+# --------------------------------------------------------------------------------------------------
+# Drives.
+
+
+def _of_drive(job: Job, kind: str, answers: EpisodeDrive, rule: Eligibility) -> list[Moment]:
+    """Return one moment: what was true and what the driver believed around an event."""
+    drive = drive_of(answers, float(answers.stamps_s[-1]))
+    happens = {
+        COLLISION: lambda: np.arange(len(drive.speeds)) == len(drive.speeds) - 1,
+        NEAR_MISS: lambda: times_to_collision(drive) < NEAR_MISS_S,
+        PHANTOM: lambda: phantom_braking(drive),
+    }[kind]()
+    if not happens.any():
+        return []
+    event = int(np.argmax(happens))
+    near = np.flatnonzero(abs(answers.stamps_s - answers.stamps_s[event]) <= AROUND_S + 1e-9)
+    reach_m = rule.range_m[1] + MARGIN_M
+    objects, believed = [], []
+    for k in near.tolist():
+        present = np.flatnonzero(np.isfinite(answers.poses[k, :, 0]))[1:]
+        poses, tracks = answers.poses[k, present], answers.tracks[k]
+        gaps = np.linalg.norm(poses[:, None, :2] - tracks.centres[None, :, :2], axis=-1)
+        ids, sizes = answers.ids[present], answers.sizes[present, :2]
+        seen = np.where(gaps.min(axis=1, initial=np.inf) <= GATE_M, "m", "x")
+        true = np.where(gaps.min(axis=0, initial=np.inf) <= GATE_M, "m", "f")
+        objects.append(_Boxes(ids, poses[:, :2], sizes, poses[:, 2], seen))
+        believed.append(
+            _Boxes(tracks.ids, tracks.centres[:, :2], tracks.sizes[:, :2], tracks.yaws, true)
+        )
+    origin, egos = answers.poses[event, 0], answers.poses[near, 0]
+    moment = Moment(
+        **_named(job),
+        kind=kind,
+        text=_text_of_drive(answers, kind, event),
+        event=int(np.searchsorted(near, event)),
+        times_s=[round(float(t), 2) for t in answers.stamps_s[near]],
+        ego=_motion(_moved(egos, origin)),
+        focus=_focus(np.zeros((1, 2))),
+        objects=_series(objects, origin, egos, reach_m),
+        answers=_series(believed, origin, egos, reach_m),
+        lanes=_near_lanes(_lanes(job.episode), origin, egos, reach_m),
+    )
+    return [moment]
+
+
+def _text_of_drive(answers: EpisodeDrive, kind: str, event: int) -> str:
+    """Return what happens, and since when the driver knew of whom the ego collides with."""
+    speed = f"at {answers.speeds[event]:.1f} m/s"
+    if kind == PHANTOM:
+        due = answers.due_accelerations[event]
+        return (
+            f"brakes with {-answers.accelerations[event]:.1f} m/s2 {speed}; on the truth, a driver "
+            f"of the simulation would choose {due:.1f} m/s2"
+        )
+    if kind == NEAR_MISS:
+        return f"less than {NEAR_MISS_S:g} s from a collision {speed}"
+    if answers.collided_with <= 0:
+        return f"collides with an obstacle {speed}"
+    row = int(np.flatnonzero(answers.ids == answers.collided_with)[0])
+    name = Category(int(answers.categories[row])).name.lower()
+    known = [
+        len(tracks) > 0 and np.linalg.norm(tracks.centres[:, :2] - pose[:2], axis=1).min() <= GATE_M
+        for tracks, pose in zip(answers.tracks, answers.poses[:, row], strict=True)
+    ]
+    unknown = np.flatnonzero(~np.array(known))
+    since = int(unknown[-1]) + 1 if len(unknown) else 0
+    if since >= len(known):
+        tracked = "which is not tracked then"
+    else:
+        tracked = f"tracked for the last {answers.stamps_s[-1] - answers.stamps_s[since]:.1f} s"
+    sensed = ""
+    if answers.sensed:
+        truth = answers.sensed[-1]
+        rows = np.flatnonzero(truth.ids == answers.collided_with)
+        returns = int(truth.lidar_returns[rows].sum())
+        sensed = f", {returns} returns in the last scan"
+    return f"collides with {name} {answers.collided_with} {speed}, {tracked}{sensed}"
 
 
 # --------------------------------------------------------------------------------------------------

@@ -5,6 +5,7 @@ from roadscope._lazy import lazy_names
 _PARTS = {
     "conversion": "DRIVER_CONSTANTS ForeignEnvError LANE_STEP_M restore_driver_constants to_world",
     "course": "Bend Course SHARPEST_M winding",
+    "driven": "DrivenTraffic",
     "lu2018": "Event FRAME_S LEFT_EDGE SCRIPTS SENSOR_AHEAD_M Script play_script",
     "mix": "MIXES UNSEEN",
     "recorder": "RecordedRegulatedRoad RecordedRoad TrafficRecorder",

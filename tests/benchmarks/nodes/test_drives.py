@@ -1,0 +1,116 @@
+"""Drives: what is written down, and what a stranger's plug-in can do to it."""
+
+import io
+
+import numpy as np
+import pytest
+
+from roadscope import Episode, Spec
+from roadscope.benchmarks import RunOptions
+from roadscope.benchmarks.isolation import PluginError
+from roadscope.benchmarks.nodes import DriveNode, EpisodeDrive, Stack
+from roadscope.driving import DRIVERS
+
+EPISODE = Episode("two-way", 0, "vlp16", 2.0)
+PLUGINS = """
+import os
+import numpy as np
+from roadscope import Detections, DrivingCommand, Tracks
+
+class Stops:
+    kind = "driver"
+    def reset(self): ...
+    def drive(self, scene):
+        return DrivingCommand(-3.0, scene.lane)
+
+class Leaves(Stops):
+    def drive(self, scene):
+        os._exit(0)
+
+class Flies(Stops):
+    def drive(self, scene):
+        return DrivingCommand(0.0, 7)
+
+class Changes(Stops):
+    def drive(self, scene):
+        scene.tracks.centres[:] = 0.0
+        scene.path[:] = 0.0
+        return scene.model
+
+class Nothing:
+    kind = "detector"
+    def reset(self): ...
+    def detect(self, frame):
+        return Detections.empty(frame.stamp_s)
+
+class Dies(Nothing):
+    def detect(self, frame):
+        os.abort()
+
+class Late(Nothing):
+    def detect(self, frame):
+        return Detections.empty(frame.stamp_s + 1.0)
+"""
+
+
+@pytest.fixture(scope="module")
+def plugins(tmp_path_factory):
+    file = tmp_path_factory.mktemp("plugins") / "mine.py"
+    file.write_text(PLUGINS)
+    return file
+
+
+def drive(driver, stack, episode=EPISODE):
+    spec = DRIVERS.resolve(Spec.parse(str(driver)))
+    return DriveNode(spec, Stack(stack), episode).compute(RunOptions())
+
+
+def test_a_drive_is_kept_whole_and_the_same_twice() -> None:
+    first = drive("idm", "distance + gnn")
+    again = drive("idm", "distance + gnn")
+    for name in ("stamps_s", "speeds", "accelerations", "poses", "due_accelerations"):
+        assert np.array_equal(getattr(first, name), getattr(again, name), equal_nan=True), name
+    assert first.believed == again.believed
+    assert len(first.stamps_s) == 20
+    assert len(first.sensed) == len(first.believed) == len(first.perception_times.wall_ms) >= 18
+    assert sum(map(len, first.believed)) > 0
+    file = io.BytesIO()
+    first.save(file)
+    file.seek(0)
+    assert EpisodeDrive.load(file).tracks == first.tracks
+
+
+def test_truth_and_blind_need_no_sensors() -> None:
+    truth, blind = drive("idm", "truth"), drive("idm", "blind")
+    assert truth.sensed == blind.sensed == ()
+    assert not any(map(len, blind.tracks))
+    present = np.isfinite(truth.poses[0, 1:, 0]).sum()
+    assert len(truth.tracks[0]) == present
+
+
+def test_a_strangers_driver_acts_on_the_world(plugins) -> None:
+    stopped = drive(f"{plugins}:Stops", "blind")
+    assert stopped.speeds[-1] == pytest.approx(max(stopped.speeds[0] - 3.0 * 1.9, 0.0), abs=0.4)
+    changed, model = drive(f"{plugins}:Changes", "truth"), drive("idm-mobil", "truth")
+    assert np.array_equal(changed.poses, model.poses, equal_nan=True)
+    assert changed.tracks == model.tracks
+
+
+@pytest.mark.parametrize(
+    ("driver", "stack", "reason"),
+    [
+        ("{}:Leaves", "blind", "exit"),
+        ("{}:Flies", "blind", "target_lane 7"),
+        ("idm", "{}:Dies + gnn", "Dies"),
+        ("idm", "{}:Late + gnn", "stamped"),
+    ],
+)
+def test_what_a_stranger_does_wrong_fails_its_own_drive(plugins, driver, stack, reason) -> None:
+    with pytest.raises(PluginError, match=reason):
+        drive(driver.format(plugins), stack.format(plugins))
+
+
+def test_a_strangers_detector_is_called_and_timed(plugins) -> None:
+    nothing = drive("idm", f"{plugins}:Nothing + gnn")
+    assert not any(map(len, nothing.believed))
+    assert (nothing.perception_times.wall_ms > 0).all()
