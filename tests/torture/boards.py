@@ -152,7 +152,7 @@ def without_times(scores: Mapping[str, Any]) -> dict[str, str]:
 
 
 def workshop(folder: Path, timelines: Path | None = None, suite: str = SUITE) -> Workshop:
-    """Make the folders of a run; timelines: a cache whose traffic is taken."""
+    """Make the folders of a run; timelines: a cache whose traffic and parsed sources are taken."""
     made = Workshop(folder)
     for place in (made.cache, made.out):
         place.mkdir(parents=True)
@@ -160,7 +160,8 @@ def workshop(folder: Path, timelines: Path | None = None, suite: str = SUITE) ->
     made.suite.write_text(suite)
     shutil.copy(Path(__file__).with_name("hostile.py"), made.plugins)
     if timelines is not None:
-        shutil.copytree(timelines / "timelines", made.cache / "timelines")
+        for kept in ("timelines", "sources"):
+            shutil.copytree(timelines / kept, made.cache / kept)
     return made
 
 

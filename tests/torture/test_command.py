@@ -44,24 +44,42 @@ def test_the_board_is_shown_and_the_status_is_1(new_workshop: Made) -> None:
 
 
 def test_without_failures_the_status_is_0(new_workshop: Made) -> None:
+    """Infinity is an argument like any other."""
     place = new_workshop(suite=ONE_EPISODE)
-    entry = place.spec("tracking", "honest")
-    done = place.command("tracking", "--jobs", "1", "--json", "--entry", entry)
+    path = place.folder / "mine.py"
+    path.write_text(
+        "from roadscope.trackers import NearestTracker\n\n\n"
+        "class Mine(NearestTracker):\n    def __init__(self, *, far):\n"
+        "        super().__init__()\n        assert far == (float('inf'), -float('inf'))[far < 0]\n"
+    )
+    entries = [f"{path}:Mine?far={text}" for text in ("1e999", "-1e999")]
+    words = [word for entry in entries for word in ("--entry", entry)]
+    done = place.command("tracking", "--jobs", "1", "--json", *words)
     assert done.returncode == 0
-    assert entry in {row["entry"] for row in json.loads(done.stdout)["rows"]}
+    assert set(entries) <= {row["entry"] for row in json.loads(done.stdout)["rows"]}
 
 
-def test_names_are_harmless_wherever_they_are_shown(
+def test_what_strangers_write_is_harmless_wherever_it_is_shown(
     new_workshop: Made, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    place = new_workshop(suite=ONE_EPISODE)
+    """Rich would take square brackets for its markup; a terminal obeys escape sequences."""
+    summary = "[/nothing] [bold]\\u001b[31m"
+    place = new_workshop(suite=ONE_EPISODE.replace("\n", f'\nsummary = "{summary}"\n', 1))
     (place.folder / NASTY).write_bytes(place.plugins.read_bytes())
+    (place.folder / "mine.py").write_text(
+        "class Mine:\n    kind = 'tracker'\n    def update(self, *_): pass\n    def reset(self):\n"
+        "        raise RuntimeError('weights is not installed: pip install x')\n"
+    )
     monkeypatch.chdir(place.folder)
     entries = [f"{NASTY}:Tracker?act={act}" for act in ("honest", "base_exception")]
-    words = [word for entry in entries for word in ("--entry", entry)]
-    done = place.command("tracking", "--jobs", "1", "--out", str(place.out), *words)
+    words = [word for entry in (*entries, "mine.py:Mine") for word in ("--entry", entry)]
+    out = str(place.out)
+    done = place.command("tracking", "--jobs", "1", "--width", "200", "--out", out, *words)
     assert done.returncode == 1
     assert "cmd" in done.stdout
+    assert "[/nothing] [bold]?[31m" in done.stdout
+    assert "mine.py:Mine failed" in done.stdout
+    assert "(not installed)" not in done.stdout
     for text in (done.stdout, done.stderr):
         assert all(line.isprintable() for line in text.splitlines())
     check_csv(place.out / "leaderboard.csv")
@@ -102,27 +120,6 @@ def check_latex(path: Path) -> None:
         assert not re.search(r"(?<!\\)[%_#]", line)
 
 
-def test_text_of_strangers_is_shown_as_it_is(new_workshop: Made, tmp_path: Path) -> None:
-    """Rich would take square brackets for its markup; a terminal obeys escape sequences."""
-    summary = "[/nothing] [bold]\\u001b[31m"
-    place = new_workshop(suite=ONE_EPISODE.replace("\n", f'\nsummary = "{summary}"\n', 1))
-    done = place.command("tracking", "--jobs", "1", "--width", "200")
-    assert done.returncode == 0
-    assert "[/nothing] [bold]?[31m" in done.stdout
-
-
-def test_only_what_is_not_installed_is_called_so(new_workshop: Made) -> None:
-    place = new_workshop(suite=ONE_EPISODE)
-    path = place.folder / "mine.py"
-    path.write_text(
-        "class Mine:\n    kind = 'tracker'\n    def update(self, *_): pass\n    def reset(self):\n"
-        "        raise RuntimeError('weights is not installed: pip install x')\n"
-    )
-    done = place.command("tracking", "--jobs", "1", "--entry", f"{path}:Mine")
-    assert done.returncode == 1
-    assert "(not installed)" not in done.stdout
-
-
 def test_a_named_entry_that_is_not_installed_gives_status_1(new_workshop: Made) -> None:
     absent = next((name for name in PEERS if TRACKERS.missing(name)), None)
     if absent is None:
@@ -131,19 +128,6 @@ def test_a_named_entry_that_is_not_installed_gives_status_1(new_workshop: Made) 
     done = place.command("tracking", "--jobs", "1", "--entry", absent)
     assert done.returncode == 1
     assert f"{absent} is left out" in done.stdout
-
-
-def test_infinity_is_an_argument(new_workshop: Made) -> None:
-    place = new_workshop(suite=ONE_EPISODE)
-    path = place.folder / "mine.py"
-    path.write_text(
-        "from roadscope.trackers import NearestTracker\n\n\n"
-        "class Mine(NearestTracker):\n    def __init__(self, *, far):\n"
-        "        super().__init__()\n        assert far == (float('inf'), -float('inf'))[far < 0]\n"
-    )
-    entries = [f"{path}:Mine?far={text}" for text in ("1e999", "-1e999")]
-    words = [word for entry in entries for word in ("--entry", entry)]
-    assert place.command("tracking", "--jobs", "1", *words).returncode == 0
 
 
 def test_only_trackers_get_poses(new_workshop: Made) -> None:
