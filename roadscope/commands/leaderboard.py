@@ -305,6 +305,7 @@ class _BoardPrinter:
             explanation,
             failure_lines,
             footnote,
+            prediction_lines,
         )
 
         results, screen = self.results, self.screen
@@ -319,7 +320,11 @@ class _BoardPrinter:
             for line in failure_lines(results, name):
                 # Each failure is one line, however long, so that it can be searched for.
                 screen.print(line, soft_wrap=True)
-            lines = [comparison(results, name), *agreement_lines(results, name)]
+            lines = [
+                comparison(results, name),
+                *agreement_lines(results, name),
+                *prediction_lines(results, name),
+            ]
             lines.append(board.remark(results.manifest.get("calibration", "")))
             if results.nothing_eligible(name):
                 lines.insert(0, "No object in any episode is eligible: nothing is scored.")

@@ -131,6 +131,10 @@ class Board(ABC):
     """Whether its plug-ins get the calibration of a run."""
     compared_with: str = ""
     """For recorded data: the board of simulated traffic that its ranks are compared with."""
+    predictors: Sequence[str] = ()
+    """Metrics of what entries get, which may predict how well they do."""
+    predicted: Sequence[str] = ()
+    """Metrics of how well entries do, which `predictors` may predict."""
     default_suite: str = "quick"
     """The suite of a run without `--suite`."""
     sample: str = "seeds"

@@ -108,6 +108,8 @@ class DrivingBoard(Board):
     detections_field = "stacks"
     inputs_name = BY_STACK
     marks_note = f"'on {TRUTH}': with all road users as they are; 'on {BLIND}': with none."
+    predictors = ("recall", "precision", "hota", "velocity_rmse_m_s")
+    predicted = ("reward", "collided", "phantom_braking")
     default_suite = "driving"
 
     def suite_checks(self, suite: Suite) -> list[SuiteCheck]:

@@ -9,7 +9,8 @@ _PARTS = {
     "export": "latex_text save_all to_csv to_latex to_markdown",
     "moments": "Moment worst_moments",
     "page": "MOST_BYTES PAGE Run read_runs save_moments save_page",
-    "tables": "agreement_lines board_table comparison explanation failure_lines footnote",
+    "tables": "agreement_lines board_table comparison explanation failure_lines footnote "
+    "prediction_lines",
     "track_files": "folder_names save_tracks",
 }
 """Names by the file that defines them, loaded when first used: the face of this folder."""

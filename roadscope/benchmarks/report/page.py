@@ -29,6 +29,7 @@ from roadscope.benchmarks.report.tables import (
     failure_of,
     figure,
     measured_columns,
+    prediction_lines,
     reason_alone,
     remarks_of,
 )
@@ -223,7 +224,14 @@ def _boards(run: Run) -> Iterator[dict[str, Any]]:
             "headline": board.headline,
             "sample": board.sample,
             "remark": " ".join(
-                filter(None, [comparison(results, name), board.remark(_calibration(results))])
+                filter(
+                    None,
+                    [
+                        comparison(results, name),
+                        board.remark(_calibration(results)),
+                        *prediction_lines(results, name),
+                    ],
+                )
             ),
             "columns": [_column(results, board, each) for each in columns],
             "entries": [

@@ -17,6 +17,7 @@ from roadscope.benchmarks.boards.recorded import KITTI_BOARDS
 from roadscope.benchmarks.boards.tracking import OFFLINE
 from roadscope.benchmarks.results import Results, Row, Standing
 from roadscope.benchmarks.results.agreement import LEAST
+from roadscope.benchmarks.results.prediction import predictions
 from roadscope.benchmarks.suite import Suite
 from roadscope.benchmarks.tables import plain_table
 from roadscope.core.spec import ORACLE
@@ -172,6 +173,26 @@ def agreement_lines(results: Results, name: str) -> list[str]:
     ranked = [s for s in results.standings if s.board == name and s.rank is not None]
     comparable = board_named(name) in KITTI_BOARDS and len(ranked) >= LEAST
     return lines or [NO_COMPARISON] * comparable
+
+
+def prediction_lines(results: Results, name: str) -> list[str]:
+    """Return which metrics of what entries get predict how well they do, a line for each of these.
+
+    With one seed there are no intervals.
+    """
+    headings = {column.metric: column.heading for column in board_named(name).columns}
+    by_predicted: dict[str, list[str]] = {}
+    count = 0
+    for each in predictions(results.jobs, name):
+        interval = (each.low, each.high) if math.isfinite(each.low) else None
+        figure_text = f"{headings[each.metric]} {each.rho:.2f}{_in_brackets(interval)}"
+        by_predicted.setdefault(headings[each.predicted], []).append(figure_text)
+        count = each.inputs
+    return [
+        f"What predicts {heading}, over {count} {board_named(name).inputs_name}s (Spearman, 1: the "
+        f"same order): {', '.join(figures)}."
+        for heading, figures in by_predicted.items()
+    ]
 
 
 def _in_brackets(interval: tuple[float, float] | None) -> str:

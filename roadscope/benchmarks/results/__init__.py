@@ -10,6 +10,7 @@ __all__ = ["JobScores", "Results", "Row", "Standing", "gather", "results_of"]
 
 _PARTS = {
     "agreement": "BoardAgreement spearman",
+    "prediction": "Prediction predictions",
     "results": "BreakdownError Failure check_breakdown",
     "rows": "EntryResult part_rows whole_rows",
     "standing": "standings",
