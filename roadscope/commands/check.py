@@ -24,7 +24,8 @@ Kind = Annotated[
     typer.Option(
         "--kind",
         metavar="KIND",
-        help="If its class does not say: tracker, detector, 'camera detector', fusion, odometry",
+        help="If its class does not say: tracker, detector, 'camera detector', fusion, odometry, "
+        "driver",
         autocompletion=plugin_kinds,
     ),
 ]

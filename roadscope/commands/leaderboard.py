@@ -73,7 +73,8 @@ Detections = Annotated[
     list[str] | None,
     typer.Option(
         metavar="SPEC",
-        help="Detector whose detections trackers get; repeatable",
+        help="Detector whose detections trackers get, or stack (DETECTOR + TRACKER) of drivers; "
+        "repeatable",
         autocompletion=completion.detectors,
         rich_help_panel=CHOICE,
     ),

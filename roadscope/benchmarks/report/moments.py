@@ -21,6 +21,7 @@ from roadscope.benchmarks.graph import Job
 from roadscope.benchmarks.metrics.detection import GATE_M
 from roadscope.benchmarks.metrics.driving import (
     NEAR_MISS_S,
+    Drive,
     phantom_braking,
     times_to_collision,
 )
@@ -407,12 +408,8 @@ def _series(
 
 def _of_drive(job: Job, kind: str, answers: EpisodeDrive, rule: Eligibility) -> list[Moment]:
     """Return one moment: what was true and what the driver believed around an event."""
-    drive = drive_of(answers, float(answers.stamps_s[-1]))
-    happens = {
-        COLLISION: lambda: np.arange(len(drive.speeds)) == len(drive.speeds) - 1,
-        NEAR_MISS: lambda: times_to_collision(drive) < NEAR_MISS_S,
-        PHANTOM: lambda: phantom_braking(drive),
-    }[kind]()
+    assert isinstance(job.episode, Episode)
+    happens = _happens(drive_of(answers, float(answers.stamps_s[-1])), kind)
     if not happens.any():
         return []
     event = int(np.argmax(happens))
@@ -444,6 +441,17 @@ def _of_drive(job: Job, kind: str, answers: EpisodeDrive, rule: Eligibility) -> 
         lanes=_near_lanes(_lanes(job.episode), origin, egos, reach_m),
     )
     return [moment]
+
+
+def _happens(drive: Drive, kind: str) -> np.ndarray:
+    """Return (K,) bool: at which instants of a drive something goes wrong."""
+    if kind == PHANTOM:
+        return phantom_braking(drive)
+    if kind == NEAR_MISS:
+        near: np.ndarray = times_to_collision(drive) < NEAR_MISS_S
+        return near
+    last: np.ndarray = np.arange(len(drive.speeds)) == len(drive.speeds) - 1
+    return last & drive.collided
 
 
 def _text_of_drive(answers: EpisodeDrive, kind: str, event: int) -> str:
