@@ -77,9 +77,6 @@ def score_drive(drive: Drive) -> DrivingScores:
     stamps_s = drive.stamps_s
     driven_s = max(float(stamps_s[-1] - stamps_s[0]), _step_s(drive))
     times_s = times_to_collision(drive)
-    near = times_s < NEAR_MISS_S
-    if drive.collided:
-        near &= stamps_s < stamps_s[-1] - NEAR_MISS_S - SEPARATE_S
     shares = np.minimum(drive.speeds / max(drive.desired_speed_m_s, 0.1), 1.0)
     planned = drive.planned_s if drive.collided else driven_s
     least_s = float(times_s.min(initial=LONGEST_S))
@@ -94,7 +91,7 @@ def score_drive(drive: Drive) -> DrivingScores:
         ),
         collided=ratio(int(drive.collided), 1, "lower"),
         collisions=_rate(int(drive.collided), driven_s),
-        near_misses=_rate(_events(near, stamps_s), driven_s),
+        near_misses=_rate(_events(near_misses(drive, times_s), stamps_s), driven_s),
         least_ttc_s=Score(0.0 if drive.collided else least_s, "s", "higher", len(stamps_s)),
         hard_braking=_rate(_events(_brakes_hard(drive), stamps_s), driven_s),
         phantom_braking=_rate(_events(phantom_braking(drive), stamps_s), driven_s),
@@ -107,6 +104,17 @@ def score_drive(drive: Drive) -> DrivingScores:
         ),
         comfort_m_s2=rms(float((drive.accelerations**2).sum()), len(stamps_s), "m/s^2"),
     )
+
+
+def near_misses(drive: Drive, times_s: np.ndarray) -> np.ndarray:
+    """Return (K,) bool: when a collision is near that does not happen.
+
+    times_s: of `times_to_collision`.
+    """
+    near: np.ndarray = times_s < NEAR_MISS_S
+    if drive.collided:
+        near &= drive.stamps_s < drive.stamps_s[-1] - NEAR_MISS_S - SEPARATE_S
+    return near
 
 
 def phantom_braking(drive: Drive) -> np.ndarray:

@@ -22,6 +22,7 @@ from roadscope.benchmarks.metrics.detection import GATE_M
 from roadscope.benchmarks.metrics.driving import (
     NEAR_MISS_S,
     Drive,
+    near_misses,
     phantom_braking,
     times_to_collision,
 )
@@ -448,8 +449,7 @@ def _happens(drive: Drive, kind: str) -> np.ndarray:
     if kind == PHANTOM:
         return phantom_braking(drive)
     if kind == NEAR_MISS:
-        near: np.ndarray = times_to_collision(drive) < NEAR_MISS_S
-        return near
+        return near_misses(drive, times_to_collision(drive))
     last: np.ndarray = np.arange(len(drive.speeds)) == len(drive.speeds) - 1
     return last & drive.collided
 

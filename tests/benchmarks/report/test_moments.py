@@ -18,7 +18,7 @@ from roadscope.benchmarks import (
     write_kept,
 )
 from roadscope.benchmarks.boards import BOARDS, track_node
-from roadscope.benchmarks.nodes import DetectionNode, PoseNode
+from roadscope.benchmarks.nodes import DetectionNode, DriveNode, EpisodeDrive, PoseNode, Stack
 from roadscope.benchmarks.report import Moment, worst_moments
 from roadscope.benchmarks.results import JobScores, Results, results_of
 from roadscope.core import Detections, Pose, Spec, Tracks, Truth
@@ -206,6 +206,76 @@ def test_a_jump_of_an_odometry_is_its_event() -> None:
     assert moment.times_s[moment.event] == pytest.approx(PERIOD_S * jump)
     assert moment.errors[moment.event - 1 : moment.event + 1] == [0, 300]
     assert of_kind(moments, "drift").event == len(of_kind(moments, "drift").times_s) - 1
+
+
+def test_a_collision_shows_what_was_true_and_what_was_believed() -> None:
+    board, episode = BOARDS["driving"], Episode("two-way", 3, "vlp16", 6.0)
+    count, known_from = 50, 45
+    stamps_s = PERIOD_S * np.arange(count)
+    poses = np.zeros((count, 3, 3))
+    poses[:, 0, 0] = 5.0 * stamps_s
+    poses[:, 1], poses[:, 2] = (29.0, 0.2, 0.0), (40.0, 4.0, 0.0)
+    poses[:10, 2] = np.nan
+    velocities = np.zeros((count, 3, 2))
+    velocities[:, 0, 0] = 5.0
+    tracks = tuple(
+        tracks_at(stamp_s, [[29.0, 0.2, 0.8]] if k >= known_from else [[80.0, 0.0, 0.8]])
+        for k, stamp_s in enumerate(stamps_s)
+    )
+    drive = EpisodeDrive(
+        stamps_s=stamps_s,
+        speeds=np.full(count, 5.0),
+        accelerations=np.zeros(count),
+        due_accelerations=np.zeros(count),
+        ids=np.array([0, 7, 9]),
+        categories=np.array([0, 0, 0], np.int8),
+        sizes=np.tile(CAR, (3, 1)),
+        poses=poses,
+        velocities=velocities,
+        tracks=tracks,
+        desired_speed_m_s=5.0,
+        collided_with=7,
+        sensed=(),
+        believed=(),
+        parked=np.empty((0, 2)),
+        driver_times=CallTimes.zero(count),
+        perception_times=CallTimes.zero(0),
+    )
+    spec = board.check_entry(Spec.parse("idm"))
+    job = Job(
+        board,
+        "idm on blind",
+        episode,
+        DriveNode(spec, Stack("blind"), episode),
+        inputs="blind",
+        settings=RULE,
+    )
+    write_kept(job.answers.path, drive)
+    timeline_of(episode)
+    moments = worst_moments([job], scored([job], [board.score(job, drive, RunOptions())]))
+    collision = of_kind(moments, "collision")
+    assert collision.times_s[collision.event] == pytest.approx(stamps_s[-1])
+    assert "car 7 at 5.0 m/s" in collision.text
+    assert "tracked for the last 0.4 s" in collision.text
+    hit = next(box for box in collision.objects if box.number == 7)
+    first = np.searchsorted(collision.times_s, PERIOD_S * known_from - 1e-6)
+    assert hit.states == "x" * first + "m" * (len(hit.states) - first)
+    assert collision.lanes
+    assert {moment.kind for moment in moments} == {"collision"}
+
+
+def tracks_at(stamp_s: float, centres: Sequence[Sequence[float]]) -> Tracks:
+    count = len(centres)
+    boxes = Detections(
+        np.array(centres),
+        np.tile(CAR, (count, 1)),
+        np.zeros(count),
+        np.zeros(count, np.int8),
+        np.ones(count),
+        "world",
+        float(stamp_s),
+    )
+    return Tracks.of(boxes, np.arange(count))
 
 
 def test_what_is_not_kept_has_no_moments(tracked) -> None:
