@@ -17,7 +17,7 @@ class DrivingCommand(Record):
     """What a driver wants: the vehicle steers by itself along the lane that it names.
 
     acceleration_m_s2: negative to brake. target_lane: number from the left, below
-        `DrivingScene.lanes`.
+        `DrivingScene.lanes`; the vehicle crosses the lanes between.
     """
 
     acceleration_m_s2: float
@@ -25,7 +25,8 @@ class DrivingCommand(Record):
 
     def __post_init__(self) -> None:
         value, lane = self.acceleration_m_s2, self.target_lane
-        is_number = isinstance(value, float | int | np.floating) and bool(np.isfinite(value))
+        is_number = isinstance(value, float | int | np.floating) and not isinstance(value, bool)
+        is_number = is_number and bool(np.isfinite(value))
         require(is_number, self, "acceleration_m_s2", "a finite number", value)
         is_whole = isinstance(lane, int | np.integer) and not isinstance(lane, bool)
         require(is_whole, self, "target_lane", "a whole number", lane)
@@ -46,11 +47,11 @@ class DrivingScene(Record):
     desired_speed_m_s: on a free straight road. allowed_speed_m_s: the same or less before curves.
     gap_m: to the next track ahead on the lane or the target lane, bumper to bumper; inf for none.
     leader_speed_m_s: speed of that track along the lane; 0 without one.
-    line_m: how far the front may go until a line where the right of way of the tracks makes the ego
-        wait; inf for none.
+    line_m: from the front bumper to the line where the ego must give way; inf without one.
     path: (P, 2) float64, metres, frame `world`: centre line of the way ahead, a point every 2 m.
     model: what the drivers of the simulation would do on the same tracks: the IDM, and MOBIL where
         lanes may be changed.
+    following: what the IDM would do on the lane, or on the target lane during a change.
     """
 
     stamp_s: float
@@ -68,6 +69,7 @@ class DrivingScene(Record):
     line_m: float
     path: np.ndarray
     model: DrivingCommand
+    following: DrivingCommand
 
     def __post_init__(self) -> None:
         settle_arrays(self, size=(np.float64, (3,)), path=(np.float64, ("P", 2)))

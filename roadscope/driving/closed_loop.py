@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from roadscope.core import DrivingCommand, DrivingScene, Frame, Tracks, Truth
+from roadscope.core import DrivingCommand, DrivingScene, Tracks, Truth
 from roadscope.driving.perception import BLIND, TRUTH, Perception
 from roadscope.envs.sensors.ego_motion import STATES_AHEAD
 from roadscope.envs.sensors.faults import Faults
@@ -16,8 +16,8 @@ STEPS = 2
 """Steps of the simulation from one decision to the next."""
 DECISION_S = STEPS * STEP_S
 SUPPORTS = 3
-"""A smooth motion needs so many times `STATES_AHEAD` recorded states: its delay and the supports of
-its splines."""
+"""The smooth motion of the ego needs this many times `STATES_AHEAD` recorded states: for its delay
+and for the knots of its splines."""
 
 
 class ClosedLoop:
@@ -45,8 +45,9 @@ class ClosedLoop:
     ) -> None:
         self.traffic = DrivenTraffic(scenario, seed, duration_s)
         self.duration_s = duration_s
-        self.frames: list[Frame] = []
         self.truths: list[Truth] = []
+        self.processed: list[tuple[Truth, Tracks]] = []
+        self._waiting: dict[float, Truth] = {}
         self._perception = perception
         self._sensing: Sensing | None = None
         if isinstance(perception, Perception):
@@ -67,8 +68,9 @@ class ClosedLoop:
     def tracks(self) -> Tracks:
         """Return the road users as they are perceived now, frame `world`.
 
-        Call it once at every step. `frames` and `truths` are those that sensors completed since the
-        last call.
+        Call it once at every step. `truths` are then those of the frames that sensors completed
+        since the last call, and `processed` those of the scans that the stack processed since then,
+        each with the tracks right after it.
         """
         traffic = self.traffic
         if not isinstance(self._perception, Perception):
@@ -78,14 +80,17 @@ class ClosedLoop:
             return Tracks.empty(traffic.now_s, "world")
         assert self._sensing is not None
         pairs = self._sensing.advance(traffic.timeline(self._memory_s), traffic.now_s)
-        self.frames, self.truths = [f for f, _ in pairs], [t for _, t in pairs]
-        self._perception.update(self.frames, self.truths, traffic.now_s)
+        self.truths = [truth for _, truth in pairs]
+        self._waiting |= {
+            frame.lidar.stamp_s: truth for frame, truth in pairs if frame.lidar is not None
+        }
+        self._perception.update([frame for frame, _ in pairs], self.truths, traffic.now_s)
+        self.processed = [
+            (self._waiting.pop(tracks.stamp_s), tracks)
+            for tracks in self._perception.take_processed()
+            if tracks.stamp_s in self._waiting
+        ]
         return self._perception.tracks(traffic.now_s)
-
-    def believed_at(self, stamp_s: float) -> Tracks:
-        """Return the latest tracks of a stack, moved to a stamp."""
-        assert isinstance(self._perception, Perception)
-        return self._perception.tracks(stamp_s)
 
     def scene(self, tracks: Tracks) -> DrivingScene:
         """Return what the driver gets. tracks: of this step."""
@@ -116,4 +121,5 @@ def scene_of(traffic: DrivenTraffic, tracks: Tracks, outlook: Outlook) -> Drivin
         line_m=outlook.line_m,
         path=outlook.path,
         model=outlook.model,
+        following=outlook.following,
     )

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import Protocol, runtime_checkable
 
 from roadscope.core import DrivingCommand, DrivingScene, Registry
@@ -36,18 +35,15 @@ class IdmDriver:
 
     def drive(self, scene: DrivingScene) -> DrivingCommand:
         """Return what the model does."""
-        if self._lane_changes:
-            return scene.model
-        # A change of lane that the model is about to begin changes nothing in its braking.
-        return replace(scene.model, target_lane=scene.target_lane)
+        return scene.model if self._lane_changes else scene.following
 
 
 class EmergencyBrake:
     """Keeps its lane and its speed, and brakes with full force when a collision is near.
 
-    It is the driver that depends most on perception: it trusts what it sees until the last moment.
+    It reacts to tracks only shortly before a collision, so errors of tracks have a great effect.
 
-    time_to_collision_s: below this time, it brakes. force_m_s2: how hard.
+    time_to_collision_s: below this time, it brakes. braking_m_s2: how hard.
     standstill_gap_m: it also brakes when the gap is smaller.
     gain_1_s: acceleration for each metre a second that the speed is too low, up to `comfort_m_s2`;
         slower traffic ahead is followed only by braking.
@@ -57,12 +53,12 @@ class EmergencyBrake:
         self,
         *,
         time_to_collision_s: float = 2.0,
-        force_m_s2: float = 8.0,
+        braking_m_s2: float = 8.0,
         standstill_gap_m: float = 3.0,
         gain_1_s: float = 0.5,
         comfort_m_s2: float = 2.0,
     ) -> None:
-        self._time_s, self._force_m_s2 = time_to_collision_s, force_m_s2
+        self._time_s, self._braking_m_s2 = time_to_collision_s, braking_m_s2
         self._gap_m = standstill_gap_m
         self._gain_1_s, self._comfort_m_s2 = gain_1_s, comfort_m_s2
 
@@ -78,9 +74,10 @@ class EmergencyBrake:
             (scene.line_m + self._gap_m, 0.0),
         ):
             closing = scene.speed_m_s - speed_m_s
-            near = gap_m < self._gap_m and scene.speed_m_s > 0.0
-            if near or (closing > 0.0 and gap_m - self._gap_m < self._time_s * closing):
-                acceleration = -self._force_m_s2
+            if gap_m < self._gap_m or (
+                closing > 0.0 and gap_m - self._gap_m < self._time_s * closing
+            ):
+                acceleration = -self._braking_m_s2
         return DrivingCommand(acceleration, scene.lane)
 
 

@@ -34,7 +34,7 @@ from roadscope.trackers import TRACKERS, is_offline
 PLUS = " + "
 """Stands between the detector and the tracker of a stack."""
 TRUTH, BLIND = "truth", "blind"
-"""Not perceived: all road users as they are, and none at all."""
+"""Stacks without sensors: the true road users, and no road users."""
 
 
 MakePlugin = Callable[[Registry[Any], Spec], Any]
@@ -91,6 +91,7 @@ class Perception:
         self._tracker.reset()
         self._ego.reset()
         self._tracks: Tracks | None = None
+        self._processed: list[Tracks] = []
 
     def used_sensors(self, rig: Rig) -> Rig:
         """Return the sensors of a rig that the stack uses."""
@@ -109,6 +110,14 @@ class Perception:
         for detections in self._source.completed(now_s):
             self._track(detections)
 
+    def take_processed(self) -> list[Tracks]:
+        """Return the tracks right after each scan that was processed since the last call.
+
+        Frame `world`, at the stamps of the scans.
+        """
+        processed, self._processed = self._processed, []
+        return processed
+
     def tracks(self, now_s: float) -> Tracks:
         """Return the tracks that are not tentative, frame `world`, moved on to `now_s`."""
         if self._tracks is None:
@@ -124,6 +133,7 @@ class Perception:
         pose = self._ego.believed(detections.stamp_s)
         tracks = self._tracker.update(detections, pose).sure
         self._tracks = self._ego.in_true_world(tracks, pose, detections.stamp_s)
+        self._processed.append(self._tracks)
 
 
 class _Lidar:

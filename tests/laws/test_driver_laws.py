@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from roadscope.core import Tracks
 from roadscope.driving import DRIVERS, ClosedLoop
 from roadscope.testing import contract_items
 
@@ -22,13 +23,31 @@ def test_it_brakes_for_what_stands_ahead_and_for_a_line(name) -> None:
     driver = DRIVERS.make(name)
     scene = loop.scene(loop.tracks())
     free = driver.drive(scene).acceleration_m_s2
-    near = replace(scene, gap_m=8.0, leader_speed_m_s=0.0)
-    line = replace(scene, line_m=8.0)
+    # The model of the simulation, which the IDM drivers follow, brakes for these as for a car.
+    model = replace(scene.model, acceleration_m_s2=-6.0)
+    following = replace(scene.following, acceleration_m_s2=-6.0)
+    both = {"model": model, "following": following}
+    near = replace(scene, gap_m=8.0, leader_speed_m_s=0.0, **both)
+    line = replace(scene, line_m=8.0, **both)
     assert free > -0.5
-    for wanted in (near, line):
-        if name.startswith("idm"):
-            continue  # Its answer is that of the simulation's model, which is part of the scene.
-        assert driver.drive(wanted).acceleration_m_s2 < free - 3.0
+    assert driver.drive(near).acceleration_m_s2 < free - 3.0
+    assert driver.drive(line).acceleration_m_s2 < free - 3.0
+
+
+@pytest.mark.parametrize("name", DRIVERS.installed())
+def test_it_brakes_for_a_track_and_not_without(name) -> None:
+    loop = ClosedLoop("two-way", 0, perception="truth", rig="vlp16", duration_s=5.0)
+    truth = loop.tracks()
+    ahead = loop.traffic.world_from_ego.apply(np.array([[18.0, 0.0, 0.8]]))
+    standing = replace(
+        truth,
+        centres=np.repeat(ahead, len(truth), axis=0),
+        velocities=np.zeros((len(truth), 2)),
+        yaws=truth.yaws + np.pi,
+    )
+    driver = DRIVERS.make(name)
+    free = driver.drive(loop.scene(Tracks.empty(0.0, "world"))).acceleration_m_s2
+    assert driver.drive(loop.scene(standing)).acceleration_m_s2 < free - 3.0
 
 
 @pytest.mark.parametrize("name", DRIVERS.installed())

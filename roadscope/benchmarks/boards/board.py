@@ -132,7 +132,7 @@ class Board(ABC):
     compared_with: str = ""
     """For recorded data: the board of simulated traffic that its ranks are compared with."""
     predictors: Sequence[str] = ()
-    """Metrics of what entries get, which may predict how well they do."""
+    """Metrics of the inputs of entries that may predict how well these do."""
     predicted: Sequence[str] = ()
     """Metrics of how well entries do, which `predictors` may predict."""
     default_suite: str = "quick"

@@ -1,4 +1,4 @@
-"""The driving board: perception stacks by how drivers get on with them."""
+"""The driving board: drivers with perception stacks, in a closed loop with traffic."""
 
 from __future__ import annotations
 
@@ -29,13 +29,13 @@ from roadscope.benchmarks.suite import BoardSettings, Names, Suite
 from roadscope.core import Spec, SpecError
 from roadscope.core.spec import FUSED
 from roadscope.driving.perception import BLIND, TRUTH, parts_of
-from roadscope.envs.traffic.scenarios import find
+from roadscope.envs.traffic.driven import check_driven
 
 BY_STACK = "stack"
 """The breakdown by the perception stack that a driver gets."""
 ON = " on "
 """Stands between driver and stack in the name of an entry."""
-PERCEPTION = ("recall", "precision", "hota", "velocity_rmse_m_s", "position_rmse_m")
+PERCEPTION = ("recall", "precision", "hota", "velocity_rmse_m_s")
 """Metrics of the tracks that a driver gets, beside those of driving."""
 
 
@@ -60,7 +60,7 @@ class DrivingBoard(Board):
             "reward",
             "reward",
             3,
-            "reward: mean of speed over desired speed in the planned time, 0 after a collision.",
+            "reward: mean of speed over desired speed, 0 after a collision.",
         ),
         Column("collided", "collided", 2, "collided: share of drives that end in a collision."),
         Column("collisions", "coll./h", 1, "/h: events in an hour of driving."),
@@ -108,7 +108,7 @@ class DrivingBoard(Board):
     detections_field = "stacks"
     inputs_name = BY_STACK
     marks_note = f"'on {TRUTH}': with all road users as they are; 'on {BLIND}': with none."
-    predictors = ("recall", "precision", "hota", "velocity_rmse_m_s")
+    predictors = PERCEPTION
     predicted = ("reward", "collided", "phantom_braking")
     default_suite = "driving"
 
@@ -123,7 +123,7 @@ class DrivingBoard(Board):
             return super().suite_checks(suite)  # Nobody drives in this suite.
         return [
             *super().suite_checks(suite),
-            *(SuiteCheck("scenarios", check_scenario, name) for name in suite.scenarios),
+            *(SuiteCheck("scenarios", check_driven, name) for name in suite.scenarios),
             *(SuiteCheck("driving.stacks", check, text) for text in settings.stacks),
         ]
 
@@ -174,14 +174,6 @@ class DrivingBoard(Board):
         )
 
 
-def check_scenario(name: str) -> None:
-    """Raise `ValueError` for a scenario whose traffic cannot react to a driver."""
-    if find(name).scripted:
-        raise ValueError(f"'{name}' is scripted: its traffic cannot react to a driver")
-    if find(name).uneven:
-        raise ValueError(f"'{name}' is uneven: drives are on level ground")
-
-
 def check_stack(text: str, suite: Suite) -> None:
     """Raise `SpecError` for a text that is no stack, or one that a suite's rig cannot serve."""
     stack = Stack(text)
@@ -199,11 +191,12 @@ def drive_of(answers: EpisodeDrive, planned_s: float) -> Drive:
         answers.stamps_s,
         answers.speeds,
         answers.accelerations,
-        answers.due_accelerations,
+        answers.reference_accelerations,
         answers.poses[:, 0],
         answers.poses[:, 1:],
         answers.velocities,
         answers.sizes[:, :2],
+        answers.end_s,
         answers.desired_speed_m_s,
         planned_s,
         answers.collided_with >= 0,

@@ -12,8 +12,8 @@ from roadscope.benchmarks.metrics.score import Score, ScoreFamily, ratio, rms
 NEAR_MISS_S = 1.0
 """A near miss: the time to collision is shorter."""
 HARD_BRAKING_M_S2, REASON_M_S2 = 3.0, 1.0
-"""Braking is hard from here on. It is a phantom's if a driver of the simulation (IDM) that knows
-all road users would brake less than the second value at that instant."""
+"""Braking harder than the first value is hard. It is phantom braking if a driver of the simulation
+(IDM) that gets the true road users would brake with less than the second value."""
 REACTION_S = 1.0
 """A reason for hard braking counts so long after it: a driver may go on braking."""
 SEPARATE_S = 1.0
@@ -29,7 +29,8 @@ HOUR_S = 3600.0
 class DrivingScores(ScoreFamily):
     """Scores of a drive.
 
-    reward: 0 to 1: mean over the planned time of speed over desired speed; 0 after a collision.
+    reward: 0 to 1: mean of speed over desired speed, at most 1 and 0 after a collision, over the
+        planned time or until the end of the road.
     collided: 1 if the drive ended in a collision.
     collisions, near_misses, hard_braking, phantom_braking: events in an hour of driving.
     least_ttc_s: shortest time to collision, at constant velocities, at most 10 s.
@@ -52,21 +53,22 @@ class DrivingScores(ScoreFamily):
 class Drive:
     """What scores of a drive are made of: K instants of the ego among A others.
 
-    stamps_s: (K,). speeds, accelerations: (K,) of the ego, m/s and m/s^2. due_accelerations: (K,)
-    what a driver of the simulation would do that knows all road users. ego: (K, 3) box centre and
-    yaw. others: (K, A, 3), NaN where absent. velocities: (K, 1 + A, 2), m/s, that of the ego first.
-    sizes: (1 + A, 2) length and width, metres. planned_s: how long the drive should last.
-    collided: whether it ended in a collision.
+    stamps_s: (K,); end_s: when the drive ended. speeds, accelerations: (K,) of the ego, m/s and
+    m/s^2. reference_accelerations: (K,) of a driver of the simulation that gets the true others.
+    ego: (K, 3) box centre and yaw. others: (K, A, 3), NaN where absent. velocities: (K, 1 + A, 2),
+    m/s, that of the ego first. sizes: (1 + A, 2) length and width, metres. planned_s: how long the
+    drive should last. collided: whether it ended in a collision.
     """
 
     stamps_s: np.ndarray
     speeds: np.ndarray
     accelerations: np.ndarray
-    due_accelerations: np.ndarray
+    reference_accelerations: np.ndarray
     ego: np.ndarray
     others: np.ndarray
     velocities: np.ndarray
     sizes: np.ndarray
+    end_s: float
     desired_speed_m_s: float
     planned_s: float
     collided: bool
@@ -75,7 +77,7 @@ class Drive:
 def score_drive(drive: Drive) -> DrivingScores:
     """Return the scores of a drive."""
     stamps_s = drive.stamps_s
-    driven_s = max(float(stamps_s[-1] - stamps_s[0]), _step_s(drive))
+    driven_s = drive.end_s - float(stamps_s[0])
     times_s = times_to_collision(drive)
     shares = np.minimum(drive.speeds / max(drive.desired_speed_m_s, 0.1), 1.0)
     planned = drive.planned_s if drive.collided else driven_s
@@ -113,13 +115,13 @@ def near_misses(drive: Drive, times_s: np.ndarray) -> np.ndarray:
     """
     near: np.ndarray = times_s < NEAR_MISS_S
     if drive.collided:
-        near &= drive.stamps_s < drive.stamps_s[-1] - NEAR_MISS_S - SEPARATE_S
+        near &= drive.stamps_s < drive.end_s - NEAR_MISS_S - SEPARATE_S
     return near
 
 
 def phantom_braking(drive: Drive) -> np.ndarray:
     """Return (K,) bool: when the ego brakes hard without a reason."""
-    has_reason = drive.due_accelerations < -REASON_M_S2
+    has_reason = drive.reference_accelerations < -REASON_M_S2
     lasting: np.ndarray = np.convolve(has_reason, np.ones(1 + round(REACTION_S / _step_s(drive))))
     phantom: np.ndarray = _brakes_hard(drive) & (lasting[: len(has_reason)] == 0)
     return phantom
@@ -178,7 +180,7 @@ def _half_extent(half: np.ndarray, turns: np.ndarray) -> np.ndarray:
 
 
 def _events(happens: np.ndarray, stamps_s: np.ndarray) -> int:
-    """Return the number of separate spells."""
+    """Return the number of events: instants at most `SEPARATE_S` apart belong to one."""
     times_s = stamps_s[happens]
     return int(len(times_s) > 0) + int((np.diff(times_s) > SEPARATE_S).sum())
 

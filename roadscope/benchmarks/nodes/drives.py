@@ -40,7 +40,6 @@ from roadscope.core.answers import (
 )
 from roadscope.core.spec import FUSED, NO_POSES, TRUE_POSES
 from roadscope.driving import ClosedLoop, Perception
-from roadscope.driving.closed_loop import DECISION_S
 from roadscope.driving.perception import BLIND, TRUTH, parts_of
 from roadscope.envs.sensors.rigs import rig
 
@@ -92,27 +91,29 @@ class Stack:
 class EpisodeDrive(EpisodeRecord):
     """A drive of K decisions, 0.1 s apart, among A others; frame `world`.
 
-    stamps_s: (K,). speeds, accelerations: (K,) of the ego, m/s and m/s^2. due_accelerations: (K,)
-    what a driver of the simulation would do that knows all road users.
+    stamps_s: (K,). speeds, accelerations: (K,) of the ego, m/s and m/s^2.
+    reference_accelerations: (K,) m/s^2, of a driver of the simulation that gets the truth.
     ids: (1 + A,) of all, 0 for the ego. categories: (1 + A,). sizes: (1 + A, 3) metres.
-    poses: (K, 1 + A, 3) box centre and yaw, NaN where absent; velocities: (K, 1 + A, 2), m/s.
-    tracks: K records: what the driver got. desired_speed_m_s: of the ego.
-    collided_with: an id, 0 for an obstacle, -1 for nobody.
-    sensed, believed: the truth of every scan without sources, and the tracks when it had been
-        processed; empty without sensors. parked: (P, 2) centres of parked cars, which are scenery.
-    driver_times: of the driver's calls. perception_times: of all calls for each scan.
+    poses: (K, 1 + A, 3) box centre and yaw, NaN where absent. velocities: (K, 1 + A, 2), m/s.
+    tracks: K records: what the driver got. end_s: when the drive ended.
+    desired_speed_m_s: of the ego. collided_with: an id, 0 for an obstacle, -1 for nobody.
+    sensed, believed: the truth of every processed scan, without sources, and the tracks right after
+        it, at its stamp; empty without sensors. parked: (P, 2) centres of parked cars, which are
+        scenery and no road users.
+    driver_times: of the driver's calls. perception_times: of the calls of the stack for each scan.
     """
 
     stamps_s: np.ndarray
     speeds: np.ndarray
     accelerations: np.ndarray
-    due_accelerations: np.ndarray
+    reference_accelerations: np.ndarray
     ids: np.ndarray
     categories: np.ndarray
     sizes: np.ndarray
     poses: np.ndarray
     velocities: np.ndarray
     tracks: tuple[Tracks, ...]
+    end_s: float
     desired_speed_m_s: float
     collided_with: int
     sensed: tuple[Truth, ...]
@@ -142,7 +143,7 @@ class DriveNode(Node):
         return {**super().content(), "loop": code_hash(CLOSED_LOOP)}
 
     def sources(self) -> tuple[Node, ...]:
-        """Return the traffic without a driver from outside, whose road is shown."""
+        """Return the recorded traffic, of which the page takes the lanes."""
         return (TrafficNode.of(self.episode),)
 
     def compute(self, options: RunOptions) -> EpisodeDrive:
@@ -165,7 +166,7 @@ class DriveNode(Node):
             )
             log = _DriveLog()
 
-            def moments() -> Iterator[CallInput[DrivingScene]]:
+            def scenes() -> Iterator[CallInput[DrivingScene]]:
                 while not loop.over:
                     tracks = loop.tracks()
                     log.add_scans(loop, calls)
@@ -178,7 +179,7 @@ class DriveNode(Node):
                 loop.step(command)
                 return command
 
-            replies = run_plugin(self.driver, DRIVER, moments(), drive_on, options=options)
+            replies = run_plugin(self.driver, DRIVER, scenes(), drive_on, options=options)
         return log.drive(loop, episode.seed, replies.times)
 
 
@@ -211,12 +212,17 @@ class _DriveLog:
         self.due.append(traffic.outlook(traffic.true_tracks()).model.acceleration_m_s2)
 
     def add_scans(self, loop: ClosedLoop, calls: _StackCalls) -> None:
-        for frame, truth in zip(loop.frames, loop.truths, strict=True):
-            if frame.lidar is not None:
-                self.parked |= parked_owners(truth)
-                self.sensed.append(without_sources(truth))
-                self.believed.append(loop.believed_at(truth.stamp_s))
-                self.times.append(calls.take_times())
+        for truth in loop.truths:
+            self.parked |= parked_owners(truth)
+        count = len(loop.processed)
+        if not count:
+            return
+        # Of scans that are processed together, each has its share of the time.
+        processor_ms, wall_ms = calls.take_times()
+        for truth, tracks in loop.processed:
+            self.sensed.append(without_sources(truth))
+            self.believed.append(tracks)
+            self.times.append((processor_ms / count, wall_ms / count))
 
     def drive(self, loop: ClosedLoop, seed: int, driver_times: CallTimes) -> EpisodeDrive:
         timeline = loop.traffic.timeline(loop.traffic.now_s)
@@ -225,19 +231,22 @@ class _DriveLog:
         poses = np.concatenate([timeline.centres(states), states.yaws[..., None]], axis=-1)
         poses[~states.present] = np.nan
         speeds = np.array([scene.speed_m_s for scene in self.scenes])
+        end_s = loop.traffic.now_s
         after = np.append(speeds[1:], loop.traffic.speed_m_s)
+        steps_s = np.diff(stamps_s, append=end_s)
         collided = loop.traffic.collided_with
         return EpisodeDrive(
             stamps_s=stamps_s,
             speeds=speeds,
-            accelerations=(after - speeds) / DECISION_S,
-            due_accelerations=np.array(self.due),
+            accelerations=(after - speeds) / steps_s,
+            reference_accelerations=np.array(self.due),
             ids=timeline.ids,
             categories=timeline.categories,
             sizes=timeline.sizes,
             poses=poses,
             velocities=states.velocities,
             tracks=tuple(scene.tracks for scene in self.scenes),
+            end_s=end_s,
             desired_speed_m_s=loop.traffic.desired_speed_m_s,
             collided_with=-1 if collided is None else collided,
             sensed=tuple(self.sensed),

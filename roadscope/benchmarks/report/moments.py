@@ -410,7 +410,7 @@ def _series(
 def _of_drive(job: Job, kind: str, answers: EpisodeDrive, rule: Eligibility) -> list[Moment]:
     """Return one moment: what was true and what the driver believed around an event."""
     assert isinstance(job.episode, Episode)
-    happens = _happens(drive_of(answers, float(answers.stamps_s[-1])), kind)
+    happens = _event_mask(drive_of(answers, answers.end_s), kind)
     if not happens.any():
         return []
     event = int(np.argmax(happens))
@@ -435,7 +435,7 @@ def _of_drive(job: Job, kind: str, answers: EpisodeDrive, rule: Eligibility) -> 
         text=_text_of_drive(answers, kind, event),
         event=int(np.searchsorted(near, event)),
         times_s=[round(float(t), 2) for t in answers.stamps_s[near]],
-        ego=_motion(_moved(egos, origin)),
+        ego=_motion(_moved(_rear_axles(egos, answers.sizes[0, 0]), origin)),
         focus=_focus(np.zeros((1, 2))),
         objects=_series(objects, origin, egos, reach_m),
         answers=_series(believed, origin, egos, reach_m),
@@ -444,7 +444,13 @@ def _of_drive(job: Job, kind: str, answers: EpisodeDrive, rule: Eligibility) -> 
     return [moment]
 
 
-def _happens(drive: Drive, kind: str) -> np.ndarray:
+def _rear_axles(centres: np.ndarray, length_m: float) -> np.ndarray:
+    """Return the poses of the ego's rear axle, which is at the rear end of its box."""
+    back = length_m / 2 * np.column_stack([np.cos(centres[:, 2]), np.sin(centres[:, 2])])
+    return np.column_stack([centres[:, :2] - back, centres[:, 2]])
+
+
+def _event_mask(drive: Drive, kind: str) -> np.ndarray:
     """Return (K,) bool: at which instants of a drive something goes wrong."""
     if kind == PHANTOM:
         return phantom_braking(drive)
@@ -458,7 +464,7 @@ def _text_of_drive(answers: EpisodeDrive, kind: str, event: int) -> str:
     """Return what happens, and since when the driver knew of whom the ego collides with."""
     speed = f"at {answers.speeds[event]:.1f} m/s"
     if kind == PHANTOM:
-        due = answers.due_accelerations[event]
+        due = answers.reference_accelerations[event]
         return (
             f"brakes with {-answers.accelerations[event]:.1f} m/s2 {speed}; on the truth, a driver "
             f"of the simulation would choose {due:.1f} m/s2"
@@ -476,7 +482,7 @@ def _text_of_drive(answers: EpisodeDrive, kind: str, event: int) -> str:
     unknown = np.flatnonzero(~np.array(known))
     since = int(unknown[-1]) + 1 if len(unknown) else 0
     if since >= len(known):
-        tracked = "which is not tracked then"
+        tracked = "which has no track at that time"
     else:
         tracked = f"tracked for the last {answers.stamps_s[-1] - answers.stamps_s[since]:.1f} s"
     sensed = ""

@@ -176,22 +176,23 @@ def agreement_lines(results: Results, name: str) -> list[str]:
 
 
 def prediction_lines(results: Results, name: str) -> list[str]:
-    """Return which metrics of what entries get predict how well they do, a line for each of these.
+    """Return one line per predicted metric: its rank correlation with metrics of the inputs.
 
-    With one seed there are no intervals.
+    In brackets stands the range of 95 % of resamples of the seeds; with one seed there is none.
     """
-    headings = {column.metric: column.heading for column in board_named(name).columns}
+    board = board_named(name)
+    headings = {column.metric: column.heading for column in board.columns}
     by_predicted: dict[str, list[str]] = {}
     count = 0
     for each in predictions(results.jobs, name):
         interval = (each.low, each.high) if math.isfinite(each.low) else None
-        figure_text = f"{headings[each.metric]} {each.rho:.2f}{_in_brackets(interval)}"
-        by_predicted.setdefault(headings[each.predicted], []).append(figure_text)
+        text = f"{headings[each.metric]} {each.rho:.2f}{_in_brackets(interval)}"
+        by_predicted.setdefault(headings[each.predicted], []).append(text)
         count = each.inputs
     return [
-        f"What predicts {heading}, over {count} {board_named(name).inputs_name}s (Spearman, 1: the "
-        f"same order): {', '.join(figures)}."
-        for heading, figures in by_predicted.items()
+        f"Rank correlation with {heading} over {count} {board.inputs_name}s (Spearman; 1: better "
+        f"in one is better in the other): {', '.join(texts)}."
+        for heading, texts in by_predicted.items()
     ]
 
 

@@ -36,8 +36,10 @@ PATH_STEP_M, PATH_POINTS = 2.0, 50
 """The path ahead that a driver knows."""
 TIME_GAP_S, STANDSTILL_GAP_M = 1.2, 2.5
 """What the ego assumes that others keep; the defaults of `Driver`."""
+ONCOMING_M_S = 3.0
+"""Slower bodies that seem to move against their lane are taken for standing ones."""
 AGAINST_M = 10.0
-"""A lane whose direction is against that of a body counts as so much farther away."""
+"""Added to the distance of a lane whose direction is opposite to the motion of a body."""
 _PEOPLE = (Category.PEDESTRIAN, Category.CYCLIST)
 
 
@@ -49,9 +51,10 @@ class Outlook:
     allowed_speed_m_s: what its desired speed and the curves ahead allow.
     gap_m: to the next road user ahead on its lane or target lane, bumper to bumper; inf for none.
     leader_speed_m_s: of that one, along the lane; 0 without one.
-    line_m: how far its front may go until a line where it has to wait; inf for none.
+    line_m: from its front bumper to the line where it must give way; inf without one.
     path: (P, 2) centre line of the way ahead, metres, frame `world`.
     model: what a driver of the simulation would do: IDM, and MOBIL where lanes may be changed.
+    following: what the IDM would do on the lane or target lane.
     """
 
     lane: int
@@ -63,6 +66,19 @@ class Outlook:
     line_m: float
     path: np.ndarray
     model: DrivingCommand
+    following: DrivingCommand
+
+
+def check_driven(scenario: str) -> None:
+    """Raise `ScenarioError` for a scenario in which nobody can drive."""
+    described = find(scenario)
+    if described.scripted:
+        raise ScenarioError(f"'{scenario}' is scripted: its traffic cannot react to a driver")
+    if described.uneven or described.unseen:
+        what = "uneven ground" if described.uneven else "unseen bodies"
+        raise ScenarioError(
+            f"'{scenario}' has {what}: drives are on level ground, in usual traffic"
+        )
 
 
 class DrivenTraffic:
@@ -73,8 +89,7 @@ class DrivenTraffic:
     """
 
     def __init__(self, scenario: str, seed: int, duration_s: float) -> None:
-        if find(scenario).scripted:
-            raise ScenarioError(f"'{scenario}' is scripted: its traffic cannot react to a driver")
+        check_driven(scenario)
         self._stage = accepted_stage(scenario, seed, duration_s)
         for _ in range(round(self._stage.warm_up_s / STEP_S)):
             advance(self._stage)
@@ -95,8 +110,10 @@ class DrivenTraffic:
         bodies, slot = self._flow.bodies, self._slot
         other = touched(bodies, slot)
         if other < 0 and bodies["crashed"][slot]:
-            # Their collision has moved them apart.
+            # Their collision has moved them apart; people never crash.
             away = np.hypot(bodies["x"] - bodies["x"][slot], bodies["y"] - bodies["y"][slot])
+            away -= bodies["diagonal"] / 2
+            away[~(bodies["crashed"] | (bodies["kind"] == OBSTACLE))] = np.inf
             away[slot] = np.inf
             other = int(np.argmin(away))
         if other < 0:
@@ -174,46 +191,57 @@ class DrivenTraffic:
     def outlook(self, tracks: Tracks) -> Outlook:
         """Return what the ego knows of the road and believes of the others.
 
-        tracks: frame `world`, at this instant. Of itself, the lanes and obstacles the ego knows the
-        truth.
+        tracks: frame `world`, at this instant. The ego's own state, the lanes and the obstacles are
+            true; only other road users come from the tracks.
         """
-        believed = self._believed(tracks)
+        believed, ego_lanes = self._believed(tracks), self._ego_lanes
         if self._stage.right_of_way is not None:
             believed.bodies["hold"] = np.nan
             self._stage.right_of_way(believed)
-        ways = self._ways
-        plan = believed.decide(STEP_S)[0]
-        traffic, ego = believed.traffic(), believed.bodies[0]
+        ego = believed.bodies[0]
+        changes, ego["lane_changes"] = bool(ego["lane_changes"]), False
+        plan = believed.decide(STEP_S)[0].copy()
+        following = DrivingCommand(float(ego["acceleration"]), ego_lanes.target)
+        traffic = believed.traffic()
         gap_m, leader_speed_m_s = _leader(plan, believed.bodies)
+        allowed_m_s = float(speed_allowed(traffic, 0))
         places = path_ahead(traffic, 0, PATH_POINTS, PATH_STEP_M)
-        # The model may have gone over to the next road, where lanes have other numbers.
-        target = int(ego["target"]) - ways.first
+        model = following
+        if changes:
+            ego["lane_changes"] = True
+            believed.decide(STEP_S)
+            # The model may have gone over to the next road, where lanes have other numbers.
+            target = int(ego["target"]) - ego_lanes.first
+            model = DrivingCommand(
+                float(ego["acceleration"]),
+                target if 0 <= target < ego_lanes.lanes else ego_lanes.target,
+            )
         return Outlook(
-            lane=ways.lane,
-            target_lane=ways.target,
-            lanes=ways.lanes,
-            allowed_speed_m_s=float(speed_allowed(traffic, 0)),
+            lane=ego_lanes.lane,
+            target_lane=ego_lanes.target,
+            lanes=ego_lanes.lanes,
+            allowed_speed_m_s=allowed_m_s,
             gap_m=gap_m,
             leader_speed_m_s=leader_speed_m_s,
             line_m=float(np.nan_to_num(ego["hold"], nan=np.inf)),
             path=to_world(places, np.zeros(len(places)))[0],
-            model=DrivingCommand(
-                float(ego["acceleration"]), target if 0 <= target < ways.lanes else ways.target
-            ),
+            model=model,
+            following=following,
         )
 
     def step(self, command: DrivingCommand, *, is_new: bool = True) -> None:
         """Drive for one step of 0.05 s.
 
         is_new: whether the command is an answer to this instant, and not to an earlier one.
-        A lane that is not there, that is closed, or that the ego may not change to is not taken.
+        A command for a lane that does not exist, that is closed or that the ego may not change to
+        is ignored: the target lane stays.
         """
-        ego, ways = self._ego, self._ways
+        ego, ego_lanes = self._ego, self._ego_lanes
         if is_new and ego["lane"] == ego["target"] and ego["timer"] > LANE_CHANGE_DELAY_S:
-            ego["timer"] = 0.0  # The model has thought of a lane change.
-        target = ways.first + command.target_lane
-        if 0 <= command.target_lane < ways.lanes and (
-            command.target_lane == ways.lane
+            ego["timer"] = 0.0  # The model considered a lane change at this step.
+        target = ego_lanes.first + command.target_lane
+        if 0 <= command.target_lane < ego_lanes.lanes and (
+            command.target_lane == ego_lanes.lane
             or not self._flow.roads.arrays.lanes[target]["forbidden"]
         ):
             ego["target"] = target
@@ -225,14 +253,14 @@ class DrivenTraffic:
         self._recorder.tick()
 
     @property
-    def _ways(self) -> _Ways:
+    def _ego_lanes(self) -> _EgoLanes:
         """The lanes that the ego may use: all of its road, or only its own."""
         ego, arrays = self._ego, self._flow.roads.arrays
         if not ego["lane_changes"]:
-            return _Ways(int(ego["target"]), 1, 0, 0)
+            return _EgoLanes(int(ego["target"]), 1, 0, 0)
         road = arrays.roads[arrays.lanes[ego["lane"]]["road"]]
         first = int(road["first"])
-        return _Ways(
+        return _EgoLanes(
             first, int(road["count"]), int(ego["lane"]) - first, int(ego["target"]) - first
         )
 
@@ -244,14 +272,15 @@ class DrivenTraffic:
         others = bodies_of(tracks)
         obstacles = copied(bodies, bodies["kind"] == OBSTACLE)
         flow = self._flow.with_bodies(joined([ego, others, obstacles]))
-        find_lanes(flow.traffic(), 1, 1 + len(others))
+        find_lanes(flow.traffic(), 1, 1 + len(others), float(ego["heading"][0]))
+        flow.bodies_changed()
         every_road = flow.add_route(range(len(flow.roads.arrays.roads)))
         drivers = flow.bodies[1 : 1 + len(others)]
         drivers["first_leg"], drivers["last_leg"] = every_road
         return flow
 
 
-class _Ways(NamedTuple):
+class _EgoLanes(NamedTuple):
     """The lanes that the ego may use.
 
     first: number of the first in `RoadArrays.lanes`. lane, target: counted from the first.
@@ -293,18 +322,23 @@ def bodies_of(tracks: Tracks) -> Bodies:
 
 
 @compiled()
-def find_lanes(traffic: Traffic, first: int, last: int) -> None:
+def find_lanes(traffic: Traffic, first: int, last: int, ego_heading: float) -> None:
     """Set the lanes of the drivers in the slots from first up to last: the nearest ones.
 
-    Slow drivers whose boxes point against their lanes are turned round: which end of a standing box
-    is ahead is not known.
+    Drivers ignore those who face them: these keep to their own lanes. Only tracks that surely come
+    towards the ego may be ignored so. Slow drivers against their lane stand there, headed along it:
+    which end of their boxes is ahead is not known, nor is their velocity exact. People who face the
+    ego are turned aside.
     """
     lanes = traffic.roads.lanes
     for slot in range(first, last):
         body = traffic.bodies[slot]
         if body.kind != DRIVER:
+            if cos(body.heading - ego_heading) < 0.0:
+                body.heading += pi / 2
+                body.cos, body.sin = -body.sin, body.cos
             continue
-        least, along_best = np.inf, True
+        least, agrees_best = np.inf, True
         for number in range(len(lanes)):
             lane = lanes[number]
             point = lane_point(traffic, lane, slot, 0)
@@ -312,14 +346,14 @@ def find_lanes(traffic: Traffic, first: int, last: int) -> None:
             heading = heading_at(lane, min(max(point.along, 0.0), lane.length)).base
             agrees = cos(body.heading - heading) >= 0.0
             distance = abs(point.across) + beyond
-            if not agrees and body.speed >= MOVING_M_S:
+            if not agrees and body.speed >= ONCOMING_M_S:
                 distance += AGAINST_M
             if distance < least:
-                least, along_best = distance, agrees
+                least, agrees_best = distance, agrees
                 body.lane = body.target = number
-        if not along_best and body.speed < MOVING_M_S:
+        if not agrees_best and body.speed < ONCOMING_M_S:
             body.heading += pi
-            body.cos, body.sin = -body.cos, -body.sin
+            body.cos, body.sin, body.speed = -body.cos, -body.sin, 0.0
 
 
 def _leader(plan: np.void, bodies: Bodies) -> tuple[float, float]:

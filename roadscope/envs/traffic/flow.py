@@ -175,6 +175,10 @@ class Flow:
         flow._set_bodies(bodies)
         return flow
 
+    def bodies_changed(self) -> None:
+        """Note that headings or places of bodies were changed from outside."""
+        self._angles = None
+
     def decide(self, dt: float) -> np.ndarray:
         """Let all drivers choose lanes and accelerations for a step of `dt` seconds.
 

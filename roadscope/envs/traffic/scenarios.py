@@ -46,7 +46,7 @@ class Scenario:
     scripted: whether all motion is written down; such scenarios are exempt from `accept`.
     unseen: whether vehicles have the shapes of `mix.UNSEEN`, on which no detector was trained.
     uneven: whether the ground has the terrain of that name in `terrain.TERRAINS`.
-    provoked: whether others act against the ego: they cut in ahead of it or step out.
+    adversarial: whether others cut in ahead of the ego or step out in front of it on purpose.
     """
 
     name: str
@@ -57,7 +57,7 @@ class Scenario:
     scripted: bool = False
     unseen: bool = False
     uneven: bool = False
-    provoked: bool = False
+    adversarial: bool = False
 
     def build(self) -> Callable[..., Any]:
         """Return the builder."""
@@ -90,9 +90,9 @@ def _simulated(
     return Scenario(name, description, style, builder, duration_s, unseen=unseen)
 
 
-def _provoked(name: str, style: str, description: str) -> Scenario:
+def _adversarial(name: str, style: str, description: str) -> Scenario:
     """Return a simulated scenario in which others act against the ego."""
-    return replace(_simulated(name, style, description), provoked=True)
+    return replace(_simulated(name, style, description), adversarial=True)
 
 
 def _uneven(name: str, traffic: str, style: str, description: str) -> Scenario:
@@ -141,10 +141,10 @@ _SCENARIOS = (
         "street", "town", "A street in town: people walk, wait, cross and ride beside the traffic."
     ),
     _simulated("town-crossing", "town", "A crossing in town with people on foot and on bicycles."),
-    _provoked(
+    _adversarial(
         "cutting-in", "motorway", "Drivers cut in closely ahead of the ego, again and again."
     ),
-    _provoked("stepping-out", "town", "A street where people step out in front of the ego."),
+    _adversarial("stepping-out", "town", "A street where people step out in front of the ego."),
     _simulated(
         "unseen-motorway",
         "motorway",

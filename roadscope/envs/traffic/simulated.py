@@ -21,12 +21,12 @@ from highway_env.road.lane import LineType, StraightLane
 from highway_env.road.road import RoadNetwork
 
 from roadscope.core.bounds import Bounds
+from roadscope.envs.traffic.adversarial import CutIns, StepOut, StepOuts
 from roadscope.envs.traffic.flow import HEAVY, Driver, Flow
 from roadscope.envs.traffic.flow_recorder import FlowRecorder
 from roadscope.envs.traffic.inflow import Inflow, Outflow
 from roadscope.envs.traffic.junction import Conflicts, Crossing, GiveWay, Hold
 from roadscope.envs.traffic.mix import EGO, draw_body
-from roadscope.envs.traffic.provoking import CutIns, StepOuts
 from roadscope.envs.traffic.roads import LaneIndex, Roads
 from roadscope.envs.traffic.timeline import Timeline
 from roadscope.envs.traffic.walkers import Kerb, People
@@ -42,9 +42,9 @@ class Stage:
     ego: its number.
     warm_up_s: simulated time before the recording begins.
     rules: called with the traffic before every step: inflow, removal, right of way.
-    right_of_way: the one of the rules that sets where drivers wait, if it depends only on what they
-        see of each other. A driven ego obeys it as it believes the others to be; other rules hold
-        it as a traffic light would.
+    right_of_way: the one of the rules that decides who waits at a line, if it uses only the states
+        of the others. A driven ego applies it to its tracks. Every other rule is applied to the
+        true traffic, like a traffic light.
     """
 
     flow: Flow
@@ -122,7 +122,8 @@ def dense_motorway(rng: np.random.Generator) -> Stage:
 def cutting_in(rng: np.random.Generator) -> Stage:
     """Build a motorway at about 20 m/s, on which drivers cut in closely ahead of the ego."""
     stage = straight(rng, MotorwayTraffic(25.0, headway_s=1.3, reach_m=220.0))
-    return replace(stage, rules=(*stage.rules, CutIns(rng, stage.ego)))
+    own_rng = np.random.default_rng(int(rng.integers(2**32)))
+    return replace(stage, rules=(*stage.rules, CutIns(own_rng, stage.ego)))
 
 
 def straight(rng: np.random.Generator, traffic: MotorwayTraffic) -> Stage:
@@ -421,14 +422,14 @@ def stepping_out(rng: np.random.Generator) -> Stage:
     width_m = sum(float(roads.lane(lane).width_at(0.0)) for lane in lanes)
     right, left = (Kerb(flow, lane_index, width_m) for lane_index in lanes)
     _populate(left, rng)
-    people = []
+    waiting = {}
     along_m = STREET_EGO_M + float(rng.uniform(35.0, 50.0))
     while along_m < right.length_m - 40.0:
-        people.append(right.wait(rng, along_m))
+        waiting[right.wait(rng, along_m)] = StepOut.draw(rng)
         along_m += float(rng.uniform(30.0, 45.0))
     for along_m in rng.uniform(STREET_EGO_M, right.length_m - 30.0, 5):
         right.walk(rng, float(along_m), ends=Bounds(5.0, right.length_m - 5.0))
-    rules = (inflow, People(STEP_S), StepOuts(rng, ego, people))
+    rules = (inflow, People(STEP_S), StepOuts(ego, waiting))
     return Stage(flow, ego, warm_up_s=1.0, rules=rules)
 
 

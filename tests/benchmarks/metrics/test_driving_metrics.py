@@ -40,6 +40,7 @@ def drive(
         others,
         velocities,
         np.array([[4.0, 2.0], [4.0, 2.0]]),
+        float(seconds),
         10.0,
         planned_s,
         collided,
@@ -61,9 +62,9 @@ def test_an_undisturbed_drive_has_the_best_scores() -> None:
 
 def test_a_collision_ends_the_reward() -> None:
     scores = values(drive(5.0, collided=True))
-    assert scores["reward"] == pytest.approx(0.5, abs=0.02)
+    assert scores["reward"] == pytest.approx(0.5)
     assert scores["collided"] == 1.0
-    assert scores["collisions"] == pytest.approx(3600 / 4.9)
+    assert scores["collisions"] == pytest.approx(3600 / 5.0)
     assert scores["least_ttc_s"] == 0.0
 
 
@@ -81,8 +82,8 @@ def test_braking_is_a_phantoms_unless_there_was_a_reason_within_a_second() -> No
     braking = drive(accelerations=hard, due=due)
     assert np.flatnonzero(phantom_braking(braking)).tolist() == list(range(80, 85))
     scores = values(braking)
-    assert scores["hard_braking"] == pytest.approx(2 * 3600 / 9.9)
-    assert scores["phantom_braking"] == pytest.approx(3600 / 9.9)
+    assert scores["hard_braking"] == pytest.approx(2 * 3600 / 10.0)
+    assert scores["phantom_braking"] == pytest.approx(3600 / 10.0)
 
 
 def test_the_time_to_a_standing_car_is_the_gap_over_the_speed() -> None:

@@ -68,7 +68,7 @@ def drive(driver, stack, episode=EPISODE):
 def test_a_drive_is_kept_whole_and_the_same_twice() -> None:
     first = drive("idm", "distance + gnn")
     again = drive("idm", "distance + gnn")
-    for name in ("stamps_s", "speeds", "accelerations", "poses", "due_accelerations"):
+    for name in ("stamps_s", "speeds", "accelerations", "poses", "reference_accelerations"):
         assert np.array_equal(getattr(first, name), getattr(again, name), equal_nan=True), name
     assert first.believed == again.believed
     assert len(first.stamps_s) == 20

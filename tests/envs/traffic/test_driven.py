@@ -1,9 +1,11 @@
 """Traffic in which the ego obeys commands and all others react."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from roadscope.core import DrivingCommand, Tracks
+from roadscope.core import Category, Detections, DrivingCommand, Tracks
 from roadscope.envs.traffic import DrivenTraffic, ScenarioError, record
 
 STEP_S = 0.05
@@ -84,6 +86,39 @@ def test_the_outlook_names_the_next_ahead_and_the_way() -> None:
     assert traffic.outlook(Tracks.empty(0.0, "world")).gap_m == np.inf
 
 
-def test_scripted_traffic_is_refused() -> None:
-    with pytest.raises(ScenarioError, match="cannot react"):
-        DrivenTraffic("cut-ins", 0, 10.0)
+@pytest.mark.parametrize(
+    ("scenario", "why"),
+    [("cut-ins", "cannot react"), ("hills", "uneven"), ("unseen-street", "unseen")],
+)
+def test_traffic_in_which_nobody_can_drive_is_refused(scenario, why) -> None:
+    with pytest.raises(ScenarioError, match=why):
+        DrivenTraffic(scenario, 0, 10.0)
+
+
+@pytest.mark.parametrize("backwards_m_s", [0.0, 1.5])
+@pytest.mark.parametrize("category", [Category.CAR, Category.PEDESTRIAN])
+def test_what_stands_ahead_is_not_taken_for_oncoming(category, backwards_m_s) -> None:
+    traffic = DrivenTraffic("two-way", 0, 10.0)
+    pose = traffic.world_from_ego
+    centres = pose.apply(np.array([[25.0, 0.0, 0.8]]))
+    boxes = Detections(
+        centres, np.array([[0.6, 0.6, 1.7]]), [pose.yaw + np.pi], [category], [1.0], "world", 0.0
+    )
+    back = -backwards_m_s * np.array([[np.cos(pose.yaw), np.sin(pose.yaw)]])
+    track = replace(Tracks.of(boxes, np.array([1])), velocities=back)
+    outlook = traffic.outlook(track)
+    assert outlook.gap_m == pytest.approx(25.0 - 0.3 - traffic.size[0], abs=0.31)
+    assert outlook.leader_speed_m_s == pytest.approx(0.0, abs=1e-9)
+    assert outlook.model.acceleration_m_s2 < -0.5
+
+
+def test_the_traffic_of_others_does_not_depend_on_random_numbers_of_the_ego() -> None:
+    """Those who arrive at the start of the road are the same however the ego drives."""
+    slow = driven("stepping-out", 2, 3.0, lambda t: DrivingCommand(-8.0, 0)).timeline(3.0)
+    fast = driven("stepping-out", 2, 3.0, lambda t: DrivingCommand(1.0, 0)).timeline(3.0)
+    both = np.intersect1d(slow.ids, fast.ids)
+    sizes = [
+        dict(zip(line.ids.tolist(), line.sizes.tolist(), strict=True)) for line in (slow, fast)
+    ]
+    assert len(both) > 20
+    assert [sizes[0][i] for i in both] == [sizes[1][i] for i in both]
