@@ -16,7 +16,7 @@ from rich.table import Table
 from research.object_traffic import ObjectStage
 from roadscope.core import Category
 from roadscope.envs.gym import MotorwayEnv
-from roadscope.envs.traffic.flow import Driver, Flow
+from roadscope.envs.traffic.flow import DriverSetup, Flow
 from roadscope.envs.traffic.mix import RoadUserBody, Size
 from roadscope.envs.traffic.scenarios import SCENARIOS
 from roadscope.envs.traffic.simulated import (
@@ -29,6 +29,12 @@ from roadscope.envs.traffic.simulated import (
 )
 from roadscope.envs.traffic.timeline import Timeline
 
+TWINS = tuple(
+    name
+    for name, each in SCENARIOS.items()
+    if not (each.scripted or each.unseen or each.uneven or each.adversarial)
+)
+"""Scenarios that objects can play too; they know no rules of those who act against the ego."""
 SEEDS, DURATION_S = 20, 20.0
 VEHICLES = (50, 100, 200, 500)
 REPEATS, FAST_STEPS, SLOW_STEPS = 7, 20, 2
@@ -94,7 +100,9 @@ def pile_up(aside_m: float) -> Stage:
         (lorry, 1, 114.0, 3.0),
         (car, 2, 98.0, 25.0),
     ):
-        flow.add_driver(Driver(body, ("0", "1", lane), along_m, speed, 25.0, lane_changes=True))
+        flow.add_driver(
+            DriverSetup(body, ("0", "1", lane), along_m, speed, 25.0, lane_changes=True)
+        )
     flow.park(("0", "1", 1), 125.0, car, reverse=True)
     flow.bodies["y"][0] += aside_m
     return Stage(flow, 0)
@@ -167,13 +175,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--vehicles", type=int, nargs="*", default=VEHICLES, help="on motorways")
     options = parser.parse_args(arguments)
     console = Console()
-    names = options.scenarios
-    if names is None:
-        names = [
-            name
-            for name, each in SCENARIOS.items()
-            if not (each.scripted or each.unseen or each.uneven)
-        ]
+    names = TWINS if options.scenarios is None else options.scenarios
     table = Table("scenario", "recordings", "equal to the bit", "same decisions", "m", "ratio")
     for name in names:
         row = compare(name, range(options.seeds), options.duration)

@@ -3,14 +3,12 @@
 import numpy as np
 import pytest
 
-from research.traffic_twin import builder, pile_up, play_both, same_decisions
-from roadscope.envs.traffic import SCENARIOS
+from research.traffic_twin import TWINS, builder, pile_up, play_both, same_decisions
 
 QUICK = "roundabout"
-SIMULATED = [n for n, s in SCENARIOS.items() if not (s.scripted or s.unseen or s.uneven)]
 EACH = [
     (name, 3.0) if name == QUICK else pytest.param(name, 20.0, marks=pytest.mark.slow)
-    for name in SIMULATED
+    for name in TWINS
 ]
 
 

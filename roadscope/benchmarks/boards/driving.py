@@ -21,7 +21,7 @@ from roadscope.benchmarks.episode import Episode
 from roadscope.benchmarks.graph import Job
 from roadscope.benchmarks.kinds import DRIVER, KINDS, check_plugin_spec, traits_of
 from roadscope.benchmarks.loop import RunOptions
-from roadscope.benchmarks.metrics.driving import Drive, score_drive
+from roadscope.benchmarks.metrics.driving import ScoredDrive, score_drive
 from roadscope.benchmarks.metrics.tracking import score_tracks
 from roadscope.benchmarks.nodes.drives import DriveNode, EpisodeDrive, Stack, duration_of
 from roadscope.benchmarks.references import LOWER_MARK, UPPER_MARK
@@ -185,9 +185,9 @@ def check_stack(text: str, suite: Suite) -> None:
         check_camera(suite)
 
 
-def drive_of(answers: EpisodeDrive, planned_s: float) -> Drive:
+def drive_of(answers: EpisodeDrive, planned_s: float) -> ScoredDrive:
     """Return what the scores of a drive are made of."""
-    return Drive(
+    return ScoredDrive(
         answers.stamps_s,
         answers.speeds,
         answers.accelerations,

@@ -16,7 +16,7 @@ _PARTS = {
     "calibration": "calibration_error excess pooled_calibration score_bins",
     "detection": "axis_error_deg box_errors box_overlaps_from_above score_detections "
     "score_detections_by_band",
-    "driving": "Drive phantom_braking score_drive times_to_collision",
+    "driving": "ScoredDrive phantom_braking score_drive times_to_collision",
     "fusion": "FusionTargets fusion_rates match_targets threshold_at",
     "image_detection": "LabelledImage image_precision score_images",
     "image_labels": "Labels PARKED ParkedBoxes labels_of",

@@ -50,7 +50,7 @@ class DrivingScores(ScoreFamily):
 
 
 @dataclass(frozen=True, slots=True)
-class Drive:
+class ScoredDrive:
     """What scores of a drive are made of: K instants of the ego among A others.
 
     stamps_s: (K,); end_s: when the drive ended. speeds, accelerations: (K,) of the ego, m/s and
@@ -74,7 +74,7 @@ class Drive:
     collided: bool
 
 
-def score_drive(drive: Drive) -> DrivingScores:
+def score_drive(drive: ScoredDrive) -> DrivingScores:
     """Return the scores of a drive."""
     stamps_s = drive.stamps_s
     driven_s = drive.end_s - float(stamps_s[0])
@@ -108,7 +108,7 @@ def score_drive(drive: Drive) -> DrivingScores:
     )
 
 
-def near_misses(drive: Drive, times_s: np.ndarray) -> np.ndarray:
+def near_misses(drive: ScoredDrive, times_s: np.ndarray) -> np.ndarray:
     """Return (K,) bool: when a collision is near that does not happen.
 
     times_s: of `times_to_collision`.
@@ -119,7 +119,7 @@ def near_misses(drive: Drive, times_s: np.ndarray) -> np.ndarray:
     return near
 
 
-def phantom_braking(drive: Drive) -> np.ndarray:
+def phantom_braking(drive: ScoredDrive) -> np.ndarray:
     """Return (K,) bool: when the ego brakes hard without a reason."""
     has_reason = drive.reference_accelerations < -REASON_M_S2
     lasting: np.ndarray = np.convolve(has_reason, np.ones(1 + round(REACTION_S / _step_s(drive))))
@@ -127,18 +127,18 @@ def phantom_braking(drive: Drive) -> np.ndarray:
     return phantom
 
 
-def _brakes_hard(drive: Drive) -> np.ndarray:
+def _brakes_hard(drive: ScoredDrive) -> np.ndarray:
     hard: np.ndarray = drive.accelerations < -HARD_BRAKING_M_S2
     return hard
 
 
-def _step_s(drive: Drive) -> float:
+def _step_s(drive: ScoredDrive) -> float:
     """Return the time from one instant to the next."""
     steps = np.diff(drive.stamps_s)
     return float(np.median(steps)) if len(steps) else 0.1
 
 
-def times_to_collision(drive: Drive) -> np.ndarray:
+def times_to_collision(drive: ScoredDrive) -> np.ndarray:
     """Return (K,) seconds until the ego would touch the first road user, at most `LONGEST_S`.
 
     All keep their velocities and headings. Two boxes touch while their projections overlap on the

@@ -21,7 +21,7 @@ from roadscope.benchmarks.graph import Job
 from roadscope.benchmarks.metrics.detection import GATE_M
 from roadscope.benchmarks.metrics.driving import (
     NEAR_MISS_S,
-    Drive,
+    ScoredDrive,
     near_misses,
     phantom_braking,
     times_to_collision,
@@ -42,10 +42,19 @@ from roadscope.benchmarks.metrics.trajectory_errors import (
 )
 from roadscope.benchmarks.nodes.drives import EpisodeDrive
 from roadscope.benchmarks.nodes.tracks import TrackNode
-from roadscope.benchmarks.nodes.traffic import TrafficNode
 from roadscope.benchmarks.nodes.tuned import TunedNode
 from roadscope.benchmarks.progress import Progress, silent
 from roadscope.benchmarks.records import EpisodeDetections, EpisodePoses, EpisodeTracks
+from roadscope.benchmarks.report.replay_places import (
+    DECIMETRES,
+    LaneStrip,
+    focus_on,
+    lanes_of,
+    motion_of,
+    moved_into,
+    near_lanes,
+    planar,
+)
 from roadscope.benchmarks.results import JobScores, Results
 from roadscope.core import Category, Detections, RecordError, Tracks, Truth
 
@@ -65,11 +74,8 @@ MOST_POSES = 240
 """Most poses of a replayed trajectory, beside those around its jump."""
 MARGIN_M = 10.0
 """Objects and lanes are shown so far beyond the range in which objects are eligible."""
-NEAR_M, VIEW_M = 45.0, 12.0
-"""The ego is in view at first if something that went wrong is nearer. So much around what went
-wrong is in view. Chosen by hand."""
-LANE_TOLERANCE_M = 0.15
-DECIMETRES, CENTIRADIANS = 10.0, 100.0
+NEAR_M = 45.0
+"""The ego is in view at first if something that went wrong is nearer. Chosen by hand."""
 
 
 class MovingBox(msgspec.Struct, frozen=True, array_like=True):
@@ -89,13 +95,6 @@ class MovingBox(msgspec.Struct, frozen=True, array_like=True):
     length: int
     width: int
     motion: list[int]
-
-
-class LaneStrip(msgspec.Struct, frozen=True, array_like=True):
-    """A lane: width, decimetres, and x, y of its points, the first one, then differences."""
-
-    width: int
-    points: list[int]
 
 
 class Moment(msgspec.Struct, frozen=True, kw_only=True):
@@ -204,7 +203,7 @@ def _read(job: Job, kind: str) -> list[Moment]:
     except (OSError, RecordError):
         return []
     assert isinstance(job.episode, Episode)
-    scene, lanes = judged_scene(answers, inputs, job.settings), _lanes(job.episode)
+    scene, lanes = judged_scene(answers, inputs, job.settings), lanes_of(job.episode)
     return [_of_scene(job, kind, scene, int(event), lanes) for event in _events(scene, kind)]
 
 
@@ -314,12 +313,12 @@ def _of_scene(job: Job, kind: str, scene: JudgedScene, event: int, lanes: Sequen
     near = np.flatnonzero(abs(times_s - times_s[event]) <= AROUND_S + 1e-9)
     frames: list[int] = near[abs(near - event) <= MOST_AROUND].tolist()
     truths = [scene.truths[t] for t in frames]
-    origin = _planar(scene.truths[event].world_from_ego.matrix[None])[0]
-    egos = _planar(np.array([truth.world_from_ego.matrix for truth in truths]))
+    origin = planar(scene.truths[event].world_from_ego.matrix[None])[0]
+    egos = planar(np.array([truth.world_from_ego.matrix for truth in truths]))
     letter = {SWITCHES: "s", MISSES: "x", ALARMS: "f"}[kind]
     wrong = (scene.answers if kind == ALARMS else scene.objects)[event]
     rows = wrong.states == letter
-    moved = _moved(np.column_stack([wrong.centres[rows], wrong.yaws[rows]]), origin)[:, :2]
+    moved = moved_into(np.column_stack([wrong.centres[rows], wrong.yaws[rows]]), origin)[:, :2]
     if np.linalg.norm(moved, axis=1).min() < NEAR_M:
         moved = np.vstack([moved, np.zeros(2)])
     return Moment(
@@ -328,11 +327,11 @@ def _of_scene(job: Job, kind: str, scene: JudgedScene, event: int, lanes: Sequen
         text=_text(scene, kind, event),
         event=frames.index(event),
         times_s=[round(truth.stamp_s, 2) for truth in truths],
-        ego=_motion(_moved(egos, origin)),
-        focus=_focus(moved),
+        ego=motion_of(moved_into(egos, origin)),
+        focus=focus_on(moved),
         objects=_series([scene.objects[t] for t in frames], origin, egos, scene.reach_m),
         answers=_series([scene.answers[t] for t in frames], origin, egos, scene.reach_m),
-        lanes=_near_lanes(lanes, origin, egos, scene.reach_m),
+        lanes=near_lanes(lanes, origin, egos, scene.reach_m),
     )
 
 
@@ -381,7 +380,7 @@ def _series(
     """Join the boxes of frames by their numbers; boxes out of reach of the ego are left out."""
     rows: dict[tuple[int, int], list[tuple[int, str, np.ndarray, np.ndarray]]] = {}
     for t, (boxes, ego) in enumerate(zip(frames, egos, strict=True)):
-        poses = _moved(np.column_stack([boxes.centres, boxes.yaws]), origin)
+        poses = moved_into(np.column_stack([boxes.centres, boxes.yaws]), origin)
         away_m = np.linalg.norm(boxes.centres - ego[:2], axis=1)
         nearest = np.argsort(away_m, kind="stable")[:MOST_BOXES]
         for row in np.sort(nearest[away_m[nearest] <= reach_m]):
@@ -397,7 +396,7 @@ def _series(
         for t, state, _, _ in items:
             states[t - first] = state
         length, width = np.rint(np.median([size for *_, size in items], axis=0) * DECIMETRES)
-        motion = _motion(np.array([pose for _, _, pose, _ in items]))
+        motion = motion_of(np.array([pose for _, _, pose, _ in items]))
         own = number if second < 0 else -1
         series.append(MovingBox(own, first, "".join(states), int(length), int(width), motion))
     return series
@@ -435,11 +434,11 @@ def _of_drive(job: Job, kind: str, answers: EpisodeDrive, rule: Eligibility) -> 
         text=_text_of_drive(answers, kind, event),
         event=int(np.searchsorted(near, event)),
         times_s=[round(float(t), 2) for t in answers.stamps_s[near]],
-        ego=_motion(_moved(_rear_axles(egos, answers.sizes[0, 0]), origin)),
-        focus=_focus(np.zeros((1, 2))),
+        ego=motion_of(moved_into(_rear_axles(egos, answers.sizes[0, 0]), origin)),
+        focus=focus_on(np.zeros((1, 2))),
         objects=_series(objects, origin, egos, reach_m),
         answers=_series(believed, origin, egos, reach_m),
-        lanes=_near_lanes(_lanes(job.episode), origin, egos, reach_m),
+        lanes=near_lanes(lanes_of(job.episode), origin, egos, reach_m),
     )
     return [moment]
 
@@ -450,7 +449,7 @@ def _rear_axles(centres: np.ndarray, length_m: float) -> np.ndarray:
     return np.column_stack([centres[:, :2] - back, centres[:, 2]])
 
 
-def _event_mask(drive: Drive, kind: str) -> np.ndarray:
+def _event_mask(drive: ScoredDrive, kind: str) -> np.ndarray:
     """Return (K,) bool: at which instants of a drive something goes wrong."""
     if kind == PHANTOM:
         return phantom_braking(drive)
@@ -501,8 +500,8 @@ def _text_of_drive(answers: EpisodeDrive, kind: str, event: int) -> str:
 def _of_poses(job: Job, kind: str, answers: EpisodePoses) -> list[Moment]:
     """Return one moment: the whole drive, with the largest jump or the end as its event."""
     both = answers.trajectories
-    estimate = _planar(aligned(both, "origin"))
-    truth = _planar(both.truth)
+    estimate = planar(aligned(both, "origin"))
+    truth = planar(both.truth)
     errors_m = absolute_errors(both, "origin").positions_m
     steps_m = relative_errors(both).translations_m
     if not len(steps_m):
@@ -513,7 +512,7 @@ def _of_poses(job: Job, kind: str, answers: EpisodePoses) -> list[Moment]:
     around = np.arange(max(0, jump - 10), min(len(truth), jump + 11))
     kept = np.unique(np.concatenate([np.rint(rows).astype(int), around, [event]]))
     origin = truth[0]
-    true_path, path = _moved(truth, origin)[kept], _moved(estimate, origin)[kept]
+    true_path, path = moved_into(truth, origin)[kept], moved_into(estimate, origin)[kept]
     paths = np.vstack([true_path[:, :2], path[:, :2]]) - true_path[-1, :2]
     travelled_m = both.distances[-1]
     text = (
@@ -527,90 +526,9 @@ def _of_poses(job: Job, kind: str, answers: EpisodePoses) -> list[Moment]:
         text=text,
         event=int(np.searchsorted(kept, event)),
         times_s=[round(float(t), 2) for t in answers.stamps_s[kept]],
-        ego=_motion(true_path),
-        focus=_focus(paths if kind == DRIFT else np.zeros((1, 2))),
-        estimate=_motion(path),
+        ego=motion_of(true_path),
+        focus=focus_on(paths if kind == DRIFT else np.zeros((1, 2))),
+        estimate=motion_of(path),
         errors=[round(100 * float(error)) for error in errors_m[kept]],
     )
     return [moment]
-
-
-# --------------------------------------------------------------------------------------------------
-# Coordinates. Planar poses are (N, 3): x, y, metres, and yaw, radians.
-
-
-def _planar(poses: np.ndarray) -> np.ndarray:
-    """Return (N, 4, 4) poses as planar ones."""
-    return np.column_stack([poses[:, :2, 3], np.arctan2(poses[:, 1, 0], poses[:, 0, 0])])
-
-
-def _moved(poses: np.ndarray, origin: np.ndarray) -> np.ndarray:
-    """Return planar poses in the frame of another one."""
-    cos, sin = np.cos(origin[2]), np.sin(origin[2])
-    x, y = (poses[:, :2] - origin[:2]).T
-    return np.column_stack([cos * x + sin * y, cos * y - sin * x, poses[:, 2] - origin[2]])
-
-
-def _focus(points: np.ndarray) -> tuple[int, int, int, int]:
-    """Return the centre, half length and half width of a view of (N, 2) points."""
-    low, high = points.min(axis=0) - VIEW_M, points.max(axis=0) + VIEW_M
-    x, y, length, width = np.rint(np.append(low + high, high - low) / 2 * DECIMETRES).astype(int)
-    return int(x), int(y), int(length), int(width)
-
-
-def _motion(poses: np.ndarray) -> list[int]:
-    """Return planar poses as whole numbers: the first, then differences."""
-    unwrapped = np.column_stack([poses[:, :2], np.unwrap(poses[:, 2])])
-    scaled = np.rint(unwrapped * (DECIMETRES, DECIMETRES, CENTIRADIANS)).astype(int)
-    return _differences(scaled)
-
-
-def _differences(rows: np.ndarray) -> list[int]:
-    return [int(value) for value in np.diff(rows, axis=0, prepend=0 * rows[:1]).ravel()]
-
-
-def _lanes(episode: Episode) -> list[tuple[np.ndarray, np.ndarray]]:
-    """Return the lanes of an episode's road; none if its traffic is not kept."""
-    node = TrafficNode.of(episode)
-    try:
-        return read_kept(node.path, node.record.load).road.lanes()
-    except (OSError, RecordError):
-        return []
-
-
-def _near_lanes(
-    lanes: Sequence[tuple[np.ndarray, np.ndarray]],
-    origin: np.ndarray,
-    egos: np.ndarray,
-    reach_m: float,
-) -> list[LaneStrip]:
-    """Return the parts of lanes that come near the ego, with no more points than bends need."""
-    shown = []
-    for points, widths in lanes:
-        close = np.zeros(len(points), bool)
-        for ego in egos[:: max(1, len(egos) // 8)]:
-            close |= np.linalg.norm(points - ego[:2], axis=1) <= 1.5 * reach_m
-        rows = np.flatnonzero(close)
-        for part in np.split(rows, np.flatnonzero(np.diff(rows) > 1) + 1):
-            if len(part) > 1:
-                poses = np.column_stack([points[part], np.zeros(len(part))])
-                line = _simplified(_moved(poses, origin)[:, :2])
-                width = round(float(np.median(widths[part])) * DECIMETRES)
-                shown.append(LaneStrip(width, _differences(np.rint(line * DECIMETRES).astype(int))))
-    return shown
-
-
-def _simplified(line: np.ndarray) -> np.ndarray:
-    """Return a line with no more points than bends need (Douglas and Peucker 1973)."""
-    chord = line[-1] - line[0]
-    offsets = line - line[0]
-    length = float(np.hypot(*chord))
-    if length > 0:
-        distances = np.abs(chord[0] * offsets[:, 1] - chord[1] * offsets[:, 0]) / length
-    else:
-        distances = np.hypot(*offsets.T)
-    farthest = int(np.argmax(distances))
-    if distances[farthest] <= LANE_TOLERANCE_M:
-        return line[[0, -1]]
-    before, after = _simplified(line[: farthest + 1]), _simplified(line[farthest:])
-    return np.vstack([before[:-1], after])

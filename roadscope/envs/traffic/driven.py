@@ -35,7 +35,7 @@ MOVING_M_S = 1.0
 PATH_STEP_M, PATH_POINTS = 2.0, 50
 """The path ahead that a driver knows."""
 TIME_GAP_S, STANDSTILL_GAP_M = 1.2, 2.5
-"""What the ego assumes that others keep; the defaults of `Driver`."""
+"""What the ego assumes that others keep; the defaults of `DriverSetup`."""
 ONCOMING_M_S = 3.0
 """Slower bodies that seem to move against their lane are taken for standing ones."""
 AGAINST_M = 10.0

@@ -39,7 +39,7 @@ HEAVY = (Category.TRUCK, Category.BUS)
 
 
 @dataclass(slots=True)
-class Driver:
+class DriverSetup:
     """A driver before it is on a road.
 
     desired_speed: speed on a free road, m/s. route: roads from that of the lane on; None to go on
@@ -66,7 +66,7 @@ class Driver:
         self.body = body
         self.comfort_m_s2 = COMFORT_HEAVY_M_S2 if body.category in HEAVY else COMFORT_M_S2
 
-    def vary(self, rng: np.random.Generator) -> Driver:
+    def vary(self, rng: np.random.Generator) -> DriverSetup:
         """Draw the time gap, the gap at standstill and the acceleration of this driver."""
         self.time_gap_s = float(rng.uniform(0.9, 1.5))
         self.standstill_gap_m = float(rng.uniform(2.0, 3.0))
@@ -100,7 +100,7 @@ class Flow:
             self._set_bodies(joined([self._bodies, *self._waiting]))
         return self._bodies
 
-    def add_driver(self, driver: Driver) -> int:
+    def add_driver(self, driver: DriverSetup) -> int:
         """Put a driver on its lane; return its number."""
         if driver.lane_changes and driver.route is not None:
             raise ValueError("a driver with a route keeps its lane")

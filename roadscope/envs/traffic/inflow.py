@@ -9,7 +9,7 @@ import numpy as np
 
 from roadscope.core.bounds import Bounds
 from roadscope.core.jit import compiled
-from roadscope.envs.traffic.flow import Driver, Flow
+from roadscope.envs.traffic.flow import DriverSetup, Flow
 from roadscope.envs.traffic.lane_geometry import Traffic, along_lane, next_lane
 from roadscope.envs.traffic.mix import EGO, RoadUserBody, draw_body
 from roadscope.envs.traffic.road_users import DRIVER, WALKER
@@ -88,7 +88,9 @@ class Inflow:
     def place(self, flow: Flow, source: LaneIndex, along_m: float, body: RoadUserBody) -> int:
         """Put a driver with a given body on a source lane; return its number."""
         desired_speed = self.desired_speed * float(self.rng.uniform(0.9, 1.1))
-        driver = Driver(body, source, along_m, 0.85 * desired_speed, desired_speed).vary(self.rng)
+        driver = DriverSetup(body, source, along_m, 0.85 * desired_speed, desired_speed).vary(
+            self.rng
+        )
         goal = self.choose(self.rng, source, body.size[0])
         roads = flow.roads
         driver.route = [roads.road_number(source)] if goal is None else roads.route(source, goal)

@@ -22,7 +22,7 @@ from highway_env.road.road import RoadNetwork
 
 from roadscope.core.bounds import Bounds
 from roadscope.envs.traffic.adversarial import CutIns, StepOut, StepOuts
-from roadscope.envs.traffic.flow import HEAVY, Driver, Flow
+from roadscope.envs.traffic.flow import HEAVY, DriverSetup, Flow
 from roadscope.envs.traffic.flow_recorder import FlowRecorder
 from roadscope.envs.traffic.inflow import Inflow, Outflow
 from roadscope.envs.traffic.junction import Conflicts, Crossing, GiveWay, Hold
@@ -140,7 +140,7 @@ def straight(rng: np.random.Generator, traffic: MotorwayTraffic) -> Stage:
             if body.category in HEAVY and lane < traffic.lanes - 2:
                 body = draw_body("parked", rng)
             desired_speed = speed * float(rng.uniform(0.9, 1.3))
-            driver = Driver(
+            driver = DriverSetup(
                 body, ("0", "1", lane), along_m, speed, desired_speed, lane_changes=True
             )
             number = flow.add_driver(driver.vary(rng))
@@ -227,7 +227,7 @@ def _merging(
     desired_speed: float,
     is_ego: bool = False,
 ) -> int:
-    driver = Driver(
+    driver = DriverSetup(
         EGO if is_ego else draw_body("urban", rng),
         lane_index,
         along_m,
@@ -496,7 +496,7 @@ def _filled_track(rng: np.random.Generator, *, spacing_m: float, speeds: Bounds)
                 while along_m < length - 1.0:
                     desired_speed = float(rng.uniform(*speeds))
                     body = draw_body("tight", rng)
-                    driver = Driver(body, (start, end, side), along_m, 4.5, desired_speed)
+                    driver = DriverSetup(body, (start, end, side), along_m, 4.5, desired_speed)
                     drivers.append(driver.vary(rng))
                     along_m += spacing_m * float(rng.uniform(0.85, 1.4))
                 along_m -= length
@@ -562,4 +562,6 @@ def _driving_slowly(
     body = EGO if is_ego else draw_body("parked", rng)
     speed = float(rng.uniform(2.4, 3.4))
     route = [flow.roads.road_number(lane_index)]
-    return flow.add_driver(Driver(body, lane_index, along_m, speed, speed, route=route).vary(rng))
+    return flow.add_driver(
+        DriverSetup(body, lane_index, along_m, speed, speed, route=route).vary(rng)
+    )

@@ -7,7 +7,12 @@ from hypothesis import strategies as st
 from shapely import affinity
 from shapely.geometry import box
 
-from roadscope.benchmarks.metrics import Drive, phantom_braking, score_drive, times_to_collision
+from roadscope.benchmarks.metrics import (
+    ScoredDrive,
+    phantom_braking,
+    score_drive,
+    times_to_collision,
+)
 
 
 def drive(
@@ -31,7 +36,7 @@ def drive(
     others[:, 0, :2] += stamps_s[:, None] * np.array(velocity)
     velocities = np.zeros((count, 2, 2))
     velocities[:, 0, 0], velocities[:, 1] = speeds, velocity
-    return Drive(
+    return ScoredDrive(
         stamps_s,
         speeds,
         np.broadcast_to(np.float64(accelerations), count),
