@@ -19,12 +19,12 @@ from roadscope.benchmarks.boards.board import (
 from roadscope.benchmarks.eligibility import Eligibility
 from roadscope.benchmarks.episode import Episode
 from roadscope.benchmarks.graph import Job
-from roadscope.benchmarks.kinds import DRIVER, KINDS, check_plugin_spec, traits_of
+from roadscope.benchmarks.kinds import DETECTOR, DRIVER, KINDS, check_plugin_spec, traits_of
 from roadscope.benchmarks.loop import RunOptions
 from roadscope.benchmarks.metrics.driving import ScoredDrive, score_drive
 from roadscope.benchmarks.metrics.tracking import score_tracks
 from roadscope.benchmarks.nodes.drives import DriveNode, EpisodeDrive, Stack, duration_of
-from roadscope.benchmarks.references import LOWER_MARK, UPPER_MARK
+from roadscope.benchmarks.references import LOWER_MARK, UPPER_MARK, check_detection_source
 from roadscope.benchmarks.suite import BoardSettings, Names, Suite
 from roadscope.core import Spec, SpecError
 from roadscope.core.spec import FUSED
@@ -178,7 +178,10 @@ def check_stack(text: str, suite: Suite) -> None:
     """Raise `SpecError` for a text that is no stack, or one that a suite's rig cannot serve."""
     stack = Stack(text)
     for spec in stack.plugins():
-        check_plugin_spec(spec, KINDS[spec.kind])
+        if spec.kind == DETECTOR.name:
+            check_detection_source(spec)
+        else:
+            check_plugin_spec(spec, KINDS[spec.kind])
         if traits_of(spec).offline:
             raise SpecError(f"'{spec}' needs the whole episode, so nobody can drive with it")
     if stack.senses and parts_of(text)[0].name == FUSED:
