@@ -2,6 +2,7 @@ import os
 import re
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -30,14 +31,20 @@ def roadscope_does(*arguments: object, cwd: Path) -> subprocess.CompletedProcess
 
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", PLUGINS)
-def test_the_printed_steps_check_the_template(kind: str, tmp_path: Path) -> None:
-    written = roadscope_does("new", kind, cwd=tmp_path)
-    assert written.returncode == 0
+def test_the_printed_steps_check_the_template(
+    kind: str,
+    tmp_path: Path,
+    answer: Callable[..., tuple[int, str, str]],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    status, output, _ = answer("new", kind)
+    assert status == 0
     assert (tmp_path / TEMPLATES[kind].default_path).read_text() == template_text(kind)
-    steps = [line.split() for line in written.stdout.splitlines() if "roadscope" in line]
+    steps = [line.split() for line in output.splitlines() if "roadscope" in line]
     (check,) = [step[1:] for step in steps if step[1] == "check"]
-    done = roadscope_does(*check, cwd=tmp_path)
-    assert done.returncode == 0, done.stdout
+    status, output, _ = answer(*check)
+    assert status == 0, output
     assert any(step[1] == "leaderboard" and check[1] in step for step in steps)
 
 
