@@ -79,7 +79,8 @@ def test_the_suite_can_be_read_and_run(tmp_path: Path) -> None:
 @pytest.mark.slow
 def test_the_suite_runs(tmp_path: Path) -> None:
     write_template("suite", tmp_path)
-    done = roadscope_does("leaderboard", "--suite", "my_suite.toml", "--jobs", 1, cwd=tmp_path)
+    options = ("--suite", "my_suite.toml", "--seeds", 1, "--jobs", 1)
+    done = roadscope_does("leaderboard", *options, cwd=tmp_path)
     assert done.returncode == 0
     assert "gnn" in done.stdout
 
