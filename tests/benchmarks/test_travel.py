@@ -122,7 +122,6 @@ def test_estimates_of_turned_scans_come_back_as_those_of_the_scans(odometry):
 )
 def test_traffic_around_turns_no_lidar(scenario):
     """Matches that moving objects mislead point anywhere."""
-    for seed in (10000, 10001):
-        scans = [step.scan for step in drive(Episode(scenario, seed, "vlp16-imu", 10.0))]
-        azimuth = direction_of_travel(Recording(scans))  # type: ignore[arg-type]
-        assert azimuth is None or abs(azimuth) < np.deg2rad(15)
+    scans = [step.scan for step in drive(Episode(scenario, 10000, "vlp16-imu", 10.0))]
+    azimuth = direction_of_travel(Recording(scans))  # type: ignore[arg-type]
+    assert azimuth is None or abs(azimuth) < np.deg2rad(15)
