@@ -23,7 +23,7 @@ def of_boards(run: Run) -> dict[str, object]:
     return {k: v for k, v in run.values().items() if k.startswith(BOARDS)}
 
 
-@pytest.mark.parametrize(("act", "jobs"), [("rewrite_broken", 1), ("rewrite_valid", 2)])
+@pytest.mark.parametrize(("act", "jobs"), [("rewrite_broken", 2), ("rewrite_valid", 1)])
 def test_files_that_a_plugin_rewrote_are_made_again(
     new_workshop: Made, honest_run: Honest, act: str, jobs: int
 ) -> None:
@@ -48,9 +48,9 @@ def test_answers_that_a_plugin_wrote_for_others_are_not_used(
     assert run.results.failed_entries == []
 
 
-@pytest.mark.parametrize("where", [10, 0.5])
+@pytest.mark.parametrize(("where", "jobs"), [(10, 1), (0.5, 2)])
 def test_a_file_that_was_damaged_between_runs_is_made_again(
-    new_workshop: Made, honest_run: Honest, where: float
+    new_workshop: Made, honest_run: Honest, where: float, jobs: int
 ) -> None:
     place = new_workshop()
     place.run([], jobs=1, boards=BOARDS)
@@ -59,7 +59,7 @@ def test_a_file_that_was_damaged_between_runs_is_made_again(
     assert len(damaged) >= 6
     for path in damaged:
         flip(path, where)
-    run = place.run([], jobs=1, boards=BOARDS, out_dir=place.folder / "second")
+    run = place.run([], jobs=jobs, boards=BOARDS, out_dir=place.folder / "second")
     assert of_boards(run) == of_boards(honest_run[1])
     assert run.results.failed_entries == []
     read = [path for path in damaged if path.parent.name != "timelines"]
