@@ -74,6 +74,8 @@ MOST_POSES = 240
 """Most poses of a replayed trajectory, beside those around its jump."""
 MARGIN_M = 10.0
 """Objects and lanes are shown so far beyond the range in which objects are eligible."""
+MARKER_AHEAD_M = 1.45
+"""The page draws the ego with its middle so far ahead of its pose, which is that of a rear axle."""
 NEAR_M = 45.0
 """The ego is in view at first if something that went wrong is nearer. Chosen by hand."""
 
@@ -434,7 +436,7 @@ def _of_drive(job: Job, kind: str, answers: EpisodeDrive, rule: Eligibility) -> 
         text=_text_of_drive(answers, kind, event),
         event=int(np.searchsorted(near, event)),
         times_s=[round(float(t), 2) for t in answers.stamps_s[near]],
-        ego=motion_of(moved_into(_rear_axles(egos, answers.sizes[0, 0]), origin)),
+        ego=motion_of(moved_into(_behind(egos, MARKER_AHEAD_M), origin)),
         focus=focus_on(np.zeros((1, 2))),
         objects=_series(objects, origin, egos, reach_m),
         answers=_series(believed, origin, egos, reach_m),
@@ -443,10 +445,10 @@ def _of_drive(job: Job, kind: str, answers: EpisodeDrive, rule: Eligibility) -> 
     return [moment]
 
 
-def _rear_axles(centres: np.ndarray, length_m: float) -> np.ndarray:
-    """Return the poses of the ego's rear axle, which is at the rear end of its box."""
-    back = length_m / 2 * np.column_stack([np.cos(centres[:, 2]), np.sin(centres[:, 2])])
-    return np.column_stack([centres[:, :2] - back, centres[:, 2]])
+def _behind(poses: np.ndarray, back_m: float) -> np.ndarray:
+    """Return planar poses that are so far behind others."""
+    back = back_m * np.column_stack([np.cos(poses[:, 2]), np.sin(poses[:, 2])])
+    return np.column_stack([poses[:, :2] - back, poses[:, 2]])
 
 
 def _event_mask(drive: ScoredDrive, kind: str) -> np.ndarray:
