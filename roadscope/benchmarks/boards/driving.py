@@ -63,6 +63,9 @@ class DrivingBoard(Board):
             "reward: mean of speed over desired speed, 0 after a collision.",
         ),
         Column("collided", "collided", 2, "collided: share of drives that end in a collision."),
+        Column(
+            "call_p50_ms", "ms p50", 1, "ms p50: median processor time of the stack for a scan."
+        ),
         Column("collisions", "coll./h", 1, "/h: events in an hour of driving."),
         Column("near_misses", "near/h", 0, "near: less than 1 s to a collision."),
         Column(
@@ -72,9 +75,6 @@ class DrivingBoard(Board):
             "hard: braking harder than 3 m/s2; phantom: without reason.",
         ),
         Column("phantom_braking", "phantom/h", 0),
-        Column(
-            "call_p50_ms", "ms p50", 1, "ms p50: median processor time of the stack for a scan."
-        ),
         Column("progress", "progress", 2, "progress: distance over that at desired speed."),
         Column("comfort_m_s2", "acc. m/s2", 2, "acc.: RMS of the acceleration."),
         Column("least_ttc_s", "TTC s", 2, "TTC: shortest time to a collision, mean of the drives."),

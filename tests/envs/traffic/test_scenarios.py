@@ -53,6 +53,8 @@ def test_the_named_scenarios_are_there():
         "lu2018-three-vehicles",
         "street",
         "town-crossing",
+        "cutting-in",
+        "stepping-out",
         "unseen-motorway",
         "unseen-street",
         "convoy-pull-away",
