@@ -477,9 +477,10 @@ def _boards_for(option: str, boards: Sequence[Board], uses: Callable[[Board], bo
 
     using = [board for board in boards if uses(board)]
     if not using:
-        possible = " and ".join(board.name for board in BOARDS.values() if uses(board))
+        possible = [board.name for board in BOARDS.values() if uses(board)]
+        word = "board" if len(possible) == 1 else "boards"
         names = " and ".join(board.name for board in boards)
-        raise ValueError(f"{option} is for the board {possible}, not {names}")
+        raise ValueError(f"{option} is for the {word} {' and '.join(possible)}, not {names}")
     return using
 
 

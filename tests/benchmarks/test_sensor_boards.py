@@ -295,7 +295,11 @@ def test_detections_on_the_command_line_replace_the_suites(tmp_path) -> None:
 @pytest.mark.parametrize(
     ("board", "option", "words"),
     [
-        ("camera", "--detections", "--detections is for the board tracking, not camera"),
+        (
+            "camera",
+            "--detections",
+            "--detections is for the boards tracking and driving, not camera",
+        ),
         ("detection", "--calibration", "--calibration is for the board fusion, not detection"),
     ],
 )
