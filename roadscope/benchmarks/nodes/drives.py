@@ -180,6 +180,8 @@ class DriveNode(Node):
                 return command
 
             replies = run_plugin(self.driver, DRIVER, scenes(), drive_on, options=options)
+        if not log.scenes:
+            raise ValueError("the ego has collided before the drive begins")
         return log.drive(loop, episode.seed, replies.times)
 
 

@@ -9,7 +9,7 @@ from roadscope import Episode, Spec
 from roadscope.benchmarks import RunOptions
 from roadscope.benchmarks.isolation import PluginError
 from roadscope.benchmarks.nodes import DriveNode, EpisodeDrive, Stack
-from roadscope.driving import DRIVERS
+from roadscope.driving import DRIVERS, ClosedLoop
 
 EPISODE = Episode("two-way", 0, "vlp16", 2.0)
 PLUGINS = """
@@ -108,6 +108,12 @@ def test_a_strangers_driver_acts_on_the_world(plugins) -> None:
 def test_what_a_stranger_does_wrong_fails_its_own_drive(plugins, driver, stack, reason) -> None:
     with pytest.raises(PluginError, match=reason):
         drive(driver.format(plugins), stack.format(plugins))
+
+
+def test_a_drive_that_is_over_at_once_says_so(monkeypatch) -> None:
+    monkeypatch.setattr(ClosedLoop, "over", True)
+    with pytest.raises(ValueError, match="before the drive begins"):
+        drive("idm", "blind")
 
 
 def test_a_strangers_detector_is_called_and_timed(plugins) -> None:
