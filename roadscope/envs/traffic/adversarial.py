@@ -12,8 +12,8 @@ from roadscope.envs.traffic.flow import Flow
 from roadscope.envs.traffic.lane_geometry import along_lane
 from roadscope.envs.traffic.road_users import DRIVER, WALKER
 
-# The constants of this file are chosen by hand: the distances at which others act on train seeds, so
-# that the drivers of the simulation, on the truth, avoid nearly all collisions.
+# Constants are chosen by hand: the distances at which others act on train seeds, so that drivers
+# of the simulation, on the truth, avoid nearly all collisions.
 
 CUT_IN_GAP_M = Bounds(6.0, 16.0)
 """Bumper to bumper, ahead of the ego, of a driver that cuts in."""
