@@ -224,15 +224,9 @@ def _boards(run: Run) -> Iterator[dict[str, Any]]:
             "headline": board.headline,
             "sample": board.sample,
             "remark": " ".join(
-                filter(
-                    None,
-                    [
-                        comparison(results, name),
-                        board.remark(_calibration(results)),
-                        *prediction_lines(results, name),
-                    ],
-                )
+                filter(None, [comparison(results, name), board.remark(_calibration(results))])
             ),
+            "predictions": prediction_lines(results, name),
             "columns": [_column(results, board, each) for each in columns],
             "entries": [
                 {
