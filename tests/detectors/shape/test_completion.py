@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from roadscope.core import Category
@@ -46,6 +46,21 @@ def seen_car(yaw=0.0, centre=(15.0, 4.0), size=(4.4, 1.8), noise_m=0.0, seed=0):
     return points + noise_m * np.random.default_rng(seed).standard_normal(points.shape)
 
 
+def first_of_each_column(points):
+    """Keep the nearest point of each column of a scan: a face at grazing incidence has few."""
+    x, y = points.T
+    nearest = points[np.argsort(np.hypot(x, y))]
+    _, rows = np.unique(np.arctan2(nearest[:, 1], nearest[:, 0]) // STEP, return_index=True)
+    return nearest[rows]
+
+
+def depth_of_grazing_face(yaw, centre=(15.0, 4.0), size=(4.4, 1.8)):
+    """Metres from the origin to the line of that face which is nearest to grazing incidence."""
+    (x, y), cos, sin = centre, np.cos(yaw), np.sin(yaw)
+    along = np.array([x * cos + y * sin, y * cos - x * sin])
+    return np.abs(np.abs(along) - np.divide(size, 2)).min()
+
+
 def with_roof(points, yaw=0.0, centre=(15.0, 4.0)):
     """Add the far corners of a roof: without them the least rectangle may lie on the diagonal."""
     return np.concatenate(
@@ -55,7 +70,7 @@ def with_roof(points, yaw=0.0, centre=(15.0, 4.0)):
 
 def car_cluster(yaw, turn=0.0, shift=(0.0, 0.0), noise_m=0.0):
     """Outline and roof of a car, seen from a sensor that is moved with it."""
-    outline = seen_car(yaw, noise_m=noise_m)
+    outline = first_of_each_column(seen_car(yaw, noise_m=noise_m))
     points = turned(with_roof(outline, yaw), turn, shift)
     count = len(points)
     return replace(
@@ -140,7 +155,12 @@ def test_what_no_road_user_measures_is_nobody(shape):
     yaw=st.floats(-3.1, 3.1), x=st.floats(-40, 40), y=st.floats(-40, 40), car=st.floats(-1.4, 1.4)
 )
 def test_rigid_motion_moves_the_vehicle(shape, yaw, x, y, car):
-    """With the sensor and what hides behind it."""
+    """With the sensor and what hides behind it.
+
+    A car is left out if one of its faces is almost at grazing incidence: range noise decides
+    whether it is visible, and the likeliest heading jumps with it.
+    """
+    assume(depth_of_grazing_face(car) > 0.2)
     shift = np.array([x, y])
     before = only(shape, car_cluster(car, noise_m=0.02), horizon([0.6], [5.0]))
     after = only(
