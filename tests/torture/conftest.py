@@ -5,6 +5,7 @@ from pathlib import Path
 
 import pytest
 
+from roadscope.benchmarks import code_hash, package
 from tests.torture.acts import pairs
 from tests.torture.boards import SUITE, Run, Workshop, workshop
 from tests.torture.entries import Tortured, tortured
@@ -28,7 +29,13 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 
 @pytest.fixture(scope="session")
 def honest_run(tmp_path_factory: pytest.TempPathFactory) -> tuple[Workshop, Run]:
-    """Run the suite without strangers."""
+    """Run the suite without strangers.
+
+    Sources are parsed anew, whatever other tests did in this process, so that their index is kept
+    in this run's cache, where other workshops take it from.
+    """
+    package.cache_clear()
+    code_hash.cache_clear()
     made = workshop(tmp_path_factory.mktemp("honest") / "run")
     return made, made.run([], jobs=1)
 
