@@ -111,9 +111,12 @@ COMMANDS: Mapping[str, CommandEntry] = {
     ),
     "train": CommandEntry(
         "train:train",
-        "Train the camera detector on simulated pictures",
+        "Train the camera detector or a driver",
         MORE,
-        ("roadscope train camera --recipe trial --out my_network.safetensors",),
+        (
+            "roadscope train camera --recipe trial --out my_network.safetensors",
+            "roadscope train driver --scenario merge --steps 1024 --out my_agent.safetensors",
+        ),
     ),
     "speed": CommandEntry(
         "speed:speed",

@@ -41,6 +41,7 @@ SUITES = (
     "crossing",
     "driving",
     "driving-camera",
+    "driving-faults",
 )
 """The suites of roadscope."""
 

@@ -7,17 +7,37 @@ from typing import Annotated
 
 import typer
 
+from roadscope.commands.help import GroupedCommand, GroupedCommands
 from roadscope.commands.options import Jobs, Quiet, workers
 from roadscope.commands.terminal import headline, progress_bars, show
 
+train = typer.Typer(
+    cls=GroupedCommands,
+    help="Train the camera detector on simulated pictures, or a driver in simulated traffic.",
+    add_completion=False,
+    rich_markup_mode=None,
+)
 
-def train(
-    what: Annotated[str, typer.Argument(metavar="WHAT", help="camera")],
+Seed = Annotated[int, typer.Option(min=0, metavar="N", help="Of all random draws")]
+Out = Annotated[Path, typer.Option(metavar="FILE", help="The weights; a .toml comes beside it")]
+
+
+@train.callback(invoke_without_command=True)
+def _help(context: typer.Context) -> None:
+    """Show the help where no command is given."""
+    if context.invoked_subcommand is None:
+        typer.echo(context.get_help())
+
+
+@train.command(
+    "camera", cls=GroupedCommand, help="Train the camera detector on simulated pictures."
+)
+def camera(
     recipe: Annotated[
         str,
         typer.Option(metavar="NAME", help="full (half an hour on two cores), small or trial"),
     ] = "full",
-    seed: Annotated[int, typer.Option(min=0, metavar="N", help="Of all random draws")] = 0,
+    seed: Seed = 0,
     jobs: Jobs = 0,
     work: Annotated[
         Path | None,
@@ -25,9 +45,7 @@ def train(
             metavar="DIR", help="For pictures (up to 5 GB) and checkpoints; else the cache"
         ),
     ] = None,
-    out: Annotated[
-        Path, typer.Option(metavar="FILE", help="The weights; a .toml comes beside it")
-    ] = Path("network.safetensors"),
+    out: Out = Path("network.safetensors"),
     quiet: Quiet = False,
 ) -> None:
     """Train the camera detector from simulated pictures.
@@ -36,8 +54,6 @@ def train(
     """
     from roadscope.benchmarks.train.camera import train_camera
 
-    if what != "camera":
-        raise ValueError(f"'{what}' cannot be trained; possible: camera")
     with progress_bars(quiet=quiet) as progress:
         result = train_camera(
             out, recipe=recipe, seed=seed, work=work, jobs=workers(jobs), progress=progress
@@ -50,3 +66,71 @@ def train(
         headline(f"{name.replace('_', ' ')}: {scores.ap50.n} road users")
         show(score_table(scores.named()))
     typer.echo(f"written: {result.weights}, {result.record}")
+
+
+@train.command(
+    "driver",
+    cls=GroupedCommand,
+    help="Train a driver: by imitation of another one, then by reinforcement learning (PPO).",
+)
+def driver(
+    perception: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--perception",
+            metavar="STACK",
+            help="What it drives on: DETECTOR + TRACKER, truth (default) or blind; repeatable",
+        ),
+    ] = None,
+    scenario: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--scenario", metavar="NAME", help="Default: those of the suite driving; repeatable"
+        ),
+    ] = None,
+    start: Annotated[
+        str,
+        typer.Option(metavar="AGENT", help="Train this one further: a file, or truth"),
+    ] = "",
+    teacher: Annotated[
+        str, typer.Option(metavar="DRIVER", help="A new agent imitates this one first; '': none")
+    ] = "idm-mobil",
+    steps: Annotated[
+        int,
+        typer.Option(
+            min=0, metavar="N", help="Decisions, 0.2 s each, to learn from by PPO (extra rl)"
+        ),
+    ] = 0,
+    seconds: Annotated[
+        float, typer.Option(min=1.0, max=600.0, metavar="S", help="Longest time of a drive")
+    ] = 30.0,
+    rig: Annotated[str, typer.Option(metavar="NAME", help="Sensors of the stack")] = "vlp16",
+    seed: Seed = 0,
+    out: Out = Path("driver.safetensors"),
+    quiet: Quiet = False,
+) -> None:
+    """Train a driver, and score it on validation seeds."""
+    from roadscope.benchmarks.train.driver import DriverRecipe, train_driver
+
+    recipe = DriverRecipe(
+        perceptions=tuple(perception or ("truth",)),
+        scenarios=tuple(scenario or ()),
+        start=start,
+        teacher=teacher,
+        steps=steps,
+        duration_s=seconds,
+        rig=rig,
+        seed=seed,
+    )
+    with progress_bars(quiet=quiet) as progress:
+        result = train_driver(out, recipe, progress=progress)
+    if quiet:
+        return
+    for name, scores in result.scores.items():
+        reward, collided = scores.mean(axis=0)
+        typer.echo(
+            f"on {name}: reward {reward:.2f}, {collided:.0%} of {len(scores)} drives on validation "
+            "seeds collide"
+        )
+    typer.echo(f"written: {result.weights}, {result.record}")
+    typer.echo(f"next: roadscope leaderboard driving --entry 'learned?weights={result.weights}'")

@@ -87,12 +87,14 @@ DRIVERS: Registry[Driver] = Registry(
         "idm-mobil": "roadscope.driving.drivers:IdmDriver",
         "idm": "roadscope.driving.drivers:IdmDriver?lane_changes=False",
         "emergency-brake": "roadscope.driving.drivers:EmergencyBrake",
+        "learned": "roadscope.driving.agent:AgentDriver",
     },
     group="roadscope.drivers",
     summaries={
         "idm-mobil": "Keeps its distance (IDM, 2000), changes lanes (MOBIL, 2007).",
         "idm": "Keeps its distance and its lane (IDM, Treiber 2000).",
         "emergency-brake": "Keeps its speed; brakes hard by time to collision.",
+        "learned": "A network that imitates idm-mobil (DAgger, 2011).",
     },
 )
 """Drivers by name."""

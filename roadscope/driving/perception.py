@@ -136,6 +136,11 @@ class Perception:
         self._processed.append(self._tracks)
 
 
+def stack_of(text: str, rig: Rig) -> Perception | str:
+    """Return the perception that a text names; `truth` and `blind` stay texts."""
+    return text if text in (TRUTH, BLIND) else Perception(text, rig)
+
+
 class _Lidar:
     """Detections of a LiDAR detector."""
 

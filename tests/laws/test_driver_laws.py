@@ -30,8 +30,9 @@ def test_it_brakes_for_what_stands_ahead_and_for_a_line(name) -> None:
     near = replace(scene, gap_m=8.0, leader_speed_m_s=0.0, **both)
     line = replace(scene, line_m=8.0, **both)
     assert free > -0.5
-    assert driver.drive(near).acceleration_m_s2 < free - 3.0
-    assert driver.drive(line).acceleration_m_s2 < free - 3.0
+    for other in (near, line):
+        driver.reset()  # A driver may decide at every second call only.
+        assert driver.drive(other).acceleration_m_s2 < free - 3.0
 
 
 @pytest.mark.parametrize("name", DRIVERS.installed())
@@ -47,6 +48,7 @@ def test_it_brakes_for_a_track_and_not_without(name) -> None:
     )
     driver = DRIVERS.make(name)
     free = driver.drive(loop.scene(Tracks.empty(0.0, "world"))).acceleration_m_s2
+    driver.reset()
     assert driver.drive(loop.scene(standing)).acceleration_m_s2 < free - 3.0
 
 

@@ -1,4 +1,4 @@
-"""Trains the camera detector from rendered pictures."""
+"""Trains the camera detector from rendered pictures, and drivers in traffic."""
 
 from roadscope._lazy import lazy_names
 
@@ -6,6 +6,8 @@ _PARTS = {
     "calibration": "PRIOR fitted_calibration logistic",
     "camera": "evaluate train_camera",
     "crops": "ShuffledPictures Window batch cut_out draw_window objects_in relight relit",
+    "driver": "DriverRecipe train_driver",
+    "imitation": "action_of imitate",
     "losses": "CropObjects TargetMaps box_loss boxes_of heat_loss targets_of",
     "pictures": "PictureEpisode Pictures PixelSize read_pictures render store_pictures",
     "recipe": "CALIBRATION_SEEDS FAULTS GREATEST_SEVERITY HELD_OUT_BODIES HELD_OUT_FAULTS "

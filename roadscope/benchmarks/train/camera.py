@@ -74,7 +74,7 @@ def train_camera(
     if recipe not in RECIPES:
         raise ValueError(unknown("recipe", recipe, RECIPES))
     settings = replace(RECIPES[recipe], seed=seed)
-    weights = _weights_path(Path(out))
+    weights = weights_path(Path(out))
     usable_folder(weights.parent)
     folder = usable_folder(cache_dir() / "camera-training" if work is None else work)
     split, held_out = split_episodes(settings), held_out_episodes(settings)
@@ -104,7 +104,7 @@ def train_camera(
     return result
 
 
-def _weights_path(out: Path) -> Path:
+def weights_path(out: Path) -> Path:
     """Return the file of the weights; another ending than its own raises `ValueError`."""
     if out.suffix not in ("", ".safetensors"):
         raise ValueError(f"weights are written as .safetensors, not as {out.suffix}: {out}")

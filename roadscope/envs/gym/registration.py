@@ -27,8 +27,12 @@ IDS: dict[str, dict[str, str]] = {
 """Ids without the namespace, and the arguments that each gives to `ScenarioEnv`."""
 
 
+DRIVE_ID = f"{NAMESPACE}/Drive-v0"
+"""The closed loop of the board `driving`, for agents."""
+
+
 def env_ids() -> tuple[str, ...]:
-    """Return the full ids, `roadscope/Highway-v0` and so on."""
+    """Return the full ids of environments with sensors, `roadscope/Highway-v0` and so on."""
     return tuple(f"{NAMESPACE}/{name}" for name in IDS)
 
 
@@ -43,6 +47,8 @@ def register() -> None:
                 entry_point="roadscope.driving.wrapper:PerceivedEnv",
                 kwargs=dict(arguments),
             )
+    if DRIVE_ID not in registration.registry:
+        registration.register(id=DRIVE_ID, entry_point="roadscope.driving.drive_env:DriveEnv")
 
 
 def make(name: str, **settings: Any) -> gym.Env[Any, Any]:

@@ -44,7 +44,6 @@ class FlowRecorder:
         numbers, first = np.unique(np.append(self._ego, samples["number"]), return_index=True)
         order = np.argsort(first)
         ids = np.argsort(order)
-        shape = len(snapshots), len(ids)
         present, crashed, centres, states = tabulate(
             Samples(
                 rows=rows,
@@ -53,7 +52,8 @@ class FlowRecorder:
                 states=np.stack([samples[n] for n in ("heading", "speed", "steering")], axis=-1),
                 crashed=samples["crashed"],
             ),
-            shape,
+            snapshots=len(snapshots),
+            actors=len(ids),
         )
         users = [self._flow.users[number] for number in numbers[order]]
         bodies = [user for user in users if user is not None]

@@ -214,7 +214,9 @@ class TrafficRecorder:
             ),
             crashed=np.concatenate([s.crashed for s in snapshots]),
         )
-        present, crashed, centres, states = tabulate(samples, (len(snapshots), len(ids)))
+        present, crashed, centres, states = tabulate(
+            samples, snapshots=len(snapshots), actors=len(ids)
+        )
         states[:, [actor.slides for actor in actors], 2] = 0.0
         if self._map is None:
             self._map = road_map(self._road.network)

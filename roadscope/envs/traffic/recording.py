@@ -94,19 +94,21 @@ def rear_axles(
 
 
 def tabulate(
-    samples: Samples, shape: tuple[int, int]
+    samples: Samples, *, snapshots: int, actors: int
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Return presence (K, A), crashes, centres (K, A, 2), and heading, speed, steering (K, A, 3).
 
+    K is the number of snapshots, A that of actors.
     Where an actor is absent, its values are those of the nearest recorded sample.
     """
+    shape = snapshots, actors
     present, crashed = np.zeros(shape, np.bool_), np.zeros(shape, np.bool_)
     centres, states = np.zeros((*shape, 2)), np.zeros((*shape, 3))
     at = samples.rows, samples.columns
     present[at], crashed[at] = True, samples.crashed
     centres[at], states[at] = samples.centres, samples.states
-    fill, actors = _nearest_recorded(present), np.arange(shape[1])
-    return (_unbroken(present), crashed[fill, actors], centres[fill, actors], states[fill, actors])
+    fill, each = _nearest_recorded(present), np.arange(actors)
+    return (_unbroken(present), crashed[fill, each], centres[fill, each], states[fill, each])
 
 
 def _nearest_recorded(present: np.ndarray) -> np.ndarray:

@@ -6,6 +6,7 @@ import importlib
 import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
@@ -272,9 +273,16 @@ def record(name: str, seed: int, duration_s: float | None = None) -> Timeline:
 def accepted_stage(name: str, seed: int, duration_s: float | None = None) -> Stage:
     """Return the stage of a simulated scenario that `record` plays, not yet played."""
     scenario = find(name)
-    draw = _accepted(scenario, seed, duration_s)[0]
+    spawn_key = _accepted_key(scenario, seed, duration_s)
+    draw = np.random.SeedSequence(seed, spawn_key=spawn_key)
     stage: Stage = scenario.build()(np.random.default_rng(draw))
     return stage
+
+
+@lru_cache(maxsize=4096)
+def _accepted_key(scenario: Scenario, seed: int, duration_s: float | None) -> tuple[int, ...]:
+    """Return the spawn key of the accepted sub-seed; finding it takes as long as a recording."""
+    return _accepted(scenario, seed, duration_s)[0].spawn_key
 
 
 def _accepted(

@@ -1,0 +1,276 @@
+"""Trains drivers: by imitation of a driver of the board, then by reinforcement learning (PPO)."""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, replace
+from functools import partial
+from hashlib import sha256
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from roadscope.benchmarks.cache import usable_folder
+from roadscope.benchmarks.fingerprint import package_version
+from roadscope.benchmarks.manifest import cpu_model
+from roadscope.benchmarks.progress import Progress, silent
+from roadscope.benchmarks.suite import SPLITS
+from roadscope.benchmarks.suite_files import load_suite
+from roadscope.benchmarks.train.camera import weights_path
+from roadscope.benchmarks.train.imitation import imitate
+from roadscope.core.loading import NotInstalledError, Requirement
+from roadscope.driving.agent import (
+    ARCHITECTURE,
+    HIDDEN,
+    AgentDriver,
+    Layers,
+    agent_path,
+    load_agent,
+    save_agent,
+)
+from roadscope.driving.drive_env import DriveEnv
+from roadscope.driving.drivers import DRIVERS
+from roadscope.driving.perception import TRUTH
+
+if TYPE_CHECKING:
+    from stable_baselines3 import PPO
+    from stable_baselines3.common.callbacks import BaseCallback
+
+LIBRARY = Requirement("stable-baselines3", "pip install 'roadscope[rl]'")
+ENVIRONMENTS = 4
+"""Drives at once, each in a process of its own; another number gives other weights. This and the
+settings below are chosen by hand."""
+STEPS_PER_UPDATE = 256 * ENVIRONMENTS
+SETTINGS: Mapping[str, Any] = {"batch_size": 256, "n_epochs": 8, "gamma": 0.98, "ent_coef": 0.005}
+"""Settings of PPO: samples of a batch, passes over the samples of an update, discount of a step of
+0.2 s, and weight of the entropy."""
+LEARNING_RATE, RETRAINING_RATE = 5e-4, 2e-4
+"""At the start; both fall to nearly 0. The second is for an agent that can drive already."""
+TRAFFICS = 64
+"""Training seeds of each scenario. A drive in traffic that occurred before begins ten times as
+fast."""
+
+
+@dataclass(frozen=True, slots=True)
+class DriverRecipe:
+    """Settings of one training run.
+
+    perceptions: stacks and `truth`; each drive has one of them at random. scenarios: likewise;
+    empty: those of the suite `driving`. start: an agent that is trained further, a name or a file;
+    empty: a new one. teacher: a driver of the board that a new agent imitates first; empty: none.
+    lessons: drives of each of the five rounds of imitation. steps: decisions, 0.2 s each, from
+    which the agent then learns by itself; rounded up to whole updates of 1,024; 0: none.
+    duration_s: of a drive. rig: sensors of the stacks. validation_seeds: how many drives are scored
+    afterwards with each perception and scenario.
+    """
+
+    perceptions: tuple[str, ...] = (TRUTH,)
+    scenarios: tuple[str, ...] = ()
+    start: str = ""
+    teacher: str = "idm-mobil"
+    lessons: int = 36
+    steps: int = 0
+    duration_s: float = 30.0
+    rig: str = "vlp16"
+    validation_seeds: int = 5
+    seed: int = 0
+
+    @property
+    def updates(self) -> int:
+        """Updates of the network."""
+        return -(-self.steps // STEPS_PER_UPDATE)
+
+
+@dataclass(frozen=True, slots=True)
+class DriverTraining:
+    """The files of a training run, and how well the agent drives on validation seeds.
+
+    weights, record: files. scores: by perception, (drives, 2): the reward of the board `driving`,
+    and whether the drive ended in a collision.
+    """
+
+    weights: Path
+    record: Path
+    scores: Mapping[str, np.ndarray]
+
+
+def train_driver(
+    out: Path | str, recipe: DriverRecipe | None = None, *, progress: Progress = silent
+) -> DriverTraining:
+    """Train an agent, write OUT.safetensors and OUT.toml beside it, and score it.
+
+    Child processes drive, so a script that calls this needs `if __name__ == "__main__":`.
+    Raises `NotInstalledError` if there are `steps` but no Stable-Baselines3, and `ValueError` if
+    there is nothing to learn from: no teacher and no steps.
+    """
+    recipe = recipe or DriverRecipe()
+    if recipe.steps and LIBRARY.missing:
+        raise NotInstalledError(LIBRARY.missing)
+    recipe = _with_scenarios(recipe)
+    weights = weights_path(Path(out))
+    layers = load_agent(recipe.start) if recipe.start else None
+    # Wrong names are reported before anything is trained.
+    _environment(recipe)
+    if recipe.teacher:
+        DRIVERS.resolve(recipe.teacher)
+    if not recipe.steps and (recipe.start or not recipe.teacher):
+        raise ValueError("steps: expected more than 0 for an agent that imitates no teacher, got 0")
+    usable_folder(weights.parent)
+    if layers is None and recipe.teacher:
+        layers = imitate(
+            recipe.teacher,
+            partial(_environment, recipe),
+            drives=recipe.lessons,
+            jobs=ENVIRONMENTS,
+            seed=recipe.seed,
+            progress=progress,
+        )
+    if recipe.steps:
+        layers = _trained(recipe, layers, progress)
+    assert layers is not None
+    save_agent(weights, layers)
+    result = DriverTraining(
+        weights, weights.with_suffix(".toml"), _validated(recipe, weights, progress)
+    )
+    _write_record(result, recipe)
+    return result
+
+
+def _with_scenarios(recipe: DriverRecipe) -> DriverRecipe:
+    if recipe.scenarios:
+        return recipe
+    return replace(recipe, scenarios=load_suite("driving").scenarios)
+
+
+def _environment(recipe: DriverRecipe) -> DriveEnv:
+    return DriveEnv(
+        recipe.scenarios,
+        perception=recipe.perceptions,
+        rig=recipe.rig,
+        duration_s=recipe.duration_s,
+        seeds=SPLITS["train"][:TRAFFICS],
+    )
+
+
+def _trained(recipe: DriverRecipe, start: Layers | None, progress: Progress) -> Layers:
+    import torch
+    from stable_baselines3 import PPO
+    from stable_baselines3.common.vec_env import SubprocVecEnv
+
+    steps = recipe.updates * STEPS_PER_UPDATE
+    rate = LEARNING_RATE if start is None else RETRAINING_RATE
+    threads = torch.get_num_threads()
+    torch.set_num_threads(1)
+    environments = SubprocVecEnv([lambda: _environment(recipe)] * ENVIRONMENTS)
+    try:
+        model = PPO(
+            "MlpPolicy",
+            environments,
+            n_steps=STEPS_PER_UPDATE // ENVIRONMENTS,
+            # What is left is counted after the samples of an update are taken.
+            learning_rate=lambda left: rate * (left + STEPS_PER_UPDATE / steps),
+            policy_kwargs={"net_arch": list(HIDDEN)},
+            seed=recipe.seed,
+            device="cpu",
+            **SETTINGS,
+        )
+        if start is not None:
+            _put_layers(model, start)
+        model.learn(steps, callback=_reporting(steps, progress))
+        return _layers_of(model)
+    finally:
+        environments.close()
+        torch.set_num_threads(threads)
+
+
+def _linear_layers(model: PPO) -> list[Any]:
+    """Return the layers of the network that chooses actions."""
+    hidden = list(model.policy.mlp_extractor.policy_net)[::2]
+    return [*hidden, model.policy.action_net]
+
+
+def _layers_of(model: PPO) -> Layers:
+    return [
+        (layer.weight.detach().numpy(), layer.bias.detach().numpy())
+        for layer in _linear_layers(model)
+    ]
+
+
+def _put_layers(model: PPO, layers: Layers) -> None:
+    import torch
+
+    with torch.no_grad():
+        for layer, (weights, biases) in zip(_linear_layers(model), layers, strict=True):
+            layer.weight.copy_(torch.from_numpy(weights))
+            layer.bias.copy_(torch.from_numpy(biases))
+
+
+def _reporting(steps: int, progress: Progress) -> BaseCallback:
+    from stable_baselines3.common.callbacks import BaseCallback
+
+    class Reporting(BaseCallback):
+        def _on_step(self) -> bool:
+            progress("training", self.num_timesteps, steps)
+            return True
+
+    return Reporting()
+
+
+def _validated(recipe: DriverRecipe, weights: Path, progress: Progress) -> Mapping[str, np.ndarray]:
+    from joblib import Parallel, delayed
+
+    perceptions = dict.fromkeys((TRUTH, *recipe.perceptions))
+    seeds = SPLITS["validation"][: recipe.validation_seeds]
+    drives = [
+        {"perception": text, "scenario": scenario, "seed": seed}
+        for text in perceptions
+        for scenario in recipe.scenarios
+        for seed in seeds
+    ]
+    calls = (delayed(_scored)(recipe, str(weights), drive) for drive in drives)
+    scores: dict[str, list[tuple[float, bool]]] = {text: [] for text in perceptions}
+    done = Parallel(n_jobs=ENVIRONMENTS, return_as="generator")(calls)
+    for k, (drive, score) in enumerate(zip(drives, done, strict=True)):
+        scores[str(drive["perception"])].append(score)
+        progress("validation", k + 1, len(drives))
+    return {text: np.array(values, float) for text, values in scores.items()}
+
+
+def _scored(recipe: DriverRecipe, weights: str, drive: dict[str, Any]) -> tuple[float, bool]:
+    """Return the reward of a drive, and whether it ended in a collision."""
+    env, agent = _environment(recipe), AgentDriver(weights=weights)
+    observation, _ = env.reset(options=drive)
+    total, collided, late = 0.0, False, False
+    while not (collided or late):
+        observation, reward, collided, late, info = env.step(agent.choose(observation))
+        total += reward
+    planned_s = recipe.duration_s if collided else info["time_s"]
+    return total / planned_s, collided
+
+
+def _write_record(result: DriverTraining, recipe: DriverRecipe) -> None:
+    """Write the record: what the weights were made from, and their scores."""
+    versions = {name: package_version(name) for name in ("torch", LIBRARY.distribution)}
+    settings: dict[str, Any] = {**asdict(recipe), "steps": recipe.updates * STEPS_PER_UPDATE}
+    if recipe.start:
+        settings["start_weights"] = _digest(agent_path(recipe.start))
+    settings |= {"architecture": ARCHITECTURE, "environments": ENVIRONMENTS, "traffics": TRAFFICS}
+    settings |= {**(SETTINGS if recipe.steps else {}), "weights": _digest(result.weights)}
+    lines = [
+        f"# Trained on {cpu_model()}, Python {sys.version.split()[0]}, "
+        + ", ".join(f"{name} {version}" for name, version in versions.items()),
+        *(f"{name} = {json.dumps(value)}" for name, value in settings.items()),
+        "# Scores are on validation seeds.",
+    ]
+    for perception, scores in result.scores.items():
+        reward, collided = scores.mean(axis=0)
+        lines += ["", f"[scores.{json.dumps(perception)}]", f"drives = {len(scores)}"]
+        lines += [f"reward = {reward:.3f}", f"collided = {collided:.3f}"]
+    result.record.write_text("\n".join([*lines, ""]), "utf-8")
+
+
+def _digest(path: Path) -> str:
+    return sha256(path.read_bytes()).hexdigest()

@@ -1,0 +1,140 @@
+"""The closed loop as a Gymnasium environment: an agent learns to drive on what is perceived."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+
+from roadscope.core import DrivingScene
+from roadscope.driving.agent import (
+    ACTIONS,
+    DECISION_STEPS,
+    LARGEST,
+    OBSERVED,
+    command_of,
+    observed,
+)
+from roadscope.driving.closed_loop import ClosedLoop
+from roadscope.driving.perception import TRUTH, stack_of
+from roadscope.envs.sensors.rig import Rig
+from roadscope.envs.sensors.rigs import rig as rig_named
+from roadscope.envs.traffic.driven import check_driven
+from roadscope.envs.traffic.scenarios import find
+
+Names = str | Sequence[str]
+
+
+class DriveEnv(gym.Env[np.ndarray, np.int64]):
+    """Drives of an agent on perceived traffic; the traffic reacts to the agent.
+
+    scenario: one that the board `driving` takes, or several, of which each episode has one at
+        random.
+    perception: a stack, `DETECTOR + TRACKER`; `truth`; `blind`; or several, likewise.
+    rig: of the stacks. duration_s: of an episode; that of the scenario if left out.
+    seeds: of traffic and world, of which each episode has one at random. The default, 0 to 9999,
+        are the training seeds of suites: the test seeds of boards begin at 20,000.
+
+    An observation is (71,) float32 (`observed`), an action one of 7 (`command_of`): five
+    accelerations, and a change to the left and to the right. A step lasts 0.2 s. Its reward is the
+    time in seconds, times the speed over the desired speed, at most 1. An episode terminates with a
+    collision. It is truncated when the time is up or the road ends. `info` has `scenario`, `seed`,
+    `perception` and, from the first step on, `time_s` since the start and `collided`.
+
+    Gymnasium's own seed decides what each episode has. `options` of `reset` may have `seed`,
+    `scenario` and `perception`, which then are not drawn.
+    """
+
+    metadata = {"render_modes": []}  # noqa: RUF012
+
+    def __init__(
+        self,
+        scenario: Names = "motorway",
+        *,
+        perception: Names = TRUTH,
+        rig: str | Rig = "vlp16",
+        duration_s: float | None = None,
+        seeds: range = range(10_000),
+        render_mode: None = None,
+    ) -> None:
+        self.render_mode = render_mode
+        self._scenarios, self._perceptions = _several(scenario), _several(perception)
+        for name, values in (
+            ("scenario", self._scenarios),
+            ("perception", self._perceptions),
+            ("seeds", seeds),
+        ):
+            if not values:
+                raise ValueError(f"{name}: expected at least one")
+        if duration_s is not None and not duration_s > 0:
+            raise ValueError(f"duration_s: expected more than 0, got {duration_s}")
+        self._rig = rig_named(rig) if isinstance(rig, str) else rig
+        self._duration_s, self._seeds = duration_s, seeds
+        for each in self._scenarios:
+            check_driven(each)
+        self._stacks = {text: stack_of(text, self._rig) for text in self._perceptions}
+        self.observation_space = gym.spaces.Box(-LARGEST, LARGEST, (OBSERVED,), np.float32)
+        self.action_space = gym.spaces.Discrete(ACTIONS)
+        self._loop: ClosedLoop | None = None
+        self._scene: DrivingScene | None = None
+
+    @property
+    def scene(self) -> DrivingScene:
+        """What a driver of the board would get now; the observation is made from it."""
+        if self._scene is None:
+            raise gym.error.ResetNeeded("call reset before asking for the scene")
+        return self._scene
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[np.ndarray, dict[str, Any]]:
+        """Begin a drive."""
+        super().reset(seed=seed)
+        drawn = {
+            "scenario": str(self.np_random.choice(self._scenarios)),
+            "perception": str(self.np_random.choice(self._perceptions)),
+            "seed": int(self._seeds[self.np_random.integers(len(self._seeds))]),
+        }
+        if unknown := set(options or {}) - set(drawn):
+            raise ValueError(
+                f"unknown options: {', '.join(map(repr, unknown))}; possible: {', '.join(drawn)}"
+            )
+        self._info = {**drawn, **(options or {})}
+        scenario, text = self._info["scenario"], self._info["perception"]
+        if text not in self._stacks:
+            self._stacks[text] = stack_of(text, self._rig)
+        duration_s = find(scenario).duration_s if self._duration_s is None else self._duration_s
+        self._loop = ClosedLoop(
+            scenario,
+            self._info["seed"],
+            perception=self._stacks[text],
+            rig=self._rig,
+            duration_s=duration_s,
+        )
+        self._scene = self._loop.scene(self._loop.tracks())
+        return observed(self._scene), dict(self._info)
+
+    def step(self, action: np.int64 | int) -> tuple[np.ndarray, float, bool, bool, dict[str, Any]]:
+        """Drive for 0.2 s."""
+        loop, scene, reward = self._loop, self._scene, 0.0
+        if loop is None or scene is None:
+            raise gym.error.ResetNeeded("call reset before step")
+        for _ in range(DECISION_STEPS):
+            if loop.over:
+                break
+            traffic = loop.traffic
+            before_s = traffic.now_s
+            share = min(traffic.speed_m_s / max(traffic.desired_speed_m_s, 0.1), 1.0)
+            loop.step(command_of(int(action), scene))
+            reward += (traffic.now_s - before_s) * share
+            scene = loop.scene(loop.tracks())
+        self._scene = scene
+        collided = loop.traffic.collided_with is not None
+        info = {**self._info, "time_s": loop.traffic.now_s, "collided": collided}
+        return observed(scene), reward, collided, loop.over and not collided, info
+
+
+def _several(names: Names) -> tuple[str, ...]:
+    return (names,) if isinstance(names, str) else tuple(names)

@@ -1,0 +1,135 @@
+"""Training of drivers: the files it writes, what it starts from, and what it refuses."""
+
+import tomllib
+from dataclasses import replace
+from hashlib import sha256
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from roadscope import SpecError
+from roadscope.benchmarks.train import DriverRecipe, action_of, train_driver
+from roadscope.core import DrivingCommand
+from roadscope.core.loading import NotInstalledError
+from roadscope.driving import DRIVERS, AgentDriver, DriveEnv, load_agent
+from roadscope.envs.traffic import ScenarioError
+
+SHORT = DriverRecipe(
+    scenarios=("merge",), teacher="", steps=2048, duration_s=6.0, validation_seeds=2, seed=1
+)
+
+
+def test_wrong_input_is_refused_before_anything_is_trained(tmp_path) -> None:
+    out = tmp_path / "agent.safetensors"
+    with pytest.raises(ScenarioError, match="mergge"):
+        train_driver(out, replace(SHORT, scenarios=("mergge",)))
+    with pytest.raises(SpecError, match="no perception stack"):
+        train_driver(out, replace(SHORT, perceptions=("truth", "lidar")))
+    with pytest.raises(ValueError, match="no agent 'nobody'"):
+        train_driver(out, replace(SHORT, start="nobody"))
+    with pytest.raises(SpecError, match="nobody"):
+        train_driver(out, replace(SHORT, teacher="nobody"))
+    with pytest.raises(ValueError, match="steps: expected more than 0"):
+        train_driver(out, replace(SHORT, steps=0))
+    with pytest.raises(ValueError, match=r"as .safetensors, not as .zip"):
+        train_driver(tmp_path / "agent.zip", SHORT)
+    assert not list(tmp_path.iterdir())
+
+
+def test_without_the_library_it_says_what_to_install(tmp_path, monkeypatch) -> None:
+    monkeypatch.setattr("roadscope.core.loading.Requirement.missing", "not here: pip install it")
+    with pytest.raises(NotInstalledError, match="pip install it"):
+        train_driver(tmp_path / "agent", SHORT)
+
+
+@pytest.mark.slow
+def test_a_trained_agent_is_written_with_its_record_and_trained_further(tmp_path) -> None:
+    pytest.importorskip("stable_baselines3")
+    stages = []
+    first = train_driver(
+        tmp_path / "first",
+        SHORT,
+        progress=lambda stage, done, total: stages.append((stage, done, total)),
+    )
+    assert first.weights == tmp_path / "first.safetensors"
+    assert ("training", 2048, 2048) in stages
+    assert stages[-1] == ("validation", 2, 2)
+    record = tomllib.loads(first.record.read_text())
+    assert (record["steps"], record["scenarios"], record["seed"]) == (2048, ["merge"], 1)
+    assert record["scores"]["truth"]["drives"] == 2
+    assert record["scores"]["truth"]["reward"] == pytest.approx(
+        first.scores["truth"][:, 0].mean(), abs=1e-3
+    )
+    again = train_driver(tmp_path / "again", SHORT)
+    assert again.weights.read_bytes() == first.weights.read_bytes()
+    assert record["steps"] == 2048
+    further = replace(SHORT, seed=2, start=str(first.weights), perceptions=("truth", "blind"))
+    second = train_driver(tmp_path / "second", further)
+    assert set(second.scores) == {"truth", "blind"}
+    record = tomllib.loads(second.record.read_text())
+    assert record["start_weights"] == sha256(first.weights.read_bytes()).hexdigest()
+    before, after = load_agent(first.weights), load_agent(second.weights)
+    other = load_agent(train_driver(tmp_path / "other", replace(SHORT, seed=2)).weights)
+    # One that is trained further is closer to the agent that it starts from than a new one.
+    moved, apart = (np.abs(layers[0][0] - before[0][0]).mean() for layers in (after, other))
+    assert 0 < moved < 0.5 * apart
+
+
+class Hesitant:
+    """Brakes where there is one lane and accelerates where there are more."""
+
+    def reset(self) -> None: ...
+
+    def drive(self, scene):
+        return DrivingCommand(1.5 if scene.lanes > 1 else -4.0, scene.target_lane)
+
+
+def test_an_agent_does_what_its_teacher_does(tmp_path) -> None:
+    hesitant = f"{Path(__file__)}:Hesitant"
+    imitation = replace(
+        SHORT,
+        scenarios=("motorway", "merge"),
+        teacher=hesitant,
+        steps=0,
+        lessons=2,
+        duration_s=12.0,
+    )
+    stages = []
+    trained = train_driver(tmp_path / "new", imitation, progress=lambda *each: stages.append(each))
+    assert stages[9] == ("imitation", 10, 10)
+    assert tomllib.loads(trained.record.read_text())["teacher"] == hesitant
+    agent, teacher = AgentDriver(weights=str(trained.weights)), DRIVERS.make(hesitant)
+    env = DriveEnv(["motorway", "merge"], duration_s=12.0)
+    same, taught = [], []
+    for scenario in ("motorway", "merge"):
+        observation, _ = env.reset(options={"seed": 10_000, "scenario": scenario})
+        over = False
+        while not over:
+            taught.append(action_of(teacher.drive(env.scene), env.scene))
+            same.append(agent.choose(observation) == taught[-1])
+            observation, _, collided, late, _ = env.step(taught[-1])
+            over = collided or late
+    assert np.bincount(taught).max() < 0.8 * len(taught)
+    assert np.mean(same) > 0.95
+
+
+@pytest.mark.parametrize(
+    ("acceleration", "lane", "action"),
+    [(-9.0, 1, 0), (-2.9, 1, 2), (-0.9, 1, 3), (0.8, 1, 4), (0.8, 0, 5), (-8.0, 2, 6)],
+)
+def test_the_action_is_the_one_nearest_to_a_command(acceleration, lane, action) -> None:
+    env = DriveEnv("motorway", duration_s=1.0)
+    env.reset(options={"seed": 10_000})
+    scene = replace(env.scene, lanes=3, lane=1, target_lane=1)
+    assert action_of(DrivingCommand(acceleration, lane), scene) == action
+
+
+@pytest.mark.slow
+def test_steps_are_rounded_up_to_whole_updates_and_each_of_them_learns(tmp_path) -> None:
+    pytest.importorskip("stable_baselines3")
+    one = train_driver(tmp_path / "one", replace(SHORT, steps=1, validation_seeds=1))
+    two = train_driver(tmp_path / "two", replace(SHORT, steps=1025, validation_seeds=1))
+    records = [tomllib.loads(each.record.read_text()) for each in (one, two)]
+    assert [record["steps"] for record in records] == [1024, 2048]
+    assert one.weights.read_bytes() != two.weights.read_bytes()
