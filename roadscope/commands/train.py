@@ -30,7 +30,10 @@ def _help(context: typer.Context) -> None:
 
 
 @train.command(
-    "camera", cls=GroupedCommand, help="Train the camera detector on simulated pictures."
+    "camera",
+    cls=GroupedCommand,
+    help="Train the camera detector on simulated pictures.\n\n"
+    "Pictures and checkpoints of an earlier run are used: a stopped run continues.",
 )
 def camera(
     recipe: Annotated[
@@ -48,10 +51,7 @@ def camera(
     out: Out = Path("network.safetensors"),
     quiet: Quiet = False,
 ) -> None:
-    """Train the camera detector from simulated pictures.
-
-    Pictures and checkpoints of an earlier run are used: a stopped run continues.
-    """
+    """Train the camera detector."""
     from roadscope.benchmarks.train.camera import train_camera
 
     with progress_bars(quiet=quiet) as progress:
@@ -79,26 +79,33 @@ def driver(
         typer.Option(
             "--perception",
             metavar="STACK",
-            help="What it drives on: DETECTOR + TRACKER, truth (default) or blind; repeatable",
+            help="What it drives on: DETECTOR + TRACKER, truth (default) or blind; if repeated, "
+            "each drive draws one",
         ),
     ] = None,
     scenario: Annotated[
         list[str] | None,
         typer.Option(
-            "--scenario", metavar="NAME", help="Default: those of the suite driving; repeatable"
+            "--scenario",
+            metavar="NAME",
+            help="Default: all of the suite driving; if repeated, each drive draws one",
         ),
     ] = None,
     start: Annotated[
         str,
-        typer.Option(metavar="AGENT", help="Train this one further: a file, or truth"),
+        typer.Option(
+            metavar="AGENT", help="Train this agent further: a file, or truth, the shipped one"
+        ),
     ] = "",
     teacher: Annotated[
-        str, typer.Option(metavar="DRIVER", help="A new agent imitates this one first; '': none")
+        str, typer.Option(metavar="DRIVER", help="A new agent imitates it; '': none")
     ] = "idm-mobil",
     steps: Annotated[
         int,
         typer.Option(
-            min=0, metavar="N", help="Decisions, 0.2 s each, to learn from by PPO (extra rl)"
+            min=0,
+            metavar="N",
+            help="Decisions (0.2 s each) to learn from by PPO; needs the extra rl",
         ),
     ] = 0,
     seconds: Annotated[
@@ -129,8 +136,8 @@ def driver(
     for name, scores in result.scores.items():
         reward, collided = scores.mean(axis=0)
         typer.echo(
-            f"on {name}: reward {reward:.2f}, {collided:.0%} of {len(scores)} drives on validation "
-            "seeds collide"
+            f"on {name}: reward {reward:.2f}, collisions in {collided:.0%} of {len(scores)} drives "
+            "(validation seeds)"
         )
     typer.echo(f"written: {result.weights}, {result.record}")
     typer.echo(f"next: roadscope leaderboard driving --entry 'learned?weights={result.weights}'")

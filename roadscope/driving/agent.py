@@ -28,8 +28,8 @@ ROAD_USERS = 10
 BEHIND_M, AHEAD_M, BESIDE_M = 40.0, 90.0, 30.0
 """Road users farther away, along the way ahead and beside it, are not observed."""
 SPEED_M_S, CLOSING_M_S, GAP_M, LANE_M = 30.0, 10.0, 50.0, 4.0
-"""Speeds, relative speeds, distances along and across the way are divided by these. So values are
-mostly from -1 to 1."""
+"""Speeds, relative speeds, distances along and across the way are divided by these, so that most
+values are from -2 to 2."""
 LONGEST_GAP_M = 100.0
 """Longer gaps are observed as this."""
 LARGEST = 4.0
@@ -56,7 +56,7 @@ def observed(scene: DrivingScene) -> np.ndarray:
     way; whether it is a pedestrian or a cyclist. They are 0 where there are fewer. Tracks more than
     90 m ahead, 40 m behind or 30 m beside are left out.
     """
-    ego_place, _ = _along_path(_centre(scene)[None], scene.path)
+    ego_place, _ = _along_path(_centre(scene)[None], scene)
     ahead_m, ahead_m_s = scene.gap_m, scene.leader_speed_m_s
     if scene.line_m < ahead_m:  # The ego stops there as behind something that stands.
         ahead_m, ahead_m_s = scene.line_m, 0.0
@@ -92,7 +92,7 @@ def _users(scene: DrivingScene, ego_place: np.ndarray) -> np.ndarray:
     ego_place: (1, 2), along and to the left of the path.
     """
     tracks = scene.tracks
-    places, directions = _along_path(tracks.centres[:, :2], scene.path)
+    places, directions = _along_path(tracks.centres[:, :2], scene)
     places = places - ego_place
     along, left = places.T
     near = (along > -BEHIND_M) & (along < AHEAD_M) & (abs(left) < BESIDE_M)
@@ -111,18 +111,21 @@ def _users(scene: DrivingScene, ego_place: np.ndarray) -> np.ndarray:
     )
 
 
-def _along_path(points: np.ndarray, path: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return places along and to the left of a path, and the path's directions there.
+def _along_path(points: np.ndarray, scene: DrivingScene) -> tuple[np.ndarray, np.ndarray]:
+    """Return places along and to the left of the path ahead, and its directions there.
 
-    points: (N, 2). path: (P, 2), a way ahead. Both results are (N, 2), metres and unit vectors.
+    points: (N, 2). Both results are (N, 2), metres and unit vectors.
     The nearest piece of the path counts; it is taken as straight beyond its ends.
     """
+    path = scene.path
     steps = np.diff(path, axis=0)
     lengths = np.hypot(steps[:, 0], steps[:, 1])
     real = lengths > 0  # At the end of a road points of the path may coincide.
     starts, steps, lengths = path[:-1][real], steps[real], lengths[real]
     if not len(starts):
-        starts, steps, lengths = path[:1], np.array([[1.0, 0.0]]), np.ones(1)
+        yaw = scene.world_from_ego.yaw
+        starts, lengths = path[:1], np.ones(1)
+        steps = np.array([[np.cos(yaw), np.sin(yaw)]])
     units = steps / lengths[:, None]
     away = points[:, None] - starts
     along = np.sum(away * units, axis=2)

@@ -99,7 +99,8 @@ class DriveEnv(gym.Env[np.ndarray, np.int64]):
         }
         if unknown := set(options or {}) - set(drawn):
             raise ValueError(
-                f"unknown options: {', '.join(map(repr, unknown))}; possible: {', '.join(drawn)}"
+                f"unknown options: {', '.join(map(repr, sorted(unknown)))}; "
+                f"possible: {', '.join(drawn)}"
             )
         self._info = {**drawn, **(options or {})}
         scenario, text = self._info["scenario"], self._info["perception"]

@@ -9,8 +9,8 @@ def test_the_defaults_of_a_driver_are_those_of_its_recipe(answer) -> None:
     text = " ".join(answer("train", "driver", "--help")[1].split())
     recipe = DriverRecipe()
     for option, value in (
-        ("steps N Decisions, 0.2 s each, to learn from by PPO (extra rl)", recipe.steps),
-        ("teacher DRIVER A new agent imitates this one first; '': none", recipe.teacher),
+        ("steps N Decisions (0.2 s each) to learn from by PPO; needs the extra rl", recipe.steps),
+        ("teacher DRIVER A new agent imitates it; '': none", recipe.teacher),
         ("seconds S Longest time of a drive", recipe.duration_s),
         ("rig NAME Sensors of the stack", recipe.rig),
         ("seed N Of all random draws", recipe.seed),

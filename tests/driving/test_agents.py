@@ -135,8 +135,9 @@ def test_places_are_along_a_bend_and_beside_it(along, left) -> None:
 
 
 def test_a_path_that_ends_at_once_is_taken_for_straight() -> None:
-    path = np.zeros((50, 2))
-    assert users_in(observed(scene(tracks([[30.0, 4.0]], [[15.0, 0]]), path)))[0, 0] == 1
+    northwards = {"path": np.zeros((50, 2)), "world_from_ego": Pose.planar(0.0, -2.25, np.pi / 2)}
+    seen = users_in(observed(scene(tracks([[-4.0, 30.0]], [[0.0, 15.0]]), **northwards)))
+    assert seen[0] == pytest.approx([1, 0.6, 1, -0.5, 0, 0])
 
 
 def test_actions_accelerate_or_change_lanes() -> None:

@@ -49,9 +49,9 @@ SETTINGS: Mapping[str, Any] = {"batch_size": 256, "n_epochs": 8, "gamma": 0.98, 
 0.2 s, and weight of the entropy."""
 LEARNING_RATE, RETRAINING_RATE = 5e-4, 2e-4
 """At the start; both fall to nearly 0. The second is for an agent that can drive already."""
-TRAFFICS = 64
-"""Training seeds of each scenario. A drive in traffic that occurred before begins ten times as
-fast."""
+SEEDS_PER_SCENARIO = 64
+"""Training seeds of each scenario. A drive in traffic that a process has made before begins ten
+times as fast."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,8 +63,8 @@ class DriverRecipe:
     empty: a new one. teacher: a driver of the board that a new agent imitates first; empty: none.
     lessons: drives of each of the five rounds of imitation. steps: decisions, 0.2 s each, from
     which the agent then learns by itself; rounded up to whole updates of 1,024; 0: none.
-    duration_s: of a drive. rig: sensors of the stacks. validation_seeds: how many drives are scored
-    afterwards with each perception and scenario.
+    duration_s: of a drive. rig: sensors of the stacks. validation_seeds: drives that are scored
+    afterwards for each scenario and each perception; `truth` is always one of them.
     """
 
     perceptions: tuple[str, ...] = (TRUTH,)
@@ -104,11 +104,14 @@ def train_driver(
 
     Child processes drive, so a script that calls this needs `if __name__ == "__main__":`.
     Raises `NotInstalledError` if there are `steps` but no Stable-Baselines3, and `ValueError` if
-    there is nothing to learn from: no teacher and no steps.
+    `steps` is 0 and there is a `start` or no `teacher`: then nothing would be learned.
     """
     recipe = recipe or DriverRecipe()
     if recipe.steps and LIBRARY.missing:
         raise NotInstalledError(LIBRARY.missing)
+    for name in ("lessons", "validation_seeds"):
+        if getattr(recipe, name) < 1:
+            raise ValueError(f"{name}: expected at least 1, got {getattr(recipe, name)}")
     recipe = _with_scenarios(recipe)
     weights = weights_path(Path(out))
     layers = load_agent(recipe.start) if recipe.start else None
@@ -117,7 +120,7 @@ def train_driver(
     if recipe.teacher:
         DRIVERS.resolve(recipe.teacher)
     if not recipe.steps and (recipe.start or not recipe.teacher):
-        raise ValueError("steps: expected more than 0 for an agent that imitates no teacher, got 0")
+        raise ValueError("steps: expected more than 0 with a start or without a teacher, got 0")
     usable_folder(weights.parent)
     if layers is None and recipe.teacher:
         layers = imitate(
@@ -151,7 +154,7 @@ def _environment(recipe: DriverRecipe) -> DriveEnv:
         perception=recipe.perceptions,
         rig=recipe.rig,
         duration_s=recipe.duration_s,
-        seeds=SPLITS["train"][:TRAFFICS],
+        seeds=SPLITS["train"][:SEEDS_PER_SCENARIO],
     )
 
 
@@ -243,9 +246,9 @@ def _scored(recipe: DriverRecipe, weights: str, drive: dict[str, Any]) -> tuple[
     """Return the reward of a drive, and whether it ended in a collision."""
     env, agent = _environment(recipe), AgentDriver(weights=weights)
     observation, _ = env.reset(options=drive)
-    total, collided, late = 0.0, False, False
-    while not (collided or late):
-        observation, reward, collided, late, info = env.step(agent.choose(observation))
+    total, collided, truncated = 0.0, False, False
+    while not (collided or truncated):
+        observation, reward, collided, truncated, info = env.step(agent.choose(observation))
         total += reward
     planned_s = recipe.duration_s if collided else info["time_s"]
     return total / planned_s, collided
@@ -256,8 +259,13 @@ def _write_record(result: DriverTraining, recipe: DriverRecipe) -> None:
     versions = {name: package_version(name) for name in ("torch", LIBRARY.distribution)}
     settings: dict[str, Any] = {**asdict(recipe), "steps": recipe.updates * STEPS_PER_UPDATE}
     if recipe.start:
+        settings |= {"teacher": "", "lessons": 0}
         settings["start_weights"] = _digest(agent_path(recipe.start))
-    settings |= {"architecture": ARCHITECTURE, "environments": ENVIRONMENTS, "traffics": TRAFFICS}
+    settings |= {
+        "architecture": ARCHITECTURE,
+        "environments": ENVIRONMENTS,
+        "seeds_per_scenario": SEEDS_PER_SCENARIO,
+    }
     settings |= {**(SETTINGS if recipe.steps else {}), "weights": _digest(result.weights)}
     lines = [
         f"# Trained on {cpu_model()}, Python {sys.version.split()[0]}, "

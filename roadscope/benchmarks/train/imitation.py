@@ -30,15 +30,20 @@ ROUNDS = 5
 """In the first the teacher drives, in the others the agent; the teacher says each time what it
 would do. All numbers here are chosen by hand."""
 PASSES, BATCH, RATE = 40, 256, 1e-3
-"""Passes over all lessons of a round, samples of a batch and learning rate of Adam."""
+"""After each round: passes over the samples of all rounds so far, samples of a batch, and learning
+rate of Adam."""
 
 Lesson = tuple[np.ndarray, np.ndarray]
 """Observations (S, 71) float32 of a drive, and the teacher's actions (S,) int64."""
 
 
 def action_of(command: DrivingCommand, scene: DrivingScene) -> int:
-    """Return the action that is nearest to a driver's command."""
-    if command.target_lane != scene.target_lane:
+    """Return the action for a driver's command.
+
+    That is its lane change if one can begin now, without its acceleration; else the nearest
+    acceleration.
+    """
+    if scene.lane == scene.target_lane and command.target_lane != scene.target_lane:
         return LEFT if command.target_lane < scene.target_lane else RIGHT
     away = np.abs(np.subtract(ACCELERATIONS_M_S2, command.acceleration_m_s2))
     return int(np.argmin(away))
@@ -85,17 +90,20 @@ def _lesson(
         action = action_of(driver.drive(env.scene), env.scene)
         observations.append(observation)
         actions.append(action)
-        done = action if agent is None else best_action(agent, observation)
-        observation, _, collided, late, _ = env.step(done)
-        over = collided or late
+        executed = action if agent is None else best_action(agent, observation)
+        observation, _, terminated, truncated, _ = env.step(executed)
+        over = terminated or truncated
     return np.array(observations), np.array(actions)
 
 
 def _new_layers(seed: int) -> Layers:
     rng = np.random.default_rng(seed)
     return [
-        (rng.normal(0, into**-0.5, (out, into)).astype(np.float32), np.zeros(out, np.float32))
-        for into, out in pairwise((OBSERVED, *HIDDEN, ACTIONS))
+        (
+            rng.normal(0, inputs**-0.5, (outputs, inputs)).astype(np.float32),
+            np.zeros(outputs, np.float32),
+        )
+        for inputs, outputs in pairwise((OBSERVED, *HIDDEN, ACTIONS))
     ]
 
 
