@@ -20,7 +20,7 @@ def test_the_index_lists_every_notebook() -> None:
     for path in NOTEBOOKS:
         assert f"]({path.name})" in index
         assert f"\n{path.stem}\n" in index
-    assert len(NOTEBOOKS) == 3
+    assert len(NOTEBOOKS) == 4
 
 
 @pytest.mark.slow
