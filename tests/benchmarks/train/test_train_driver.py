@@ -15,7 +15,7 @@ from roadscope.driving import DRIVERS, AgentDriver, DriveEnv, load_agent
 from roadscope.envs.traffic import ScenarioError
 
 SHORT = DriverRecipe(
-    scenarios=("merge",), teacher="", steps=2048, duration_s=6.0, validation_seeds=2, seed=1
+    scenarios=("merge",), teacher="", steps=1024, duration_s=6.0, validation_seeds=2, seed=1
 )
 
 
@@ -55,10 +55,10 @@ def test_a_trained_agent_is_written_with_its_record_and_trained_further(tmp_path
         progress=lambda stage, done, total: stages.append((stage, done, total)),
     )
     assert first.weights == tmp_path / "first.safetensors"
-    assert ("training", 2048, 2048) in stages
+    assert ("training", 1024, 1024) in stages
     assert stages[-1] == ("validation", 2, 2)
     record = tomllib.loads(first.record.read_text())
-    assert (record["steps"], record["scenarios"], record["seed"]) == (2048, ["merge"], 1)
+    assert (record["steps"], record["scenarios"], record["seed"]) == (1024, ["merge"], 1)
     assert record["scores"]["truth"]["drives"] == 2
     assert record["scores"]["truth"]["reward"] == pytest.approx(
         first.scores["truth"][:, 0].mean(), abs=1e-3
@@ -71,10 +71,9 @@ def test_a_trained_agent_is_written_with_its_record_and_trained_further(tmp_path
     record = tomllib.loads(second.record.read_text())
     assert record["start_weights"] == sha256(first.weights.read_bytes()).hexdigest()
     before, after = load_agent(first.weights), load_agent(second.weights)
-    other = load_agent(train_driver(tmp_path / "other", replace(SHORT, seed=2)).weights)
-    # One that is trained further is closer to the agent that it starts from than a new one.
-    moved, apart = (np.abs(layers[0][0] - before[0][0]).mean() for layers in (after, other))
-    assert 0 < moved < 0.5 * apart
+    # It goes on from the other agent, so its weights are near those; new ones are near 0.
+    moved = np.abs(after[0][0] - before[0][0]).mean()
+    assert 0 < moved < 0.5 * np.abs(before[0][0]).mean()
 
 
 class Hesitant:
