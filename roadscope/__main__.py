@@ -181,7 +181,7 @@ def _root(
 
 
 def main() -> None:
-    """Run the command line; bad input ends in one line on stderr and a non-zero exit."""
+    """Run the command line; bad input ends in a line on stderr and a non-zero exit."""
     warnings.showwarning = _warn
     try:
         status = app(prog_name="roadscope", standalone_mode=False)
@@ -200,12 +200,16 @@ def _warn(message: Warning | str, *_: Any, **__: Any) -> None:
 
 
 def _report(error: Exception) -> int:
-    """Say in one line what was wrong with the input; anything else is a fault of ours."""
+    """Say what was wrong with the input, one line a problem; anything else is a fault of ours."""
     if hasattr(error, "format_message"):
         complain(f"error: {error.format_message()} (help: {_command_of(error)} --help)")
         return USAGE
     if isinstance(error, ValueError | RuntimeError | OSError):
-        complain(f"error: {error}")
+        beginning, *problems = str(error).split("\n- ")
+        if not hasattr(error, "problems"):  # Only these list what is wrong in their text.
+            beginning, problems = str(error), []
+        for line in (f"error: {beginning}", *(f"- {problem}" for problem in problems)):
+            complain(line)
         return FAILED
     raise error
 

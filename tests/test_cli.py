@@ -13,6 +13,7 @@ import pytest
 from interrupts import heed_interrupts
 
 import roadscope
+from roadscope import TRACKERS
 from roadscope.benchmarks import MEANINGS
 
 ROOT = Path(roadscope.__file__).parents[1]
@@ -106,7 +107,7 @@ def test_json_of_a_check_holds_every_item(answer, entry, status) -> None:
 @pytest.mark.parametrize(
     ("arguments", "status", "message"),
     [
-        (["list", "trakers"], 1, "no kind 'trakers' (did you mean 'trackers'?); known: detectors"),
+        (["list", "trakers"], 1, "no kind 'trakers' (did you mean 'trackers'?)"),
         (["leaderboard", "drift"], 1, "no board 'drift'; known: detection, tracking"),
         (["leaderboard", "--suite", "quik"], 1, "no suite 'quik' (did you mean 'quick'?)"),
         (["leaderboard", "--entry", "neerest"], 1, "no detector or tracker 'neerest'"),
@@ -125,7 +126,7 @@ def test_json_of_a_check_holds_every_item(answer, entry, status) -> None:
         (["run", "motorway", "--light", "dsk"], 1, "no light 'dsk' (did you mean 'dusk'?)"),
         (["run", "motorway", "--detector", "pga"], 1, "no detector 'pga' (did you mean 'pag'?)"),
         (["run", "motorway", "--tracker", "x"], 1, "no tracker 'x'; known: nearest"),
-        (["run", "motorway", "--tracker", "nearst"], 1, "(did you mean 'nearest'?); known: near"),
+        (["run", "motorway", "--tracker", "nearst"], 1, "(did you mean 'nearest'?)"),
         (["speed", "trakcers"], 1, "no part 'trakcers' (did you mean 'trackers'?)"),
         (["run", "motorway", "--seconds", "-2"], 1, "got -2 s"),
         (["run", "lu2018-occlusion", "--seconds", "0.01"], 1, "one sweep of 'lux', got 0.01 s"),
@@ -171,6 +172,32 @@ def test_bad_input_is_answered_in_one_line(arguments, status, message, refused) 
     assert message in errors
     assert errors.startswith("error: ")
     assert errors.count("\n") == 1
+
+
+def test_each_problem_of_a_suite_is_a_line(tmp_path, answer) -> None:
+    file = tmp_path / "mine.toml"
+    text = (
+        'name = "mine"\nversion = 1\nrig = "luxx"\nduration_s = 1.0\nscenarios = ["motorwy"]\n'
+        'seeds = [20000]\n[tracking]\nentries = ["nearst"]\ndetectors = ["noisy-misess"]\n'
+    )
+    file.write_text(text)
+    status, out, errors = answer("leaderboard", "--suite", str(file))
+    assert (status, out) == (1, "")
+    first, *problems = errors.splitlines()
+    assert "4 problems" in first
+    for problem, name in zip(problems, ("motorway", "lux", "nearest", "noisy-misses"), strict=True):
+        assert problem.startswith("- ")
+        assert f"did you mean '{name}'" in problem
+
+
+def test_what_is_not_installed_is_said_before_anything_runs(answer, monkeypatch) -> None:
+    missing = [name for name in TRACKERS.names() if TRACKERS.missing(name)]
+    if not missing:
+        pytest.skip("all trackers are installed")
+    monkeypatch.setattr("roadscope.benchmarks.single.timeline_of", None)
+    status, out, errors = answer("run", "motorway", "--tracker", missing[0])
+    assert (status, out) == (1, "")
+    assert "is not installed" in errors
 
 
 def test_bad_input_ends_the_program_too() -> None:

@@ -150,8 +150,12 @@ def private_imports(source: str) -> list[str]:
 
 def texts() -> Iterator[tuple[str, str]]:
     for path in [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]:
-        blocks = re.findall(r"^```python\n(.*?)^```", path.read_text("utf-8"), re.S | re.M)
-        yield from ((f"{path.name} {block.splitlines()[0]}", block) for block in blocks)
+        blocks = re.findall(
+            r"^```(?:python|\{code-cell\}).*?\n(.*?)^```", path.read_text("utf-8"), re.S | re.M
+        )
+        for block in blocks:
+            lines = [line for line in block.splitlines() if not line.startswith(("%", "!"))]
+            yield f"{path.name} {next(filter(None, lines), '')}", "\n".join(lines)
     for path in sorted((ROOT / "examples").glob("*.py")):
         yield path.name, path.read_text("utf-8")
 

@@ -18,9 +18,11 @@ if TYPE_CHECKING:
     from roadscope.benchmarks.single import run_episode
     from roadscope.benchmarks.suite import BoardSettings, Suite
     from roadscope.benchmarks.suite_files import load_suite
+    from roadscope.benchmarks.train.driver import DriverRecipe, train_driver
 
 _PLACES = {
     "BoardSettings": "roadscope.benchmarks.suite:BoardSettings",
+    "DriverRecipe": "roadscope.benchmarks.train.driver:DriverRecipe",
     "Eligibility": "roadscope.benchmarks.eligibility:Eligibility",
     "Episode": "roadscope.benchmarks.episode:Episode",
     "Limits": "roadscope.benchmarks.isolation:Limits",
@@ -34,11 +36,13 @@ _PLACES = {
     "score_kitti_object_results",
     "score_kitti_results": "roadscope.benchmarks.recorded.result_files:score_kitti_results",
     "score_mot_results": "roadscope.benchmarks.recorded.result_files:score_mot_results",
+    "train_driver": "roadscope.benchmarks.train.driver:train_driver",
 }
 """Public name -> `module:attribute`, loaded when first used."""
 
 __all__ = [
     "BoardSettings",
+    "DriverRecipe",
     "Eligibility",
     "Episode",
     "Limits",
@@ -51,6 +55,7 @@ __all__ = [
     "score_kitti_object_results",
     "score_kitti_results",
     "score_mot_results",
+    "train_driver",
 ]
 
 _PARTS = {

@@ -81,7 +81,7 @@ def detection_source(text: str | Spec) -> Spec:
     for registry in (NOISES, NAMED_BY_SUITES):
         if spec.name in registry:
             return registry.resolve(spec)
-    return DETECTOR.registry.resolve(spec)
+    return DETECTOR.registry.resolve(spec, beside=(ORACLE, FUSED, *NOISES, *NAMED_BY_SUITES))
 
 
 def image_source(text: str | Spec) -> Spec:
@@ -89,8 +89,9 @@ def image_source(text: str | Spec) -> Spec:
     spec = Spec.parse(text) if isinstance(text, str) else text
     if spec.name == ORACLE and not spec.parts:
         return replace(spec, kind=ORACLE)
-    registry = CAMERA_NOISES if spec.name in CAMERA_NOISES else CAMERA_DETECTOR.registry
-    return registry.resolve(spec)
+    if spec.name in CAMERA_NOISES:
+        return CAMERA_NOISES.resolve(spec)
+    return CAMERA_DETECTOR.registry.resolve(spec, beside=(ORACLE, *CAMERA_NOISES))
 
 
 def pose_source(text: str | Spec) -> Spec:
@@ -107,7 +108,7 @@ def pose_source(text: str | Spec) -> Spec:
         return replace(spec, parts={ODOMETRY.name: inner}, kind=ORACLE, target=inner.target)
     if spec.name in ODOMETRY_NOISES:
         return ODOMETRY_NOISES.resolve(spec)
-    return ODOMETRY.registry.resolve(spec)
+    return ODOMETRY.registry.resolve(spec, beside=(ORACLE, *ODOMETRY_NOISES))
 
 
 def check_detection_source(text: str | Spec) -> Spec:

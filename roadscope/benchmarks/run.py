@@ -33,6 +33,7 @@ from roadscope.benchmarks.suite import Suite, SuiteError, check_names
 from roadscope.benchmarks.suite_files import SUITES, load_suite
 from roadscope.benchmarks.workers import WorkerSettings
 from roadscope.core import Spec, SpecError
+from roadscope.core.config import ConfigError
 
 DATABASE = "results.sqlite"
 
@@ -276,9 +277,11 @@ def _check_suite(suite: Suite, boards: Iterable[Board]) -> None:
         try:
             check(argument)
         except ValueError as error:
-            problems.append(f", {key}: {error}" if key else f": {error}")
+            texts = error.problems if isinstance(error, ConfigError) else (str(error),)
+            problems += [f"{key}: {text}" if key else text for text in texts]
     if problems:
-        raise SuiteError(f"suite {suite.title}{'; and'.join(dict.fromkeys(problems))}")
+        every = ConfigError(dict.fromkeys(problems))
+        raise SuiteError(f"suite {suite.title}: {every}", every.problems)
 
 
 def _suite(

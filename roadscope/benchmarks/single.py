@@ -7,8 +7,12 @@ from dataclasses import asdict, dataclass, field
 from typing import Any
 
 from roadscope.benchmarks.boards.detection import detection_scores
-from roadscope.benchmarks.boards.odometry import pose_scores
-from roadscope.benchmarks.boards.tracking import track_node, tracking_scores
+from roadscope.benchmarks.boards.odometry import missing_part, pose_scores
+from roadscope.benchmarks.boards.tracking import (
+    missing_requirement,
+    track_node,
+    tracking_scores,
+)
 from roadscope.benchmarks.eligibility import Eligibility
 from roadscope.benchmarks.episode import Episode, check_episode, timeline_of
 from roadscope.benchmarks.kinds import TRACKER, check_plugin_spec
@@ -26,7 +30,7 @@ from roadscope.benchmarks.references import (
     check_pose_source,
     made_from_truth,
 )
-from roadscope.core import Spec, Tracks
+from roadscope.core import NotInstalledError, Spec, Tracks
 from roadscope.core.loading import SpecError
 
 
@@ -89,6 +93,9 @@ def run_episode(
     if tracker_spec.ego is not None:
         check_ego(tracker_spec.ego)
     pose_spec = None if odometry is None else check_pose_source(odometry)
+    missing = missing_requirement(tracker_spec) or (missing_part(pose_spec) if pose_spec else "")
+    if missing:
+        raise NotInstalledError(missing)
     check_episode(episode)
     rule = Eligibility() if eligibility is None else eligibility
     options = options or RunOptions()

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Annotated, Any, TypeVar
 
 from msgspec import Meta, Struct, structs
 
 from roadscope.benchmarks.eligibility import Eligibility
+from roadscope.core.config import ConfigError
 from roadscope.core.names import unknown
 
 S = TypeVar("S", bound="BoardSettings")
@@ -28,7 +29,12 @@ SPLITS: Mapping[str, range] = {
 
 
 class SuiteError(ValueError):
-    """A suite cannot be read, or has unknown names or wrong values."""
+    """A suite cannot be read, or has unknown names or wrong values; `problems` has them all."""
+
+    def __init__(self, text: str, problems: Iterable[str] = ()) -> None:
+        """Take the whole text. problems: one text for each problem, if there are several."""
+        super().__init__(text)
+        self.problems = tuple(problems)
 
 
 class BoardSettings(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -123,7 +129,7 @@ def check_names(suite: Suite) -> None:
     except ValueError as error:
         problems.append(str(error))
     if problems:
-        raise SuiteError("; ".join(problems))
+        raise ConfigError(problems)
     for name in suite.scenarios:
         for light in suite.lights:
             check_episode(Episode(name, suite.seeds[0], suite.rig, suite.duration_s, light=light))

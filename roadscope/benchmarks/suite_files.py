@@ -100,7 +100,7 @@ def parse_suite(content: str, label: str) -> Suite:
     try:
         return _suite(read_config(content, _file_record(BOARDS)), BOARDS)
     except ConfigError as error:
-        raise SuiteError(f"{label}: {error}") from error
+        raise SuiteError(f"{label}: {error}", error.problems) from error
 
 
 def _file_record(boards: Mapping[str, Board]) -> type[SuiteTable]:

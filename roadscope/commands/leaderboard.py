@@ -311,7 +311,8 @@ class _BoardPrinter:
 
         results, screen = self.results, self.screen
         marked = any(place.mark for place in results.standings)
-        text = explanation(self.suite, results.boards(), marks=marked)
+        bounded = any(row.low is not None and row.low != row.high for row in results.rows)
+        text = explanation(self.suite, results.boards(), marks=marked, intervals=bounded)
         introduction = printable(f": {self.suite.summary_with_seeds}. {text}")
         screen.print(Text.assemble((printable(self.suite.title), "bold"), introduction))
         for name in results.boards():

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import replace
 from functools import cache
 from importlib.metadata import entry_points
@@ -55,13 +55,19 @@ class Registry(Generic[T]):
         """Return what is not installed that the spec needs, or None if it can be made."""
         return self.resolve(spec).missing
 
-    def resolve(self, spec: str | Spec) -> Spec:
-        """Return the spec with its kind, its class and all arguments; nothing is imported."""
+    def resolve(self, spec: str | Spec, *, beside: Iterable[str] = ()) -> Spec:
+        """Return the spec with its kind, its class and all arguments; nothing is imported.
+
+        beside: further names that are possible where this is called, for the error text.
+        """
         parsed = Spec.parse(spec) if isinstance(spec, str) else spec
         if parsed.is_class:
             return replace(parsed, kind=self.kind, target=parsed.name)
         if parsed.name.endswith(".py"):
             raise SpecError(no_class_named(parsed))
+        if beside and parsed.name not in self:
+            names = [*self.names(), *beside]
+            raise SpecError(unknown_name(self.kind, parsed.name, names, self._composition))
         registered = Spec.parse(self.target(parsed.name))
         return replace(
             parsed,

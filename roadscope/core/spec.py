@@ -142,7 +142,11 @@ class Spec:
 
     @property
     def factory(self) -> Any:
-        """The class, imported into this process."""
+        """The class, imported into this process; only a resolved spec names one."""
+        if not self.target:
+            raise SpecError(
+                f"'{self.text}' is not resolved: a registry, or `check`, finds its class"
+            )
         return load_class(self.target)
 
     @property

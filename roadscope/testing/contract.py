@@ -186,7 +186,8 @@ def _checked(
     for number, promise in enumerate(promises):
         subject = Subject(plugin, known, deadline_s=deadline_s, trust=trust)
         item = _item(promise, subject)
-        logs += subject.logs
+        if item.good:  # Else the harness has printed the error too, which stands in the item.
+            logs += subject.logs
         again = not item.good and item.remark in reasons
         reasons.add(item.remark)
         add(Item(item.promise, False, SAME) if again else item)

@@ -188,11 +188,11 @@ families = ["cyclist"]
 
 
 def test_unknown_names_list_what_exists(tmp_path) -> None:
-    with pytest.raises(SuiteError, match="known: quick, standard"):
+    with pytest.raises(SuiteError, match="did you mean 'quick'"):
         load_suite("quik")
     with pytest.raises(SuiteError, match="cannot read suite"):
         load_suite(tmp_path / "none.toml")
-    with pytest.raises(SuiteError, match=r"no scenario 'motorwy' \(did you mean 'motorway'"):
+    with pytest.raises(ValueError, match=r"no scenario 'motorwy' \(did you mean 'motorway'"):
         check_names(parse_suite(TINY.replace("lu2018-three-vehicles", "motorwy"), "x"))
     with pytest.raises(ValueError, match=r"one sweep of 'lux', got 0\.01 s"):
         check_names(parse_suite(TINY.replace("= 1.0", "= 0.01"), "x"))
@@ -278,10 +278,10 @@ def test_wrong_entries_are_refused_before_anything_runs() -> None:
     with pytest.raises(SpecError, match="--entry"):
         plan(suite, [], boards=["detection"], only=True)
     wrong = parse_suite(TINY.replace('entries = ["pag"]', 'entries = ["gap"]'), "x")
-    with pytest.raises(SuiteError, match=r"suite tiny v3, detection\.entries: no detector 'gap'"):
+    with pytest.raises(SuiteError, match=r"suite tiny v3: detection\.entries: no detector 'gap'"):
         plan(wrong, [], boards=["detection"])
     wrong = parse_suite(TINY.replace('entries = ["pag"]', 'entries = ["pag?x"]'), "x")
-    with pytest.raises(SuiteError, match=r"suite tiny v3, detection\.entries: 'pag\?x'"):
+    with pytest.raises(SuiteError, match=r"suite tiny v3: detection\.entries: 'pag\?x'"):
         plan(wrong, [], boards=["detection"])
     bare = parse_suite(TINY.partition("[tracking]")[0], "x")
     with pytest.raises(SpecError, match="tracking"):
@@ -310,7 +310,7 @@ def test_wrong_values_are_refused_before_anything_runs(spec, message) -> None:
         plan(parse_suite(TINY, "x"), [spec], boards=["detection"])
     assert len(str(refused.value)) < 400
     wrong = parse_suite(TINY.replace('entries = ["pag"]', f'entries = ["{spec}"]'), "x")
-    with pytest.raises(SuiteError, match=r"suite tiny v3, detection\.entries: "):
+    with pytest.raises(SuiteError, match=r"suite tiny v3: detection\.entries: "):
         plan(wrong, [], boards=["detection"])
 
 

@@ -13,9 +13,9 @@ from roadscope.benchmarks import Eligibility, Episode, Job, RunOptions, WorkerSe
 from roadscope.benchmarks.boards import BOARDS, track_node
 from roadscope.trackers import TRACKERS
 
-ITEMS = 10
+ITEMS = 40
 JOBS = 20
-ITEM_S = 0.2
+ITEM_S = 0.1
 ROUNDS = 3
 EXPECTED = 1.8
 TWO_FREE_CORES = 1.9

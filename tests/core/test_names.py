@@ -12,3 +12,9 @@ def test_the_name_that_may_be_meant_is_suggested_beside_all() -> None:
 def test_nothing_is_suggested_where_nothing_is_near() -> None:
     assert unknown("tracker", "x", KNOWN) == "no tracker 'x'; known: nearest, gnn, jpda"
     assert unknown("tracker", "", []) == "no tracker ''; known: "
+
+
+def test_a_long_list_does_not_hide_what_is_suggested() -> None:
+    many = [*KNOWN, *(f"number-{k}" for k in range(10))]
+    assert unknown("tracker", "nearst", many) == "no tracker 'nearst' (did you mean 'nearest'?)"
+    assert unknown("tracker", "x", many).endswith("number-9")

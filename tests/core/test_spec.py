@@ -124,6 +124,11 @@ def test_a_spec_is_read_by_another_process_as_it_was_sent() -> None:
     assert str(again.ego) == "voxel-map?voxel_m=1.0"
 
 
+def test_a_spec_without_a_class_says_so() -> None:
+    with pytest.raises(SpecError, match="'gnn' is not resolved"):
+        _ = Spec.parse("gnn").factory
+
+
 def test_nothing_is_loaded_until_a_class_is_asked_for(tmp_path) -> None:
     from roadscope import TRACKERS
 

@@ -152,6 +152,12 @@ def test_a_report_has_an_item_for_every_promise() -> None:
     assert all(str(item) in str(done) for item in done.items)
 
 
+def test_an_error_is_no_output_of_the_plugin() -> None:
+    done = roadscope.check(f"{TRACKERS}:Raises", kind="tracker")
+    assert not done.ok
+    assert done.items[-1].good, done.items[-1]
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("trust", [False, True], ids=["isolated", "trusted"])
 def test_it_runs_in_this_process_on_demand(trust: bool) -> None:

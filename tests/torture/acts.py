@@ -1,5 +1,6 @@
 """Which hostile acts there are, of which kinds, and what the reason of the failure says."""
 
+import os
 from collections.abc import Iterable
 from dataclasses import dataclass
 
@@ -12,6 +13,8 @@ CLASSES = {
 }
 """By board the class in `hostile.py`."""
 ALL = tuple(CLASSES)
+ALL_ACTS = os.environ.get("ROADSCOPE_ALL_ACTS") == "1"
+"""Whether every act is done on all its boards."""
 SCORED = ("detection", "camera", "tracking", "fusion")
 IN_SPACE = ("detection", "tracking", "fusion")
 
@@ -132,7 +135,10 @@ def pairs(acts: Iterable[Act], jobs: int) -> list[tuple[str, Act]]:
 
     With two workers the acts of `EVERYWHERE` are done on all their boards, any other act on one.
     With one worker, where the same code watches over plug-ins, one act of each kind is done.
+    With ROADSCOPE_ALL_ACTS=1 in the environment, all acts are done on all their boards.
     """
+    if ALL_ACTS:
+        return [(board, act) for act in acts for board in act.boards]
     chosen = []
     for act in acts:
         one = act.boards[(ACTS.index(act) + jobs) % len(act.boards)]

@@ -57,10 +57,12 @@ class Layout:
     name_width: int
 
 
-def explanation(suite: Suite, boards: Sequence[str], *, marks: bool = True) -> str:
+def explanation(
+    suite: Suite, boards: Sequence[str], *, marks: bool = True, intervals: bool = True
+) -> str:
     """Return as text which objects are eligible, what entries get, and what intervals are over.
 
-    marks: whether marks are shown.
+    marks, intervals: whether any is shown.
     """
     chosen = [board_named(name) for name in boards]
     texts = dict.fromkeys(board.explanation(suite) for board in chosen)
@@ -69,6 +71,8 @@ def explanation(suite: Suite, boards: Sequence[str], *, marks: bool = True) -> s
     whole += [board.marks_note for board in chosen if marks and board.marks_note]
     if not suite.recorded and len(suite.seeds) == 1:
         return " ".join([*whole, "One seed gives no intervals."])
+    if not intervals:
+        return " ".join([*whole, "There is too little for intervals."])
     over = " and ".join(dict.fromkeys(board.sample for board in chosen if board.sample))
     return " ".join([*whole, f"In brackets: 95 % intervals over {over}." if over else ""]).rstrip()
 
@@ -164,8 +168,10 @@ def agreement_lines(results: Results, name: str) -> list[str]:
 
     If there is nothing to compare with, return what to run.
     """
+    unknown = math.nan, math.nan
     lines = [
-        f"Ranks agree with those of suite {a.suite} by {a.rho:.2f}{_in_brackets(a.interval)} "
+        f"Ranks agree with those of suite {a.suite} by "
+        f"{a.rho:.2f}{_in_brackets(*(a.interval or unknown))} "
         f"(Spearman, {len(a.entries)} trackers; 1 is the same order)."
         for a in results.agreements
         if a.board == name
@@ -185,8 +191,7 @@ def prediction_lines(results: Results, name: str) -> list[str]:
     by_predicted: dict[str, list[str]] = {}
     count = 0
     for each in predictions(results.jobs, name):
-        interval = (each.low, each.high) if math.isfinite(each.low) else None
-        text = f"{headings[each.metric]} {each.rho:.2f}{_in_brackets(interval)}"
+        text = f"{headings[each.metric]} {each.rho:.2f}{_in_brackets(each.low, each.high)}"
         by_predicted.setdefault(headings[each.predicted], []).append(text)
         count = each.inputs
     return [
@@ -196,8 +201,8 @@ def prediction_lines(results: Results, name: str) -> list[str]:
     ]
 
 
-def _in_brackets(interval: tuple[float, float] | None) -> str:
-    return "" if interval is None else f" [{interval[0]:.2f}, {interval[1]:.2f}]"
+def _in_brackets(low: float, high: float) -> str:
+    return f" [{low:.2f}, {high:.2f}]" if math.isfinite(low) else ""
 
 
 def comparison(results: Results, name: str) -> str:

@@ -98,7 +98,7 @@ class DriverTraining:
 
 
 def train_driver(
-    out: Path | str, recipe: DriverRecipe | None = None, *, progress: Progress = silent
+    out: Path | str, recipe: DriverRecipe | None = None, *, progress: Progress | None = None
 ) -> DriverTraining:
     """Train an agent, write OUT.safetensors and OUT.toml beside it, and score it.
 
@@ -106,6 +106,7 @@ def train_driver(
     Raises `NotInstalledError` if there are `steps` but no Stable-Baselines3, and `ValueError` if
     `steps` is 0 and there is a `start` or no `teacher`: then nothing would be learned.
     """
+    report = progress or silent
     recipe = recipe or DriverRecipe()
     if recipe.steps and LIBRARY.missing:
         raise NotInstalledError(LIBRARY.missing)
@@ -129,14 +130,14 @@ def train_driver(
             drives=recipe.lessons,
             jobs=ENVIRONMENTS,
             seed=recipe.seed,
-            progress=progress,
+            progress=report,
         )
     if recipe.steps:
-        layers = _trained(recipe, layers, progress)
+        layers = _trained(recipe, layers, report)
     assert layers is not None
     save_agent(weights, layers)
     result = DriverTraining(
-        weights, weights.with_suffix(".toml"), _validated(recipe, weights, progress)
+        weights, weights.with_suffix(".toml"), _validated(recipe, weights, report)
     )
     _write_record(result, recipe)
     return result

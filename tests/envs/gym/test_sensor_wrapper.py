@@ -152,9 +152,7 @@ def test_unknown_rigs_styles_and_weathers_list_what_there_is() -> None:
         SensorWrapper(env, "radar")
     with pytest.raises(RecordError, match="no roadside style 'moon'; known: motorway"):
         SensorWrapper(env, style="moon")
-    with pytest.raises(
-        ValueError, match=r"no weather 'fgo' \(did you mean 'fog'\?\); known: clear"
-    ):
+    with pytest.raises(ValueError, match=r"no weather 'fgo' \(did you mean 'fog'"):
         SensorWrapper(env, weather="fgo")
     with pytest.raises(TypeError, match="weather: expected a name or a Weather, got 3"):
         SensorWrapper(env, weather=3)  # type: ignore[arg-type]

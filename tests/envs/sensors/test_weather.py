@@ -23,9 +23,7 @@ def test_presets_are_known_by_name() -> None:
 
 
 def test_unknown_weather_is_refused_by_name() -> None:
-    with pytest.raises(
-        ValueError, match=r"no weather 'fogg' \(did you mean 'fog'\?\); known: clea"
-    ):
+    with pytest.raises(ValueError, match=r"no weather 'fogg' \(did you mean 'fog'"):
         weather("fogg")
     with pytest.raises(TypeError, match="a name or a Weather, got 3"):
         weather(3)  # type: ignore[arg-type]
