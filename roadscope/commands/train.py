@@ -98,7 +98,10 @@ def driver(
         ),
     ] = "",
     teacher: Annotated[
-        str, typer.Option(metavar="DRIVER", help="A new agent imitates it; '': none")
+        str,
+        typer.Option(
+            metavar="DRIVER", help="A new agent imitates it, and it sees the truth; '': none"
+        ),
     ] = "idm-mobil",
     steps: Annotated[
         int,

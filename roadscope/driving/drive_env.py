@@ -87,6 +87,13 @@ class DriveEnv(gym.Env[np.ndarray, np.int64]):
             raise gym.error.ResetNeeded("call reset before asking for the scene")
         return self._scene
 
+    @property
+    def true_scene(self) -> DrivingScene:
+        """The scene with all road users as they are, whatever is perceived: for a teacher."""
+        if self._loop is None:
+            raise gym.error.ResetNeeded("call reset before asking for the true scene")
+        return self._loop.scene(self._loop.traffic.true_tracks())
+
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[np.ndarray, dict[str, Any]]:

@@ -42,6 +42,23 @@ def test_gymnasium_accepts_it(perception) -> None:
     check_env(env.unwrapped)
 
 
+def test_the_true_scene_differs_by_what_is_perceived_alone() -> None:
+    env = DriveEnv("motorway", perception="blind", duration_s=2.0)
+    with pytest.raises(gym.error.ResetNeeded):
+        _ = env.true_scene
+    env.reset(options={"seed": 3})
+    for _ in range(3):
+        env.step(KEEP_SPEED)
+    true = DriveEnv("motorway", duration_s=2.0)
+    true.reset(options={"seed": 3})
+    for _ in range(3):
+        true.step(KEEP_SPEED)
+    assert len(true.scene.tracks)
+    np.testing.assert_array_equal(observed(env.true_scene), observed(true.scene))
+    np.testing.assert_array_equal(observed(true.true_scene), observed(true.scene))
+    assert not len(env.scene.tracks)
+
+
 @pytest.mark.parametrize(("action", "collides"), [(KEEP_SPEED, False), (FASTER, True)])
 def test_the_sum_of_rewards_is_the_reward_of_the_board(action, collides) -> None:
     """Of a driver that always does the same, scored as on the board."""

@@ -60,7 +60,8 @@ class DriverRecipe:
 
     perceptions: stacks and `truth`; each drive has one of them at random. scenarios: likewise;
     empty: those of the suite `driving`. start: an agent that is trained further, a name or a file;
-    empty: a new one. teacher: a driver of the board that a new agent imitates first; empty: none.
+    empty: a new one. teacher: a driver of the board that a new agent imitates first, and that sees
+    the truth, whatever the agent perceives; empty: none.
     lessons: drives of each of the five rounds of imitation. steps: decisions, 0.2 s each, from
     which the agent then learns by itself; rounded up to whole updates of 1,024; 0: none.
     duration_s: of a drive. rig: sensors of the stacks. validation_seeds: drives that are scored

@@ -1,7 +1,8 @@
 """Lets a new agent imitate a driver of the board.
 
 By DAgger: Ross, Gordon and Bagnell, A reduction of imitation learning and structured prediction to
-no-regret online learning, AISTATS 2011.
+no-regret online learning, AISTATS 2011. The teacher sees the truth, whatever the agent perceives,
+as in Chen, Zhou, Koltun and Krähenbühl, Learning by cheating, CoRL 2019.
 """
 
 from __future__ import annotations
@@ -60,7 +61,7 @@ def imitate(
 ) -> Layers:
     """Return an agent that does what the teacher does.
 
-    teacher: a driver of the board; it gets the same scenes as the agent. environment: makes the
+    teacher: a driver of the board; it gets the true scenes. environment: makes the
     environment of one process. drives: of each round; their seeds follow from `seed`.
     """
     from joblib import Parallel, delayed
@@ -87,7 +88,8 @@ def _lesson(
     observation, _ = env.reset(seed=seed)
     observations, actions, over = [], [], False
     while not over:
-        action = action_of(driver.drive(env.scene), env.scene)
+        scene = env.true_scene
+        action = action_of(driver.drive(scene), scene)
         observations.append(observation)
         actions.append(action)
         executed = action if agent is None else best_action(agent, observation)

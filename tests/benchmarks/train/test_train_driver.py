@@ -114,6 +114,27 @@ def test_an_agent_does_what_its_teacher_does(tmp_path) -> None:
     assert np.mean(same) > 0.95
 
 
+class Cautious:
+    """Brakes where there is anybody, and accelerates where there is nobody."""
+
+    def reset(self) -> None: ...
+
+    def drive(self, scene):
+        return DrivingCommand(-4.0 if len(scene.tracks) else 1.5, scene.target_lane)
+
+
+def test_a_teacher_sees_the_truth_where_the_agent_is_blind(tmp_path) -> None:
+    recipe = replace(
+        SHORT, perceptions=("blind",), teacher=f"{Path(__file__)}:Cautious", steps=0, lessons=1
+    )
+    trained = train_driver(tmp_path / "new", recipe)
+    agent, env = AgentDriver(weights=str(trained.weights)), DriveEnv("merge", perception="blind")
+    observation, _ = env.reset(options={"seed": 10_000})
+    assert not len(env.scene.tracks)
+    assert agent.choose(observation) == 1
+    assert action_of(Cautious().drive(env.scene), env.scene) == 4
+
+
 @pytest.mark.parametrize(
     ("acceleration", "lane", "action"),
     [(-9.0, 1, 0), (-2.9, 1, 2), (-0.9, 1, 3), (0.8, 1, 4), (0.8, 0, 5), (-8.0, 2, 6)],
