@@ -28,13 +28,35 @@ LONGEST = tuple(
     f"tests/{name}.py"
     for name in (
         "benchmarks/papers/test_li2021_claims",
-        "envs/traffic/test_scenarios",
-        "research/test_shipped_traits",
-        "research/test_zhang2017_calibration",
         "torture/test_all_entries",
+        "commands/test_help",
+        "test_tutorials",
+        "benchmarks/train/test_train_driver",
+        "odometry/test_empty_roads",
+        "test_cli",
+        "benchmarks/test_clusters",
+        "odometry/test_convoys",
+        "research/test_shipped_traits",
+        "test_examples",
+        "benchmarks/papers/test_figures",
+        "benchmarks/isolation/test_cost",
+        "benchmarks/test_keys",
+        "torture/test_command",
+        "torture/test_kept_files",
+        "benchmarks/boards/test_sixth_board",
+        "envs/gym/test_agent_traffic",
+        "benchmarks/test_target_views",
+        "benchmarks/papers/test_zhang2022",
+        "benchmarks/papers/test_zhang2017",
+        "fusion/test_fused_tracks",
+        "commands/test_train_command",
+        "test_site",
+        "envs/traffic/test_scenarios",
+        "research/test_zhang2017_calibration",
     )
 )
-"""Files with tests of minutes. They come first: nothing runs beside what a worker begins last."""
+"""Files that take a minute and more, the longest first: nothing runs beside what a worker begins
+last."""
 
 
 @pytest.hookimpl(optionalhook=True)
@@ -62,7 +84,13 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> Generator[None, o
     _make_others_slow(items)
     result = yield
     counts = Counter(item.path for item in items)
-    items.sort(key=lambda item: (not item.nodeid.startswith(LONGEST), -counts[item.path]))
+    places = {name: place for place, name in enumerate(LONGEST)}
+    items.sort(
+        key=lambda item: (
+            places.get(item.nodeid.partition("::")[0], len(LONGEST)),
+            -counts[item.path],
+        )
+    )
     return result
 
 

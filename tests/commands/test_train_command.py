@@ -28,9 +28,11 @@ def test_wrong_names_are_answered_before_anything_is_trained(answer, tmp_path) -
 @pytest.mark.slow
 def test_a_driver_is_trained_on_several_perceptions(answer, tmp_path) -> None:
     pytest.importorskip("stable_baselines3")
-    options = "--perception truth --perception blind --scenario merge --steps 1024 --seconds 5"
+    options = "--perception truth --perception blind --scenario merge --steps 1024 --seconds 3"
     out = tmp_path / "mine.safetensors"
-    status, text, _ = answer("train", "driver", *options.split(), "--rig", "lux", "--out", str(out))
+    status, text, _ = answer(
+        "train", "driver", *options.split(), "--teacher", "", "--rig", "lux", "--out", str(out)
+    )
     assert status == 0
     assert "on truth: reward" in text
     assert "on blind: reward" in text

@@ -14,9 +14,16 @@ from roadscope.core import DrivingCommand, NotInstalledError
 from roadscope.driving import DRIVERS, AgentDriver, DriveEnv, load_agent
 from roadscope.envs.traffic import ScenarioError
 
+UPDATE = 256
+"""Decisions of an update of the network: fewer than users have."""
 SHORT = DriverRecipe(
-    scenarios=("merge",), teacher="", steps=1024, duration_s=6.0, validation_seeds=2, seed=1
+    scenarios=("merge",), teacher="", steps=UPDATE, duration_s=6.0, validation_seeds=2, seed=1
 )
+
+
+@pytest.fixture(autouse=True)
+def short_updates(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("roadscope.benchmarks.train.driver.STEPS_PER_UPDATE", UPDATE)
 
 
 def test_wrong_input_is_refused_before_anything_is_trained(tmp_path) -> None:
@@ -55,10 +62,10 @@ def test_a_trained_agent_is_written_with_its_record_and_trained_further(tmp_path
         progress=lambda stage, done, total: stages.append((stage, done, total)),
     )
     assert first.weights == tmp_path / "first.safetensors"
-    assert ("training", 1024, 1024) in stages
+    assert ("training", UPDATE, UPDATE) in stages
     assert stages[-1] == ("validation", 2, 2)
     record = tomllib.loads(first.record.read_text())
-    assert (record["steps"], record["scenarios"], record["seed"]) == (1024, ["merge"], 1)
+    assert (record["steps"], record["scenarios"], record["seed"]) == (UPDATE, ["merge"], 1)
     assert record["scores"]["truth"]["drives"] == 2
     assert record["scores"]["truth"]["reward"] == pytest.approx(
         first.scores["truth"][:, 0].mean(), abs=1e-3
@@ -153,7 +160,7 @@ def test_the_action_is_the_one_nearest_to_a_command(acceleration, lane, action) 
 def test_steps_are_rounded_up_to_whole_updates_and_each_of_them_learns(tmp_path) -> None:
     pytest.importorskip("stable_baselines3")
     one = train_driver(tmp_path / "one", replace(SHORT, steps=1, validation_seeds=1))
-    two = train_driver(tmp_path / "two", replace(SHORT, steps=1025, validation_seeds=1))
+    two = train_driver(tmp_path / "two", replace(SHORT, steps=UPDATE + 1, validation_seeds=1))
     records = [tomllib.loads(each.record.read_text()) for each in (one, two)]
-    assert [record["steps"] for record in records] == [1024, 2048]
+    assert [record["steps"] for record in records] == [UPDATE, 2 * UPDATE]
     assert one.weights.read_bytes() != two.weights.read_bytes()
