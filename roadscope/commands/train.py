@@ -94,7 +94,8 @@ def driver(
     start: Annotated[
         str,
         typer.Option(
-            metavar="AGENT", help="Train this agent further: a file, or truth, the shipped one"
+            metavar="AGENT",
+            help="Train this agent further: a file, or a shipped one, truth or perceived",
         ),
     ] = "",
     teacher: Annotated[

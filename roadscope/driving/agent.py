@@ -172,8 +172,8 @@ ARCHITECTURE = "driver-1"
 class AgentDriver:
     """A trained agent: a network with two hidden layers chooses the action with the best value.
 
-    weights: the shipped agent, `truth`, which learned from `idm-mobil` on true tracks, or a file of
-        `roadscope train driver`.
+    weights: a shipped agent or a file of `roadscope train driver`. Both shipped ones learned from
+        `idm-mobil`: `truth` on true tracks, `perceived` on those of `distance-l-shape + existence`.
     """
 
     def __init__(self, *, weights: str = "truth") -> None:
@@ -208,7 +208,7 @@ def best_action(layers: Layers, observation: np.ndarray) -> int:
 def load_agent(weights: str | Path) -> Layers:
     """Read an agent; `ValueError` names the file and what is wrong with it.
 
-    weights: `truth`, which is shipped, or a file.
+    weights: `truth` or `perceived`, which are shipped, or a file.
     """
     from safetensors import SafetensorError, safe_open
 

@@ -1,7 +1,10 @@
 """What an agent observes of a scene, what it does, and files of agents."""
 
+import tomllib
 from dataclasses import replace
+from hashlib import sha256
 from itertools import pairwise
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -10,6 +13,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from safetensors.numpy import save_file
 
+import roadscope
 from roadscope.core import Category, Detections, DrivingCommand, DrivingScene, Pose, Tracks
 from roadscope.driving import AgentDriver, command_of, load_agent, observed, save_agent
 
@@ -225,8 +229,22 @@ def test_wrong_files_are_named_with_what_is_wrong(tmp_path) -> None:
         load_agent(tmp_path / "text.safetensors")
     with pytest.raises(ValueError, match=r"cannot read .*missing.safetensors"):
         load_agent(tmp_path / "missing.safetensors")
-    with pytest.raises(ValueError, match="no agent 'nobody': expected truth or"):
+    with pytest.raises(ValueError, match="no agent 'nobody': expected perceived, truth or"):
         AgentDriver(weights="nobody")
+
+
+@pytest.mark.parametrize("name", ["truth", "perceived"])
+def test_a_shipped_agent_is_the_one_of_its_record(name) -> None:
+    folder = Path(roadscope.driving.__file__).parent / "agents"
+    record = tomllib.loads((folder / f"{name}.toml").read_text("utf-8"))
+    content = (folder / f"{name}.safetensors").read_bytes()
+    assert record["weights"] == sha256(content).hexdigest()
+    assert record["scores"]["truth"]["drives"] >= 30
+    agent = AgentDriver(weights=name)
+    assert agent.drive(scene(lanes=1, lane=0, target_lane=0)).acceleration_m_s2 >= 0
+    agent.reset()
+    ahead = {"gap_m": 20.0, "tracks": tracks([(20.0 + 2.25, 0.0)], [(0.0, 0.0)])}
+    assert agent.drive(scene(lanes=1, lane=0, target_lane=0, **ahead)).acceleration_m_s2 <= -4
 
 
 def test_a_written_agent_is_read_as_it_was(tmp_path) -> None:
