@@ -181,7 +181,7 @@ def _root(
 
 
 def main() -> None:
-    """Run the command line; bad input ends in a line on stderr and a non-zero exit."""
+    """Run the command line; bad input ends in errors on stderr and a non-zero exit."""
     warnings.showwarning = _warn
     try:
         status = app(prog_name="roadscope", standalone_mode=False)
@@ -205,10 +205,10 @@ def _report(error: Exception) -> int:
         complain(f"error: {error.format_message()} (help: {_command_of(error)} --help)")
         return USAGE
     if isinstance(error, ValueError | RuntimeError | OSError):
-        beginning, *problems = str(error).split("\n- ")
-        if not hasattr(error, "problems"):  # Only these list what is wrong in their text.
-            beginning, problems = str(error), []
-        for line in (f"error: {beginning}", *(f"- {problem}" for problem in problems)):
+        problems = getattr(error, "problems", ())
+        lines = [f"- {problem}" for problem in problems] if len(problems) > 1 else []
+        text = str(error).removesuffix("".join(f"\n{line}" for line in lines))
+        for line in (f"error: {text}", *lines):
             complain(line)
         return FAILED
     raise error

@@ -13,7 +13,6 @@ import pytest
 from interrupts import heed_interrupts
 
 import roadscope
-from roadscope import TRACKERS
 from roadscope.benchmarks import MEANINGS
 
 ROOT = Path(roadscope.__file__).parents[1]
@@ -190,14 +189,30 @@ def test_each_problem_of_a_suite_is_a_line(tmp_path, answer) -> None:
         assert f"did you mean '{name}'" in problem
 
 
-def test_what_is_not_installed_is_said_before_anything_runs(answer, monkeypatch) -> None:
-    missing = [name for name in TRACKERS.names() if TRACKERS.missing(name)]
-    if not missing:
-        pytest.skip("all trackers are installed")
+NEEDY = """
+from roadscope.core import Requirement
+
+
+class Needy:
+    requires = Requirement("no-such-distribution", "pip install no-such-distribution")
+
+    def reset(self): ...
+
+    def {method}(self, *given): ...
+"""
+
+
+@pytest.mark.parametrize(
+    ("kind", "method"), [("tracker", "update"), ("detector", "detect"), ("odometry", "update")]
+)
+def test_what_is_not_installed_is_said_before_anything_runs(
+    answer, monkeypatch, tmp_path, kind, method
+) -> None:
+    (tmp_path / "needy.py").write_text(NEEDY.format(method=method))
     monkeypatch.setattr("roadscope.benchmarks.single.timeline_of", None)
-    status, out, errors = answer("run", "motorway", "--tracker", missing[0])
+    status, out, errors = answer("run", "motorway", f"--{kind}", f"{tmp_path}/needy.py:Needy")
     assert (status, out) == (1, "")
-    assert "is not installed" in errors
+    assert "no-such-distribution is not installed" in errors
 
 
 def test_bad_input_ends_the_program_too() -> None:

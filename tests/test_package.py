@@ -22,6 +22,7 @@ if __name__ == "__main__":
 """
 """What pip writes as the command `roadscope`."""
 STANDARD = sys.stdlib_module_names | {"nt", "__main__"}
+"""Packages of Python itself, of other systems too."""
 
 
 def loaded_by(*arguments: str) -> set[str]:
@@ -61,7 +62,7 @@ def test_importing_the_package_is_light() -> None:
     assert loaded.isdisjoint(HEAVY)
 
 
-def test_importing_the_package_costs_what_gymnasium_costs() -> None:
+def test_importing_the_package_loads_nothing_beyond_gymnasium() -> None:
     # Modules are counted, as times vary too much on a busy machine: 1.04 times on a quiet one.
     ours, others = loaded_beyond(["-c", "import roadscope"], ["-c", "import gymnasium"])
     assert 0 < len(ours) < 10
@@ -86,7 +87,7 @@ def test_options_of_python_before_the_module_change_nothing() -> None:
     assert "gymnasium" in loaded_by("-m", "roadscope._lazy")
 
 
-def test_help_costs_little_more_than_typer(start: list[str]) -> None:
+def test_help_loads_nothing_beyond_typer(start: list[str]) -> None:
     # On a quiet machine 1.3 times as long, where typer takes 0.05 s; help that rich draws 2.7.
     ours, others = loaded_beyond([*start, "--help"], ["-c", "import typer"])
     assert 0 < len(ours) < 10

@@ -76,12 +76,13 @@ def detection_source(text: str | Spec) -> Spec:
     spec = Spec.parse(text) if isinstance(text, str) else text
     if spec.name == ORACLE and not spec.parts:
         return replace(spec, kind=ORACLE)
+    _refuse_parts_of_oracle(spec)
     if spec.name == FUSED:
         return _fused(spec)
     for registry in (NOISES, NAMED_BY_SUITES):
         if spec.name in registry:
             return registry.resolve(spec)
-    return DETECTOR.registry.resolve(spec, beside=(ORACLE, FUSED, *NOISES, *NAMED_BY_SUITES))
+    return DETECTOR.registry.resolve(spec, also_possible=(ORACLE, FUSED, *NOISES, *NAMED_BY_SUITES))
 
 
 def image_source(text: str | Spec) -> Spec:
@@ -89,9 +90,10 @@ def image_source(text: str | Spec) -> Spec:
     spec = Spec.parse(text) if isinstance(text, str) else text
     if spec.name == ORACLE and not spec.parts:
         return replace(spec, kind=ORACLE)
+    _refuse_parts_of_oracle(spec)
     if spec.name in CAMERA_NOISES:
         return CAMERA_NOISES.resolve(spec)
-    return CAMERA_DETECTOR.registry.resolve(spec, beside=(ORACLE, *CAMERA_NOISES))
+    return CAMERA_DETECTOR.registry.resolve(spec, also_possible=(ORACLE, *CAMERA_NOISES))
 
 
 def pose_source(text: str | Spec) -> Spec:
@@ -106,9 +108,17 @@ def pose_source(text: str | Spec) -> Spec:
             raise SpecError(f"'{spec}': a noise model uses no scan that could lack returns")
         inner = ODOMETRY.registry.resolve(odometry)
         return replace(spec, parts={ODOMETRY.name: inner}, kind=ORACLE, target=inner.target)
+    if spec.name == ORACLE:
+        raise SpecError(f"'{spec}': name its odometry too: {ORACLE}?{ODOMETRY.name}=NAME")
     if spec.name in ODOMETRY_NOISES:
         return ODOMETRY_NOISES.resolve(spec)
-    return ODOMETRY.registry.resolve(spec, beside=(ORACLE, *ODOMETRY_NOISES))
+    return ODOMETRY.registry.resolve(spec, also_possible=ODOMETRY_NOISES)
+
+
+def _refuse_parts_of_oracle(spec: Spec) -> None:
+    """Raise `SpecError` for an oracle with parts: only that of poses has one."""
+    if spec.name == ORACLE and spec.parts:
+        raise SpecError(f"'{spec}': {ORACLE} has no parts here")
 
 
 def check_detection_source(text: str | Spec) -> Spec:

@@ -277,7 +277,7 @@ def _check_suite(suite: Suite, boards: Iterable[Board]) -> None:
         try:
             check(argument)
         except ValueError as error:
-            texts = error.problems if isinstance(error, ConfigError) else (str(error),)
+            texts = error.problems if isinstance(error, SuiteError) else (str(error),)
             problems += [f"{key}: {text}" if key else text for text in texts]
     if problems:
         every = ConfigError(dict.fromkeys(problems))

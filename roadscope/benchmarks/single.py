@@ -15,7 +15,7 @@ from roadscope.benchmarks.boards.tracking import (
 )
 from roadscope.benchmarks.eligibility import Eligibility
 from roadscope.benchmarks.episode import Episode, check_episode, timeline_of
-from roadscope.benchmarks.kinds import TRACKER, check_plugin_spec
+from roadscope.benchmarks.kinds import DETECTOR, TRACKER, check_plugin_spec, traits_of
 from roadscope.benchmarks.loop import RunOptions
 from roadscope.benchmarks.metrics.score import Score
 from roadscope.benchmarks.nodes.fusions import detection_node
@@ -80,7 +80,9 @@ def run_episode(
     progress: Progress | None = None,
     options: RunOptions | None = None,
 ) -> Summary:
-    """Run a detector and a tracker over one episode; unknown names raise before anything runs.
+    """Run a detector and a tracker over one episode.
+
+    Unknown names, and what is not installed (`NotInstalledError`), raise before anything runs.
 
     odometry: one to run too; it does not give poses to the tracker (`tracker?ego=` does).
     progress: called with the stage, steps done and steps in all.
@@ -94,6 +96,8 @@ def run_episode(
         check_ego(tracker_spec.ego)
     pose_spec = None if odometry is None else check_pose_source(odometry)
     missing = missing_requirement(tracker_spec) or (missing_part(pose_spec) if pose_spec else "")
+    if not missing and source.kind == DETECTOR.name:
+        missing = traits_of(source).requires
     if missing:
         raise NotInstalledError(missing)
     check_episode(episode)

@@ -32,9 +32,9 @@ class SuiteError(ValueError):
     """A suite cannot be read, or has unknown names or wrong values; `problems` has them all."""
 
     def __init__(self, text: str, problems: Iterable[str] = ()) -> None:
-        """Take the whole text. problems: one text for each problem, if there are several."""
+        """Take the whole text. problems: one text for each; left out, the whole text is one."""
         super().__init__(text)
-        self.problems = tuple(problems)
+        self.problems = tuple(problems) or (text,)
 
 
 class BoardSettings(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -129,7 +129,7 @@ def check_names(suite: Suite) -> None:
     except ValueError as error:
         problems.append(str(error))
     if problems:
-        raise ConfigError(problems)
+        raise SuiteError(str(ConfigError(problems)), problems)
     for name in suite.scenarios:
         for light in suite.lights:
             check_episode(Episode(name, suite.seeds[0], suite.rig, suite.duration_s, light=light))

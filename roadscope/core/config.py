@@ -25,6 +25,10 @@ class ConfigError(ValueError):
         several = [f"{len(self.problems)} problems:"] if len(self.problems) > 1 else []
         super().__init__("\n- ".join([*several, *self.problems]))
 
+    def __reduce__(self) -> tuple[type[ConfigError], tuple[tuple[str, ...]]]:
+        # The text alone, which exceptions are made from, would be taken for the problems.
+        return type(self), (self.problems,)
+
 
 def read_config(content: str, record_type: type[T]) -> T:
     """Return the record of TOML text; unknown, missing and wrong keys raise `ConfigError`."""

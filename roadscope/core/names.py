@@ -6,22 +6,24 @@ import difflib
 from collections.abc import Iterable
 
 LONGEST_LIST = 12
-"""Names; longer lists hide what is suggested."""
+"""Most names that are listed beside a suggestion; chosen by hand."""
 
 
 def unknown(kind: str, name: str, possible: Iterable[str], *, hint: str = "") -> str:
     """Return the error text for a name that does not exist.
 
-    It offers the most similar of the possible names. All are listed, but for long lists of which
-    one name is similar.
+    It suggests the most similar of the possible names, if one is similar. It lists all of them,
+    unless one is similar and there are more than `LONGEST_LIST`: then it says how many there are.
 
     hint: shown in place of the most similar name.
     """
     names = list(possible)
-    close = difflib.get_close_matches(name, names, n=1)
-    listed = not close or len(names) <= LONGEST_LIST
+    close = [] if name in names else difflib.get_close_matches(name, names, n=1)
+    known = ", ".join(names)
+    if close and len(names) > LONGEST_LIST:
+        known = f"{close[0]} and {len(names) - 1} others"
     if hint:
         hint = f" ({hint})"
     elif close:
         hint = f" (did you mean '{close[0]}'?)"
-    return f"no {kind} '{name}'{hint}" + (f"; known: {', '.join(names)}" if listed else "")
+    return f"no {kind} '{name}'{hint}; known: {known}"

@@ -55,20 +55,17 @@ class Registry(Generic[T]):
         """Return what is not installed that the spec needs, or None if it can be made."""
         return self.resolve(spec).missing
 
-    def resolve(self, spec: str | Spec, *, beside: Iterable[str] = ()) -> Spec:
+    def resolve(self, spec: str | Spec, *, also_possible: Iterable[str] = ()) -> Spec:
         """Return the spec with its kind, its class and all arguments; nothing is imported.
 
-        beside: further names that are possible where this is called, for the error text.
+        also_possible: names that are not registered but allowed there, for the error text.
         """
         parsed = Spec.parse(spec) if isinstance(spec, str) else spec
         if parsed.is_class:
             return replace(parsed, kind=self.kind, target=parsed.name)
         if parsed.name.endswith(".py"):
             raise SpecError(no_class_named(parsed))
-        if beside and parsed.name not in self:
-            names = [*self.names(), *beside]
-            raise SpecError(unknown_name(self.kind, parsed.name, names, self._composition))
-        registered = Spec.parse(self.target(parsed.name))
+        registered = Spec.parse(self.target(parsed.name, also_possible=also_possible))
         return replace(
             parsed,
             arguments={**registered.arguments, **parsed.arguments},
@@ -80,11 +77,15 @@ class Registry(Generic[T]):
         """Construct the plug-in that the spec names, in this process."""
         return cast("T", self.resolve(spec).make())
 
-    def target(self, name: str) -> str:
-        """Return the spec behind a registered name."""
+    def target(self, name: str, *, also_possible: Iterable[str] = ()) -> str:
+        """Return the spec behind a registered name; `SpecError` if there is none.
+
+        also_possible: as in `resolve`.
+        """
         registered = self._entries.get(name) or self._external().get(name)
         if registered is None:
-            raise SpecError(unknown_name(self.kind, name, self.names(), self._composition))
+            names = [*self.names(), *also_possible]
+            raise SpecError(unknown_name(self.kind, name, names, self._composition))
         return registered
 
     def _external(self) -> Mapping[str, str]:

@@ -94,7 +94,7 @@ DRIVERS: Registry[Driver] = Registry(
         "idm-mobil": "Keeps its distance (IDM, 2000), changes lanes (MOBIL, 2007).",
         "idm": "Keeps its distance and its lane (IDM, Treiber 2000).",
         "emergency-brake": "Keeps its speed; brakes hard by time to collision.",
-        "learned": "A network; the shipped one imitates idm-mobil (DAgger, 2011).",
+        "learned": "A network; the shipped ones imitate idm-mobil (DAgger, 2011).",
     },
 )
 """Drivers by name."""

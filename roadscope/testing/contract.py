@@ -46,6 +46,10 @@ MODULES: Mapping[str, str] = {
 """The module of `roadscope.testing` that has the promises of each kind."""
 WARNING = re.compile(r"^.*:\d+: \w*Warning: .*\n(?:  .*\n?)?", re.MULTILINE)
 """A printed warning of Python and its line of code."""
+OUR_REPORT = re.compile(
+    r"^(?:Traceback \(most recent call last\)|Fatal Python error:)", re.MULTILINE
+)
+"""How the report begins that a plug-in's process prints of an error: no output of the plug-in."""
 MOST_SHOWN = 60
 """Most characters that a report shows of what a plug-in printed; chosen by hand."""
 
@@ -186,8 +190,7 @@ def _checked(
     for number, promise in enumerate(promises):
         subject = Subject(plugin, known, deadline_s=deadline_s, trust=trust)
         item = _item(promise, subject)
-        if item.good:  # Else the harness has printed the error too, which stands in the item.
-            logs += subject.logs
+        logs += subject.logs if item.good else [OUR_REPORT.split(t, 1)[0] for t in subject.logs]
         again = not item.good and item.remark in reasons
         reasons.add(item.remark)
         add(Item(item.promise, False, SAME) if again else item)

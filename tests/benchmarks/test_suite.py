@@ -1,3 +1,4 @@
+import pickle
 from collections import Counter
 from pathlib import Path
 
@@ -187,12 +188,12 @@ families = ["cyclist"]
     assert suite.eligibility == Eligibility((1.0, 30.0), 3, ("cyclist",))
 
 
-def test_unknown_names_list_what_exists(tmp_path) -> None:
+def test_unknown_names_are_answered_with_what_is_possible(tmp_path) -> None:
     with pytest.raises(SuiteError, match="did you mean 'quick'"):
         load_suite("quik")
     with pytest.raises(SuiteError, match="cannot read suite"):
         load_suite(tmp_path / "none.toml")
-    with pytest.raises(ValueError, match=r"no scenario 'motorwy' \(did you mean 'motorway'"):
+    with pytest.raises(SuiteError, match=r"no scenario 'motorwy' \(did you mean 'motorway'"):
         check_names(parse_suite(TINY.replace("lu2018-three-vehicles", "motorwy"), "x"))
     with pytest.raises(ValueError, match=r"one sweep of 'lux', got 0\.01 s"):
         check_names(parse_suite(TINY.replace("= 1.0", "= 0.01"), "x"))
@@ -347,3 +348,12 @@ def test_keys_follow_content(tmp_path) -> None:
     assert keys(f"{plugin}:Mine")[1] != first[1]
     far = "[eligibility]\nrange_m = [0, 90]\n[detection]"
     assert not set(keys(f"{plugin}:Mine", TINY.replace("[detection]", far))) & set(first)
+
+
+def test_problems_of_a_suite_survive_the_way_from_another_process() -> None:
+    with pytest.raises(SuiteError) as raised:
+        parse_suite(TINY.replace("name =", "nmae ="), "x")
+    for error in (raised.value, raised.value.__cause__):
+        again = pickle.loads(pickle.dumps(error))
+        assert (type(again), str(again)) == (type(error), str(error))
+    assert len(raised.value.problems) == 2

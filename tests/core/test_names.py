@@ -16,5 +16,11 @@ def test_nothing_is_suggested_where_nothing_is_near() -> None:
 
 def test_a_long_list_does_not_hide_what_is_suggested() -> None:
     many = [*KNOWN, *(f"number-{k}" for k in range(10))]
-    assert unknown("tracker", "nearst", many) == "no tracker 'nearst' (did you mean 'nearest'?)"
+    assert unknown("tracker", "nearst", many) == (
+        "no tracker 'nearst' (did you mean 'nearest'?); known: nearest and 12 others"
+    )
     assert unknown("tracker", "x", many).endswith("number-9")
+
+
+def test_a_name_is_never_suggested_for_itself() -> None:
+    assert "did you mean" not in unknown("tracker", "nearest", KNOWN)

@@ -224,6 +224,18 @@ class Raises(Good):
         raise KeyError("what is this")
 
 
+class PrintsAndRaises(Good):
+    def update(self, detections, ego_pose):
+        sys.stdout.write("hello from a tracker\n")
+        raise KeyError("what is this")
+
+
+class PrintsAndAnswersNan(ReturnsNan):
+    def update(self, detections, ego_pose):
+        sys.stdout.write("hello from a tracker\n")
+        return super().update(detections, ego_pose)
+
+
 class RaisesWhenMade(Good):
     def __init__(self):
         raise OSError("no weights")

@@ -152,10 +152,14 @@ def test_a_report_has_an_item_for_every_promise() -> None:
     assert all(str(item) in str(done) for item in done.items)
 
 
-def test_an_error_is_no_output_of_the_plugin() -> None:
-    done = roadscope.check(f"{TRACKERS}:Raises", kind="tracker")
+@pytest.mark.parametrize(
+    ("name", "prints"),
+    [("Raises", False), ("PrintsAndRaises", True), ("PrintsAndAnswersNan", True)],
+)
+def test_an_error_is_no_output_of_the_plugin(name: str, prints: bool) -> None:
+    done = roadscope.check(f"{TRACKERS}:{name}", kind="tracker")
     assert not done.ok
-    assert done.items[-1].good, done.items[-1]
+    assert done.items[-1].good == (not prints), done.items[-1]
 
 
 @pytest.mark.slow

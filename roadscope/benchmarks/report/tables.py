@@ -71,9 +71,9 @@ def explanation(
     whole += [board.marks_note for board in chosen if marks and board.marks_note]
     if not suite.recorded and len(suite.seeds) == 1:
         return " ".join([*whole, "One seed gives no intervals."])
-    if not intervals:
-        return " ".join([*whole, "There is too little for intervals."])
     over = " and ".join(dict.fromkeys(board.sample for board in chosen if board.sample))
+    if over and not intervals:
+        return " ".join([*whole, f"There are too few {over} for intervals."])
     return " ".join([*whole, f"In brackets: 95 % intervals over {over}." if over else ""]).rstrip()
 
 

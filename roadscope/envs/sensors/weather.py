@@ -120,7 +120,7 @@ WEATHERS: Mapping[str, Weather] = MappingProxyType(
 
 
 def weather(name: str | Weather) -> Weather:
-    """Return a preset by name, or the weather itself; errors list the known names."""
+    """Return a preset by name, or the weather itself; errors suggest or list the known names."""
     if isinstance(name, Weather):
         return name
     if not isinstance(name, str):

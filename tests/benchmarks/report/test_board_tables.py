@@ -161,10 +161,13 @@ def test_times_of_processor_and_clock_stand_side_by_side_and_are_explained() -> 
     assert "processor time" in footnote(results, "detection", 320)
 
 
-@pytest.mark.parametrize(("seeds", "intervals"), [(3, True), (1, False)])
-def test_intervals_are_explained_where_there_are_any(seeds, intervals) -> None:
+@pytest.mark.parametrize(
+    ("seeds", "shown", "intervals"), [(3, True, True), (3, False, False), (1, True, False)]
+)
+def test_intervals_are_explained_where_there_are_any(seeds, shown, intervals) -> None:
     suite = load_suite("quick")
-    text = explanation(replace(suite, seeds=suite.seeds[:seeds]), ["detection", "tracking"])
+    some = replace(suite, seeds=suite.seeds[:seeds])
+    text = explanation(some, ["detection", "tracking"], intervals=shown)
     assert ("95 %" in text) == intervals
     assert text.count("To be found") == 1
 

@@ -146,7 +146,7 @@ def test_seeds_may_be_integers_of_numpy() -> None:
     assert env.reset()[0] in env.observation_space
 
 
-def test_unknown_rigs_styles_and_weathers_list_what_there_is() -> None:
+def test_unknown_rigs_styles_and_weathers_are_answered_with_what_is_possible() -> None:
     env = gym.make("merge-v1")
     with pytest.raises(RecordError, match="no rig 'radar'; known: lux"):
         SensorWrapper(env, "radar")
