@@ -5,7 +5,7 @@ from __future__ import annotations
 import difflib
 from collections.abc import Iterable
 
-LONGEST_LIST = 12
+LONGEST_LIST = 15
 """Most names that are listed beside a suggestion; chosen by hand."""
 
 

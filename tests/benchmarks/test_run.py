@@ -365,7 +365,7 @@ def test_what_cannot_be_run_is_refused_before_anything_runs(
 
 def test_a_suite_that_names_what_there_is_not_is_refused_by_its_name(tmp_path) -> None:
     wrong = parse_suite(TINY.replace('entries = ["nearest"]', 'entries = ["neerest"]'), "x")
-    with pytest.raises(SuiteError, match=r"tiny v1, tracking\.entries: .*'nearest'"):
+    with pytest.raises(SuiteError, match=r"tiny v1: tracking\.entries: .*'nearest'"):
         leaderboard(wrong, out_dir=tmp_path / "out")
     assert not (tmp_path / "out").exists()
 

@@ -15,11 +15,11 @@ def test_nothing_is_suggested_where_nothing_is_near() -> None:
 
 
 def test_a_long_list_does_not_hide_what_is_suggested() -> None:
-    many = [*KNOWN, *(f"number-{k}" for k in range(10))]
+    many = [*KNOWN, *(f"number-{k}" for k in range(20))]
     assert unknown("tracker", "nearst", many) == (
-        "no tracker 'nearst' (did you mean 'nearest'?); known: nearest and 12 others"
+        "no tracker 'nearst' (did you mean 'nearest'?); known: nearest and 22 others"
     )
-    assert unknown("tracker", "x", many).endswith("number-9")
+    assert unknown("tracker", "x", many).endswith("number-19")
 
 
 def test_a_name_is_never_suggested_for_itself() -> None:

@@ -128,11 +128,11 @@ def test_all_makers_are_named(suite) -> None:
 @pytest.mark.parametrize(
     ("spec", "message"),
     [
-        ("noisy?miss=2", r"suite tiny v1, tracking.detectors: 'noisy\?miss=2': miss must be 0 or"),
+        ("noisy?miss=2", r"suite tiny v1: tracking.detectors: 'noisy\?miss=2': miss must be 0 or"),
         ("noisy?mis=0.1", "tracking.detectors: .*its arguments: miss=0.1, miss_run"),
-        ("noisi", "suite tiny v1, tracking.detectors: no detector 'noisi'"),
-        ("noisy?miss", "suite tiny v1, tracking.detectors: 'noisy.miss'"),
-        ("fused", "suite tiny v1, tracking.detectors: .*camera"),
+        ("noisi", "suite tiny v1: tracking.detectors: no detector 'noisi'"),
+        ("noisy?miss", "suite tiny v1: tracking.detectors: 'noisy.miss'"),
+        ("fused", "suite tiny v1: tracking.detectors: .*camera"),
     ],
 )
 def test_impossible_makers_are_refused_before_anything_runs(spec, message) -> None:
