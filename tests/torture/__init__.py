@@ -4,11 +4,8 @@
 but for its act. `acts.py` lists the acts, for which kinds they are, and what a failure must say.
 `boards.py` has a suite of all five boards that takes seconds, and runs it in folders of its own.
 Runs without strangers are the measure: scores of all other entries are compared digit by digit, but
-for times. With two workers, acts about which the contract of a kind decides are done for all kinds,
-and how a plug-in ends, hangs or forges for one kind each; with one worker, one act of each sort is
-done. `ROADSCOPE_ALL_ACTS=1 pytest -m slow tests/torture` does all acts for all kinds, with one
-worker and with two; RELEASE.md asks for it. All of this is `slow`; `tests/benchmarks/isolation` has
-quick tests of the same mechanisms.
+for times. All acts are done for all kinds that can do them, with one worker and with two. All of
+this is `slow`; `tests/benchmarks/isolation` has quick tests of the same mechanisms.
 
 What is prevented
 -----------------

@@ -1,6 +1,5 @@
 """Which hostile acts there are, of which kinds, and what the reason of the failure says."""
 
-import os
 from collections.abc import Iterable
 from dataclasses import dataclass
 
@@ -13,8 +12,6 @@ CLASSES = {
 }
 """By board the class in `hostile.py`."""
 ALL = tuple(CLASSES)
-ALL_ACTS = os.environ.get("ROADSCOPE_ALL_ACTS") == "1"
-"""Whether every act is done on all its boards."""
 SCORED = ("detection", "camera", "tracking", "fusion")
 IN_SPACE = ("detection", "tracking", "fusion")
 
@@ -114,36 +111,8 @@ TOLERATED = (
 """Odd answers that the contract allows: they are scored, badly."""
 FAILING = (*ENDS, *HANGS, *RESOURCES, *FORGERIES, *WRONG, *WATCHERS)
 ACTS = (*FAILING, *HARMLESS, *TOLERATED)
-EVERYWHERE = (*WRONG, *HARMLESS, *TOLERATED)
-"""What an answer must be, and what is scored, differs by board; how a plug-in ends does not."""
-ONE_OF_EACH_KIND = frozenset(
-    {
-        "segfault",
-        "hang_in_call",
-        "hog",
-        "forged_answer",
-        "nothing",
-        "kill_both",
-        "honest",
-        "tiny_sizes",
-    }
-)
 
 
-def pairs(acts: Iterable[Act], jobs: int) -> list[tuple[str, Act]]:
-    """Return boards with their acts in a run with so many workers.
-
-    With two workers the acts of `EVERYWHERE` are done on all their boards, any other act on one.
-    With one worker, where the same code watches over plug-ins, one act of each kind is done.
-    With ROADSCOPE_ALL_ACTS=1 in the environment, all acts are done on all their boards.
-    """
-    if ALL_ACTS:
-        return [(board, act) for act in acts for board in act.boards]
-    chosen = []
-    for act in acts:
-        one = act.boards[(ACTS.index(act) + jobs) % len(act.boards)]
-        if jobs > 1:
-            chosen += [(board, act) for board in (act.boards if act in EVERYWHERE else [one])]
-        elif act.name in ONE_OF_EACH_KIND:
-            chosen.append((one, act))
-    return chosen
+def pairs(acts: Iterable[Act]) -> list[tuple[str, Act]]:
+    """Return each act with each of its boards."""
+    return [(board, act) for act in acts for board in act.boards]

@@ -15,7 +15,7 @@ def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
     """Run a test that names acts for each of them and each board that its class does it on."""
     acts = getattr(metafunc.function, "acts", None)
     if acts is not None:
-        cases = pairs(acts, metafunc.cls.jobs)
+        cases = pairs(acts)
         ids = [f"{board}-{act.name}" for board, act in cases]
         metafunc.parametrize(("board", "act"), cases, ids=ids)
 

@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from tests.torture.acts import ACTS, ALL_ACTS, FAILING, HANGS, HARMLESS, TOLERATED, Act, pairs
+from tests.torture.acts import ACTS, FAILING, HANGS, HARMLESS, TOLERATED, Act, pairs
 from tests.torture.boards import (
     HANG_LIMITS,
     MOST_MESSAGE,
@@ -19,7 +19,7 @@ from tests.torture.boards import (
     workshop,
 )
 
-MOST_S = 3600.0 if ALL_ACTS else 900.0
+MOST_S = 900.0
 """What a run may take on a loaded machine."""
 OWN_ENTRIES = 10
 """Entries and marks of the suite's own, over all boards."""
@@ -46,8 +46,7 @@ def tortured(folder: Path, timelines: Path, *, jobs: int) -> Tortured:
     start = time.monotonic()
     others = [act for act in ACTS if act not in HANGS]
     entries, hanging = (
-        [place.spec(board, act.name) for board, act in pairs(acts, jobs)]
-        for acts in (others, HANGS)
+        [place.spec(board, act.name) for board, act in pairs(acts)] for acts in (others, HANGS)
     )
     runs = (
         place.run(entries, jobs=jobs),
