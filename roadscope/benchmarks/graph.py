@@ -13,6 +13,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields
 from functools import cached_property, partial
+from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Generic, Protocol, TypeVar, cast
 
@@ -34,6 +35,9 @@ if TYPE_CHECKING:
 
 Item = TypeVar("Item")
 R = TypeVar("R")
+
+FIRST_CALLS = "first calls"
+"""What progress shows while plug-ins are called for the first time, which compiles kernels."""
 
 
 @dataclass(frozen=True)
@@ -165,6 +169,7 @@ def run_jobs(
     workers: WorkerSettings | None = None,
     options: RunOptions | None = None,
     progress: Progress = silent,
+    first_calls: Sequence[Node | Job] = (),
 ) -> None:
     """Compute the scores of jobs; call `on_outcome` with each outcome as soon as it is computed.
 
@@ -172,6 +177,8 @@ def run_jobs(
     also if it fails. A kept file that another program changes during the run is not used.
 
     workers: the processes that compute; None: this process.
+    first_calls: short nodes and jobs that are computed before, so that kernels are compiled. Their
+        outcomes are dropped.
     """
     if not jobs:
         return
@@ -184,6 +191,7 @@ def run_jobs(
     files = KeptFiles(installed if settings.address is None else ())
     with open_workers(settings) as opened:
         run = _Run(files, opened, options or RunOptions(), progress)
+        run.call_first(first_calls)
         failures = run.compute(_shared_nodes(installed))
         scored = []
         for job in installed:
@@ -226,6 +234,14 @@ class _Run:
                     if failure is not None:
                         failures[node.key] = failure
         return failures
+
+    def call_first(self, items: Sequence[Node | Job]) -> None:
+        """Compute short nodes and jobs in any order, and drop their outcomes.
+
+        Unlike the stages of a run they do not wait for one another: each computes its own sources.
+        """
+        for _ in self.each(_compute_or_score, items, FIRST_CALLS, on_death=lambda item: None):
+            pass
 
     def each(
         self,
@@ -321,6 +337,14 @@ class KeptFiles:
             _warn(note)
 
 
+def plugins_of(node: Node) -> Iterator[Spec]:
+    """Yield the resolved specs of all plug-ins that compute a node and its sources."""
+    for each in _with_sources(node):
+        values = [getattr(each, field.name) for field in fields(each)]
+        yield from (value for value in values if isinstance(value, Spec))
+        yield from chain.from_iterable(v.plugins() for v in values if hasattr(v, "plugins"))
+
+
 def _with_sources(node: Node) -> Iterator[Node]:
     """Yield a node and everything that it is computed from."""
     yield node
@@ -345,6 +369,14 @@ def _score(options: RunOptions, task: _Task[Job]) -> Outcome:
         return Outcome(job.board.score(job, answers, options))
     except Exception as error:
         return Outcome({}, f"not the entry's fault: {_in_words(error)}")
+
+
+def _compute_or_score(options: RunOptions, task: _Task[Node | Job]) -> None:
+    """Compute a node or a job. Errors are dropped: the run itself meets and reports them."""
+    if isinstance(task.item, Node):
+        _compute(options, cast("_Task[Node]", task))
+    else:
+        _score(options, cast("_Task[Job]", task))
 
 
 def _in_words(error: BaseException) -> str:

@@ -11,11 +11,13 @@ from typing import Any
 from roadscope.benchmarks.boards import Board, board_named, chosen_boards
 from roadscope.benchmarks.boards.board import JobOptions, SuiteCheck
 from roadscope.benchmarks.cache import FolderError, cache_dir, usable_folder
-from roadscope.benchmarks.graph import Job, run_jobs
+from roadscope.benchmarks.episode import Episode
+from roadscope.benchmarks.graph import Job, Node, plugins_of, run_jobs
 from roadscope.benchmarks.isolation import Limits
 from roadscope.benchmarks.kinds import entry_kind
 from roadscope.benchmarks.loop import RunOptions
 from roadscope.benchmarks.manifest import manifest
+from roadscope.benchmarks.nodes.traffic import TrafficNode
 from roadscope.benchmarks.nodes.tuned import is_tuned
 from roadscope.benchmarks.progress import Progress, silent
 from roadscope.benchmarks.recorded.kitti_drive import LIDAR_HEIGHT_M
@@ -34,8 +36,13 @@ from roadscope.benchmarks.suite_files import SUITES, load_suite
 from roadscope.benchmarks.workers import WorkerSettings
 from roadscope.core import Spec, SpecError
 from roadscope.core.config import ConfigError
+from roadscope.core.kernel_files import count_kernels
 
 DATABASE = "results.sqlite"
+FIRST_SCENARIO = "cut-ins"
+"""Scenario of first calls; its traffic is scripted, so that no kernels of traffic are needed."""
+FIRST_DURATION_S = 0.6
+"""Length of first calls, seconds: enough scans for tracks to be confirmed; chosen by hand."""
 
 
 class RunError(ValueError):
@@ -127,6 +134,7 @@ def leaderboard(
         limits = replace(limits, episode_s=deadline_s)
     folder = cache_dir() if out_dir is None else Path(out_dir)
     options = RunOptions(limits, trust, sandbox, fresh, hidden=(folder,))
+    nothing_compiled = count_kernels() == 0
     with options.probing():
         run_plan = plan(
             _suite(suite, kitti, mot, boards, lidar_height_m, notice),
@@ -142,10 +150,14 @@ def leaderboard(
             notice(text)
     board_names = [board.name for board in run_plan.boards]
     conditions = manifest(run_plan.suite, jobs, board_names, calibration_file)
+    compile_first = nothing_compiled and workers.compile_together
+    first_calls = _first_calls(run_plan) if compile_first else ()
     if out_dir is not None:
         check_targets(usable_folder(out_dir), label_of(conditions))
     with Store(folder / DATABASE) as store:
-        outcomes = _outcomes(store, run_plan, conditions, workers, options, progress or silent)
+        outcomes = _outcomes(
+            store, run_plan, conditions, workers, options, progress or silent, first_calls
+        )
         results = gather(run_plan.jobs, outcomes, conditions)
         results = replace(results, agreements=agreements(results, run_plan, store.outcomes))
     results = save_logs(results, folder)
@@ -322,6 +334,7 @@ def _outcomes(
     workers: WorkerSettings,
     options: RunOptions,
     progress: Progress,
+    first_calls: Sequence[Node | Job],
 ) -> dict[str, Outcome]:
     """Compute the outcomes that the store does not have; write each as it comes."""
     number = store.begin(conditions)
@@ -352,8 +365,44 @@ def _outcomes(
     wanted = {job.key: job for job in run_plan.jobs if job.key not in done}
     if wanted:
         read_recordings(run_plan)
-    run_jobs(list(wanted.values()), write, workers=workers, options=options, progress=progress)
+    run_jobs(
+        list(wanted.values()),
+        write,
+        workers=workers,
+        options=options,
+        progress=progress,
+        first_calls=first_calls,
+    )
     if not_stored:
         # The file was damaged during the run; the board is made from memory.
         warnings.warn(f"{len(not_stored)} results are not kept: {not_stored[0]}", stacklevel=3)
     return done
+
+
+def _first_calls(run_plan: RunPlan) -> Sequence[Node | Job]:
+    """Return short computations that compile the kernels of a run.
+
+    In the run itself all workers begin with traffic, then all need the ray caster, and wait for the
+    one that compiles it. Here one begins with traffic and the others with scans of a scenario that
+    is scripted.
+    """
+    suite = run_plan.suite
+    if suite.recorded:
+        return []
+    short = replace(
+        suite,
+        scenarios=(FIRST_SCENARIO,),
+        seeds=suite.seeds[:1],
+        duration_s=FIRST_DURATION_S,
+        weathers=suite.weathers[:1],
+        lights=suite.lights[:1],
+        faults=suite.faults[:1],
+    )
+    jobs = [
+        job
+        for board in run_plan.boards
+        for job in board.jobs(short, run_plan.entries.get(board.name, ()), JobOptions(marks=False))
+        if not job.missing and not any(spec.isolated for spec in plugins_of(job.answers))
+    ]
+    traffic = Episode(suite.scenarios[0], suite.seeds[0], "", FIRST_DURATION_S)
+    return [TrafficNode.of(traffic), *jobs]

@@ -94,6 +94,11 @@ class WorkerSettings:
     backend: str = "loky"
     address: str | None = None
 
+    @property
+    def compile_together(self) -> bool:
+        """Whether there are several workers that use one folder of compiled kernels."""
+        return self.jobs != 1 and self.address is None
+
     def check(self) -> None:
         """Raise `BackendError` if the backend is unknown, not installed or gets no address."""
         if self.backend not in BACKENDS:
