@@ -10,10 +10,10 @@ from typing import TypeGuard
 import numpy as np
 
 from roadscope.benchmarks.formats.bags import BagMessage, Source, cloud_fields
-from roadscope.benchmarks.formats.las import read_las
 from roadscope.benchmarks.formats.pcd import read_pcd
 from roadscope.benchmarks.formats.ply import read_ply
 from roadscope.benchmarks.formats.table import FormatError
+from roadscope.core.loading import Requirement
 
 ENDINGS = (".pcd.bin", ".bin", ".pcd", ".npy", ".ply", ".las", ".laz")
 """Endings of the names of files of points; the longer ones first."""
@@ -28,6 +28,9 @@ NAMED = "expected x, y and z, and no layout for files with names"
 FLOAT_BYTES = 4
 FEWEST_COLUMNS, MOST_COLUMNS = 3, 8
 """Numbers of columns of a `.npy` or `.bin` file."""
+LASPY = Requirement("laspy", "pip install 'roadscope[bags]'")
+LAS_FIELDS = ("intensity", "gps_time")
+"""The fields of points of LAS files that tell something about a scan."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -153,13 +156,29 @@ def _named(fields: Mapping[str, np.ndarray], source: str, columns: tuple[str, ..
     return PointFields(points, numbers)
 
 
+def _read_las(path: Path) -> dict[str, np.ndarray]:
+    """Return x, y and z of all points in metres, intensity, and gps_time if the file has it."""
+    if LASPY.missing:
+        raise FormatError(f"{path}: {LASPY.missing}")
+    import laspy
+
+    try:
+        cloud = laspy.read(path)
+        names = [name for name in LAS_FIELDS if name in cloud.point_format.dimension_names]
+        places = {name: np.asarray(getattr(cloud, name), np.float64) for name in PLACE}
+        return places | {name: np.asarray(cloud[name], np.float64) for name in names}
+    except Exception as error:
+        # Damaged files raise errors of every kind, those of the decompressor among them.
+        raise FormatError(f"{path}: expected a LAS or LAZ file: {error}") from error
+
+
 READERS: Mapping[str, Callable[[Path, tuple[str, ...]], PointFields]] = {
     ".bin": _read_bin,
     ".pcd": _with_names(read_pcd),
     ".npy": _read_npy,
     ".ply": _with_names(read_ply),
-    ".las": _with_names(read_las),
-    ".laz": _with_names(read_las),
+    ".las": _with_names(_read_las),
+    ".laz": _with_names(_read_las),
 }
 """Suffix -> reader of the points."""
 
