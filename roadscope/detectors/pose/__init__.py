@@ -29,7 +29,7 @@ _PARTS = {
     "body_search": "BodyProblem split_rays",
     "estimate": "check_positive pointing_away checked_origin checked_points",
     "filter_kernels": "peak",
-    "ransac_kernels": "with_corner",
+    "ransac": "with_corner",
 }
 """Names by the file that defines them, loaded when first used: the face of this folder."""
 

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
-from typing import Literal
+import math
+from typing import Literal, NamedTuple
 
 import numpy as np
 
+from roadscope.core.jit import compiled
+from roadscope.core.sorting import stable_order
 from roadscope.detectors.pose.estimate import (
     VehiclePose,
     check_positive,
@@ -13,9 +16,12 @@ from roadscope.detectors.pose.estimate import (
     checked_points,
     pointing_away,
 )
-from roadscope.detectors.pose.ransac_kernels import Sides, agreed, by_range
 
 LongSide = Literal["size", "main"]
+CORNER_POINTS = 2
+"""Least number of returns on a second face."""
+APART_M = 1e-9
+"""Two returns nearer to each other than this do not determine a line."""
 
 
 def fit_ransac(
@@ -52,3 +58,171 @@ def fit_ransac(
     x, y, angle, share = agreed(points, place, pairs, float(inlier_m), sides)
     yaw = pointing_away(angle, points.mean(axis=0) - place)
     return VehiclePose(x, y, yaw, length_m, width_m, score=share)
+
+
+# --------------------------------------------------------------------------------------------------
+# Kernels: the line and the corner with most inliers among the returns of a vehicle.
+
+
+class Sides(NamedTuple):
+    """Length and width of the body, metres. flank: the first face is always the long side."""
+
+    length: float
+    width: float
+    flank: bool
+
+
+@compiled()
+def agreed(
+    points: np.ndarray, place: np.ndarray, pairs: np.ndarray, inlier_m: float, sides: Sides
+) -> tuple[float, float, float, float]:
+    """Return x, y of the centre, direction of the long side in radians, and share of inliers.
+
+    points: (N, 2) metres, sorted by `by_range`. place: (2,) metres, the sensor. pairs: (2, T) rows
+    of points through which lines are tried.
+    """
+    mean = _mean(points)
+    axis, held = best_line(points, place, pairs, inlier_m)
+    axis, corner, second = with_corner(points, axis, held, place, inlier_m)
+    normal = np.array([-axis[1], axis[0]])
+    first = points[held]
+    depth = float(np.median(_along(first, mean, normal)))
+    along = _along(first, mean, axis)
+    low, high = along.min(), along.max()
+    seen = high - low
+    is_flank = sides.flank or abs(seen - sides.length) < abs(seen - sides.width)
+    extent, other = (sides.length, sides.width) if is_flank else (sides.width, sides.length)
+    if np.isnan(corner):
+        middle = (low + high) / 2
+    else:
+        middle = corner + math.copysign(extent / 2, np.median(along) - corner)
+    sight = (mean[0] - place[0]) * normal[0] + (mean[1] - place[1]) * normal[1]
+    across = depth + math.copysign(other / 2, sight)
+    x = mean[0] + middle * axis[0] + across * normal[0]
+    y = mean[1] + middle * axis[1] + across * normal[1]
+    heading = axis if is_flank else normal
+    return x, y, math.atan2(heading[1], heading[0]), (held | second).sum() / len(points)
+
+
+@compiled()
+def by_range(points: np.ndarray, place: np.ndarray) -> np.ndarray:
+    """Return the points by range, then side, so that their order does not decide the pairs."""
+    sights = points - place
+    middle = _mean(sights)
+    # Rounded to micrometres, so that a rotated scene has the same order.
+    sides = np.rint(1e6 * (middle[0] * sights[:, 1] - middle[1] * sights[:, 0]))
+    ranges = np.rint(1e6 * np.hypot(sights[:, 0], sights[:, 1]))
+    order = stable_order(sides)
+    return np.asarray(points[order[stable_order(ranges[order])]])
+
+
+@compiled()
+def best_line(
+    points: np.ndarray, place: np.ndarray, pairs: np.ndarray, inlier_m: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return the (2,) direction of the line with most points and the (N,) mask of those."""
+    most, best, line = -1, np.zeros(3), np.empty(3)
+    for t in range(pairs.shape[1]):
+        start, end = points[pairs[0, t]], points[pairs[1, t]]
+        x, y = end[0] - start[0], end[1] - start[1]
+        length = math.hypot(x, y)
+        if not length > APART_M:
+            continue
+        line[0], line[1] = x / length, y / length
+        line[2] = start[1] * line[0] - start[0] * line[1]
+        count = _near(points, line, inlier_m)
+        if count > most:
+            most = count
+            best[:] = line
+    if most < 0:
+        return _square(points, place), np.ones(len(points), np.bool_)
+    held = np.empty(len(points), np.bool_)
+    for i in range(len(points)):
+        held[i] = abs(points[i, 1] * best[0] - points[i, 0] * best[1] - best[2]) <= inlier_m
+    return _direction(*_scatter(points[held])), held
+
+
+@compiled(borrowing=True)
+def _near(points: np.ndarray, line: np.ndarray, inlier_m: float) -> int:
+    """Count the points within a distance of a line: its (2,) direction, then its offset."""
+    count, x, y, offset = 0, line[0], line[1], line[2]
+    for i in range(len(points)):
+        count += abs(points[i, 1] * x - points[i, 0] * y - offset) <= inlier_m
+    return count
+
+
+@compiled()
+def _square(points: np.ndarray, place: np.ndarray) -> np.ndarray:
+    """Return the direction across the line of sight, for points that determine no line."""
+    sight = _mean(points) - place
+    away = math.hypot(sight[0], sight[1])
+    return np.array([-sight[1] / away, sight[0] / away]) if away > 0.0 else np.array([1.0, 0.0])
+
+
+@compiled()
+def with_corner(
+    points: np.ndarray, axis: np.ndarray, held: np.ndarray, place: np.ndarray, inlier_m: float
+) -> tuple[np.ndarray, float, np.ndarray]:
+    """Find a second face behind an end of the first.
+
+    Returns the direction fitted to both, where the corner lies along it from the points' mean
+    (nan without one), and the (N,) mask of the second face.
+    """
+    none = np.zeros(len(points), np.bool_)
+    mean, first, normal = _mean(points), points[held], np.array([-axis[1], axis[0]])
+    side = (mean[0] - place[0]) * normal[0] + (mean[1] - place[1]) * normal[1]
+    depths, along = _along(points, _mean(first), normal), _along(points, mean, axis)
+    low, high = along[held].min() + inlier_m, along[held].max() - inlier_m
+    # Returns between the ends are above the face, for example of a rear window above a boot.
+    behind = ~held & (depths * side > 0.0) & ((along < low) | (along > high))
+    if behind.sum() < CORNER_POINTS:
+        return axis, np.nan, none
+    places = along[behind]
+    ordered = np.sort(places)
+    last = np.searchsorted(ordered, places + inlier_m, "right")
+    chosen = places[(last - np.searchsorted(ordered, places - inlier_m, "left")).argmax()]
+    second = behind & (np.abs(along - chosen) <= inlier_m)
+    if second.sum() < CORNER_POINTS:
+        return axis, np.nan, none
+    xx, xy, yy = _scatter(first)
+    # Rotated by 90 degrees, the second face is parallel to the first.
+    uu, uv, vv = _scatter(points[second])
+    turned = _direction(xx + vv, xy - uv, yy + uu)
+    if turned[0] * axis[0] + turned[1] * axis[1] < 0.0:
+        turned = -turned
+    return turned, float(np.median(_along(points[second], mean, turned))), second
+
+
+@compiled()
+def _mean(points: np.ndarray) -> np.ndarray:
+    out = np.zeros(2)
+    for i in range(len(points)):
+        out[0], out[1] = out[0] + points[i, 0], out[1] + points[i, 1]
+    return out / len(points)
+
+
+@compiled()
+def _along(points: np.ndarray, start: np.ndarray, axis: np.ndarray) -> np.ndarray:
+    """Return the (N,) coordinates of points along a unit axis from a start, metres."""
+    out = np.empty(len(points))
+    for i in range(len(points)):
+        out[i] = (points[i, 0] - start[0]) * axis[0] + (points[i, 1] - start[1]) * axis[1]
+    return out
+
+
+@compiled()
+def _scatter(points: np.ndarray) -> tuple[float, float, float]:
+    mean, xx, xy, yy = _mean(points), 0.0, 0.0, 0.0
+    for i in range(len(points)):
+        x, y = points[i, 0] - mean[0], points[i, 1] - mean[1]
+        xx, xy, yy = xx + x * x, xy + x * y, yy + y * y
+    return xx, xy, yy
+
+
+@compiled()
+def _direction(xx: float, xy: float, yy: float) -> np.ndarray:
+    """Return the unit vector of the greatest spread; (0, 1) if all directions are equal."""
+    if xy == 0.0 and xx == yy:
+        return np.array([0.0, 1.0])
+    angle = 0.5 * math.atan2(2.0 * xy, xx - yy)
+    return np.array([math.cos(angle), math.sin(angle)])
