@@ -4,7 +4,7 @@
     python -m research.detector_scores moving OUT.py
 
 `clusters`: constant and curves of `roadscope/detectors/scoring.py`, for detectors of clusters.
-`moving`: `roadscope/detectors/long_range_weights.py`, for detectors of moving vehicles.
+`moving`: those of `roadscope/detectors/long_range_scores.py`, for detectors of moving vehicles.
 
 Only train seeds are used; how good the scores are is tested on validation seeds. `clusters` takes
 about five minutes on one core, `moving` one.
