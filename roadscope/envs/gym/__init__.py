@@ -3,8 +3,7 @@
 from roadscope._lazy import lazy_names
 
 _PARTS = {
-    "agent_env": "MotorwayEnv",
-    "highway": "ScenarioEnv TASKS",
+    "highway": "MotorwayEnv ScenarioEnv TASKS",
     "registration": "IDS env_ids",
     "sensor_wrapper": "SensorWrapper",
     "spaces": "EGO_BOUNDS LaneLocator ego_state goal_state observation_space range_image",

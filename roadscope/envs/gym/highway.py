@@ -9,7 +9,9 @@ from typing import Any
 
 import gymnasium as gym
 import numpy as np
+from gymnasium import spaces
 from gymnasium.envs.registration import load_env_creator
+from highway_env.envs.highway_env import HighwayEnv
 
 from roadscope.envs.gym.playback import PlaybackEnv
 from roadscope.envs.gym.sensor_wrapper import SensorWrapper
@@ -18,6 +20,7 @@ from roadscope.envs.imaging.light import Light
 from roadscope.envs.sensors.faults import Faults
 from roadscope.envs.sensors.rig import Rig
 from roadscope.envs.sensors.weather import Weather
+from roadscope.envs.traffic.agent_road import AgentRoad
 from roadscope.envs.traffic.conversion import original_constants
 from roadscope.envs.traffic.scenarios import find
 
@@ -44,7 +47,7 @@ class Task:
     counted: bool = False
 
 
-_MOTORWAY, _FOREIGN = "roadscope.envs.gym.agent_env:MotorwayEnv", "highway_env.envs"
+_MOTORWAY, _FOREIGN = f"{__name__}:MotorwayEnv", "highway_env.envs"
 TASKS: Mapping[str, Task] = MappingProxyType(
     {
         "motorway": Task(_MOTORWAY, counted=True),
@@ -139,8 +142,6 @@ class ScenarioEnv(gym.Env[Observation, Any]):
         self, traffic: gym.Env[Any, Any], rig: str | Rig, **sensing: Any
     ) -> gym.Env[Observation, Any]:
         """Return the traffic that an agent drives in, with sensors."""
-        from roadscope.envs.gym.agent_env import MotorwayEnv
-
         if isinstance(traffic, MotorwayEnv):
             traffic.observes = False
         return SensorWrapper(traffic, rig, **sensing)
@@ -210,3 +211,36 @@ def _traffic(task: Task, config: Mapping[str, Any], render_mode: str | None) -> 
     with original_constants({}):
         traffic: gym.Env[Any, Any] = make(config=settings, render_mode=render_mode)
     return traffic
+
+
+class MotorwayEnv(HighwayEnv):  # type: ignore[misc]
+    """`HighwayEnv` with its actions, rewards and traffic, stepped by kernels.
+
+    With other drivers than highway-env's `IDMVehicle`, and with connected lanes or trajectories to
+    show, its objects are stepped instead.
+
+    observes: whether observations are made from the next reset on; otherwise they are empty.
+    """
+
+    observes = True
+
+    def define_spaces(self) -> None:
+        """Set the spaces, and what makes observations."""
+        super().define_spaces()
+        if not self.observes:
+            self.observation_type = _Nothing()
+
+    def _reset(self) -> None:
+        super()._reset()
+        if not self.config["neighbour_vehicles_connected_lanes"]:
+            AgentRoad.adopt(self.road, self.vehicle)
+
+
+class _Nothing:
+    """An observation of highway-env without content."""
+
+    def space(self) -> spaces.Box:
+        return spaces.Box(0.0, 1.0, (0,), np.float32)
+
+    def observe(self) -> np.ndarray[Any, np.dtype[np.float32]]:
+        return np.empty(0, np.float32)
