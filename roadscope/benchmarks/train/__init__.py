@@ -6,8 +6,7 @@ _PARTS = {
     "calibration": "PRIOR fitted_calibration logistic",
     "camera": "evaluate train_camera",
     "crops": "ShuffledPictures Window batch cut_out draw_window objects_in relight relit",
-    "driver": "DriverRecipe train_driver",
-    "imitation": "action_of imitate",
+    "driver": "DriverRecipe action_of train_driver",
     "losses": "CropObjects TargetMaps box_loss boxes_of heat_loss targets_of",
     "pictures": "PictureEpisode Pictures PixelSize read_pictures render store_pictures",
     "recipe": "CALIBRATION_SEEDS FAULTS GREATEST_SEVERITY HELD_OUT_BODIES HELD_OUT_FAULTS "

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import json
 import sys
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import partial
 from hashlib import sha256
+from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -20,14 +21,20 @@ from roadscope.benchmarks.progress import Progress, silent
 from roadscope.benchmarks.suite import SPLITS
 from roadscope.benchmarks.suite_files import load_suite
 from roadscope.benchmarks.train.camera import weights_path
-from roadscope.benchmarks.train.imitation import imitate
+from roadscope.core import DrivingCommand, DrivingScene
 from roadscope.core.loading import NotInstalledError, Requirement
 from roadscope.driving.agent import (
+    ACCELERATIONS_M_S2,
+    ACTIONS,
     ARCHITECTURE,
     HIDDEN,
+    LEFT,
+    OBSERVED,
+    RIGHT,
     AgentDriver,
     Layers,
     agent_path,
+    best_action,
     load_agent,
     save_agent,
 )
@@ -41,14 +48,8 @@ if TYPE_CHECKING:
 
 LIBRARY = Requirement("stable-baselines3", "pip install 'roadscope[rl]'")
 ENVIRONMENTS = 4
-"""Drives at once, each in a process of its own; another number gives other weights. This and the
-settings below are chosen by hand."""
-STEPS_PER_UPDATE = 256 * ENVIRONMENTS
-SETTINGS: Mapping[str, Any] = {"batch_size": 256, "n_epochs": 8, "gamma": 0.98, "ent_coef": 0.005}
-"""Settings of PPO: samples of a batch, passes over the samples of an update, discount of a step of
-0.2 s, and weight of the entropy."""
-LEARNING_RATE, RETRAINING_RATE = 5e-4, 2e-4
-"""At the start; both fall to nearly 0. The second is for an agent that can drive already."""
+"""Drives at once, each in a process of its own; another number gives other weights. All numbers of
+this file are chosen by hand."""
 SEEDS_PER_SCENARIO = 64
 """Training seeds of each scenario. A drive in traffic that a process has made before begins ten
 times as fast."""
@@ -160,6 +161,130 @@ def _environment(recipe: DriverRecipe) -> DriveEnv:
     )
 
 
+# --------------------------------------------------------------------------------------------------
+# Imitation by DAgger: Ross, Gordon and Bagnell, A reduction of imitation learning and structured
+# prediction to no-regret online learning, AISTATS 2011. The teacher sees the truth, whatever the
+# agent perceives, as in Chen, Zhou, Koltun and Krähenbühl, Learning by cheating, CoRL 2019.
+
+ROUNDS = 5
+"""In the first the teacher drives, in the others the agent; the teacher says each time what it
+would do."""
+IMITATION_PASSES, IMITATION_BATCH, IMITATION_RATE = 40, 256, 1e-3
+"""After each round: passes over the samples of all rounds so far, samples of a batch, and learning
+rate of Adam."""
+
+Lesson = tuple[np.ndarray, np.ndarray]
+"""Observations (S, 71) float32 of a drive, and the teacher's actions (S,) int64."""
+
+
+def action_of(command: DrivingCommand, scene: DrivingScene) -> int:
+    """Return the action for a driver's command.
+
+    That is its lane change if one can begin now, without its acceleration; else the nearest
+    acceleration.
+    """
+    if scene.lane == scene.target_lane and command.target_lane != scene.target_lane:
+        return LEFT if command.target_lane < scene.target_lane else RIGHT
+    away = np.abs(np.subtract(ACCELERATIONS_M_S2, command.acceleration_m_s2))
+    return int(np.argmin(away))
+
+
+def imitate(
+    teacher: str,
+    environment: Callable[[], DriveEnv],
+    *,
+    drives: int,
+    jobs: int,
+    seed: int,
+    progress: Progress,
+) -> Layers:
+    """Return an agent that does what the teacher does.
+
+    teacher: a driver of the board; it gets the true scenes. environment: makes the
+    environment of one process. drives: of each round; their seeds follow from `seed`.
+    """
+    from joblib import Parallel, delayed
+
+    layers, lessons = _new_layers(seed), list[Lesson]()
+    run = Parallel(n_jobs=jobs, return_as="generator")
+    for k in range(ROUNDS):
+        agent = layers if k else None
+        seeds = np.random.SeedSequence([seed, k]).generate_state(drives)
+        calls = (delayed(_lesson)(teacher, environment, agent, int(each)) for each in seeds)
+        for lesson in run(calls):
+            lessons.append(lesson)
+            progress("imitation", len(lessons), ROUNDS * drives)
+        layers = _fitted(layers, lessons, seed + k)
+    return layers
+
+
+def _lesson(
+    teacher: str, environment: Callable[[], DriveEnv], agent: Layers | None, seed: int
+) -> Lesson:
+    """Drive once; agent: who drives, the teacher if None."""
+    env, driver = environment(), DRIVERS.make(teacher)
+    driver.reset()
+    observation, _ = env.reset(seed=seed)
+    observations, actions, over = [], [], False
+    while not over:
+        scene = env.true_scene
+        action = action_of(driver.drive(scene), scene)
+        observations.append(observation)
+        actions.append(action)
+        executed = action if agent is None else best_action(agent, observation)
+        observation, _, terminated, truncated, _ = env.step(executed)
+        over = terminated or truncated
+    return np.array(observations), np.array(actions)
+
+
+def _new_layers(seed: int) -> Layers:
+    rng = np.random.default_rng(seed)
+    return [
+        (
+            rng.normal(0, inputs**-0.5, (outputs, inputs)).astype(np.float32),
+            np.zeros(outputs, np.float32),
+        )
+        for inputs, outputs in pairwise((OBSERVED, *HIDDEN, ACTIONS))
+    ]
+
+
+def _fitted(layers: Layers, lessons: Sequence[Lesson], seed: int) -> Layers:
+    """Return the layers, trained on all lessons by cross entropy."""
+    import torch
+
+    observations, actions = (
+        torch.from_numpy(np.concatenate(part)) for part in zip(*lessons, strict=True)
+    )
+    variables = [torch.tensor(each, requires_grad=True) for layer in layers for each in layer]
+    optimizer = torch.optim.Adam(variables, IMITATION_RATE)
+    generator = torch.Generator().manual_seed(seed)
+    for _ in range(IMITATION_PASSES):
+        order = torch.randperm(len(actions), generator=generator)
+        for first in range(0, len(order), IMITATION_BATCH):
+            rows = order[first : first + IMITATION_BATCH]
+            values = observations[rows]
+            for k in range(0, len(variables), 2):
+                values = torch.nn.functional.linear(values, variables[k], variables[k + 1])
+                values = torch.tanh(values) if k + 2 < len(variables) else values
+            loss = torch.nn.functional.cross_entropy(values, actions[rows])
+            optimizer.zero_grad()
+            loss.backward()  # type: ignore[no-untyped-call]
+            optimizer.step()
+    arrays = [each.detach().numpy() for each in variables]
+    return list(zip(arrays[::2], arrays[1::2], strict=True))
+
+
+# --------------------------------------------------------------------------------------------------
+# Reinforcement learning by PPO.
+
+STEPS_PER_UPDATE = 256 * ENVIRONMENTS
+SETTINGS: Mapping[str, Any] = {"batch_size": 256, "n_epochs": 8, "gamma": 0.98, "ent_coef": 0.005}
+"""Settings of PPO: samples of a batch, passes over the samples of an update, discount of a step of
+0.2 s, and weight of the entropy."""
+LEARNING_RATE, RETRAINING_RATE = 5e-4, 2e-4
+"""At the start; both fall to nearly 0. The second is for an agent that can drive already."""
+
+
 def _trained(recipe: DriverRecipe, start: Layers | None, progress: Progress) -> Layers:
     import torch
     from stable_baselines3 import PPO
@@ -222,6 +347,10 @@ def _reporting(steps: int, progress: Progress) -> BaseCallback:
             return True
 
     return Reporting()
+
+
+# --------------------------------------------------------------------------------------------------
+# Scores on validation seeds, and the record.
 
 
 def _validated(recipe: DriverRecipe, weights: Path, progress: Progress) -> Mapping[str, np.ndarray]:
