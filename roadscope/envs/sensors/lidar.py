@@ -15,7 +15,7 @@ from roadscope.core.jit import compiled
 from roadscope.core.record import Record
 from roadscope.envs.raycast.cast import NOTHING, Columns, Hits, cast
 from roadscope.envs.raycast.depth import Surfaces
-from roadscope.envs.raycast.kernels import mix
+from roadscope.envs.raycast.prism_hits import mix
 from roadscope.envs.raycast.scene import Scene
 from roadscope.envs.sensors.lidar_spec import LidarSpec
 from roadscope.envs.sensors.weather import CLEAR, Weather
