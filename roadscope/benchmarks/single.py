@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
-from typing import Any
+from typing import Any, NamedTuple
 
 from roadscope.benchmarks.boards.detection import detection_scores
 from roadscope.benchmarks.boards.odometry import missing_part, pose_scores
@@ -88,18 +88,7 @@ def run_episode(
     progress: called with the stage, steps done and steps in all.
     options: how plug-ins that are not part of roadscope are run; `PluginError` if one fails.
     """
-    source = check_detection_source(detector)
-    if is_tuned(Spec.parse(tracker)):
-        raise SpecError(f"{tracker}: a board chooses thresholds, one episode cannot")
-    tracker_spec = check_plugin_spec(Spec.parse(tracker), TRACKER)
-    if tracker_spec.ego is not None:
-        check_ego(tracker_spec.ego)
-    pose_spec = None if odometry is None else check_pose_source(odometry)
-    missing = missing_requirement(tracker_spec) or (missing_part(pose_spec) if pose_spec else "")
-    if not missing and source.kind == DETECTOR.name:
-        missing = traits_of(source).requires
-    if missing:
-        raise NotInstalledError(missing)
+    source, tracker_spec, pose_spec = _checked(detector, tracker, odometry)
     check_episode(episode)
     rule = Eligibility() if eligibility is None else eligibility
     options = options or RunOptions()
@@ -139,3 +128,28 @@ def run_episode(
         ego_poses,
         pose_figures,
     )
+
+
+class _Specs(NamedTuple):
+    """What runs: what makes detections, a tracker, and an odometry or none."""
+
+    source: Spec
+    tracker: Spec
+    odometry: Spec | None
+
+
+def _checked(detector: str, tracker: str, odometry: str | None) -> _Specs:
+    """Return what runs; raise for unknown names and for what is not installed."""
+    source = check_detection_source(detector)
+    if is_tuned(Spec.parse(tracker)):
+        raise SpecError(f"{tracker}: a board chooses thresholds, one episode cannot")
+    tracker_spec = check_plugin_spec(Spec.parse(tracker), TRACKER)
+    if tracker_spec.ego is not None:
+        check_ego(tracker_spec.ego)
+    pose_spec = None if odometry is None else check_pose_source(odometry)
+    missing = missing_requirement(tracker_spec) or (missing_part(pose_spec) if pose_spec else "")
+    if not missing and source.kind == DETECTOR.name:
+        missing = traits_of(source).requires
+    if missing:
+        raise NotInstalledError(missing)
+    return _Specs(source, tracker_spec, pose_spec)
