@@ -132,10 +132,7 @@ def detect(
             about = _about(job)
             if frames:
                 writer.write(frames, about)
-            unfused = sum(not frame.fused for frame in frames)
-            if unfused or 0 < len(frames) < len(job):
-                alone = f", of the LiDAR alone in {unfused} of them" if unfused else ""
-                complain(f"results of {len(frames)} of {len(job)} frames are kept in {out}{alone}")
+            _report_missing(job, frames, out)
         for row, frame in enumerate(frames if views is not None else ()):
             assert views is not None
             save_views(job, row, frame, views)
@@ -180,6 +177,14 @@ def _about(job: DetectionJob) -> dict[str, Any]:
     if job.cameras is not None:
         content["calibration"] = str(job.cameras.path)
     return content
+
+
+def _report_missing(job: DetectionJob, frames: Sequence[DetectedFrame], out: Path) -> None:
+    """Print how many frames have results if some have none, or only those of the LiDAR."""
+    unfused = sum(not frame.fused for frame in frames)
+    if unfused or 0 < len(frames) < len(job):
+        alone = f", of the LiDAR alone in {unfused} of them" if unfused else ""
+        complain(f"results of {len(frames)} of {len(job)} frames are kept in {out}{alone}")
 
 
 def _counts(frames: Sequence[DetectedFrame]) -> dict[str, int]:
