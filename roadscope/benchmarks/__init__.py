@@ -67,7 +67,7 @@ _PARTS = {
     "episode": "check_episode sensed sensing_of timeline_of timeline_path",
     "export_suite": "ExportError plan_export read_manifest",
     "fingerprint": "PACKAGE code_hash package_version plugin_hash sensing_hash timeline_hash",
-    "graph": "Job Node run_jobs",
+    "graph": "FIRST_CALLS Job Node run_jobs",
     "images": "image_rows image_rows_of_scans pictures projection_of",
     "imu_check": "Motion MotionWindow doubt_of_accelerations doubt_of_imu doubt_of_turns "
     "doubt_of_wheels",

@@ -257,6 +257,28 @@ def test_progress_says_how_much_of_each_stage_is_done(log: Path) -> None:
         assert (stage, count, count) in calls
 
 
+def test_first_calls_leave_no_outcome_whatever_happens_in_them(log: Path) -> None:
+    calls: list[tuple[str, int, int]] = []
+    taken: dict[str, Outcome] = {}
+    first = [
+        Deep("traffic", log),
+        job(Step("short", log, (Deep("source", log),))),
+        Step("broken", log, fault="ours"),
+        job(Step("plug-in", log, fault="plug-in")),
+        job(Step("unscored", log), settings="no score"),
+    ]
+    run_jobs(
+        [job(step) for step in diamond(log)],
+        lambda job, outcome: taken.update({job.entry: outcome}),
+        progress=lambda *call: calls.append(call),
+        first_calls=first,
+    )
+    assert {name: outcome.reason for name, outcome in taken.items()} == dict.fromkeys("abc")
+    lines = list(begun(log))
+    assert lines[:6] == ["traffic", "short", "source", "broken", "plug-in", "unscored"]
+    assert calls[0] == (calls[0][0], 0, 5)
+
+
 CHILD = """
 import sys
 from pathlib import Path

@@ -11,6 +11,7 @@ import pytest
 
 from roadscope import Results, leaderboard
 from roadscope.benchmarks import (
+    FIRST_CALLS,
     Episode,
     FolderError,
     RunError,
@@ -77,6 +78,34 @@ def test_a_run_keeps_its_worst_moments_and_shows_them_on_a_page(suite, tmp_path)
     page.unlink()
     leaderboard(suite, [plugin("Scribbles")], **arguments)
     assert page.is_file()
+
+
+@pytest.mark.slow
+def test_the_first_run_on_an_installation_compiles_before_it_begins(
+    suite, tmp_path, monkeypatch
+) -> None:
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path / "kernels"))
+    short = suite.with_settings("tracking", detectors=("oracle",))
+    boards = []
+    for compiled in (False, True):
+        stages: list[str] = []
+        found = leaderboard(
+            short,
+            boards=["tracking"],
+            jobs=2,
+            fresh=True,
+            progress=lambda stage, *_, stages=stages: stages.append(stage),
+        )
+        assert (stages[0] == FIRST_CALLS) == (not compiled)
+        assert FIRST_CALLS not in stages[1:] or not compiled
+        assert found.failures == ()
+        boards.append(without_times(found))
+    assert boards[0] == boards[1]
+
+
+def without_times(results: Results) -> list[str]:
+    """Return the rows but for those of computing times, as text."""
+    return [repr(row) for row in results.rows if not row.metric.endswith("_ms")]
 
 
 def test_marks_are_not_ranked(results) -> None:
