@@ -45,7 +45,7 @@ COMMANDS: Mapping[str, CommandEntry] = {
     ),
     "view": CommandEntry(
         "view:view",
-        "Show an episode or a run in the viewer Rerun, in time",
+        "Show an episode or a run over time, in the viewer Rerun",
         START,
         ("roadscope view roundabout --seconds 2 --save scene.rrd",),
     ),
@@ -57,7 +57,7 @@ COMMANDS: Mapping[str, CommandEntry] = {
     ),
     "new": CommandEntry(
         "new:new",
-        "Write a plug-in or a suite that works, to be changed",
+        "Write a plug-in or a suite that works, for you to change",
         OWN,
         ("roadscope new tracker my_tracker.py", "roadscope new suite"),
     ),
@@ -81,7 +81,7 @@ COMMANDS: Mapping[str, CommandEntry] = {
     ),
     "submit": CommandEntry(
         "submit:submit",
-        "Score result files of a program that is no plug-in",
+        "Score result files of a program that is not a plug-in",
         OWN,
         ("roadscope submit answers --suite exported --name mine",),
     ),
@@ -151,9 +151,9 @@ class _Root(GroupedCommands):
 app = typer.Typer(
     name="roadscope",
     cls=_Root,
-    help="Compare detectors, trackers, odometries and fusions on simulated traffic with perfect "
-    "truth. Exit status: 1 for wrong input or what a command's help says, 2 for unknown options, "
-    "130 if interrupted.",
+    help="Compare detectors, trackers, odometries, fusions and drivers on simulated traffic with "
+    "perfect truth. Exit status: 1 for wrong input or what a command's help says, 2 for unknown "
+    "options, 130 if interrupted.",
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
     context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},

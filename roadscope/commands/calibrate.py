@@ -18,8 +18,10 @@ HOW = "How it is calibrated"
 Rig = Annotated[
     str, typer.Option(metavar="NAME", help="A rig with a camera: li2021, wide or a .toml file")
 ]
-Poses = Annotated[int, typer.Option(min=4, max=100, metavar="N", help="Of the target, 4 to 100")]
-Seed = Annotated[int, typer.Option(min=0, metavar="N", help="Of poses and noise")]
+Poses = Annotated[
+    int, typer.Option(min=4, max=100, metavar="N", help="Poses of the target, 4 to 100")
+]
+Seed = Annotated[int, typer.Option(min=0, metavar="N", help="Seed of poses and noise")]
 KnownIntrinsics = Annotated[
     bool,
     typer.Option("--known-intrinsics", help="Estimate only the camera's pose", rich_help_panel=HOW),
@@ -37,7 +39,7 @@ Upright = Annotated[
 Scans = Annotated[
     int,
     typer.Option(
-        min=1, max=1000, metavar="N", help="Of each pose, up to 1000", rich_help_panel=HOW
+        min=1, max=1000, metavar="N", help="Scans of each pose, up to 1000", rich_help_panel=HOW
     ),
 ]
 Outliers = Annotated[
@@ -46,7 +48,7 @@ Outliers = Annotated[
         min=0,
         max=0.5,
         metavar="SHARE",
-        help="Of poses with a misread corner, up to 0.5",
+        help="Share of poses with a misread corner, up to 0.5",
         rich_help_panel=HOW,
     ),
 ]

@@ -15,8 +15,7 @@ Spec = Annotated[
     str,
     typer.Argument(
         metavar="SPEC",
-        help="A detector, tracker, odometry or fusion: file.py:Class, module:Class or a NAME of "
-        "ours",
+        help="A plug-in of any kind: file.py:Class, module:Class or a NAME of ours",
     ),
 ]
 Kind = Annotated[
@@ -45,7 +44,7 @@ def check(
 ) -> None:
     """Check a plug-in against its contract, item by item, and on two seconds of traffic.
 
-    Exit status: 0 if every item is right, else 1.
+    Exit status: 0 if every item is right, otherwise 1.
     """
     from roadscope.testing import check as check_contract
 

@@ -53,13 +53,15 @@ Pictures = Annotated[
 ]
 Height = Annotated[
     float | None,
-    typer.Option(metavar="M", help="Of the LiDAR above the ground; if left out, scans show it"),
+    typer.Option(
+        metavar="M", help="Height of the LiDAR above the ground; if left out, estimated from scans"
+    ),
 ]
 Calibration = Annotated[
     Path | None,
     typer.Option(
         metavar="PATH",
-        help="KITTI's, a file or a folder; if left out, calib.txt or calib at DIR",
+        help="KITTI's, a file or a folder; if left out, calib.txt or calib, in DIR or beside it",
     ),
 ]
 Images = Annotated[
@@ -72,7 +74,8 @@ Poses = Annotated[
     Path | None,
     typer.Option(
         metavar="FILE",
-        help="Of run-odometry, for detectors of what moves; else the LiDAR stands",
+        help="Poses of run-odometry, for detectors of what moves; without them the LiDAR is "
+        "taken to stand still",
         rich_help_panel=RECORDED,
     ),
 ]

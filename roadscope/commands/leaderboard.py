@@ -83,7 +83,7 @@ Calibration = Annotated[
     Path | None,
     typer.Option(
         metavar="FILE",
-        help="What roadscope calibrate wrote, for fusions",
+        help="A file of roadscope calibrate, for fusions",
         rich_help_panel=CHOICE,
     ),
 ]
@@ -100,7 +100,7 @@ LidarHeight = Annotated[
     typer.Option(
         min=0.1,
         metavar="M",
-        help="Of KITTI's LiDAR above the road, 1.73 m if left out",
+        help="Height of KITTI's LiDAR, 1.73 m if left out",
         rich_help_panel=RECORDED,
     ),
 ]
@@ -123,7 +123,9 @@ Tracks = Annotated[
 Fresh = Annotated[
     bool,
     typer.Option(
-        "--fresh", help="Compute all again, also what earlier runs have", rich_help_panel=RUNNING
+        "--fresh",
+        help="Compute all again, also what earlier runs computed",
+        rich_help_panel=RUNNING,
     ),
 ]
 Deadline = Annotated[
@@ -131,7 +133,7 @@ Deadline = Annotated[
     typer.Option(
         min=1,
         metavar="S",
-        help="Time limit of a plug-in for one episode; else 300 s",
+        help="A plug-in's time limit for an episode; 300 s if left out",
         show_default=False,
         rich_help_panel=RUNNING,
     ),

@@ -17,8 +17,8 @@ def list_names(
         typer.Argument(
             metavar="KIND",
             help="detectors, stages (of detectors), camera-detectors, trackers, odometries, "
-            "fusions, boards, suites, scenarios, rigs, sensors, weathers, lights or faults; all if "
-            "left out",
+            "fusions, drivers, boards, suites, scenarios, rigs, sensors, weathers, lights or "
+            "faults; all if left out",
             autocompletion=listed_kinds,
         ),
     ] = None,

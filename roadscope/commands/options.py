@@ -81,7 +81,7 @@ Odometry = Annotated[
     str | None,
     typer.Option(
         metavar="SPEC",
-        help="Run one beside; see roadscope list odometries",
+        help="Run an odometry too; see roadscope list odometries",
         autocompletion=completion.odometries,
         rich_help_panel=METHODS,
     ),
@@ -90,7 +90,7 @@ CameraDetector = Annotated[
     str | None,
     typer.Option(
         metavar="SPEC",
-        help="Whose boxes pictures and videos show",
+        help="Camera detector whose boxes are shown",
         autocompletion=completion.camera_detectors,
         rich_help_panel=METHODS,
     ),
@@ -125,7 +125,7 @@ LidarMounting = Annotated[
     str | None,
     typer.Option(
         metavar="POSE",
-        help="Of the LiDAR in the vehicle: x,y,z,roll,pitch,yaw; only angles count",
+        help="Pose of the LiDAR in the vehicle: x,y,z,roll,pitch,yaw; only angles count",
         rich_help_panel=RECORDED,
     ),
 ]
@@ -133,7 +133,7 @@ Rate = Annotated[
     float,
     typer.Option(
         metavar="HZ",
-        help="Scans per second, without times.txt and stamps in names",
+        help="Scans per second, if neither times.txt nor names of files have stamps",
         rich_help_panel=RECORDED,
     ),
 ]

@@ -62,21 +62,20 @@ Format = Annotated[
 ]
 TruthFile = Annotated[
     Path | None,
-    typer.Option(metavar="FILE", help="Compare with these true poses of the LiDAR, KITTI or TUM"),
+    typer.Option(metavar="FILE", help="Compare with true poses of the LiDAR, KITTI or TUM"),
 ]
 Imu = Annotated[
     str | None,
     typer.Option(
         metavar="FILE",
-        help="Lines of stamp wx wy wz ax ay az, s, rad/s, m/s^2; imu.csv or imu.txt at DIR if left "
-        "out; none: no IMU",
+        help="Lines of stamp wx wy wz ax ay az, s, rad/s, m/s^2; none: no IMU",
     ),
 ]
 Mounting = Annotated[
     str | None,
     typer.Option(
         metavar="POSE",
-        help="Of the IMU in the LiDAR: x,y,z,roll,pitch,yaw, metres, degrees",
+        help="Pose of the IMU in the frame of the LiDAR: x,y,z,roll,pitch,yaw, metres, degrees",
         rich_help_panel=RECORDED,
     ),
 ]
@@ -84,7 +83,7 @@ WheelsFile = Annotated[
     str | None,
     typer.Option(
         metavar="FILE",
-        help="Lines of stamp and speed, for lidar-inertial?wheels=true; as --imu",
+        help="Lines of stamp and speed, for lidar-inertial?wheels=true; none: no wheels",
         rich_help_panel=RECORDED,
     ),
 ]
@@ -108,9 +107,10 @@ def run_odometry(
 ) -> None:
     """Estimate the poses of a LiDAR from a folder of its scans.
 
-    times.txt at DIR (in it or beside it) has the stamp of the middle of each sweep, one a line, in
-    s, ms, us or ns. Poses are those of the LiDAR in its first frame and its own axes. Poses so far
-    stay in the file after Ctrl-C. A scan that cannot be read counts as empty.
+    times.txt has the stamp of the middle of each sweep, one a line, in s, ms, us or ns. It,
+    imu.csv or .txt, and wheels.csv or .txt are looked for in DIR and beside it. Poses are those of
+    the LiDAR in its first frame and its own axes. Poses so far stay in the file after Ctrl-C. A
+    scan that cannot be read counts as empty.
     """
     from roadscope.benchmarks.formats.point_layout import parse_columns
     from roadscope.benchmarks.formats.scan_folder import ScanFolder

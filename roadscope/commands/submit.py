@@ -39,7 +39,8 @@ Mot = Annotated[
     ),
 ]
 Name = Annotated[
-    str | None, typer.Option("--name", metavar="NAME", help="Of the entry; that of DIR if left out")
+    str | None,
+    typer.Option("--name", metavar="NAME", help="Name of the entry; that of DIR if left out"),
 ]
 Inputs = Annotated[
     str | None,

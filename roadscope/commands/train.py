@@ -72,6 +72,7 @@ def camera(
     "driver",
     cls=GroupedCommand,
     help="Train a driver: by imitation of another one, then by reinforcement learning (PPO).",
+    short_help="Train a driver by imitation and by reinforcement learning.",
 )
 def driver(
     perception: Annotated[

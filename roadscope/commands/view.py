@@ -32,7 +32,7 @@ Source = Annotated[
     str,
     typer.Argument(
         metavar="SCENARIO|DIR",
-        help="See roadscope list scenarios; or results",
+        help="See roadscope list scenarios; or a folder of results",
         autocompletion=completion.scenarios,
     ),
 ]
@@ -42,7 +42,7 @@ Save = Annotated[
 ]
 Seed = Annotated[
     int | None,
-    typer.Option(min=0, metavar="N", help="Of the episode; of a scenario, 0 if left out"),
+    typer.Option(min=0, metavar="N", help="Seed of the episode; for a scenario, 0 if left out"),
 ]
 BoardName = Annotated[
     str | None,

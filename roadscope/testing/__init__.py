@@ -1,4 +1,4 @@
-"""The contract of plug-ins: what every detector, tracker, fusion and odometry promises.
+"""The contract of plug-ins: what every plug-in of a kind promises.
 
 `roadscope check SPEC` and `check` go through all promises of a plug-in and report each. In a test
 suite of your own, with pytest:
