@@ -42,7 +42,7 @@ def check(
     quiet: Quiet = False,
     json: Json = False,
 ) -> None:
-    """Check a plug-in against its contract, item by item, and on two seconds of traffic.
+    """Check a plug-in against its contract, item by item, and on some seconds of traffic.
 
     Exit status: 0 if every item is right, otherwise 1.
     """
