@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import gymnasium as gym
+import numpy as np
 import pytest
 
 ROOT = Path(__file__).parents[1]
@@ -68,6 +69,23 @@ def test_the_pose_is_the_one_that_is_said() -> None:
     said = re.search(r"# x ([\d.]+), y ([\d.]+), yaw ([\d.]+)$", block("fit_single"), re.MULTILINE)
     assert said is not None
     assert (*pose.centre, pose.yaw) == pytest.approx(tuple(map(float, said.groups())), abs=0.05)
+
+
+@pytest.mark.slow
+def test_scans_of_a_folder_get_tracks(tmp_path: Path) -> None:
+    env = gym.make("roadscope:roadscope/Roundabout-v0", rig="vlp16", ego="idm")
+    env.reset(seed=10000)
+    frames = [frame for _ in range(16) for frame in env.step(0)[4]["frames"]][:15]
+    env.close()
+    for number, frame in enumerate(frames):
+        scan = np.column_stack([frame.lidar.points, frame.lidar.intensity])
+        scan.tofile(tmp_path / f"{number:06d}.bin")
+    names: dict[str, Any] = {}
+    exec(block("def tracks_of"), names)
+    tracks = list(names["tracks_of"](tmp_path, 1.9))
+    assert len(tracks) == 15
+    assert {each.frame for each in tracks} == {"world"}
+    assert len(set(tracks[-1].ids) & set(tracks[-3].ids)) >= 3
 
 
 def test_the_curve_has_the_length_that_is_said() -> None:

@@ -16,6 +16,7 @@ NAMES = {
     "detector": "MyDetector",
     "odometry": "MyOdometry",
     "fusion": "MyFusion",
+    "driver": "MyDriver",
 }
 
 
