@@ -75,9 +75,10 @@ def export(
         suite, folder, seeds=seeds, scenarios=scenarios, with_truth=with_truth, detections=detectors
     )
     if not quiet:
-        done = f"; {plan.done} sequences are there already" if plan.done else ""
+        sequences = len(plan.manifest.sequences)
+        done = f"; already there: {plan.done}" if plan.done else ""
         typer.echo(
-            f"{plan.suite.title}: {len(plan.manifest.sequences)} sequences with {plan.scans} "
+            f"{plan.suite.title}: {sequences} sequence{'s' * (sequences != 1)} with {plan.scans} "
             f"scans, at most {size_text(plan.bytes_at_most)} in {folder}{done}"
         )
     with progress_bars(quiet=quiet) as progress:

@@ -89,6 +89,11 @@ def view_of_results(folder: Path | str, choice: EpisodeChoice) -> EpisodeView:
             f"{_named(job)} is scored on all drives together, which no view shows; choose another "
             "board with --board"
         )
+    if "driver" in content:
+        raise StoredAnswersError(
+            f"{_named(job)} is a drive, which no view shows; the page of roadscope report replays "
+            "its worst moments; choose another board with --board"
+        )
     answers = list(_stored_answers(content))
     if not answers:
         raise StoredAnswersError(
@@ -190,8 +195,9 @@ def _possible(jobs: Sequence[JobScores], choice: EpisodeChoice) -> str:
 
 def _named(job: JobScores) -> str:
     condition = "" if job.condition in ("", "clear") else f", {job.condition}"
-    inputs = f" on {job.inputs}" if job.inputs else ""
-    return f"{job.entry}{inputs}, {job.scenario}, seed {job.seed}{condition}"
+    inputs = f" on {job.inputs}"
+    entry = job.entry if not job.inputs or job.entry.endswith(inputs) else job.entry + inputs
+    return f"{entry}, {job.scenario}, seed {job.seed}{condition}"
 
 
 def _score_spec(folder: Path, job: JobScores) -> Mapping[str, Any]:

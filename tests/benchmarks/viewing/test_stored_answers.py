@@ -162,3 +162,15 @@ def test_a_rig_that_is_another_one_now_has_no_sensor_data(folder: Path, tmp_path
     assert view.poses is not None
     assert "LiDAR" in notes_of(view)
     assert "rig has changed" in notes_of(view)
+
+
+def test_a_drive_is_refused_with_the_page_that_replays_it(tmp_path: Path) -> None:
+    suite = tmp_path / "drives.toml"
+    suite.write_text(
+        'name = "drives"\nversion = 1\nrig = "lux"\nscenarios = ["cutting-in"]\n'
+        'seeds = [20000]\nduration_s = 1.0\n[driving]\nentries = ["idm"]\nstacks = ["truth"]\n'
+    )
+    leaderboard(load_suite(suite), out_dir=tmp_path)
+    with pytest.raises(StoredAnswersError, match="roadscope report") as error:
+        view_of_results(tmp_path, EpisodeChoice())
+    assert str(error.value).count("truth") == 1
