@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from functools import lru_cache
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -14,6 +15,7 @@ from roadscope.core.projection import Projection
 
 if TYPE_CHECKING:
     from roadscope.envs.traffic.timeline import Timeline
+    from roadscope.envs.world.prisms import Prisms
     from roadscope.envs.world.world import World
 
 PARKED_RANGE_M = 150.0
@@ -35,18 +37,30 @@ def parked_centres(episode: Episode, owners: Iterable[int]) -> np.ndarray:
     numbers = sorted(owners)
     if not numbers:
         return np.empty((0, 2))
-    return parked_centres_on(timeline_of(episode), episode.seed, numbers)
+    traffic = Episode(episode.scenario, episode.seed, "", episode.duration_s)
+    return _centres_of(_last_scenery(traffic), numbers)
 
 
 def parked_centres_on(timeline: Timeline, seed: int, owners: Iterable[int]) -> np.ndarray:
     """Return `parked_centres` along the drive of a timeline. seed: of the world."""
+    numbers = sorted(owners)
+    return _centres_of(_scenery_along(timeline, seed), numbers) if numbers else np.empty((0, 2))
+
+
+@lru_cache(maxsize=1)
+def _last_scenery(traffic: Episode) -> Prisms:
+    """Return the scenery of an episode; a worker's next job is often on the same episode."""
+    return _scenery_along(timeline_of(traffic), traffic.seed)
+
+
+def _scenery_along(timeline: Timeline, seed: int) -> Prisms:
     from roadscope.envs.sensors.sensing import world_of
 
-    numbers = sorted(owners)
-    if not numbers:
-        return np.empty((0, 2))
-    scenery = world_of(timeline, seed).scenery.along(timeline.axles[:, 0])
-    outlines = (scenery.footprints[scenery.owners == owner].reshape(-1, 2) for owner in numbers)
+    return world_of(timeline, seed).scenery.along(timeline.axles[:, 0])
+
+
+def _centres_of(scenery: Prisms, owners: Iterable[int]) -> np.ndarray:
+    outlines = (scenery.footprints[scenery.owners == owner].reshape(-1, 2) for owner in owners)
     # A body's outline is point symmetric, so this is its centre at any yaw.
     return np.array([(o.min(axis=0) + o.max(axis=0)) / 2 for o in outlines])
 
