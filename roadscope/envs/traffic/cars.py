@@ -20,19 +20,21 @@ IDM, CONTROLLED, STEERED = 0, 4, 5
 """Who drives: the IDM, an agent that chooses lane and speed, or one that steers. They differ from
 the numbers of people and obstacles in `road_users`."""
 STEERING_LIMIT_RAD = pi / 3
-TAU_LATERAL_S, TAU_HEADING_S, TAU_SPEED_S, PURSUIT_S = 0.6, 0.2, 0.6, 0.1
+"""Largest angle of the wheels: that of highway-env."""
+TAU_LATERAL_S, TAU_HEADING_S, TAU_SPEED_S = 0.6, 0.2, 0.6
 """Time constants of highway-env's controllers."""
 FASTEST_M_S = 40.0
+"""Largest speed of a vehicle, forwards and backwards: that of highway-env."""
 REACH_M, SIDE_M = 5.0, 1.0
-"""A vehicle counts to a lane this far beyond its ends and its sides."""
+"""A vehicle is on a lane if its centre is at most this far beyond the ends and the sides."""
 
 
 class Car(Protocol):
     """A record of a vehicle in highway-env's frame; metres, radians, seconds.
 
     kind: `IDM`, `CONTROLLED` or `STEERED`. lane, target: numbers of lanes. target_speed: m/s.
-    exponent: of the free road in IDM. timer: since the last thought of a lane change. The others
-    are as in `road_users.RoadBody`.
+    exponent: of the free road in IDM. timer: time since the driver last considered a lane change.
+    The others are as in `road_users.RoadBody`.
     """
 
     kind: int
@@ -75,10 +77,11 @@ class IdmModel(NamedTuple):
     LANE_CHANGE_DELAY: float
 
 
-class Rows(NamedTuple):
-    """Vehicles on each lane by their coordinate along it.
+class SortedCars(NamedTuple):
+    """Vehicles on each lane, sorted by the coordinate of their centre along it.
 
-    counts: (L,). slots, along: (L, N).
+    counts: (L,). slots, along: (L, N) slots and coordinates in metres, of which the first `counts`
+    are valid.
     """
 
     counts: np.ndarray
@@ -93,9 +96,9 @@ def step_cars(
     """Let all drivers decide in turn, and move them for `dt` seconds.
 
     cars: (N,) of `CAR`. lanes: (L,) of `LANE`, straight ones of one road. order: (N,) slots by x at
-    the last call.
+    the last call; it is sorted here.
     """
-    rows = _rows(cars, lanes, order)
+    by_lane = _sort_by_lane(cars, lanes, order)
     for slot in range(len(cars)):
         car = cars[slot]
         if car.kind == CONTROLLED:
@@ -103,12 +106,12 @@ def step_cars(
             car.acceleration = (car.target_speed - car.speed) / TAU_SPEED_S
         elif car.kind == IDM and not car.crashed:
             if car.lane_changes:
-                _change_lane(cars, lanes, rows, slot, model)
+                _change_lane(cars, lanes, by_lane, slot, model)
             car.steering = _steering(car, lanes[car.target])
-            ahead = _neighbours(cars, lanes, rows, slot, car.lane)[0]
+            ahead = _neighbours(cars, lanes, by_lane, slot, car.lane)[0]
             acceleration = _acceleration(cars, lanes, slot, slot, ahead, model)
             if car.lane != car.target:
-                ahead = _neighbours(cars, lanes, rows, slot, car.target)[0]
+                ahead = _neighbours(cars, lanes, by_lane, slot, car.target)[0]
                 wanted = _acceleration(cars, lanes, slot, slot, ahead, model)
                 acceleration = min(acceleration, wanted)
             car.acceleration = min(max(acceleration, -model.ACC_MAX), model.ACC_MAX)
@@ -128,13 +131,13 @@ def _across(car: Car, lane: LaneRecord) -> float:
 
 
 @compiled()
-def _rows(cars: np.ndarray, lanes: np.ndarray, order: np.ndarray) -> Rows:
-    """Return the vehicles on each lane in order."""
+def _sort_by_lane(cars: np.ndarray, lanes: np.ndarray, order: np.ndarray) -> SortedCars:
+    """Return the vehicles on each lane."""
     shape = (len(lanes), len(cars))
-    rows = Rows(np.zeros(len(lanes), np.int64), np.empty(shape, np.int64), np.empty(shape))
+    by_lane = SortedCars(np.zeros(len(lanes), np.int64), np.empty(shape, np.int64), np.empty(shape))
     for number in range(len(lanes)):
         lane, count = lanes[number], 0
-        slots, along = rows.slots[number], rows.along[number]
+        slots, along = by_lane.slots[number], by_lane.along[number]
         for slot in order:
             here = _along(cars[slot], lane)
             beside = abs(_across(cars[slot], lane)) <= lane.width / 2 + SIDE_M
@@ -145,17 +148,17 @@ def _rows(cars: np.ndarray, lanes: np.ndarray, order: np.ndarray) -> Rows:
                     k -= 1
                 slots[k], along[k] = slot, here
                 count += 1
-        rows.counts[number] = count
-    return rows
+        by_lane.counts[number] = count
+    return by_lane
 
 
 @compiled(borrowing=True)
 def _neighbours(
-    cars: np.ndarray, lanes: np.ndarray, rows: Rows, slot: int, lane: int
+    cars: np.ndarray, lanes: np.ndarray, by_lane: SortedCars, slot: int, lane: int
 ) -> tuple[int, int]:
     """Return the slots of the vehicles ahead and behind on a lane, -1 for none."""
     here = _along(cars[slot], lanes[lane])
-    slots, along, count = rows.slots[lane], rows.along[lane], rows.counts[lane]
+    slots, along, count = by_lane.slots[lane], by_lane.along[lane], by_lane.counts[lane]
     first, last = 0, count
     while first < last:
         middle = (first + last) // 2
@@ -179,7 +182,7 @@ def _not_zero(value: float) -> float:
 
 @compiled(borrowing=True)
 def _steering(car: Car, lane: LaneRecord) -> float:
-    """Return the wheel angle that leads to the centre line of a lane."""
+    """Return the wheel angle that leads to the centre line of a lane, radians."""
     aside = -_across(car, lane) / TAU_LATERAL_S
     turn = asin(min(max(aside / _not_zero(car.speed), -1.0), 1.0))
     heading = lane.heading + min(max(turn, -pi / 4), pi / 4)
@@ -191,7 +194,7 @@ def _steering(car: Car, lane: LaneRecord) -> float:
 
 @compiled(borrowing=True)
 def _desired_gap(car: Car, front: Car, model: IdmModel) -> float:
-    """Return the distance that a driver wants to another one, between centres."""
+    """Return the distance to the vehicle in front that IDM wants, between centres, metres."""
     x = car.speed * car.cos - front.speed * front.cos
     y = car.speed * car.sin - front.speed * front.sin
     closing = x * car.cos + y * car.sin
@@ -204,7 +207,10 @@ def _desired_gap(car: Car, front: Car, model: IdmModel) -> float:
 def _acceleration(
     cars: np.ndarray, lanes: np.ndarray, driver: int, rear: int, front: int, model: IdmModel
 ) -> float:
-    """Return the acceleration of a vehicle behind another one as a driver assumes it."""
+    """Return the acceleration of a vehicle behind another one as a driver predicts it, m/s^2.
+
+    driver: its slot; it assumes its own exponent for others. rear, front: slots, -1 for none.
+    """
     if rear < 0:
         return 0.0
     car, exponent = cars[rear], cars[driver].exponent
@@ -214,14 +220,14 @@ def _acceleration(
     acceleration = model.COMFORT_ACC_MAX * (1.0 - ratio**exponent)
     if front >= 0:
         distance = _along(cars[front], lane) - _along(car, lane)
-        share = _desired_gap(car, cars[front], model) / _not_zero(distance)
-        acceleration -= model.COMFORT_ACC_MAX * share * share
+        gap_ratio = _desired_gap(car, cars[front], model) / _not_zero(distance)
+        acceleration -= model.COMFORT_ACC_MAX * gap_ratio * gap_ratio
     return float(acceleration)
 
 
 @compiled(borrowing=True)
 def _change_lane(
-    cars: np.ndarray, lanes: np.ndarray, rows: Rows, slot: int, model: IdmModel
+    cars: np.ndarray, lanes: np.ndarray, by_lane: SortedCars, slot: int, model: IdmModel
 ) -> None:
     """Begin a lane change, or abort one."""
     car = cars[slot]
@@ -245,32 +251,41 @@ def _change_lane(
             lane = lanes[option]
             near = abs(_across(car, lane)) <= 2 * lane.width
             near = near and 0.0 <= _along(car, lane) < lane.length + REACH_M
-            if near and not lane.forbidden and _pays(cars, lanes, rows, slot, option, model):
+            if (
+                near
+                and not lane.forbidden
+                and _should_change(cars, lanes, by_lane, slot, option, model)
+            ):
                 car.target = option
 
 
 @compiled(borrowing=True)
-def _pays(
-    cars: np.ndarray, lanes: np.ndarray, rows: Rows, slot: int, option: int, model: IdmModel
+def _should_change(
+    cars: np.ndarray,
+    lanes: np.ndarray,
+    by_lane: SortedCars,
+    slot: int,
+    option: int,
+    model: IdmModel,
 ) -> bool:
-    """Return whether MOBIL recommends to change to a lane."""
-    ahead, behind = _neighbours(cars, lanes, rows, slot, option)
-    follower = _acceleration(cars, lanes, slot, behind, ahead, model)
-    follower_then = _acceleration(cars, lanes, slot, behind, slot, model)
-    if follower_then < -model.LANE_CHANGE_MAX_BRAKING_IMPOSED:
+    """Return whether MOBIL recommends a change to a lane."""
+    ahead, behind = _neighbours(cars, lanes, by_lane, slot, option)
+    new_follower = _acceleration(cars, lanes, slot, behind, ahead, model)
+    new_follower_then = _acceleration(cars, lanes, slot, behind, slot, model)
+    if new_follower_then < -model.LANE_CHANGE_MAX_BRAKING_IMPOSED:
         return False
-    old_ahead, old_behind = _neighbours(cars, lanes, rows, slot, cars[slot].lane)
+    old_ahead, old_behind = _neighbours(cars, lanes, by_lane, slot, cars[slot].lane)
     own_then = _acceleration(cars, lanes, slot, slot, ahead, model)
     own = _acceleration(cars, lanes, slot, slot, old_ahead, model)
-    left = _acceleration(cars, lanes, slot, old_behind, slot, model)
-    left_then = _acceleration(cars, lanes, slot, old_behind, old_ahead, model)
-    others = model.POLITENESS * (follower_then - follower + left_then - left)
-    return bool(own_then - own + others >= model.LANE_CHANGE_MIN_ACC_GAIN)
+    old_follower = _acceleration(cars, lanes, slot, old_behind, slot, model)
+    old_follower_then = _acceleration(cars, lanes, slot, old_behind, old_ahead, model)
+    others = new_follower_then - new_follower + old_follower_then - old_follower
+    return bool(own_then - own + model.POLITENESS * others >= model.LANE_CHANGE_MIN_ACC_GAIN)
 
 
 @compiled(borrowing=True)
 def _move(car: Car, lanes: np.ndarray, dt: float) -> None:
-    """Move a vehicle: a bicycle that turns about its centre; set its lane to the nearest."""
+    """Move a vehicle by the kinematic bicycle model of its centre; set its lane to the nearest."""
     car.timer += dt
     if car.crashed:
         car.steering, car.acceleration = 0.0, -car.speed

@@ -1,4 +1,4 @@
-"""Simulated traffic whose ego is driven from outside, on what it believes of the others."""
+"""Simulated traffic whose ego obeys commands; what it believes of the others comes from tracks."""
 
 from __future__ import annotations
 
@@ -22,8 +22,16 @@ from roadscope.envs.traffic.flow_recorder import FlowRecorder
 from roadscope.envs.traffic.inflow import is_at_end
 from roadscope.envs.traffic.lane_geometry import Traffic, heading_at, lane_point, path_ahead
 from roadscope.envs.traffic.mix import EGO
-from roadscope.envs.traffic.motion import touched
-from roadscope.envs.traffic.road_users import BODY, DRIVER, OBSTACLE, WALKER, Bodies, copied, joined
+from roadscope.envs.traffic.motion import first_touching
+from roadscope.envs.traffic.road_users import (
+    DRIVER,
+    OBSTACLE,
+    WALKER,
+    Bodies,
+    copied,
+    joined,
+    neutral_bodies,
+)
 from roadscope.envs.traffic.scenarios import ScenarioError, accepted_stage, find
 from roadscope.envs.traffic.simulated import STEP_S, advance
 from roadscope.envs.traffic.timeline import Timeline
@@ -31,15 +39,15 @@ from roadscope.envs.traffic.timeline import Timeline
 HARDEST_ACCELERATION_M_S2 = 4.0
 """Largest acceleration of the ego; commands beyond it are limited. Chosen by hand."""
 MOVING_M_S = 1.0
-"""Bodies that seem to move faster head where they move; slower ones where their boxes point."""
+"""Tracks at this speed or faster head along their velocity, slower ones along their yaw."""
 PATH_STEP_M, PATH_POINTS = 2.0, 50
-"""The path ahead that a driver knows."""
+"""Distance between points, and their number, of the path ahead that a driver knows."""
 TIME_GAP_S, STANDSTILL_GAP_M = 1.2, 2.5
 """What the ego assumes that others keep; the defaults of `DriverSetup`."""
 ONCOMING_M_S = 3.0
-"""Slower bodies that seem to move against their lane are taken for standing ones."""
+"""Tracks against the direction of their lane that are slower than this are taken to stand."""
 AGAINST_M = 10.0
-"""Added to the distance of a lane whose direction is opposite to the motion of a body."""
+"""Added to the distance of a lane whose direction is opposite to the motion of a track."""
 _PEOPLE = (Category.PEDESTRIAN, Category.CYCLIST)
 
 
@@ -84,8 +92,8 @@ def check_driven(scenario: str) -> None:
 class DrivenTraffic:
     """The traffic of a scenario and seed, in which the ego obeys commands and all others react.
 
-    It begins as `record` of the same scenario and seed does. `ScenarioError` for traffic that is
-    not simulated. duration_s: of the drive, for which the traffic has to be acceptable.
+    It begins as `record` of the same scenario, seed and duration does. `ScenarioError` for traffic
+    that is not simulated. duration_s: of the drive.
     """
 
     def __init__(self, scenario: str, seed: int, duration_s: float) -> None:
@@ -106,9 +114,9 @@ class DrivenTraffic:
 
     @property
     def collided_with(self) -> int | None:
-        """Whom the ego has collided with, an id of `true_tracks`, 0 for an obstacle; else None."""
+        """Id in `true_tracks` of whom the ego collided with, 0 for an obstacle, None for nobody."""
         bodies, slot = self._flow.bodies, self._slot
-        other = touched(bodies, slot)
+        other = first_touching(bodies, slot)
         if other < 0 and bodies["crashed"][slot]:
             # Their collision has moved them apart; people never crash.
             away = np.hypot(bodies["x"] - bodies["x"][slot], bodies["y"] - bodies["y"][slot])
@@ -127,7 +135,7 @@ class DrivenTraffic:
 
     @property
     def world_from_ego(self) -> Pose:
-        """The pose of the ego's rear axle on the ground."""
+        """The pose of the ego's rear axle on the ground, frame `world`."""
         ego = self._ego
         half = ego["length"] / 2
         place = np.array([[ego["x"] - half * ego["cos"], ego["y"] - half * ego["sin"]]])
@@ -136,7 +144,7 @@ class DrivenTraffic:
 
     @property
     def size(self) -> np.ndarray:
-        """Length, width and height of the ego, metres."""
+        """Length, width and height of the ego, (3,), metres."""
         return np.array(EGO.size)
 
     @property
@@ -233,8 +241,8 @@ class DrivenTraffic:
         """Drive for one step of 0.05 s.
 
         is_new: whether the command is an answer to this instant, and not to an earlier one.
-        A command for a lane that does not exist, that is closed or that the ego may not change to
-        is ignored: the target lane stays.
+        The target lane stays if the command names one that does not exist, that is closed or that
+        the ego may not change to. The acceleration is limited to what the ego can do.
         """
         ego, ego_lanes = self._ego, self._ego_lanes
         if is_new and ego["lane"] == ego["target"] and ego["timer"] > LANE_CHANGE_DELAY_S:
@@ -283,7 +291,8 @@ class DrivenTraffic:
 class _EgoLanes(NamedTuple):
     """The lanes that the ego may use.
 
-    first: number of the first in `RoadArrays.lanes`. lane, target: counted from the first.
+    first: number of the first in `RoadArrays.lanes`. lanes: how many there are. lane, target: where
+    the ego is and where it wants to be, counted from the first.
     """
 
     first: int
@@ -293,11 +302,11 @@ class _EgoLanes(NamedTuple):
 
 
 def bodies_of(tracks: Tracks) -> Bodies:
-    """Return (N,) of `BODY`: tracks, frame `world`, as road users whose plans are not known.
+    """Return (N,) of `BODY` for tracks in frame `world`: road users who keep their speed.
 
-    They head where they move, or, if they are slow, where their boxes point.
+    They head along their velocity or, if they are slow, along their yaw.
     """
-    bodies = np.zeros(len(tracks), BODY)
+    bodies = neutral_bodies(len(tracks))
     places, headings, velocities = from_world(tracks.centres[:, :2], tracks.yaws, tracks.velocities)
     speeds = np.hypot(*velocities.T)
     moving = speeds >= MOVING_M_S
@@ -310,10 +319,6 @@ def bodies_of(tracks: Tracks) -> Bodies:
     bodies["cos"], bodies["sin"] = np.cos(headings), np.sin(headings)
     bodies["length"], bodies["width"] = tracks.sizes[:, 0], tracks.sizes[:, 1]
     bodies["diagonal"] = np.hypot(bodies["length"], bodies["width"])
-    for name in ("impact_x", "impact_y", "hold", "kerb", "requested"):
-        bodies[name] = np.nan
-    for name in ("lane", "target", "ticket", "path"):
-        bodies[name] = -1
     bodies["commanded"] = True
     bodies["target_speed"] = speeds
     bodies["time_gap"], bodies["standstill_gap"] = TIME_GAP_S, STANDSTILL_GAP_M
@@ -323,12 +328,14 @@ def bodies_of(tracks: Tracks) -> Bodies:
 
 @compiled()
 def find_lanes(traffic: Traffic, first: int, last: int, ego_heading: float) -> None:
-    """Set the lanes of the drivers in the slots from first up to last: the nearest ones.
+    """Set the lanes of tracks: the nearest ones, for drivers in the slots first to last - 1.
 
-    Drivers ignore those who face them: these keep to their own lanes. Only tracks that surely come
-    towards the ego may be ignored so. Slow drivers against their lane stand there, headed along it:
-    which end of their boxes is ahead is not known, nor is their velocity exact. People who face the
-    ego are turned aside.
+    The ego ignores bodies that face it, for oncoming drivers keep to their own lanes. That must not
+    happen to a track whose direction is uncertain. So a slow driver against the direction of its
+    lane is turned round and stands: its yaw may be off by half a turn, its velocity by its error.
+    People who face the ego are turned by a right angle.
+
+    ego_heading: radians, highway-env's frame, as that of the bodies.
     """
     lanes = traffic.roads.lanes
     for slot in range(first, last):
@@ -338,7 +345,7 @@ def find_lanes(traffic: Traffic, first: int, last: int, ego_heading: float) -> N
                 body.heading += pi / 2
                 body.cos, body.sin = -body.sin, body.cos
             continue
-        least, agrees_best = np.inf, True
+        least, best_agrees = np.inf, True
         for number in range(len(lanes)):
             lane = lanes[number]
             point = lane_point(traffic, lane, slot, 0)
@@ -349,9 +356,9 @@ def find_lanes(traffic: Traffic, first: int, last: int, ego_heading: float) -> N
             if not agrees and body.speed >= ONCOMING_M_S:
                 distance += AGAINST_M
             if distance < least:
-                least, agrees_best = distance, agrees
+                least, best_agrees = distance, agrees
                 body.lane = body.target = number
-        if not agrees_best and body.speed < ONCOMING_M_S:
+        if not best_agrees and body.speed < ONCOMING_M_S:
             body.heading += pi
             body.cos, body.sin, body.speed = -body.cos, -body.sin, 0.0
 
@@ -360,8 +367,8 @@ def _leader(plan: np.void, bodies: Bodies) -> tuple[float, float]:
     """Return the gap to the nearer leader on the own or the target lane, and its speed along it."""
     gap_m, speed_m_s = np.inf, 0.0
     for slot, gap, heading in (
-        (plan["leader"], plan["gap"], plan["heading"]),
-        (plan["target_leader"], plan["target_gap"], plan["target_heading"]),
+        (plan["leader"], plan["gap"], plan["leader_heading"]),
+        (plan["target_leader"], plan["target_gap"], plan["target_leader_heading"]),
     ):
         if slot >= 0 and gap < gap_m:
             leader = bodies[slot]

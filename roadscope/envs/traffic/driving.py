@@ -1,4 +1,4 @@
-"""Drivers: IDM and MOBIL with true sizes, and a steering that a real vehicle could follow."""
+"""Drivers: IDM and MOBIL with true vehicle sizes, and steering within a real vehicle's limits."""
 
 from __future__ import annotations
 
@@ -46,18 +46,20 @@ RAMP_GAP_S, RAMP_BRAKING_M_S2 = 0.3, 2.0
 HARDEST_BRAKING_M_S2 = 8.0
 """Largest deceleration of a vehicle."""
 COMFORT_M_S2, COMFORT_HEAVY_M_S2, COMFORT_BRAKING_M_S2 = 1.8, 0.9, 2.5
-"""Accelerations of IDM: of drivers, of those of heavy vehicles, and the comfortable braking."""
+"""Parameters of IDM: the acceleration of drivers, that of drivers of heavy vehicles, and the
+comfortable deceleration."""
 POLITENESS, LEAST_GAIN_M_S2, MOST_IMPOSED_BRAKING_M_S2 = 0.1, 0.15, 2.0
-"""Parameters of MOBIL."""
+"""Parameters of MOBIL: the weight of others' gains, the least gain for which a lane is changed, and
+the hardest braking that the new follower may be forced to."""
 LANE_CHANGE_DELAY_S = 1.0
-"""Time between two thoughts of a lane change."""
+"""Drivers consider a lane change again after this time."""
 
 
 class Exponents(NamedTuple):
-    """Exponents of IDM: of the free road and of squares.
+    """Exponents of IDM: `free` in the free-road term, `square` wherever IDM squares.
 
-    They are arguments of kernels, for LLVM replaces `x**2.0` with `x * x`, which differs from the C
-    library's power in the last bit.
+    They are arguments of kernels because LLVM replaces `x**2.0` with `x * x`, which differs from
+    the C library's power in the last bit.
     """
 
     free: float = 4.0
@@ -65,25 +67,29 @@ class Exponents(NamedTuple):
 
 
 class Plan(Protocol):
-    """A record of what a driver steers and brakes for.
+    """A record of what a driver steers and brakes for; metres, radians.
 
-    across: offset from the centre line of the target lane, metres.
-    here, there: headings of that lane at the driver and `ahead` metres further, without slopes.
+    across: offset from the centre line of the target lane.
+    heading_here, heading_ahead: of that lane beside the driver and `look_ahead` farther on.
+    Headings lack the arctangent of their slope, see `lane_geometry.Heading`.
     has_curve: whether there is a lane that far ahead.
-    gap, speed_there, heading: of the leaders on the own and on the target lane, inf without one.
+    leader, gap, leader_heading: slot of the leader on the own lane, -1 for none; bumper-to-bumper
+    gap, inf without one; heading of the lane at the leader.
+    target_leader, target_gap, target_leader_heading: the same on the target lane. `target_leader`
+    is -1 unless the driver changes lanes; the other two then mean nothing.
     """
 
     across: float
-    here: float
-    there: float
-    ahead: float
+    heading_here: float
+    heading_ahead: float
+    look_ahead: float
     has_curve: bool
     leader: int
     gap: float
-    heading: float
+    leader_heading: float
     target_leader: int
     target_gap: float
-    target_heading: float
+    target_leader_heading: float
 
 
 PLAN = record_type(Plan)
@@ -97,8 +103,8 @@ PLAN = record_type(Plan)
 def decide(traffic: Traffic, plans: np.ndarray, slopes: np.ndarray, exponents: Exponents) -> None:
     """Let every driver choose a lane; each knows the choices of those before it.
 
-    Writes plans, (N,) of `PLAN`, and slopes, (N, 4): those of the headings here, there and at both
-    leaders.
+    Writes plans, (N,) of `PLAN`, and slopes, (N, 4): those of a plan's four headings, in the order
+    of its fields.
     """
     occupants = find_occupants(traffic)
     for slot in range(len(traffic.bodies)):
@@ -119,27 +125,26 @@ def _plan(
     body, roads = traffic.bodies[slot], traffic.roads
     lane = roads.lanes[body.target]
     place = local_coordinates(traffic, lane, slot)
-    plan.across, plan.ahead = place.across, max(1.5, 0.5 * body.speed)
-    here = heading_at(lane, place.along)
-    plan.here, slopes[0] = here.base, here.slope
-    plan.has_curve, there = True, place.along + plan.ahead
-    heading = here
-    if there <= lane.length:
-        heading = heading_at(lane, there)
+    plan.across, plan.look_ahead = place.across, max(1.5, 0.5 * body.speed)
+    heading = heading_at(lane, place.along)
+    plan.heading_here, slopes[0] = heading.base, heading.slope
+    plan.has_curve, along = True, place.along + plan.look_ahead
+    if along <= lane.length:
+        heading = heading_at(lane, along)
     else:
         following = next_lane(roads, traffic.legs, body.first_leg, body.last_leg, body.target)
         plan.has_curve = following >= 0
         if following >= 0:
-            heading = heading_at(roads.lanes[following], there - lane.length)
-    plan.there, slopes[1] = heading.base, heading.slope
+            heading = heading_at(roads.lanes[following], along - lane.length)
+    plan.heading_ahead, slopes[1] = heading.base, heading.slope
     leader = find_leader(traffic, occupants, slot, body.lane)
     plan.leader, plan.gap = leader.slot, leader.gap
-    plan.heading, slopes[2] = leader.heading.base, leader.heading.slope
+    plan.leader_heading, slopes[2] = leader.heading.base, leader.heading.slope
     plan.target_leader = -1
     if body.target != body.lane:
         leader = find_leader(traffic, occupants, slot, body.target)
         plan.target_leader, plan.target_gap = leader.slot, leader.gap
-        plan.target_heading, slopes[3] = leader.heading.base, leader.heading.slope
+        plan.target_leader_heading, slopes[3] = leader.heading.base, leader.heading.slope
 
 
 @compiled(borrowing=True)
@@ -160,7 +165,11 @@ def _change_lane(traffic: Traffic, occupants: Occupants, slot: int, exponents: E
             lane = lanes[option]
             place = local_coordinates(traffic, lane, slot)
             near = abs(place.across) <= 2 * lane.width and 0.0 <= place.along < lane.length + 5.0
-            if near and not lane.forbidden and _pays(traffic, occupants, slot, option, exponents):
+            if (
+                near
+                and not lane.forbidden
+                and _should_change(traffic, occupants, slot, option, exponents)
+            ):
                 body.target = option
 
 
@@ -184,27 +193,27 @@ def _is_taken(traffic: Traffic, slot: int) -> bool:
 
 
 @compiled(borrowing=True)
-def _pays(
+def _should_change(
     traffic: Traffic, occupants: Occupants, slot: int, option: int, exponents: Exponents
 ) -> bool:
-    """Return whether to change to a lane: it is safe, and it pays (MOBIL) or the own lane ends."""
+    """Return whether to change to a lane: if it is safe, by MOBIL or because the own lane ends."""
     lane = traffic.bodies[slot].lane
     new = find_neighbours(traffic, occupants, slot, option)
     if traffic.roads.lanes[lane].forbidden:
         return _gap_is_safe(traffic, slot, new.ahead, exponents) and _gap_is_safe(
             traffic, new.behind, slot, exponents
         )
-    follower = _acceleration(traffic, slot, new.behind, new.ahead, exponents)
-    follower_then = _acceleration(traffic, slot, new.behind, slot, exponents)
-    if follower_then < -MOST_IMPOSED_BRAKING_M_S2:
+    new_follower = _acceleration(traffic, slot, new.behind, new.ahead, exponents)
+    new_follower_then = _acceleration(traffic, slot, new.behind, slot, exponents)
+    if new_follower_then < -MOST_IMPOSED_BRAKING_M_S2:
         return False
     old = find_neighbours(traffic, occupants, slot, lane)
     own_then = _acceleration(traffic, slot, slot, new.ahead, exponents)
     own = _acceleration(traffic, slot, slot, old.ahead, exponents)
-    left = _acceleration(traffic, slot, old.behind, slot, exponents)
-    left_then = _acceleration(traffic, slot, old.behind, old.ahead, exponents)
-    others = POLITENESS * (follower_then - follower + left_then - left)
-    return bool(own_then - own + others >= LEAST_GAIN_M_S2)
+    old_follower = _acceleration(traffic, slot, old.behind, slot, exponents)
+    old_follower_then = _acceleration(traffic, slot, old.behind, old.ahead, exponents)
+    others = new_follower_then - new_follower + old_follower_then - old_follower
+    return bool(own_then - own + POLITENESS * others >= LEAST_GAIN_M_S2)
 
 
 @compiled(borrowing=True)
@@ -223,21 +232,21 @@ def _gap_is_safe(traffic: Traffic, rear: int, front: int, exponents: Exponents) 
 def _acceleration(
     traffic: Traffic, driver: int, rear: int, front: int, exponents: Exponents
 ) -> float:
-    """Return the acceleration of a vehicle behind another as a driver assumes it, m/s^2.
+    """Return the acceleration of a vehicle behind another one as a driver predicts it, m/s^2.
 
-    rear, front: slots, -1 for none.
+    driver: its slot; it assumes its own parameters for others. rear, front: slots, -1 for none.
     """
     if rear < 0:
         return 0.0
     model, body = traffic.bodies[driver], traffic.bodies[rear]
     if body.kind == WALKER or body.kind == OBSTACLE:
         return 0.0
-    pace = _pace(model, body.speed, body.target_speed, exponents)
+    terms = _speed_terms(model, body.speed, body.target_speed, exponents)
     if front < 0:
-        return pace.free
+        return terms.free
     leader = traffic.bodies[front]
     gap = _lane_distance(traffic, rear, front) - _half_lengths(body, leader)
-    return _following_acceleration(model, pace, gap, leader.speed, exponents)
+    return _following_acceleration(model, terms, gap, leader.speed, exponents)
 
 
 @compiled(borrowing=True, forceinline=True)
@@ -277,8 +286,8 @@ def _clearance(model: RoadBody, speed: float, closing: float) -> float:
     return model.standstill_gap + max(0.0, speed * model.time_gap + speed * closing / braking)
 
 
-class _Pace(NamedTuple):
-    """A speed in m/s, its square, and the acceleration with it on a free road, m/s^2."""
+class _SpeedTerms(NamedTuple):
+    """A vehicle's speed in m/s, its square, and its acceleration on a free road, m/s^2."""
 
     speed: float
     squared: float
@@ -286,21 +295,23 @@ class _Pace(NamedTuple):
 
 
 @compiled(borrowing=True, forceinline=True)
-def _pace(model: RoadBody, speed: float, desired_speed: float, exponents: Exponents) -> _Pace:
+def _speed_terms(
+    model: RoadBody, speed: float, desired_speed: float, exponents: Exponents
+) -> _SpeedTerms:
     free = _free_acceleration(model, speed, desired_speed, exponents)
-    return _Pace(speed, speed**exponents.square, free)
+    return _SpeedTerms(speed, speed**exponents.square, free)
 
 
 @compiled(borrowing=True, forceinline=True)
 def _following_acceleration(
-    model: RoadBody, pace: _Pace, gap: float, front_speed: float, exponents: Exponents
+    model: RoadBody, terms: _SpeedTerms, gap: float, front_speed: float, exponents: Exponents
 ) -> float:
     """Return the acceleration behind a leader at a bumper-to-bumper gap, m/s^2."""
     square = exponents.square
-    ratio = _clearance(model, pace.speed, pace.speed - front_speed) / max(gap, 0.1)
-    acceleration = pace.free - model.comfort * ratio**square
+    ratio = _clearance(model, terms.speed, terms.speed - front_speed) / max(gap, 0.1)
+    acceleration = terms.free - model.comfort * ratio**square
     # If another vehicle cuts in and the gap is too short, plain IDM brakes far too hard.
-    needed = max(pace.squared - front_speed**square, 0.0) / (2 * max(gap - 0.5, 0.3))
+    needed = max(terms.squared - front_speed**square, 0.0) / (2 * max(gap - 0.5, 0.3))
     hardest = max(CALM_BRAKING_M_S2, 1.5 * needed)
     return float(max(max(acceleration, -hardest), -HARDEST_BRAKING_M_S2))
 
@@ -313,53 +324,55 @@ def _following_acceleration(
 def control(
     traffic: Traffic,
     plans: np.ndarray,
-    bends: np.ndarray,
+    slope_angles: np.ndarray,
     exponents: Exponents,
     dt: float,
     sines: np.ndarray,
 ) -> None:
     """Choose the accelerations of all drivers and how far their wheels may turn in `dt` seconds.
 
-    bends: (N, 4) arctangents of the slopes. Writes sines, (N,): of the slip angles to steer for.
+    slope_angles: (N, 4) arctangents of the slopes, radians. Writes sines, (N,), of the slip angles
+    to steer for.
     """
     for slot in range(len(traffic.bodies)):
         body = traffic.bodies[slot]
         if body.kind == DRIVER:
             desired = min(body.target_speed, _curve_speed(traffic, slot))
-            pace = _pace(body, body.speed, desired, exponents)
-            rate = LATERAL_JERK_M_S3 * body.length / _squared(pace, 1.0, exponents)
+            terms = _speed_terms(body, body.speed, desired, exponents)
+            rate = LATERAL_JERK_M_S3 * body.length / _squared(terms, 1.0, exponents)
             body.turn_limit = min(STEERING_RATE_RAD_S, rate) * dt
             if not body.crashed:
-                sines[slot] = _sine_of_slip(body, pace, plans[slot], bends[slot], exponents)
+                sines[slot] = _sine_of_slip(body, terms, plans[slot], slope_angles[slot], exponents)
                 if not body.commanded:
-                    body.acceleration = _allowed(
-                        traffic, body, pace, plans[slot], bends[slot], exponents
+                    body.acceleration = _allowed_acceleration(
+                        traffic, body, terms, plans[slot], slope_angles[slot], exponents
                     )
 
 
 @compiled(borrowing=True, forceinline=True)
-def _squared(pace: _Pace, least: float, exponents: Exponents) -> float:
-    """Return the square of a speed or of the least speed to reckon with."""
-    return pace.squared if pace.speed >= least else least**exponents.square
+def _squared(terms: _SpeedTerms, least: float, exponents: Exponents) -> float:
+    """Return the square of the speed or, if that is greater, of `least` m/s."""
+    return terms.squared if terms.speed >= least else least**exponents.square
 
 
 @compiled(borrowing=True, forceinline=True)
 def _sine_of_slip(
-    body: RoadBody, pace: _Pace, plan: Plan, bends: np.ndarray, exponents: Exponents
+    body: RoadBody, terms: _SpeedTerms, plan: Plan, slope_angles: np.ndarray, exponents: Exponents
 ) -> float:
-    """Return the sine of the slip that leads to the centre line of the target lane.
+    """Return the sine of the slip angle that leads to the centre line of the target lane.
 
     Curvature of the lane ahead plus feedback of offset and course error; the product of curvature
     and squared speed stays within `LATERAL_LIMIT_M_S2`.
     """
-    here = plan.here + bends[0]
-    course = wrapped(body.heading + body.slip - here)
-    feedback = 0.6 * _clamped(plan.across, -2.5, 2.5) + 1.6 * max(pace.speed, 3.0) * sin(course)
+    heading = plan.heading_here + slope_angles[0]
+    course_error = wrapped(body.heading + body.slip - heading)
+    offset, speed = _clamped(plan.across, -2.5, 2.5), max(terms.speed, 3.0)
+    feedback = 0.6 * offset + 1.6 * speed * sin(course_error)
     curvature = 0.0
     if plan.has_curve:
-        curvature = wrapped(plan.there + bends[1] - here) / plan.ahead
-    curvature -= feedback / _squared(pace, 3.0, exponents)
-    limit = LATERAL_LIMIT_M_S2 / _squared(pace, 0.5, exponents)
+        curvature = wrapped(plan.heading_ahead + slope_angles[1] - heading) / plan.look_ahead
+    curvature -= feedback / _squared(terms, 3.0, exponents)
+    limit = LATERAL_LIMIT_M_S2 / _squared(terms, 0.5, exponents)
     return _clamped(_clamped(curvature, -limit, limit) * body.length / 2, -0.9, 0.9)
 
 
@@ -369,26 +382,28 @@ def _clamped(value: float, low: float, high: float) -> float:
 
 
 @compiled(borrowing=True, forceinline=True)
-def _allowed(
+def _allowed_acceleration(
     traffic: Traffic,
     body: RoadBody,
-    pace: _Pace,
+    terms: _SpeedTerms,
     plan: Plan,
-    bends: np.ndarray,
+    slope_angles: np.ndarray,
     exponents: Exponents,
 ) -> float:
     """Return the acceleration that leaders, curves and junctions allow, m/s^2."""
-    allowed = pace.free
+    allowed = terms.free
     if plan.leader >= 0:
-        front = _speed_along(traffic.bodies[plan.leader], plan.heading + bends[2])
-        allowed = min(allowed, _following_acceleration(body, pace, plan.gap, front, exponents))
+        leader = traffic.bodies[plan.leader]
+        speed = _speed_along(leader, plan.leader_heading + slope_angles[2])
+        allowed = min(allowed, _following_acceleration(body, terms, plan.gap, speed, exponents))
     if plan.target_leader >= 0:
-        front = _speed_along(traffic.bodies[plan.target_leader], plan.target_heading + bends[3])
-        behind = _following_acceleration(body, pace, plan.target_gap, front, exponents)
-        allowed = min(allowed, behind)
+        leader = traffic.bodies[plan.target_leader]
+        speed = _speed_along(leader, plan.target_leader_heading + slope_angles[3])
+        following = _following_acceleration(body, terms, plan.target_gap, speed, exponents)
+        allowed = min(allowed, following)
     if not np.isnan(body.hold):
         gap = body.hold + body.standstill_gap - 0.5
-        allowed = min(allowed, _following_acceleration(body, pace, gap, 0.0, exponents))
+        allowed = min(allowed, _following_acceleration(body, terms, gap, 0.0, exponents))
     return max(allowed, -HARDEST_BRAKING_M_S2)
 
 
@@ -401,13 +416,13 @@ def _speed_along(body: RoadBody, heading: float) -> float:
 
 @compiled(borrowing=True)
 def speed_allowed(traffic: Traffic, slot: int) -> float:
-    """Return the speed that a driver's desired speed and the curves ahead allow, m/s."""
+    """Return the speed that a driver's desired speed, the curves and speed limits allow, m/s."""
     return float(min(traffic.bodies[slot].target_speed, _curve_speed(traffic, slot)))
 
 
 @compiled(borrowing=True, forceinline=True)
 def _curve_speed(traffic: Traffic, slot: int) -> float:
-    """Return the greatest speed that still allows to slow down for the curves ahead, m/s."""
+    """Return the speed, m/s, from which a driver can just slow down for curves and speed limits."""
     body, roads = traffic.bodies[slot], traffic.roads
     allowed, lane, leg = np.inf, body.target, body.first_leg
     start = -along_lane(traffic, lane, slot)

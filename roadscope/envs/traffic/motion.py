@@ -19,7 +19,7 @@ FASTEST_M_S = 40.0
 
 @compiled()
 def turn_wheels(bodies: Bodies, angles: np.ndarray) -> None:
-    """Turn the wheels of all drivers towards (N,) angles, as fast as they may."""
+    """Turn the wheels of all drivers towards (N,) angles, radians, by at most `turn_limit` each."""
     for slot in range(len(bodies)):
         body = bodies[slot]
         if body.kind == DRIVER:
@@ -37,8 +37,8 @@ def move(
 ) -> None:
     """Move all bodies for `dt` seconds, update their lanes, and let those crash that touch.
 
-    paths: of people, of `PATH`. slips: (N,) angles from the heading to the course. order: (N,)
-    slots by x at the last call.
+    paths: (K,) of `PATH`, all knots of people's paths. slips: (N,) angles from the heading to the
+    course, radians. order: (N,) slots by x at the last call; it is sorted here.
     """
     bodies = traffic.bodies
     for slot in range(len(bodies)):
@@ -56,7 +56,7 @@ def move(
 
 @compiled(borrowing=True, forceinline=True)
 def _drive(body: RoadBody, slip: float, dt: float) -> None:
-    """Move a vehicle: a bicycle that turns about its centre; never backwards."""
+    """Move a vehicle by the kinematic bicycle model of its centre; never backwards."""
     acceleration = -body.speed if body.crashed else max(body.acceleration, -body.speed / dt)
     if body.speed > FASTEST_M_S:
         acceleration = min(acceleration, FASTEST_M_S - body.speed)
@@ -96,8 +96,11 @@ def _update_lane(traffic: Traffic, slot: int) -> None:
 # Collisions, as highway-env's `handle_collisions`.
 
 
-class Meeting(NamedTuple):
-    """Whether two outlines meet now and in the next step, and the shift that parts them."""
+class Contact(NamedTuple):
+    """Whether two outlines overlap now and in the next step, and the shift that separates them.
+
+    x, y: metres, of the first outline against the second.
+    """
 
     now: bool
     soon: bool
@@ -107,7 +110,7 @@ class Meeting(NamedTuple):
 
 @compiled()
 def collide(bodies: Bodies, order: np.ndarray, dt: float) -> None:
-    """Let vehicles crash that touch each other or an obstacle; pairs in the order of slots.
+    """Let vehicles crash that touch each other or an obstacle, pair after pair by slot.
 
     order: (N,) slots by x, nearly sorted; it is sorted here.
     """
@@ -122,9 +125,9 @@ def collide(bodies: Bodies, order: np.ndarray, dt: float) -> None:
         if bodies[slot].kind != WALKER:
             for k in range(_find_near(bodies, order, places[slot], longest, near, dt)):
                 if bodies[slot].kind == OBSTACLE:
-                    _meet(bodies[near[k]], bodies[slot], dt)
+                    _collide_pair(bodies[near[k]], bodies[slot], dt)
                 else:
-                    _meet(bodies[slot], bodies[near[k]], dt)
+                    _collide_pair(bodies[slot], bodies[near[k]], dt)
 
 
 @compiled(borrowing=True, forceinline=True)
@@ -141,8 +144,11 @@ def _sort_by_x(bodies: Bodies, order: np.ndarray) -> None:
 def _find_near(
     bodies: Bodies, order: np.ndarray, place: int, longest: float, near: np.ndarray, dt: float
 ) -> int:
-    """Write the later slots of bodies that a body may touch, in order; return their number."""
-    slot, found = order[place], 0
+    """Write the higher slots of bodies that a body may touch, in order; return their number.
+
+    place: of the body in `order`. longest: greatest diagonal of all bodies, metres.
+    """
+    slot, count = order[place], 0
     body = bodies[slot]
     reach = (body.diagonal + longest) / 2 + FASTEST_M_S * dt
     for side in (-1, 1):
@@ -150,14 +156,14 @@ def _find_near(
         while 0 <= k < len(order) and abs(bodies[order[k]].x - body.x) <= reach:
             other = order[k]
             if other > slot and _may_touch(body, bodies[other], dt):
-                m = found
+                m = count
                 while m > 0 and near[m - 1] > other:
                     near[m] = near[m - 1]
                     m -= 1
                 near[m] = other
-                found += 1
+                count += 1
             k += side
-    return found
+    return count
 
 
 @compiled(borrowing=True, forceinline=True)
@@ -170,34 +176,34 @@ def _may_touch(body: RoadBody, other: RoadBody, dt: float) -> bool:
 
 
 @compiled()
-def _meet(body: RoadBody, other: RoadBody, dt: float) -> None:
-    """Let two bodies crash if they touch, and part them if they will."""
-    meeting = _meeting(body, other, dt)
-    if meeting.soon:
+def _collide_pair(body: RoadBody, other: RoadBody, dt: float) -> None:
+    """Let two bodies crash if they touch, and move them apart if they will in the next step."""
+    contact = _find_contact(body, other, dt)
+    if contact.soon:
         share = 1.0 if other.kind == OBSTACLE else 2.0
-        body.impact_x, body.impact_y = meeting.x / share, meeting.y / share
+        body.impact_x, body.impact_y = contact.x / share, contact.y / share
         if other.kind != OBSTACLE:
-            other.impact_x, other.impact_y = -meeting.x / share, -meeting.y / share
-    if meeting.now:
+            other.impact_x, other.impact_y = -contact.x / share, -contact.y / share
+    if contact.now:
         body.crashed = other.crashed = True
 
 
 @compiled()
-def touched(bodies: Bodies, slot: int) -> int:
+def first_touching(bodies: Bodies, slot: int) -> int:
     """Return the slot of the first other body that a body touches, -1 for none; people count."""
     body = bodies[slot]
     for other in range(len(bodies)):
         x, y = bodies[other].x - body.x, bodies[other].y - body.y
         reach = (body.diagonal + bodies[other].diagonal) / 2
         is_near = other != slot and x * x + y * y <= reach * reach
-        if is_near and _meeting(body, bodies[other], 0.0).now:
+        if is_near and _find_contact(body, bodies[other], 0.0).now:
             return other
     return -1
 
 
 @compiled()
-def _meeting(body: RoadBody, other: RoadBody, dt: float) -> Meeting:
-    """Return whether two outlines meet, by separating axes."""
+def _find_contact(body: RoadBody, other: RoadBody, dt: float) -> Contact:
+    """Return whether two outlines overlap, by the separating axis theorem."""
     outlines = np.empty((2, 4, 2))
     _write_outline(outlines[0], body)
     _write_outline(outlines[1], other)
@@ -223,19 +229,19 @@ def _meeting(body: RoadBody, other: RoadBody, dt: float) -> Meeting:
         if distance > 0.0:
             soon = False
         if not now and not soon:
-            return Meeting(False, False, 0.0, 0.0)
+            return Contact(False, False, 0.0, 0.0)
         if abs(distance) < least:
             least = abs(distance)
             apart_x = _mean(outlines[0], 0) - _mean(outlines[1], 0)
             apart_y = _mean(outlines[0], 1) - _mean(outlines[1], 1)
             side = 1.0 if dot(apart_x, apart_y, normal_x, normal_y) > 0.0 else -1.0
             best_x, best_y = side * normal_x, side * normal_y
-    return Meeting(now, soon, least * best_x, least * best_y)
+    return Contact(now, soon, least * best_x, least * best_y)
 
 
 @compiled(borrowing=True, forceinline=True)
 def _write_outline(outline: np.ndarray, body: RoadBody) -> None:
-    """Write the (4, 2) corners of a body."""
+    """Write the (4, 2) corners of a body, metres, highway-env's frame."""
     for k, (x, y) in enumerate(((-1.0, -1.0), (-1.0, 1.0), (1.0, 1.0), (1.0, -1.0))):
         ahead, aside = x * body.length / 2, y * body.width / 2
         outline[k, 0] = dot(ahead, aside, body.cos, -body.sin) + body.x
@@ -254,7 +260,7 @@ def _projected(outline: np.ndarray, x: float, y: float) -> tuple[float, float]:
 
 @compiled(borrowing=True, forceinline=True)
 def _interval(low: float, high: float, other_low: float, other_high: float) -> float:
-    """Return the distance of two intervals, negative where they overlap."""
+    """Return the distance between two intervals, negative if they overlap."""
     return other_low - high if low < other_low else low - other_high
 
 

@@ -22,7 +22,7 @@ from roadscope.envs.traffic.roads import LaneRecord
 MARGIN_M = 0.35
 """Lateral distance that drivers keep from what they pass; chosen by hand."""
 BEHIND_M, BEYOND_M = 1.0, 3.0
-"""Points this far before the start and beyond the end of a lane still count to it."""
+"""Points this far before the start and beyond the end of a lane still belong to it."""
 BOX_MARGIN_M = 8.0
 """Bodies further than this from the box around a lane are not on it: more than two half widths of
 vehicles and `BEYOND_M` together."""
@@ -33,13 +33,13 @@ ONCOMING = -0.7
 
 
 class Occupants(NamedTuple):
-    """Bodies on each lane, sorted by the least of their three coordinates along it.
+    """Bodies on each lane, sorted by the least coordinate of their three points along it; metres.
 
-    counts: (L,). slots: (L, N). lows: (L, N) that coordinate. points: (L, N, 3, 2) coordinates
-    along and across of centre, front and rear. reach: (L,) largest distance from `lows` to the
-    centre of a body.
-    changes: (2 N, 2) slots of bodies that change to another lane of their road, and that lane;
-    count_changes: (1,) number of them.
+    counts: (L,) number of bodies. slots: (L, N). points: (L, N, 3, 2) coordinates along and across
+    the lane of centre, front and rear. lows: (L, N) least coordinate along the lane of these three.
+    reach: (L,) largest distance from `lows` to the centre of a body.
+    changes: (2 N, 2) slots of bodies that change to another lane of their road, and that lane.
+    change_count: (1,) number of them.
     """
 
     counts: np.ndarray
@@ -48,11 +48,14 @@ class Occupants(NamedTuple):
     points: np.ndarray
     reach: np.ndarray
     changes: np.ndarray
-    count_changes: np.ndarray
+    change_count: np.ndarray
 
 
 class Leader(NamedTuple):
-    """The body ahead on a route: its slot, -1 for none, the gap, and the lane's heading there."""
+    """The body ahead on a route.
+
+    slot: -1 for none. gap: metres, bumper to bumper. heading: of the lane at its centre.
+    """
 
     slot: int
     gap: float
@@ -95,9 +98,9 @@ def note_change(occupants: Occupants, traffic: Traffic, slot: int) -> None:
     """Record that a body changes lanes, so that drivers on its target lane know."""
     body, lanes = traffic.bodies[slot], traffic.roads.lanes
     if body.target != body.lane and lanes[body.target].road == lanes[body.lane].road:
-        k = occupants.count_changes[0]
+        k = occupants.change_count[0]
         occupants.changes[k, 0], occupants.changes[k, 1] = slot, body.target
-        occupants.count_changes[0] = k + 1
+        occupants.change_count[0] = k + 1
 
 
 @compiled(borrowing=True, forceinline=True)
@@ -122,13 +125,13 @@ def _add_occupant(
     if not inside or high < -BEHIND_M or low > record.length + BEYOND_M:
         return
     occupants.reach[lane] = max(occupants.reach[lane], points[k, 0, 0] - low + SLACK_M)
-    _sift(occupants, lane, k, slot, low)
+    _sort_in(occupants, lane, k, slot, low)
     occupants.counts[lane] = k + 1
 
 
 @compiled(borrowing=True, forceinline=True)
-def _sift(occupants: Occupants, lane: int, k: int, slot: int, low: float) -> None:
-    """Move the last entry of a list to its place."""
+def _sort_in(occupants: Occupants, lane: int, k: int, slot: int, low: float) -> None:
+    """Move entry k, the last one of a lane's sorted list, to its place."""
     slots, lows, points = occupants.slots[lane], occupants.lows[lane], occupants.points[lane]
     slots[k], lows[k] = slot, low
     while k > 0 and lows[k - 1] > low:
@@ -144,7 +147,7 @@ def _sift(occupants: Occupants, lane: int, k: int, slot: int, low: float) -> Non
 
 @compiled(borrowing=True, forceinline=True)
 def _first_from(lows: np.ndarray, count: int, low: float) -> int:
-    """Return the first of sorted numbers that is not less than a number."""
+    """Return the index of the first of sorted coordinates that is not less than `low`."""
     first, last = 0, count
     while first < last:
         middle = (first + last) // 2
@@ -165,10 +168,10 @@ def find_leader(traffic: Traffic, occupants: Occupants, slot: int, lane: int) ->
     body, lanes = traffic.bodies[slot], traffic.roads.lanes
     start, leg = -along_lane(traffic, lane, slot), body.first_leg
     while lane >= 0 and start < LOOK_AHEAD_M:
-        found, nearest, along = _nearest_on(traffic, occupants, slot, lane, start)
-        if found >= 0:
-            gap = start + nearest - body.length / 2
-            return Leader(found, gap, heading_at(lanes[lane], along))
+        leader, rear, centre = _nearest_on(traffic, occupants, slot, lane, start)
+        if leader >= 0:
+            gap = start + rear - body.length / 2
+            return Leader(leader, gap, heading_at(lanes[lane], centre))
         start += lanes[lane].length
         leg = leg_after(traffic.roads, traffic.legs, leg, body.last_leg, lane)
         lane = next_lane(traffic.roads, traffic.legs, leg, body.last_leg, lane)
@@ -179,15 +182,17 @@ def find_leader(traffic: Traffic, occupants: Occupants, slot: int, lane: int) ->
 def _nearest_on(
     traffic: Traffic, occupants: Occupants, slot: int, lane: int, start: float
 ) -> tuple[int, float, float]:
-    """Return the nearest body ahead on one lane, and along the lane its rear end and its centre.
+    """Return the slot of the nearest body ahead on a lane, -1 for none, and two of its coordinates.
 
-    start: distance to the start of the lane. Of two equally near the first counts.
+    They are those along the lane of its rearmost point on the lane and of its centre.
+    start: distance from the driver's centre to the start of the lane, metres. Of two equally near
+    bodies the one with the lower slot counts.
     """
     body, record = traffic.bodies[slot], traffic.roads.lanes[lane]
-    found, nearest, centre = -1, np.inf, 0.0
+    leader, rear, centre = -1, np.inf, 0.0
     count, lows, points = occupants.counts[lane], occupants.lows[lane], occupants.points[lane]
     k = _first_from(lows, count, -start - occupants.reach[lane])
-    while k < count and lows[k] <= nearest:
+    while k < count and lows[k] <= rear:
         other = occupants.slots[lane, k]
         if _is_ahead(traffic, slot, other, start + points[k, 0, 0]):
             limit = (traffic.bodies[other].width + body.width) / 2 + MARGIN_M
@@ -195,10 +200,10 @@ def _nearest_on(
             for row in range(3):
                 if abs(points[k, row, 1]) < limit:
                     least = _nearer(points[k, row, 0], record, least)
-            if least < nearest or (least == nearest < np.inf and other < found):
-                found, nearest, centre = other, least, points[k, 0, 0]
+            if least < rear or (least == rear < np.inf and other < leader):
+                leader, rear, centre = other, least, points[k, 0, 0]
         k += 1
-    for k in range(occupants.count_changes[0]):
+    for k in range(occupants.change_count[0]):
         other = occupants.changes[k, 0]
         if occupants.changes[k, 1] == lane:
             middle = along_lane(traffic, lane, other)
@@ -206,14 +211,17 @@ def _nearest_on(
                 least = np.inf
                 for row in range(3):
                     least = _nearer(lane_point(traffic, record, other, row).along, record, least)
-                if least < nearest or (least == nearest < np.inf and other < found):
-                    found, nearest, centre = other, least, middle
-    return found, nearest, centre
+                if least < rear or (least == rear < np.inf and other < leader):
+                    leader, rear, centre = other, least, middle
+    return leader, rear, centre
 
 
 @compiled(borrowing=True, forceinline=True)
 def _is_ahead(traffic: Traffic, slot: int, other: int, distance: float) -> bool:
-    """Return whether another body's centre is ahead and it does not face the driver."""
+    """Return whether another body's centre is ahead and it does not face the driver.
+
+    distance: from the driver's centre to the other's along the route, metres.
+    """
     body, leader = traffic.bodies[slot], traffic.bodies[other]
     facing = leader.cos * body.cos + leader.sin * body.sin < ONCOMING
     return bool(other != slot and distance > 0.0 and not facing)
@@ -221,7 +229,7 @@ def _is_ahead(traffic: Traffic, slot: int, other: int, distance: float) -> bool:
 
 @compiled(borrowing=True, forceinline=True)
 def _nearer(along: float, lane: LaneRecord, least: float) -> float:
-    """Return the lesser of two coordinates if the first is on the lane."""
+    """Return the lesser of two coordinates, or `least` if `along` is not on the lane."""
     return min(along, least) if -BEHIND_M < along < lane.length + BEYOND_M else least
 
 
@@ -229,8 +237,8 @@ def _nearer(along: float, lane: LaneRecord, least: float) -> float:
 # Neighbours on a lane, for lane changes.
 
 
-class _Beside(NamedTuple):
-    """The nearest bodies so far: slots and distances ahead, negative behind."""
+class _Nearest(NamedTuple):
+    """The nearest bodies so far: their slots, -1 for none, and signed distances ahead, metres."""
 
     ahead: int
     ahead_m: float
@@ -238,7 +246,7 @@ class _Beside(NamedTuple):
     behind_m: float
 
 
-NOBODY = _Beside(-1, np.inf, -1, -np.inf)
+NOBODY = _Nearest(-1, np.inf, -1, -np.inf)
 
 
 @compiled(borrowing=True)
@@ -246,70 +254,77 @@ def find_neighbours(traffic: Traffic, occupants: Occupants, slot: int, lane: int
     """Return the bodies ahead and behind on a lane, and on those before and after it."""
     body, roads = traffic.bodies[slot], traffic.roads
     here = along_lane(traffic, lane, slot)
-    best = _beside(traffic, occupants, slot, lane, 0.0, here, NOBODY)
+    best = _nearest_with(traffic, occupants, slot, lane, 0.0, here, NOBODY)
     following = next_lane(roads, traffic.legs, body.first_leg, body.last_leg, lane)
     if following >= 0:
         start = roads.lanes[lane].length
-        best = _beside(traffic, occupants, slot, following, start, here, best)
+        best = _nearest_with(traffic, occupants, slot, following, start, here, best)
     for k in range(roads.sources.shape[1]):
         source = roads.sources[lane, k]
         if source >= 0:
             start = -roads.lanes[source].length
-            best = _beside(traffic, occupants, slot, source, start, here, best)
+            best = _nearest_with(traffic, occupants, slot, source, start, here, best)
     return LaneNeighbours(best.ahead, best.behind)
 
 
 @compiled(borrowing=True)
-def _beside(
+def _nearest_with(
     traffic: Traffic,
     occupants: Occupants,
     slot: int,
     lane: int,
     start: float,
     here: float,
-    best: _Beside,
-) -> _Beside:
-    """Return the nearest bodies with those of one lane, which begins at `start`."""
+    best: _Nearest,
+) -> _Nearest:
+    """Return the nearest of the bodies so far (`best`) and of those on one more lane.
+
+    start: where that lane begins; here: where the driver is. Both are coordinates along the lane of
+    `find_neighbours`, metres.
+    """
     count, lows, points = occupants.counts[lane], occupants.lows[lane], occupants.points[lane]
     record, width, reach = traffic.roads.lanes[lane], traffic.bodies[slot].width, occupants.reach
-    found = NOBODY
+    nearest = NOBODY
     k = _first_from(lows, count, here - start - reach[lane])
-    while k < count and lows[k] + start - here <= found.ahead_m:
+    while k < count and lows[k] + start - here <= nearest.ahead_m:
         other, along = occupants.slots[lane, k], points[k, 0, 0]
         if _blocks(traffic, points[k], other, width) and other != slot and _is_on(record, along):
-            found = _closer(found, other, along + start - here)
+            nearest = _closer(nearest, other, along + start - here)
         k += 1
     k = _first_from(lows, count, here - start + SLACK_M) - 1
-    while k >= 0 and lows[k] + reach[lane] + start - here >= found.behind_m:
+    while k >= 0 and lows[k] + reach[lane] + start - here >= nearest.behind_m:
         other, along = occupants.slots[lane, k], points[k, 0, 0]
         if _blocks(traffic, points[k], other, width) and other != slot and _is_on(record, along):
-            found = _closer(found, other, along + start - here)
+            nearest = _closer(nearest, other, along + start - here)
         k -= 1
-    for k in range(occupants.count_changes[0]):
+    for k in range(occupants.change_count[0]):
         other = occupants.changes[k, 0]
         if other != slot and occupants.changes[k, 1] == lane:
             along = along_lane(traffic, lane, other)
             if _is_on(record, along):
-                found = _closer(found, other, along + start - here)
-    ahead = found if found.ahead_m < best.ahead_m else best
-    behind = found if found.behind_m > best.behind_m else best
-    return _Beside(ahead.ahead, ahead.ahead_m, behind.behind, behind.behind_m)
+                nearest = _closer(nearest, other, along + start - here)
+    ahead = nearest if nearest.ahead_m < best.ahead_m else best
+    behind = nearest if nearest.behind_m > best.behind_m else best
+    return _Nearest(ahead.ahead, ahead.ahead_m, behind.behind, behind.behind_m)
 
 
 @compiled(borrowing=True, forceinline=True)
-def _closer(best: _Beside, other: int, offset: float) -> _Beside:
-    """Return the nearest bodies with one more; of two equally near the first counts."""
+def _closer(best: _Nearest, other: int, offset: float) -> _Nearest:
+    """Return the nearest bodies with one more; of two equally near the lower slot counts."""
     if offset >= 0.0:
         if offset < best.ahead_m or (offset == best.ahead_m and other < best.ahead):
-            return _Beside(other, offset, best.behind, best.behind_m)
+            return _Nearest(other, offset, best.behind, best.behind_m)
     elif offset > best.behind_m or (offset == best.behind_m and other < best.behind):
-        return _Beside(best.ahead, best.ahead_m, other, offset)
+        return _Nearest(best.ahead, best.ahead_m, other, offset)
     return best
 
 
 @compiled(borrowing=True, forceinline=True)
 def _blocks(traffic: Traffic, points: np.ndarray, other: int, width: float) -> bool:
-    """Return whether any point of a body is in the path of a vehicle of a width."""
+    """Return whether any point of a body is in the path of a vehicle.
+
+    points: (3, 2) of the body, as in `Occupants`. width: of the vehicle, metres.
+    """
     limit = (traffic.bodies[other].width + width) / 2 + MARGIN_M
     return bool(abs(points[0, 1]) < limit or abs(points[1, 1]) < limit or abs(points[2, 1]) < limit)
 

@@ -18,23 +18,26 @@ class RoadBody(Protocol):
 
     number: unique on its road. kind: `DRIVER`, `WALKER`, `PARKED` or `OBSTACLE`.
     x, y: its centre. cos, sin: of the heading. diagonal: of its outline.
-    steering: angle of the front wheels that the last step used. wheel: the same before a crash set
-    it to 0. slip: angle from the heading to the course.
+    steering: angle of the front wheels that the last step used, 0 after a crash. wheel: that angle,
+    which also after a crash turns by no more than `turn_limit` in a step. slip: angle from the
+    heading to the course.
     impact_x, impact_y: displacement by a collision in the next step, nan for none.
     gone: whether it has arrived and is to be removed.
 
-    Drivers: lane and target: where they are and where they want to go, numbers of lanes, -1 for
+    Drivers: lane, target: numbers of the lanes where they are and where they want to be, -1 for
     people. commanded: whether somebody else sets target and acceleration, as `DrivenTraffic` does
     for the ego. target_speed: on a free road, m/s. time_gap, standstill_gap, comfort: parameters of
-    IDM, comfort in m/s^2. timer: since the last thought of a lane change. turn_limit: how far the
-    wheels can turn in a step. acceleration: chosen, m/s^2. hold: how far the front may still go
-    until a line to wait at, nan for no line. first_leg, last_leg: the roads of the route that are
-    left, rows of `Routes`. ticket: number of the request to cross, -1 before it. path: lane of a
-    crossing that is granted, -1 for none. requested: instant of the request.
+    IDM, comfort in m/s^2. timer: time since the driver last considered a lane change. turn_limit:
+    how far the wheels can turn in a step. acceleration: chosen, m/s^2. hold: how far the front may
+    still go until the line where the driver has to wait, nan for no line. first_leg, last_leg: the
+    remaining roads of the route, half-open rows of `Traffic.legs`. ticket: number of the request to
+    cross, -1 before it. path: lane through a crossing that is granted, -1 for none. requested:
+    instant of the request.
 
     People: first_knot, last_knot: of their path, rows of `PATH`. along: on the path. pace: m/s.
-    kerb: where on the path they wait, nan for nowhere. across: from there to the other side.
-    patience: how long they still stand there.
+    kerb: where on the path they wait, nan for nowhere. across: distance from there to the other
+    side. patience: how long they still stand there. crossing: whether they no longer wait there.
+    blocked: whether a driver is or will be where they step next.
     """
 
     number: int
@@ -84,9 +87,10 @@ class RoadBody(Protocol):
 
 
 class Knot(Protocol):
-    """A record of a knot of a path: its place, its arc length, and the step to the next knot.
+    """A record of a knot of a path in highway-env's frame, and of the step to the next; metres.
 
-    middle: arc length of the middle of the step. turn: its heading, continuous along the path.
+    x, y: its place. arc: its arc length. middle: arc length of the middle of the step. turn:
+    heading of the step, radians, continuous along the path.
     """
 
     x: float
@@ -102,13 +106,19 @@ Bodies = np.ndarray[Any, Any]
 """(N,) of `BODY`, in the order in which they decide."""
 
 
-def new_body(**values: Any) -> np.ndarray:
-    """Return (1,) of `BODY` with some fields set; the others have neutral values."""
-    body = np.zeros(1, BODY)
+def neutral_bodies(count: int) -> Bodies:
+    """Return (count,) of `BODY` without lane, route, request or collision, and zeros otherwise."""
+    bodies = np.zeros(count, BODY)
     for name in ("impact_x", "impact_y", "hold", "kerb", "requested"):
-        body[name] = np.nan
+        bodies[name] = np.nan
     for name in ("lane", "target", "ticket", "path"):
-        body[name] = -1
+        bodies[name] = -1
+    return bodies
+
+
+def new_body(**values: Any) -> np.ndarray:
+    """Return (1,) of `BODY` with some fields set; the others as in `neutral_bodies`."""
+    body = neutral_bodies(1)
     for name, value in values.items():
         body[name] = value
     body["cos"], body["sin"] = np.cos(body["heading"]), np.sin(body["heading"])
