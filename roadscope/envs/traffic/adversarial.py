@@ -12,31 +12,33 @@ from roadscope.envs.traffic.flow import Flow
 from roadscope.envs.traffic.lane_geometry import along_lane
 from roadscope.envs.traffic.road_users import DRIVER, WALKER
 
-# Constants are chosen by hand: the distances at which others act on train seeds, so that drivers
-# of the simulation, on the truth, avoid nearly all collisions.
+# Constants are chosen by hand on train seeds, so that the simulation's own drivers, which know the
+# truth, avoid nearly all collisions.
 
 CUT_IN_GAP_M = Bounds(6.0, 16.0)
-"""Bumper to bumper, ahead of the ego, of a driver that cuts in."""
+"""Gap from the ego's front to the rear of a driver that cuts in."""
 FREE_BEHIND_M, FREE_AHEAD_M = 3.0, 5.0
-"""A driver cuts in only where the ego's lane is free so far behind its rear and ahead of its
-front, the ego aside."""
+"""A driver cuts in only if nobody but the ego is on the ego's lane within these distances of its
+rear and its front."""
 MOST_CLOSING_M_S = 2.5
-"""Drivers cut in only if the ego comes closer at no more than this speed."""
+"""Drivers cut in only if the ego approaches them at no more than this speed."""
 SLOWER_M_S = Bounds(1.0, 4.0)
-"""Drivers that have cut in want to drive so much more slowly than the ego."""
+"""How much slower than the ego drivers want to be after they cut in."""
 BETWEEN_CUT_INS_S = Bounds(3.0, 6.0)
+"""Least time from one cut-in to the next."""
 REACTION_S, BRAKING_M_S2 = Bounds(1.4, 2.2), Bounds(3.5, 5.5)
-"""A person steps out when the ego is as far away as a driver needs to stop who reacts after the
-first and brakes with the second. The reaction includes the time in which the person walks into the
-lane."""
+"""A person steps out at the distance in which a driver can just stop who reacts after the first and
+brakes with the second. The reaction includes the time in which the person walks into the lane."""
 STEP_OUT_MARGIN_M = 1.5
+"""Added to that distance."""
 
 
 @dataclass(slots=True)
 class CutIns:
-    """Lets drivers on the lanes beside the ego cut in closely ahead of it; a rule of a stage.
+    """Lets drivers on the lanes beside the ego cut in closely ahead of it: one of `Stage.rules`.
 
     rng: of its own, so that other traffic does not depend on how the ego drives.
+    ego: its number. due_s: instant from which the next driver may cut in.
     """
 
     rng: np.random.Generator
@@ -60,14 +62,14 @@ class CutIns:
         on_lane = (bodies["lane"] == lane) | (bodies["target"] == lane)
         on_lane[slot] = False
         for other in np.flatnonzero(beside):
-            body, place, half = bodies[other], along[other], halves[other]
-            gap = place - half - halves[slot]
+            body, centre, half = bodies[other], along[other], halves[other]
+            gap = centre - half - halves[slot]
             closing = ego["speed"] - body["speed"]
             in_place = CUT_IN_GAP_M.low <= gap <= CUT_IN_GAP_M.high
-            taken = (along + halves > place - half - FREE_BEHIND_M) & (
-                along - halves < place + half + FREE_AHEAD_M
+            near = (along + halves > centre - half - FREE_BEHIND_M) & (
+                along - halves < centre + half + FREE_AHEAD_M
             )
-            if in_place and closing <= MOST_CLOSING_M_S and not (taken & on_lane).any():
+            if in_place and closing <= MOST_CLOSING_M_S and not (near & on_lane).any():
                 slower = float(self.rng.uniform(*SLOWER_M_S))
                 body["target"], body["timer"] = lane, 0.0
                 body["target_speed"] = max(float(ego["speed"]) - slower, 3.0)
@@ -76,24 +78,25 @@ class CutIns:
 
 
 class StepOut(NamedTuple):
-    """When a person steps out: a driver needs so long to react, and brakes so hard, to stop."""
+    """When a person steps out: reaction time and deceleration of a driver who can just stop."""
 
     reaction_s: float
     braking_m_s2: float
 
     @staticmethod
     def draw(rng: np.random.Generator) -> StepOut:
-        """Draw the moment of one person."""
+        """Draw those of one person."""
         return StepOut(float(rng.uniform(*REACTION_S)), float(rng.uniform(*BRAKING_M_S2)))
 
 
 @dataclass(slots=True)
 class StepOuts:
-    """Lets people at the kerb step out in front of the ego without looking; a rule of a stage.
+    """Lets people at the kerb step out in front of the ego without looking: one of `Stage.rules`.
 
-    It must stand after `People` in the rules, since it overrides whether people are blocked.
+    It must come after `People` in the rules, since it overrides whether people are blocked.
 
-    ego: its number. waiting: people at the kerb by number.
+    ego: its number. waiting: when each person at the kerb steps out, by the person's number.
+    walking: numbers of those who have stepped out.
     """
 
     ego: int
@@ -115,9 +118,9 @@ class StepOuts:
                 person["blocked"] = False
 
     @staticmethod
-    def _is_due(ego: np.void, person: np.void, moment: StepOut) -> bool:
+    def _is_due(ego: np.void, person: np.void, step_out: StepOut) -> bool:
         x, y = person["x"] - ego["x"], person["y"] - ego["y"]
         ahead = x * ego["cos"] + y * ego["sin"] - ego["length"] / 2
-        stopping = ego["speed"] * moment.reaction_s
-        stopping += ego["speed"] ** 2 / (2 * moment.braking_m_s2)
+        stopping = ego["speed"] * step_out.reaction_s
+        stopping += ego["speed"] ** 2 / (2 * step_out.braking_m_s2)
         return bool(0.0 < ahead < stopping + STEP_OUT_MARGIN_M)

@@ -22,15 +22,17 @@ class AgentRoad(Road):  # type: ignore[misc]
 
     The vehicles remain objects of highway-env. That of the agent is up to date after every step,
     the others when `vehicles` is read.
+
+    recorder: called after every step; None for none. cars: (N,) of `CAR`.
     """
 
     recorder: Any = None
     cars: np.ndarray
-    _behind: bool
+    _is_outdated: bool
 
     @staticmethod
     def adopt(road: Any, agent: Any) -> bool:
-        """Turn a road of highway-env into such a road; return whether that is possible."""
+        """Turn a road of highway-env into an `AgentRoad` if possible; return whether it was."""
         if not _is_simple(road, agent):
             return False
         road.__class__ = AgentRoad
@@ -39,9 +41,9 @@ class AgentRoad(Road):  # type: ignore[misc]
 
     @property
     def vehicles(self) -> list[Any]:
-        """All vehicles as objects; changes of their states have no effect, but for the agent's."""
-        if self._behind:
-            self._behind = False
+        """All vehicles as objects. Only changes of the agent's action or targets have an effect."""
+        if self._is_outdated:
+            self._is_outdated = False
             for vehicle, car in zip(self._vehicles, self.cars, strict=True):
                 self._update(vehicle, car)
         vehicles: list[Any] = self._vehicles
@@ -55,8 +57,8 @@ class AgentRoad(Road):  # type: ignore[misc]
         self.vehicles = vehicles
 
     @property
-    def vehicles_as_listed(self) -> list[Any]:
-        """All vehicles as objects whose states may be old."""
+    def outdated_vehicles(self) -> list[Any]:
+        """All vehicles as objects whose states may be those of an earlier step."""
         vehicles: list[Any] = self._vehicles
         return vehicles
 
@@ -74,13 +76,13 @@ class AgentRoad(Road):  # type: ignore[misc]
             car["acceleration"] = agent.action["acceleration"]
         step_cars(self.cars, self._lane_array, self._order, self._model, dt)
         self._update(agent, car)
-        self._behind = True
+        self._is_outdated = True
         if self.recorder is not None:
             self.recorder.tick(self, dt)
 
     def _start(self, agent: Any) -> None:
         self._vehicles = self.__dict__.pop("vehicles")
-        self._agent, self._slot, self._behind = agent, self._vehicles.index(agent), False
+        self._agent, self._slot, self._is_outdated = agent, self._vehicles.index(agent), False
         roads = Roads(self.network)
         self._lanes, self._names = roads.lane_numbers, list(roads.lane_numbers)
         self._lane_array = roads.arrays.lanes
@@ -92,7 +94,7 @@ class AgentRoad(Road):  # type: ignore[misc]
         self._order = np.argsort(self.cars["x"], kind="stable")
 
     def _update(self, vehicle: Any, car: Any) -> None:
-        """Write the state of a record to its object."""
+        """Write the state of a record of `CAR` to its object."""
         vehicle.position = np.array((car["x"], car["y"]))
         vehicle.heading, vehicle.speed = float(car["heading"]), float(car["speed"])
         vehicle.crashed = bool(car["crashed"])
@@ -108,7 +110,7 @@ class AgentRoad(Road):  # type: ignore[misc]
 
 
 def _is_simple(road: Any, agent: Any) -> bool:
-    """Return whether a road has one straight road of lanes, and nothing but IDM drivers on it."""
+    """Return whether all lanes are straight and of one road, and all others IDM drivers."""
     lanes = road.network.lanes_dict()
     return (
         type(road) is Road
@@ -124,7 +126,10 @@ def _is_simple(road: Any, agent: Any) -> bool:
 
 
 def _describe(car: Any, vehicle: Any, lanes: dict[Any, int]) -> None:
-    """Write a vehicle of highway-env to a record."""
+    """Write a vehicle of highway-env to a record of `CAR`.
+
+    lanes: numbers of lanes by highway-env's index.
+    """
     car["kind"] = _KINDS[type(vehicle)]
     car["x"], car["y"] = vehicle.position
     for name in ("heading", "speed", "diagonal", "crashed"):

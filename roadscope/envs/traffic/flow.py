@@ -42,8 +42,10 @@ HEAVY = (Category.TRUCK, Category.BUS)
 class DriverSetup:
     """A driver before it is on a road.
 
-    desired_speed: speed on a free road, m/s. route: roads from that of the lane on; None to go on
-    to the next road.
+    along_m: coordinate of the centre along the lane. speed, desired_speed: m/s, at first and on a
+    free road. route: numbers of the roads to take, from that of the lane on; None for the road
+    whose lane begins nearest, at each end of a road. time_gap_s, standstill_gap_m, comfort_m_s2:
+    parameters of IDM. timer_s: as `RoadBody.timer`.
     """
 
     body: RoadUserBody
@@ -59,10 +61,10 @@ class DriverSetup:
     timer_s: float = 0.0
 
     def __post_init__(self) -> None:
-        self.carry(self.body)
+        self.set_body(self.body)
 
-    def carry(self, body: RoadUserBody) -> None:
-        """Set the body; drivers of heavy vehicles accelerate less."""
+    def set_body(self, body: RoadUserBody) -> None:
+        """Set the body and the acceleration, which is less for drivers of heavy vehicles."""
         self.body = body
         self.comfort_m_s2 = COMFORT_HEAVY_M_S2 if body.category in HEAVY else COMFORT_M_S2
 
@@ -78,8 +80,8 @@ class DriverSetup:
 class Flow:
     """The bodies on a road and their motion.
 
-    roads: the network. bodies: (N,) of `BODY` in highway-env's frame. users: categories and sizes
-    by number. now_s: time since the start.
+    roads: the network. users: category and size of each body by its number, None for obstacles.
+    paths: (K,) of `PATH`, the knots of all people's paths. now_s: time since the start.
     """
 
     def __init__(self, roads: Roads) -> None:
@@ -95,7 +97,7 @@ class Flow:
 
     @property
     def bodies(self) -> Bodies:
-        """All bodies, in the order in which they decide."""
+        """All bodies, (N,) of `BODY` in highway-env's frame, in the order in which they decide."""
         if self._waiting:
             self._set_bodies(joined([self._bodies, *self._waiting]))
         return self._bodies
@@ -127,7 +129,7 @@ class Flow:
     def park(
         self, lane_index: LaneIndex, along_m: float, body: RoadUserBody, *, reverse: bool = False
     ) -> None:
-        """Put a standing vehicle on a lane, or facing against it."""
+        """Put a standing vehicle on a lane. reverse: against the lane's direction."""
         lane = self.roads.lane_numbers[lane_index]
         turned = np.pi * reverse
         self._place(lane_index, along_m, body, turned, kind=PARKED, lane=lane, target=lane)
@@ -168,7 +170,7 @@ class Flow:
         return Traffic(bodies, self.roads.arrays, self._leg_array, self._angles)
 
     def with_bodies(self, bodies: Bodies) -> Flow:
-        """Return other bodies on the same roads, with the same routes and instant."""
+        """Return a flow of other bodies on the same roads, with the same routes and instant."""
         flow = Flow(self.roads)
         flow._legs, flow._leg_array = dict(self._legs), self._leg_array
         flow.now_s = self.now_s
@@ -176,7 +178,7 @@ class Flow:
         return flow
 
     def bodies_changed(self) -> None:
-        """Note that headings or places of bodies were changed from outside."""
+        """Take note that a caller has changed headings or places of bodies."""
         self._angles = None
 
     def decide(self, dt: float) -> np.ndarray:
@@ -213,7 +215,7 @@ class Flow:
         return self.add(body, x=x, y=y, heading=lane.heading_at(along_m) + turned, **values)
 
     def add_route(self, roads: Iterable[int]) -> tuple[int, int]:
-        """Return where a route, the numbers of its roads, begins and ends among all legs."""
+        """Return the half-open rows of `Traffic.legs` with a route. roads: numbers of its roads."""
         key = tuple(roads)
         if key not in self._legs:
             self._legs[key] = len(self._leg_array)
@@ -233,7 +235,7 @@ EXPONENTS = Exponents()
 
 
 def _angles(bodies: Bodies, centres: np.ndarray) -> np.ndarray:
-    """Return (C, 3, N) angles of centre, front and rear of all bodies about centres, radians."""
+    """Return `Traffic.angles`, (C, 3, N), about (C, 2) centres of circular lanes."""
     if not len(centres):
         return np.zeros((0, 3, len(bodies)))
     offsets = _offsets(bodies, centres)
@@ -243,7 +245,7 @@ def _angles(bodies: Bodies, centres: np.ndarray) -> np.ndarray:
 
 @compiled()
 def _offsets(bodies: Bodies, centres: np.ndarray) -> np.ndarray:
-    """Return (2, C, 3, N) offsets in x and y of centre, front and rear of all bodies."""
+    """Return (2, C, 3, N) offsets in x and y of centre, front and rear of bodies from centres."""
     offsets = np.empty((2, len(centres), 3, len(bodies)))
     for slot in range(len(bodies)):
         for row in range(3):

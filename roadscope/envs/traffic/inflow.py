@@ -18,7 +18,7 @@ from roadscope.envs.traffic.roads import LaneIndex
 GAPS_M = Bounds(7.0, 12.0)
 """Gaps between bumpers in a line of vehicles at the start; chosen by hand."""
 CLEAR_M = 3.0
-"""Vehicles vanish this far before the end of the last lane."""
+"""Vehicles are removed when their front is this far before the end of the last lane."""
 
 
 @dataclass(slots=True)
@@ -31,8 +31,8 @@ class Inflow:
     mix: name of the mix of bodies, see `mix.draw_body`.
     desired_speed: mean speed of these drivers on a free road, m/s.
     headway_s: mean time between two vehicles of one source.
-    ego: number of the ego, which never vanishes.
-    due_s: when the next vehicle of each source is due.
+    ego: number of the ego, which is never removed; -1 for none.
+    due_s: instant from which the next vehicle of each source may appear; None: drawn at first use.
     """
 
     rng: np.random.Generator
@@ -61,7 +61,8 @@ class Inflow:
     ) -> list[int]:
         """Fill a source lane from a position back to its start; return the numbers of the drivers.
 
-        ego_rank: which of them is the ego, if any, counted from 0; the foremost is the first.
+        first_m: coordinate along the lane of the foremost front bumper.
+        ego_rank: which driver is the ego, counted from 0 at the foremost; -1 for none.
         """
         drivers: list[int] = []
         front = first_m
@@ -75,7 +76,7 @@ class Inflow:
     def line_up_all(self, flow: Flow, distance_m: Bounds, ego_rank: int) -> int:
         """Fill all source lanes up to a drawn distance before their ends; return the ego's number.
 
-        ego_rank: which driver of the first source is the ego; it never vanishes.
+        ego_rank: which driver of the first source is the ego, as in `line_up`.
         """
         for source in self.sources:
             first = float(flow.roads.lane(source).length - self.rng.uniform(*distance_m))
@@ -117,13 +118,13 @@ class Outflow:
 @compiled()
 def mark_arrived(traffic: Traffic, ego: int) -> bool:
     """Mark drivers as gone that are at the end of their route; return whether there are any."""
-    found = False
+    any_arrived = False
     for slot in range(len(traffic.bodies)):
         body = traffic.bodies[slot]
         if body.kind == DRIVER and body.number != ego:
             body.gone = is_at_end(traffic, slot)
-            found |= body.gone
-    return found
+            any_arrived |= body.gone
+    return any_arrived
 
 
 @compiled(borrowing=True)
@@ -133,13 +134,13 @@ def is_at_end(traffic: Traffic, slot: int) -> bool:
     following = next_lane(roads, traffic.legs, body.first_leg, body.last_leg, body.target)
     if following >= 0:
         return False
-    left = roads.lanes[body.target].length - along_lane(traffic, body.target, slot)
-    return bool(left < CLEAR_M + body.length / 2)
+    remaining = roads.lanes[body.target].length - along_lane(traffic, body.target, slot)
+    return bool(remaining < CLEAR_M + body.length / 2)
 
 
 @compiled()
 def least_gap(traffic: Traffic, lane: int) -> float:
-    """Return the least distance from the start of a lane to a vehicle on it, inf without one."""
+    """Return the metres from the start of a lane to the first vehicle on it, inf without one."""
     least = np.inf
     for slot in range(len(traffic.bodies)):
         body = traffic.bodies[slot]

@@ -13,15 +13,16 @@ from roadscope.envs.traffic.road_users import DRIVER
 from roadscope.envs.traffic.roads import LaneIndex, Roads
 
 REQUEST_M = 26.0
-"""Drivers request their path this far before the line; chosen by hand."""
+"""Drivers request their path through a crossing this far before the line; chosen by hand."""
 SHARP_M_S2 = 3.5
-"""Drivers that would have to brake harder to stop at the line continue; chosen by hand."""
+"""Drivers that would have to brake harder to stop at the line drive on; chosen by hand."""
 PATIENCE_S = 4.0
-"""After this wait no later request is granted before a driver's own; chosen by hand."""
+"""After this wait of a driver, no later request that conflicts with its own is granted; chosen by
+hand."""
 CLEARANCE_M = 3.2
-"""Paths through a crossing that come closer than this exclude each other."""
+"""Paths through a crossing that come closer than this conflict: one of them is driven at a time."""
 SAMPLES = 40
-"""Points on a path at which conflicts are searched."""
+"""Points on a path at which its distance to other paths is computed."""
 
 
 def _before_end(roads: Roads, lines: Mapping[LaneIndex, float]) -> np.ndarray:
@@ -51,13 +52,16 @@ class Hold:
         self._before_end = _before_end(roads, lines)
 
     def __call__(self, flow: Flow) -> None:
-        """Set how far each driver may go."""
+        """Set `hold` of each driver on these lanes."""
         hold(flow.traffic(), self._before_end)
 
 
 @compiled()
 def hold(traffic: Traffic, before_end: np.ndarray) -> None:
-    """Stop all drivers at the lines of their lanes."""
+    """Stop all drivers at the lines of their lanes.
+
+    before_end: (L,) how far before the end of each lane its line is, metres, nan for none.
+    """
     for slot in range(len(traffic.bodies)):
         body = traffic.bodies[slot]
         if body.kind == DRIVER and not np.isnan(before_end[body.target]):
@@ -70,7 +74,7 @@ def hold(traffic: Traffic, before_end: np.ndarray) -> None:
 
 
 class Conflicts:
-    """Which paths through a crossing exclude each other.
+    """Which paths through a crossing conflict with each other.
 
     lines: for each lane that ends at the crossing, how far before its end the line is.
     """
@@ -90,8 +94,8 @@ class Conflicts:
 class Crossing:
     """Lets drivers onto a crossing if their paths do not conflict; others wait at the line.
 
-    First come, first served. A driver with a free path may go before one whose path is blocked,
-    until that one has waited for `PATIENCE_S`.
+    First come, first served. A driver with a free path may go before one whose path is blocked;
+    once that one has waited for `PATIENCE_S`, only on a path that does not conflict with its own.
     """
 
     def __init__(self, conflicts: Conflicts) -> None:
@@ -99,7 +103,7 @@ class Crossing:
         self._requests = 0
 
     def __call__(self, flow: Flow) -> None:
-        """Set how far each approaching driver may go."""
+        """Set `hold` of each approaching driver."""
         conflicts = self.conflicts
         self._requests = grant_paths(
             flow.traffic(),
@@ -120,15 +124,15 @@ def grant_paths(
 ) -> int:
     """Grant paths to drivers and let the others wait; return the number of requests so far.
 
-    before_end: (L,) where the lines are. blocked_until: (L, L) how far along the first path it
-    blocks the second, metres, nan if it does not.
+    before_end: (L,) as in `hold`. blocked_until: (L, L), as `_blocked_until` returns it.
+    requests: number of requests before this call.
     """
     bodies = traffic.bodies
     _release(traffic)
     waiting = np.full(len(bodies), -1)
     count = 0
     for slot in range(len(bodies)):
-        if _asks(traffic, slot, before_end):
+        if _requests_path(traffic, slot, before_end):
             body = bodies[slot]
             if body.ticket < 0:
                 requests += 1
@@ -141,18 +145,18 @@ def grant_paths(
                 k -= 1
             waiting[k] = slot
             count += 1
-    reserved, kept = np.empty(count, np.int64), 0
+    reserved, reserved_count = np.empty(count, np.int64), 0
     for slot in waiting[:count]:
         body = bodies[slot]
         path = next_lane(traffic.roads, traffic.legs, body.first_leg, body.last_leg, body.target)
         free = not _is_blocked(traffic, path, blocked_until)
-        for other in reserved[:kept]:
+        for other in reserved[:reserved_count]:
             free = free and np.isnan(blocked_until[other, path])
         if free:
             body.path = path
         elif now_s - body.requested > PATIENCE_S:
-            reserved[kept] = path
-            kept += 1
+            reserved[reserved_count] = path
+            reserved_count += 1
     for slot in range(len(bodies)):
         body = bodies[slot]
         if body.kind == DRIVER:
@@ -182,8 +186,8 @@ def _starts_after(traffic: Traffic, lane: int, path: int) -> bool:
 
 
 @compiled(borrowing=True)
-def _asks(traffic: Traffic, slot: int, before_end: np.ndarray) -> bool:
-    """Return whether a driver is close to its line, without a path, and the first to wait there."""
+def _requests_path(traffic: Traffic, slot: int, before_end: np.ndarray) -> bool:
+    """Return whether a driver is close to its line, has no path, and is the first at that line."""
     body = traffic.bodies[slot]
     if body.kind != DRIVER or body.path >= 0 or np.isnan(before_end[body.target]):
         return False
@@ -207,19 +211,22 @@ def _is_blocked(traffic: Traffic, path: int, blocked_until: np.ndarray) -> bool:
         if body.path >= 0:
             until = blocked_until[body.path, path]
             if not np.isnan(until):
-                at = -np.inf
+                along = -np.inf
                 if body.target == body.path:
-                    at = along_lane(traffic, body.path, slot)
+                    along = along_lane(traffic, body.path, slot)
                 elif _starts_after(traffic, body.target, body.path):
                     length = traffic.roads.lanes[body.path].length
-                    at = length + along_lane(traffic, body.target, slot)
-                if at - body.length / 2 < until + 0.5:
+                    along = length + along_lane(traffic, body.target, slot)
+                if along - body.length / 2 < until + 0.5:
                     return True
     return False
 
 
 def _blocked_until(roads: Roads, paths: list[LaneIndex]) -> np.ndarray:
-    """Return (L, L) how far along the first lane it blocks the second; nan if it does not."""
+    """Return (L, L) how far along the first lane a driver on it blocks the second, metres.
+
+    nan where the lanes do not conflict.
+    """
     until = np.full((len(roads.arrays.lanes),) * 2, np.nan)
     along = {path: np.linspace(0.0, float(roads.lane(path).length), SAMPLES) for path in paths}
     points = {
@@ -242,8 +249,8 @@ class GiveWay:
     """Lets drivers into a roundabout when no driver on it would have to brake for them.
 
     lines: for each entry lane, how far before its end the line is.
-    ring: for each entry lane, the ring's lanes before the point where it joins, nearest first.
-    gap_s: least time until the next driver on the ring arrives.
+    ring: for each entry lane, the ring's lanes that lead to where it joins, nearest first.
+    gap_s: least time from an entry until the next driver on the ring arrives there.
     """
 
     def __init__(
@@ -262,7 +269,7 @@ class GiveWay:
             self._ring[roads.lane_numbers[entry], : len(lanes)] = numbers
 
     def __call__(self, flow: Flow) -> None:
-        """Set how far each entering driver may go."""
+        """Set `hold` of each entering driver."""
         give_way(flow.traffic(), self._before_end, self._ring, self.gap_s)
 
 
@@ -270,7 +277,8 @@ class GiveWay:
 def give_way(traffic: Traffic, before_end: np.ndarray, ring: np.ndarray, gap_s: float) -> None:
     """Let drivers wait at the lines of a roundabout until the ring is clear.
 
-    before_end: (L,) where the lines are. ring: (L, K) lanes of the ring before each entry, or -1.
+    before_end: (L,) as in `hold`. ring: (L, K) lanes of the ring before each entry lane, nearest
+    first, then -1. gap_s: as in `GiveWay`.
     """
     for slot in range(len(traffic.bodies)):
         body = traffic.bodies[slot]
@@ -287,7 +295,10 @@ def give_way(traffic: Traffic, before_end: np.ndarray, ring: np.ndarray, gap_s: 
 def _ring_is_clear(
     traffic: Traffic, slot: int, distance: float, ring: np.ndarray, gap_s: float
 ) -> bool:
-    """Return whether all drivers that come along the ring are far enough away."""
+    """Return whether all drivers that come along the ring are far enough away.
+
+    distance: from the waiting driver's front to its line, metres.
+    """
     body = traffic.bodies[slot]
     need_s = gap_s + max(distance, 0.0) / max(body.speed, 3.0)
     for other in range(len(traffic.bodies)):
@@ -301,7 +312,7 @@ def _ring_is_clear(
 
 @compiled(borrowing=True)
 def _distance_to_entry(traffic: Traffic, slot: int, entry: int, ring: np.ndarray) -> float:
-    """Return the metres from a driver's front to an entry; inf if it goes elsewhere."""
+    """Return the metres from a driver's front to where an entry joins; inf if it leaves before."""
     body, lanes, roads = traffic.bodies[slot], traffic.roads.lanes, traffic.roads.roads
     passes, distance = False, 0.0
     for leg in range(body.first_leg, body.last_leg):
@@ -312,7 +323,7 @@ def _distance_to_entry(traffic: Traffic, slot: int, entry: int, ring: np.ndarray
         if lane >= 0:
             length = lanes[lane].length
             if body.target == lane:
-                rear = distance + length - along_lane(traffic, lane, slot)
-                return float(rear - body.length / 2)
+                centre = distance + length - along_lane(traffic, lane, slot)
+                return float(centre - body.length / 2)
             distance += length
     return np.inf

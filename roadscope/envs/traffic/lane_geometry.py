@@ -1,4 +1,4 @@
-"""Lane coordinates and ways along lanes, for kernels.
+"""Lane coordinates and routes along lanes, for kernels.
 
 Every operation is in the order of highway-env's or of NumPy, so that traffic remains equal to the
 bit to that of highway-env's classes. The kernels call no arctangent: NumPy's rounds differently
@@ -72,7 +72,7 @@ def wrapped(angle: float) -> float:
 
 @compiled(borrowing=True, forceinline=True)
 def body_point(body: RoadBody, row: int) -> tuple[float, float]:
-    """Return the centre (row 0), the front (1) or the rear (2) of a body."""
+    """Return x and y of the centre (row 0), the front (1) or the rear (2) of a body, metres."""
     if row == 0:
         return body.x, body.y
     half_x, half_y = body.length / 2 * body.cos, body.length / 2 * body.sin
@@ -122,7 +122,7 @@ def local_coordinates(traffic: Traffic, lane: LaneRecord, slot: int) -> LanePoin
 
 @compiled(borrowing=True)
 def heading_at(lane: LaneRecord, along: float) -> Heading:
-    """Return the heading of a lane."""
+    """Return the heading of a lane at a coordinate along it, highway-env's frame."""
     if lane.kind == CIRCULAR:
         phase = lane.turn * along / lane.radius + lane.start_phase
         return Heading(phase + pi / 2 * lane.turn, 0.0)
@@ -134,7 +134,7 @@ def heading_at(lane: LaneRecord, along: float) -> Heading:
 
 @compiled(borrowing=True)
 def centre_line(lane: LaneRecord, along: float) -> tuple[float, float]:
-    """Return a point on the centre line of a lane."""
+    """Return x and y of a point on the centre line of a lane, metres, highway-env's frame."""
     if lane.kind == CIRCULAR:
         phase = lane.turn * along / lane.radius + lane.start_phase
         return lane.x + lane.radius * cos(phase), lane.y + lane.radius * sin(phase)
@@ -151,7 +151,10 @@ def centre_line(lane: LaneRecord, along: float) -> tuple[float, float]:
 
 @compiled(borrowing=True)
 def next_lane(roads: RoadArrays, legs: np.ndarray, first: int, last: int, lane: int) -> int:
-    """Return the lane that follows a lane on the legs first to last, -1 at the end of the road."""
+    """Return the lane that follows a lane on a route, -1 at its end or where no road goes on.
+
+    first, last: half-open range of the route's remaining legs; empty for the nearest road.
+    """
     road = roads.lanes[lane].road
     if first < last and legs[last - 1] == road:
         return -1
@@ -167,16 +170,17 @@ def next_lane(roads: RoadArrays, legs: np.ndarray, first: int, last: int, lane: 
 
 @compiled(borrowing=True)
 def leg_after(roads: RoadArrays, legs: np.ndarray, first: int, last: int, lane: int) -> int:
-    """Return the first leg that is left once a lane is passed; the last one always stays."""
+    """Return the first remaining leg once a lane has been passed; the last leg always remains."""
     passed = first + 1 < last and legs[first] == roads.lanes[lane].road
     return first + 1 if passed else first
 
 
 @compiled()
 def path_ahead(traffic: Traffic, slot: int, points: int, step: float) -> np.ndarray:
-    """Return (points, 2) of the centre line ahead of a driver, `step` metres from one to the next.
+    """Return (points, 2) of the centre line ahead of a driver, highway-env's frame, metres.
 
-    It begins beside the driver's centre and goes straight on at the end of the road.
+    step: arc length from one point to the next. The line begins beside the driver's centre and goes
+    on past the end of the road.
     """
     body, roads = traffic.bodies[slot], traffic.roads
     path = np.empty((points, 2))
@@ -196,26 +200,26 @@ def path_ahead(traffic: Traffic, slot: int, points: int, step: float) -> np.ndar
 
 @compiled(borrowing=True)
 def follow_road(traffic: Traffic, slot: int) -> None:
-    """Set the target of a driver to the next lane at the end of its lane, as highway-env does."""
+    """Set the target of a driver near the end of its lane to the next lane, as highway-env does."""
     body = traffic.bodies[slot]
     lanes, legs = traffic.roads.lanes, traffic.legs
     lane = lanes[body.target]
     along = local_coordinates(traffic, lane, slot).along
-    # Vehicles count as 5 m long.
+    # highway-env takes all vehicles for 5 m long and does so half of that before the end.
     if along <= lane.length - 2.5:
         return
     if body.first_leg < body.last_leg and legs[body.first_leg] == lane.road:
         body.first_leg += 1
     x, y = centre_line(lane, along)
     node = traffic.roads.roads[lane.road].end
-    known = -1
+    planned = -1
     if body.first_leg < body.last_leg:
         leg = legs[body.first_leg]
-        known = leg if traffic.roads.roads[leg].start == node else -1
+        planned = leg if traffic.roads.roads[leg].start == node else -1
     best, least = body.target, np.inf
     for k in range(traffic.roads.exits.shape[1]):
         road = traffic.roads.exits[body.target, k]
-        if road >= 0 and (known < 0 or road == known):
+        if road >= 0 and (planned < 0 or road == planned):
             option, distance = _entry(traffic.roads, lane, road, x, y)
             if distance < least:
                 best, least = option, distance
@@ -224,9 +228,10 @@ def follow_road(traffic: Traffic, slot: int) -> None:
 
 @compiled(borrowing=True)
 def _entry(roads: RoadArrays, lane: LaneRecord, road: int, x: float, y: float) -> tuple[int, float]:
-    """Return the lane of a road that a driver takes after a lane, and the distance to it.
+    """Return the lane of a road that a driver takes after a lane, and the distance to it, metres.
 
-    It is the same of as many lanes, otherwise the nearest.
+    It is the one with the same number if both roads have as many lanes, otherwise the nearest one.
+    x, y: the point from which distances are measured.
     """
     first, count = roads.roads[road].first, roads.roads[road].count
     if count == roads.roads[lane.road].count:
@@ -241,7 +246,7 @@ def _entry(roads: RoadArrays, lane: LaneRecord, road: int, x: float, y: float) -
 
 @compiled(borrowing=True)
 def _distance(lane: LaneRecord, x: float, y: float) -> float:
-    """Return the distance from a point to a lane: across it, plus beyond its ends."""
+    """Return the distance from a point to a lane, metres: across it, plus beyond its ends."""
     x, y = x - lane.x, y - lane.y
     if lane.kind == CIRCULAR:
         along = lane.turn * wrapped(np.arctan2(y, x) - lane.start_phase) * lane.radius

@@ -32,7 +32,7 @@ from roadscope.envs.traffic.timeline import Timeline
 
 
 class RecordedRoad(Road):  # type: ignore[misc]
-    """A road whose recorder records every step."""
+    """A road of highway-env whose recorder records every step."""
 
     recorder: TrafficRecorder
 
@@ -72,7 +72,10 @@ class _Actor:
 
 @dataclass(frozen=True, slots=True)
 class RecordedStates:
-    """All vehicles at one instant, in highway-env's frame and order; never changed."""
+    """N vehicles at one instant, in highway-env's frame and order; never changed.
+
+    centres: (N, 2) metres. headings, steering: (N,) radians. speeds: (N,) m/s. crashed: (N,).
+    """
 
     stamp_s: float
     ids: list[int]
@@ -103,7 +106,8 @@ class TrafficRecorder:
         self._actors: list[_Actor] = []
         self._road: Any = None
         self._map: RoadMap | None = None
-        self._pace: tuple[float, float, int] = (0.0, 0.0, 0)
+        # When the latest steps of equal length began, that length, and their number.
+        self._equal_steps: tuple[float, float, int] = (0.0, 0.0, 0)
 
     def attach(self, env: Any) -> None:
         """Start a new recording on the road of an environment that was just reset."""
@@ -123,7 +127,7 @@ class TrafficRecorder:
         """Start a new recording on a road; the caller calls `tick` after each step."""
         self._road, self._map = road, None
         self._snapshots, self._actors = [], []
-        self._pace = (0.0, 0.0, 0)
+        self._equal_steps = (0.0, 0.0, 0)
         for vehicle in road.vehicles:
             vars(vehicle).pop("actor_id", None)
         self._admit(ego)
@@ -131,10 +135,10 @@ class TrafficRecorder:
 
     def tick(self, road: Any, dt: float) -> None:
         """Record the road a time `dt` in seconds after the last record."""
-        since_s, last_dt, count = self._pace
+        since_s, last_dt, count = self._equal_steps
         # Counting equal steps keeps stamps free of summed rounding.
         since_s, count = (since_s, count + 1) if dt == last_dt else (self.stamp_s, 1)
-        self._pace = (since_s, dt, count)
+        self._equal_steps = (since_s, dt, count)
         self._record(road, since_s + count * dt)
 
     @property
@@ -164,7 +168,7 @@ class TrafficRecorder:
 
     def _record(self, road: Any, stamp_s: float) -> None:
         by_kernels = isinstance(road, AgentRoad)
-        vehicles = road.vehicles_as_listed if by_kernels else road.vehicles
+        vehicles = road.outdated_vehicles if by_kernels else road.vehicles
         try:
             ids = [v.actor_id for v in vehicles]
         except AttributeError:

@@ -15,10 +15,10 @@ OBSTACLE_HEIGHT_M = 1.0
 
 
 class Samples(NamedTuple):
-    """M samples of bodies.
+    """M samples of bodies, highway-env's frame; metres, radians, seconds.
 
-    rows, columns: in a table of instants and actors. centres: (M, 2). states: (M, 3) heading, speed
-    and steering. crashed: (M,) bool.
+    rows, columns: (M,) in a table of instants and actors. centres: (M, 2). states: (M, 3) heading,
+    speed and steering. crashed: (M,) bool.
     """
 
     rows: np.ndarray
@@ -29,9 +29,10 @@ class Samples(NamedTuple):
 
 
 class RecordedMotion(NamedTuple):
-    """Motion of A actors at K stamps, highway-env's frame.
+    """Motion of A actors at K stamps, highway-env's frame; metres, radians, seconds.
 
-    present, crashed: (K, A) bool. centres: (K, A, 2). states: (K, A, 3) heading, speed, steering.
+    stamps_s: (K,). present, crashed: (K, A) bool. centres: (K, A, 2). states: (K, A, 3) heading,
+    speed, steering.
     """
 
     stamps_s: np.ndarray
@@ -48,7 +49,10 @@ def timeline_of(
     ahead_m: np.ndarray,
     **settings: Any,
 ) -> Timeline:
-    """Return the timeline of bodies whose centres are `ahead_m` ahead of their rear axles."""
+    """Return the timeline of bodies whose centres are `ahead_m`, (A,), ahead of their rear axles.
+
+    ids: (A,). settings: other fields of `Timeline`.
+    """
     axles, yaws, speeds = rear_axles(motion.centres, motion.states, ahead_m)
     return Timeline(
         stamps_s=motion.stamps_s,
@@ -78,13 +82,14 @@ def obstacles_of(places: np.ndarray) -> np.ndarray:
 def rear_axles(
     centres: np.ndarray, states: np.ndarray, half_lengths: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return axles (..., 2), yaws and speeds of rear axles, world frame.
+    """Return places (..., A, 2), yaws (..., A) and speeds (..., A) of rear axles, world frame.
 
     highway-env's bicycle turns about the box centre; its wheelbase is the vehicle's length, so
     the rear axle lies half a length behind, and along it the speed is that of the centre times
     the cosine of the slip angle that the last steering gave.
 
-    centres: (..., 2) in highway-env's frame; states: (..., 3) heading, speed, steering.
+    centres: (..., A, 2) and states: (..., A, 3) heading, speed, steering, in highway-env's frame.
+    half_lengths: (A,). Metres, radians, m/s.
     """
     heading, speed, steering = states[..., 0], states[..., 1], states[..., 2]
     slip = np.arctan(np.tan(steering) / 2)
@@ -120,7 +125,7 @@ def _nearest_recorded(present: np.ndarray) -> np.ndarray:
 
 
 def _unbroken(present: np.ndarray) -> np.ndarray:
-    """Return (K, A) presence from the first to the last sample of each actor."""
+    """Return (K, A) presence without gaps, from the first to the last sample of each actor."""
     since = np.logical_or.accumulate(present, axis=0)
     until = np.logical_or.accumulate(present[::-1], axis=0)[::-1]
     both: np.ndarray = since & until

@@ -33,7 +33,8 @@ class LaneRecord(Protocol):
     heading: of a straight lane. amplitude, pulsation, phase: of a sine lane.
     radius, start_phase, turn: of a circular lane; turn is 1 for clockwise, seen from above, or -1.
     centre: number of the centre of a circular lane in `RoadArrays.centres`, -1 for other lanes.
-    speed_squared: squared speed that speed limit and curvature allow, inf where there is none.
+    speed_squared: squared speed that speed limit and curvature allow, m^2/s^2; inf without either.
+    forbidden: whether drivers may not change to it and have to leave it, as a ramp that ends.
     road, number: the lane's road, and its number on it.
     box_x, box_y, half_x, half_y: centre and half sides of a box around the centre line.
     """
@@ -65,8 +66,11 @@ class LaneRecord(Protocol):
     half_y: float
 
 
-class Road(Protocol):
-    """A record of a road: its nodes, its first lane and the number of its lanes."""
+class RoadRecord(Protocol):
+    """A record of a road.
+
+    start, end: numbers of its nodes. first: number of its first lane. count: of its lanes.
+    """
 
     start: int
     end: int
@@ -83,7 +87,7 @@ def record_type(protocol: type) -> np.dtype[Any]:
     return np.dtype([(name, _KINDS[str(kind)]) for name, kind in fields])
 
 
-LANE, ROAD = record_type(LaneRecord), record_type(Road)
+LANE, ROAD = record_type(LaneRecord), record_type(RoadRecord)
 
 
 class RoadArrays(NamedTuple):
@@ -107,7 +111,7 @@ class RoadArrays(NamedTuple):
 class Roads:
     """A network of highway-env: its lanes by index, as arrays and as a map. It never changes.
 
-    has_sine_lanes: whether the heading of a lane varies along it by an arctangent.
+    has_sine_lanes: whether any lane is a sine lane, whose headings contain an arctangent.
     """
 
     def __init__(self, network: Any) -> None:

@@ -26,7 +26,7 @@ MOST_CRASHED = 0.05
 """Traffic is accepted if `LEAST_OBJECTS` are within `NEAR_M` of the ego at every instant, and if at
 most the share `MOST_CRASHED` of all actors crashes; chosen by hand."""
 TRIES = 10
-"""Sub-seeds that are tried until traffic is accepted."""
+"""Most sub-seeds that are tried until traffic is accepted."""
 _GROUND_SALT = 0x47726E64
 """Keeps this stream of random numbers apart from others of the same seed."""
 
@@ -46,7 +46,7 @@ class Scenario:
     duration_s: default length of a recording.
     scripted: whether all motion is written down; such scenarios are exempt from `accept`.
     unseen: whether vehicles have the shapes of `mix.UNSEEN`, on which no detector was trained.
-    uneven: whether the ground has the terrain of that name in `terrain.TERRAINS`.
+    uneven: whether the ground is the terrain of the scenario's name in `terrain.TERRAINS`.
     adversarial: whether others cut in ahead of the ego or step out in front of it on purpose.
     """
 
@@ -271,7 +271,7 @@ def record(name: str, seed: int, duration_s: float | None = None) -> Timeline:
 
 
 def accepted_stage(name: str, seed: int, duration_s: float | None = None) -> Stage:
-    """Return the stage of a simulated scenario that `record` plays, not yet played."""
+    """Return the stage whose traffic `record` accepts for a simulated scenario, before any step."""
     scenario = find(name)
     spawn_key = _accepted_key(scenario, seed, duration_s)
     draw = np.random.SeedSequence(seed, spawn_key=spawn_key)
@@ -281,7 +281,7 @@ def accepted_stage(name: str, seed: int, duration_s: float | None = None) -> Sta
 
 @lru_cache(maxsize=4096)
 def _accepted_key(scenario: Scenario, seed: int, duration_s: float | None) -> tuple[int, ...]:
-    """Return the spawn key of the accepted sub-seed; finding it takes as long as a recording."""
+    """Return the spawn key of the accepted sub-seed; to find it, the traffic is recorded."""
     return _accepted(scenario, seed, duration_s)[0].spawn_key
 
 
@@ -305,13 +305,13 @@ def _accepted(
 
 
 def with_terrain(timeline: Timeline, name: str, rng: np.random.Generator) -> Timeline:
-    """Return the same traffic on the terrain of a name in `terrain.TERRAINS`."""
+    """Return the same traffic on a terrain of `terrain.TERRAINS`."""
     terrain = terrain_of(name, timeline.road, timeline.axles[:, 0], rng)
     return replace(timeline, terrain=terrain)
 
 
 def find(name: str) -> Scenario:
-    """Return the scenario of that name."""
+    """Return the scenario of that name; raise `ScenarioError` if there is none."""
     if name in SCENARIOS:
         return SCENARIOS[name]
     scenario = scenario_of_environment(name)

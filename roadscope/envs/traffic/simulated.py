@@ -42,9 +42,9 @@ class Stage:
     ego: its number.
     warm_up_s: simulated time before the recording begins.
     rules: called with the traffic before every step: inflow, removal, right of way.
-    right_of_way: the one of the rules that decides who waits at a line, if it uses only the states
-        of the others. A driven ego applies it to its tracks. Every other rule is applied to the
-        true traffic, like a traffic light.
+    right_of_way: the rule that decides who waits at a line, if it needs no more than the states of
+        the bodies: a driven ego then applies it to its tracks. None: such a rule is applied to the
+        true traffic alone, like a traffic light.
     """
 
     flow: Flow
@@ -95,7 +95,8 @@ def network_of(
 class MotorwayTraffic:
     """Traffic on a straight motorway.
 
-    desired_speed: speed on a free road, m/s; drivers of lane i have 0.94 - 0.05 i times that.
+    desired_speed: m/s; drivers on lane i begin with 0.94 - 0.05 i times that, and on a free road
+        want 0.9 to 1.3 times the speed they begin with.
     headway_s: mean time between two vehicles of a lane.
     reach_m: vehicles begin within this distance of the ego.
     length_m, ego_m: length of the road, and where the ego begins on it.
@@ -453,7 +454,7 @@ def town_crossing(rng: np.random.Generator) -> Stage:
 def _positions(
     rng: np.random.Generator, first: float, last: float, spacing_m: Bounds
 ) -> Iterator[float]:
-    """Yield positions along a lane after the first; each is drawn when it is needed."""
+    """Yield positions along a lane between the first and the last; each is drawn when needed."""
     along_m = first + float(rng.uniform(*spacing_m))
     while along_m < last:
         yield along_m
@@ -501,7 +502,7 @@ def _filled_track(rng: np.random.Generator, *, spacing_m: float, speeds: Bounds)
                     along_m += spacing_m * float(rng.uniform(0.85, 1.4))
                 along_m -= length
     ego = int(rng.integers(len(drivers)))
-    drivers[ego].carry(EGO)
+    drivers[ego].set_body(EGO)
     flow = Flow(roads)
     numbers = [flow.add_driver(driver) for driver in drivers]
     return Stage(flow, numbers[ego], warm_up_s=3.0)
@@ -514,7 +515,7 @@ def _racetrack_roads() -> Roads:
 
 # Car park -----------------------------------------------------------------------------------------
 
-AISLE_END_M, AISLE_LEFT_M = 50.0, 3.0
+AISLE_END_M, AISLE_OFFSET_M = 50.0, 3.0
 """Half the length of the aisle, and how far each of its lanes lies from its middle."""
 EAST, WEST = ("w", "e", 0), ("e2", "w2", 0)
 """The lanes of the aisle."""
@@ -542,10 +543,10 @@ def parking_lot(rng: np.random.Generator) -> Stage:
 @cache
 def _parking_roads() -> Roads:
     network = network_of(ParkingEnv, builder="_create_road").network
-    end_m, left_m = AISLE_END_M, AISLE_LEFT_M
+    end_m, offset_m = AISLE_END_M, AISLE_OFFSET_M
     no_lines = (LineType.NONE, LineType.NONE)
-    east = StraightLane([-end_m, left_m], [end_m, left_m], line_types=no_lines)
-    west = StraightLane([end_m, -left_m], [-end_m, -left_m], line_types=no_lines)
+    east = StraightLane([-end_m, offset_m], [end_m, offset_m], line_types=no_lines)
+    west = StraightLane([end_m, -offset_m], [-end_m, -offset_m], line_types=no_lines)
     network.add_lane(*EAST[:2], east)
     network.add_lane(*WEST[:2], west)
     return Roads(network)

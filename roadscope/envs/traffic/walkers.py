@@ -10,7 +10,7 @@ from roadscope.envs.traffic.flow import Flow
 from roadscope.envs.traffic.mix import RoadUserBody, Size
 from roadscope.envs.traffic.road_users import PATH, WALKER, joined
 from roadscope.envs.traffic.roads import LaneIndex
-from roadscope.envs.traffic.walking import look
+from roadscope.envs.traffic.walking import decide_people
 
 CORNER_CUTS = 4
 """Rounds of corner cutting (Chaikin 1974) that turn a polyline into a smooth path."""
@@ -32,9 +32,9 @@ def add_walker(
     Drivers treat a person on the carriageway like another vehicle; nobody is hit, since people
     cross only in front of drivers that can stop.
 
-    path: (K, 2) polyline in highway-env's frame, whose corners are rounded. pace: m/s. start_m:
-    where along it the person begins. kerb_m: where along it to wait for a gap, None for nowhere;
-    across_m: distance from there to the other side. patience_s: time to stand there before
+    path: (K, 2) polyline in highway-env's frame, metres; its corners are rounded. pace: m/s.
+    start_m: where along it the person begins. kerb_m: where along it to wait for a gap, None for
+    nowhere; across_m: distance from there to the other side. patience_s: time to stand there before
     crossing.
     """
     knots = _knots(rounded_path(path))
@@ -73,14 +73,14 @@ def _knots(points: np.ndarray) -> np.ndarray:
 
 
 class People:
-    """Lets all people decide once a step, and removes those who have arrived; a rule of a stage."""
+    """Lets all people decide, and removes those who have arrived: one of `Stage.rules`."""
 
     def __init__(self, step_s: float) -> None:
         self.step_s = step_s
 
     def __call__(self, flow: Flow) -> None:
         """Let all people decide, and remove those at the end of their path."""
-        if look(flow.bodies, flow.paths, self.step_s):
+        if decide_people(flow.bodies, flow.paths, self.step_s):
             flow.remove_gone()
 
 
@@ -116,11 +116,11 @@ def cyclist(rng: np.random.Generator) -> RoadUserBody:
 # Where people walk: along lanes, across them, alone, in pairs and in crowds.
 
 PAVEMENT_M = 2.9
-"""From the edge of the lane to the middle of the pavement."""
+"""From the edge of the lane outwards to the middle of the pavement."""
 KERB_M = 0.45
-"""From the edge of the lane to where people wait."""
+"""From the edge of the lane outwards to where people wait."""
 EDGE_M = 0.3
-"""From the edge of the lane to the middle of a bicycle."""
+"""From the edge of the lane inwards to the middle of a bicycle."""
 WALKING_SPEEDS_M_S = Bounds(0.9, 1.7)
 CYCLING_SPEEDS_M_S = Bounds(3.5, 5.5)
 GROUPS = ((1, 0.55), (2, 0.30), (6, 0.15))
@@ -144,28 +144,29 @@ class Kerb:
     def walk(self, rng: np.random.Generator, at_m: float, *, ends: Bounds) -> None:
         """Add a group that walks along the pavement in either direction.
 
-        at_m: where the group begins; ends: between which coordinates along the lane it walks.
+        Coordinates are along the lane. at_m: where the group begins. ends: least and greatest
+        coordinate of its path.
         """
         back = bool(rng.random() < 0.5)
         pace = float(rng.uniform(*WALKING_SPEEDS_M_S))
-        count = _group(rng)
+        count = _draw_group_size(rng)
         for along, aside in _offsets(count, rng):
-            stops = np.linspace(*ends, 12)
-            points = np.array([self._beside(s, PAVEMENT_M + aside) for s in stops])
+            knots = np.linspace(*ends, 12)
+            points = np.array([self._beside(s, PAVEMENT_M + aside) for s in knots])
             start = at_m + along - ends.low
             if back:
                 points, start = points[::-1], ends.high - at_m + along
             self._add(points, pedestrian(rng), pace, start_m=max(start, 0.0))
 
     def cross(self, rng: np.random.Generator, at_m: float, *, coming_m: float) -> None:
-        """Add a group that walks `coming_m` along the pavement and crosses the road at `at_m`."""
+        """Add a group that walks along the pavement for `coming_m`, then crosses at `at_m`."""
         pace = float(rng.uniform(*WALKING_SPEEDS_M_S))
         patience = float(rng.uniform(0.3, 1.5))
-        for along, aside in _offsets(_group(rng), rng):
+        for along, aside in _offsets(_draw_group_size(rng), rng):
             s = at_m + aside
             corner = self._beside(s, PAVEMENT_M)
-            over = self._width_m + 2 * KERB_M
-            far = self._beside(s, KERB_M - over - 0.5)
+            crossing_m = self._width_m + 2 * KERB_M
+            far = self._beside(s, KERB_M - crossing_m - 0.5)
             points = np.array([self._beside(s - coming_m, PAVEMENT_M), corner, far])
             kerb = coming_m + PAVEMENT_M - KERB_M - 0.35 + min(along, 0.0)
             self._add(
@@ -174,14 +175,16 @@ class Kerb:
                 pace,
                 start_m=max(0.0, along),
                 kerb_m=kerb,
-                across_m=over,
+                across_m=crossing_m,
                 patience_s=patience,
             )
 
     def wait(self, rng: np.random.Generator, at_m: float) -> int:
-        """Add a person who stands at the kerb, ready to cross; return the number."""
-        over = self._width_m + 2 * KERB_M
-        points = np.array([self._beside(at_m, off) for off in (PAVEMENT_M, KERB_M - over - 0.5)])
+        """Add a person who stands at the kerb until told to cross; return the number."""
+        crossing_m = self._width_m + 2 * KERB_M
+        points = np.array(
+            [self._beside(at_m, off) for off in (PAVEMENT_M, KERB_M - crossing_m - 0.5)]
+        )
         kerb = PAVEMENT_M - KERB_M - 0.35
         number = len(self._flow.users)
         self._add(
@@ -190,19 +193,19 @@ class Kerb:
             float(rng.uniform(*WALKING_SPEEDS_M_S)),
             start_m=kerb,
             kerb_m=kerb,
-            across_m=over,
+            across_m=crossing_m,
             patience_s=np.inf,
         )
         return number
 
     def add_cyclist(self, rng: np.random.Generator, at_m: float, *, end_m: float) -> None:
         """Add a cyclist who rides with the traffic at the edge of the lane."""
-        stops = np.linspace(at_m, end_m, 20)
-        points = np.array([self._beside(s, -EDGE_M) for s in stops])
+        knots = np.linspace(at_m, end_m, 20)
+        points = np.array([self._beside(s, -EDGE_M) for s in knots])
         self._add(points, cyclist(rng), float(rng.uniform(*CYCLING_SPEEDS_M_S)))
 
     def _beside(self, along_m: float, off_m: float) -> np.ndarray:
-        """Return the (2,) point that far beyond the right edge of the lane, highway-env's frame."""
+        """Return the (2,) point at `along_m`, `off_m` beyond the lane's right edge, highway-env."""
         half = float(self._lane.width_at(along_m)) / 2
         place: np.ndarray = np.asarray(self._lane.position(along_m, half + off_m))
         return place
@@ -211,7 +214,8 @@ class Kerb:
         add_walker(self._flow, points, body, pace, **options)
 
 
-def _group(rng: np.random.Generator) -> int:
+def _draw_group_size(rng: np.random.Generator) -> int:
+    """Draw the number of people in a group."""
     sizes, shares = zip(*GROUPS, strict=True)
     return int(rng.choice(sizes, p=shares))
 

@@ -17,14 +17,17 @@ REACTION_S = 0.6
 MARGIN_M = 2.5
 """Distance from a stopped driver that people want to keep."""
 NEARBY_M, AHEAD_S = 15.0, 0.8
-"""People notice drivers within this distance, and stay out of where these are this much later."""
+"""People notice drivers within the first, and do not step where these will be after the second."""
 ARRIVED_M = 1e-6
-"""People have arrived this close to the end of their path."""
+"""People have arrived when they are this close to the end of their path."""
 
 
 @compiled()
-def look(bodies: Bodies, paths: np.ndarray, dt: float) -> bool:
-    """Let all people decide whether to stop or to cross; return whether any have arrived."""
+def decide_people(bodies: Bodies, paths: np.ndarray, dt: float) -> bool:
+    """Let all people decide whether to stop or to cross; return whether any have arrived.
+
+    paths: (K,) of `PATH`, the knots of all paths. dt: time since the last call, seconds.
+    """
     arrived = False
     for slot in range(len(bodies)):
         body = bodies[slot]
@@ -54,20 +57,21 @@ def _is_blocked(bodies: Bodies, paths: np.ndarray, walker: RoadBody) -> bool:
 
 @compiled(borrowing=True)
 def _blocks(driver: RoadBody, paths: np.ndarray, walker: RoadBody) -> bool:
+    """Return whether a driver is, or soon will be, where the person's next steps lead."""
     half, side = driver.length / 2, driver.width / 2
     front = half + 0.4 + driver.speed * AHEAD_S
     for step in (0.5, 1.0, 0.5 + walker.speed):
         x, y = _position_at(walker, paths, walker.along + step + walker.length)
-        along, across = _seen_from(driver, x, y)
+        along, across = _offset_from(driver, x, y)
         if -half - 0.4 < along < front and abs(across) < side + 0.4:
             # A person already in front of a driver continues: the driver has to stop.
-            along, across = _seen_from(driver, walker.x, walker.y)
+            along, across = _offset_from(driver, walker.x, walker.y)
             return bool(abs(across) > side + 0.3 or along < half)
     return False
 
 
 @compiled(borrowing=True)
-def _seen_from(driver: RoadBody, x: float, y: float) -> tuple[float, float]:
+def _offset_from(driver: RoadBody, x: float, y: float) -> tuple[float, float]:
     """Return the offset of a point from a driver, along and across its heading, metres."""
     x, y = x - driver.x, y - driver.y
     return x * driver.cos + y * driver.sin, x * driver.sin - y * driver.cos
@@ -75,7 +79,7 @@ def _seen_from(driver: RoadBody, x: float, y: float) -> tuple[float, float]:
 
 @compiled(borrowing=True)
 def _is_safe(bodies: Bodies, paths: np.ndarray, walker: RoadBody) -> bool:
-    """Return whether each driver can stop before the line across the road, or never reaches it."""
+    """Return whether each driver can stop before the path across the road, or never reaches it."""
     end = paths[walker.last_knot - 1].arc
     x, y = _position_at(walker, paths, walker.kerb)
     far_x, far_y = _position_at(walker, paths, min(walker.kerb + walker.across, end))
@@ -84,7 +88,9 @@ def _is_safe(bodies: Bodies, paths: np.ndarray, walker: RoadBody) -> bool:
         if driver.kind == DRIVER:
             nearest = np.inf
             for share in (0.0, 0.25, 0.5, 0.75, 1.0):
-                along, across = _seen_from(driver, x + share * (far_x - x), y + share * (far_y - y))
+                along, across = _offset_from(
+                    driver, x + share * (far_x - x), y + share * (far_y - y)
+                )
                 if abs(across) < driver.width / 2 + 1.5 and along > -driver.length / 2 - 1.0:
                     nearest = min(nearest, along)
             clearance = nearest - driver.length / 2 - MARGIN_M
@@ -100,9 +106,9 @@ def walk(body: RoadBody, paths: np.ndarray, dt: float) -> None:
     stop = paths[body.last_knot - 1].arc
     if not body.crossing and not np.isnan(body.kerb):
         stop = body.kerb
-    left = max(stop - body.along, 0.0)
+    remaining = max(stop - body.along, 0.0)
     pace = 0.0 if body.blocked else body.pace
-    desired = min(pace, sqrt(2 * ACCELERATION_M_S2 * left))
+    desired = min(pace, sqrt(2 * ACCELERATION_M_S2 * remaining))
     limit = ACCELERATION_M_S2 * dt
     change = min(max(desired - body.speed, -2 * limit), limit)
     before = body.speed
@@ -118,7 +124,7 @@ def walk(body: RoadBody, paths: np.ndarray, dt: float) -> None:
 
 @compiled(borrowing=True)
 def _position_at(body: RoadBody, paths: np.ndarray, along: float) -> tuple[float, float]:
-    """Return the point of a person's path at an arc length, its ends beyond them."""
+    """Return x and y of a person's path at an arc length; beyond an end, those of the end."""
     first, last = body.first_knot, body.last_knot
     arcs, x, y = paths["arc"][first:last], paths["x"][first:last], paths["y"][first:last]
     return _interpolated(along, arcs, x), _interpolated(along, arcs, y)
@@ -126,7 +132,10 @@ def _position_at(body: RoadBody, paths: np.ndarray, along: float) -> tuple[float
 
 @compiled(borrowing=True)
 def _interpolated(value: float, knots: np.ndarray, values: np.ndarray) -> float:
-    """Return `np.interp` of one finite number."""
+    """Return `np.interp` of one finite number.
+
+    knots: (K,) increasing. values: (K,) at the knots.
+    """
     low, high = 0, len(knots)
     while low < high:
         middle = (low + high) // 2
