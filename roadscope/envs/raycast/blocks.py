@@ -120,7 +120,11 @@ def sort_into_blocks(rays: RayColumns) -> Blocks:
 
 @compiled()
 def _order(angles: np.ndarray) -> np.ndarray:
-    """Return the order of columns; those of a rotating sensor are sorted except at one place."""
+    """Return the order of columns by angle.
+
+    It is found without sorting if the angles rise or fall except at one place, as a rotating
+    sensor's do.
+    """
     size = len(angles)
     rises = falls = start = 0
     for c in range(size):
@@ -154,17 +158,18 @@ def pseudo_angle(x: float, y: float) -> float:
     size = abs(x) + abs(y)
     if size == 0.0:
         return 0.0
-    share = y / size
+    ratio = y / size
     if x >= 0.0:
-        return share
-    return 2.0 - share if y >= 0.0 else -2.0 - share
+        return ratio
+    return 2.0 - ratio if y >= 0.0 else -2.0 - ratio
 
 
 @compiled()
-def _pseudo_angles(flat: np.ndarray, seam: np.ndarray) -> np.ndarray:
-    angles = np.empty(len(flat))
-    for c in range(len(flat)):
-        x, y = flat[c, 0], flat[c, 1]
+def _pseudo_angles(ahead: np.ndarray, seam: np.ndarray) -> np.ndarray:
+    """Return (C,) pseudo-angles of the columns, 0 in the direction `seam`."""
+    angles = np.empty(len(ahead))
+    for c in range(len(ahead)):
+        x, y = ahead[c, 0], ahead[c, 1]
         angles[c] = pseudo_angle(seam[0] * x + seam[1] * y, seam[0] * y - seam[1] * x)
     return angles
 
@@ -251,10 +256,11 @@ def _bound_climbs(rays: RayColumns, blocks: Blocks) -> None:
 
 
 class ActorMotion(NamedTuple):
-    """Poses of A actors at K knots.
+    """Poses of A actors at K knots, with bounds.
 
     poses: (K, A, 3) x, y, yaw. speeds: (A, 2) greatest speed in m/s and yaw rate in rad/s.
-    extents: (A, 3) middle x and y of all positions, greatest distance from it.
+    extents: (A, 3) x and y of the middle of all positions, and a bound of their distance from it,
+    metres.
     """
 
     poses: np.ndarray
@@ -267,8 +273,9 @@ class Stances(NamedTuple):
 
     uneven: whether there is a terrain; shears and tilts are empty without one.
     shears: (S, 3) of scenery: height of the ground under it, slopes along x and y.
-    tilts: (K, A, 3) of actors at the knots: height, rise ahead and lean to the left.
-    bounds: (U, 3) least and greatest height, and greatest slope.
+    tilts: (K, A, 3) of actors at the knots, as `Terrain.stances`: height, and slopes ahead and to
+    the left.
+    bounds: (U, 3) least and greatest height, and a bound of the slope in any direction.
     """
 
     uneven: bool
@@ -280,8 +287,8 @@ class Stances(NamedTuple):
 class BlockUnits(NamedTuple):
     """Units of each block.
 
-    starts: (N + 1,) int64, block n owns rows starts[n] to starts[n + 1] of units.
-    units: (S,) int64.
+    starts: (N + 1,) int64, block n has rows starts[n] to starts[n + 1] of units.
+    units: (S,) int64, those of each block from near to far.
     """
 
     starts: np.ndarray
@@ -289,7 +296,7 @@ class BlockUnits(NamedTuple):
 
 
 class SensorRegion(NamedTuple):
-    """Circle around all origins of rays, and the greatest range; metres."""
+    """A circle that contains all origins of rays, and the greatest range; metres."""
 
     x: float
     y: float
@@ -438,6 +445,7 @@ def _first_from(rising: np.ndarray, value: float) -> int:
 
 @compiled()
 def _fill(count: int, order: np.ndarray, spans: np.ndarray) -> BlockUnits:
+    """Return the units of `count` blocks. order: (U,) units from near to far. spans: (U, 4)."""
     starts = np.zeros(count + 2, np.int64)
     for u in range(len(spans)):
         for n in range(spans[u, 0], spans[u, 1]):

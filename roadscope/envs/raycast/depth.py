@@ -28,14 +28,16 @@ NOTHING = SKY
 class Depth(NamedTuple):
     """Nearest hits so far in a block, beam by beam, `WIDTH` columns each.
 
-    q: (B, WIDTH) as in `kernels`. far: (B, WIDTH) q at the greatest range. faces: (B, WIDTH)
-    distance of the ray's origin from the plane of the surface, metres. owners, reflectivity:
-    (B, WIDTH) of the surface. floors: (B,) least q of each beam.
+    q: (B, WIDTH) as in `kernels`. far: (B, WIDTH) q at the greatest range. plane_distances:
+    (B, WIDTH) distance of the ray's origin from the plane of the surface, metres. owners,
+    reflectivity: (B, WIDTH) of the surface. floors: (B,) least q of each beam: surfaces with a
+    lesser q are hidden in all columns. `store` turns q into ranges and plane_distances into
+    cosines.
     """
 
     q: np.ndarray
     far: np.ndarray
-    faces: np.ndarray
+    plane_distances: np.ndarray
     owners: np.ndarray
     reflectivity: np.ndarray
     floors: np.ndarray
@@ -53,7 +55,7 @@ class Surfaces(NamedTuple):
 
 @compiled(borrowing=True)
 def load_columns(rays: RayColumns, blocks: Blocks, n: int, world: np.ndarray) -> None:
-    """Copy the block's columns; the last one is repeated in an unfinished block."""
+    """Copy the block's columns to `Scratch.world`; an unfinished block repeats its last one."""
     for i in range(WIDTH):
         c = blocks.order[min(n * WIDTH + i, len(blocks.order) - 1)]
         world[0, i], world[1, i] = rays.origins[c, 0], rays.origins[c, 1]
@@ -80,7 +82,7 @@ def clear(slopes: np.ndarray, ground_reflectivity: float, world: np.ndarray, dep
         q = pick(hit, ground, far)
         put(depth.far, j, far)
         put(depth.q, j, q)
-        put(depth.faces, j, height)
+        put(depth.plane_distances, j, height)
         put(depth.owners, j, pick(hit, spread(1.0 * GROUND), spread(1.0 * NOTHING)))
         put(depth.reflectivity, j, pick(hit, spread(ground_reflectivity), spread(0.0)))
         depth.floors[j] = least(q)
@@ -93,7 +95,9 @@ def store(blocks: Blocks, n: int, depth: Depth, surfaces: Surfaces) -> None:
         reach = load(depth.far, j) * depth.max_range_m / load(depth.q, j)
         hit = load(depth.owners, j) > 1.0 * NOTHING
         put(depth.q, j, pick(hit, reach, spread(0.0)))
-        put(depth.faces, j, pick(hit, load(depth.faces, j) / reach, spread(0.0)))
+        put(
+            depth.plane_distances, j, pick(hit, load(depth.plane_distances, j) / reach, spread(0.0))
+        )
     order, start = blocks.order, n * WIDTH
     if start + WIDTH <= len(order):
         first, last = order[start], order[start + WIDTH - 1]
@@ -105,7 +109,7 @@ def store(blocks: Blocks, n: int, depth: Depth, surfaces: Surfaces) -> None:
         c = order[start + i]
         for j in range(len(depth.q)):
             surfaces.ranges[j, c] = depth.q[j, i]
-            surfaces.cosines[j, c] = depth.faces[j, i]
+            surfaces.cosines[j, c] = depth.plane_distances[j, i]
             surfaces.owners[j, c] = np.int32(depth.owners[j, i])
             surfaces.reflectivity[j, c] = depth.reflectivity[j, i]
     return None
@@ -124,7 +128,7 @@ def _are_adjacent(order: np.ndarray, start: int, step: int) -> bool:
 def _store_adjacent(first: int, reverse: bool, depth: Depth, surfaces: Surfaces) -> None:
     """Write the block to the columns from `first` on, in reverse order if `reverse`."""
     for j in range(len(depth.q)):
-        ranges, cosines = load(depth.q, j), load(depth.faces, j)
+        ranges, cosines = load(depth.q, j), load(depth.plane_distances, j)
         owners, reflectivity = load(depth.owners, j), load(depth.reflectivity, j)
         if reverse:
             ranges, cosines = flip(ranges), flip(cosines)

@@ -1,7 +1,7 @@
-"""Where rays first meet uneven ground: exact hits on a bilinear height field.
+"""Where rays first hit uneven ground: exact hits on a bilinear height field.
 
-A ray walks over tiles of cells whose greatest height it may pass below, and in them from cell to
-cell. Over one cell its height above the ground is a quadratic in the distance along the ray.
+A ray is followed from tile to tile and, where it comes below the greatest height of a tile, from
+cell to cell. Over one cell its height above the ground is a quadratic in t.
 """
 
 from __future__ import annotations
@@ -18,7 +18,10 @@ from roadscope.envs.traffic.terrain import CELL_M, TILE, HeightGrid
 
 
 class FieldRay(NamedTuple):
-    """A ray over the grid: at t it is at cell u + t du, v + t dv and at height z + t dz, metres."""
+    """A ray over the grid: at t it is at (u + t du, v + t dv), in cells, and z + t dz, in metres.
+
+    t is the distance along the ray in units of the length of its direction, so it is 1 / q.
+    """
 
     u: float
     v: float
@@ -29,14 +32,17 @@ class FieldRay(NamedTuple):
 
 
 @compiled(borrowing=True)
-def meet_ground(
+def cast_ground(
     slopes: np.ndarray,
     ground_reflectivity: float,
     world: np.ndarray,
     grid: HeightGrid,
     depth: Depth,
 ) -> None:
-    """Reset the buffer to the ground of the grid, or to no hit at the greatest range."""
+    """Reset the buffer to the ground of the grid, or to no hit at the greatest range.
+
+    slopes: (B,). world: as in `kernels.Scratch`. depth: `far` is filled in already.
+    """
     for j in range(len(slopes)):
         s = slopes[j]
         for i in range(WIDTH):
@@ -52,7 +58,7 @@ def meet_ground(
             t, fall, length = _first_hit(grid.heights, grid.tops, ray, 1.0 / far)
             hit = t > 0.0
             depth.q[j, i] = 1.0 / t if hit else far
-            depth.faces[j, i] = t * fall / length
+            depth.plane_distances[j, i] = t * fall / length
             depth.owners[j, i] = GROUND if hit else NOTHING
             depth.reflectivity[j, i] = ground_reflectivity if hit else 0.0
         depth.floors[j] = least(load(depth.q, j))
@@ -62,14 +68,17 @@ def meet_ground(
 def _first_hit(
     heights: np.ndarray, tops: np.ndarray, ray: FieldRay, end: float
 ) -> tuple[float, float, float]:
-    """Return t of the first hit up to the end, 0 without one; then as `_hit_in_cell`."""
+    """Return t of the first hit up to the end, 0 without one; fall and length as `_hit_in_cell`.
+
+    heights, tops: as in `HeightGrid`.
+    """
     t, end = _clip(ray.u, ray.du, heights.shape[0] - 1, 0.0, end)
     t, end = _clip(ray.v, ray.dv, heights.shape[1] - 1, t, end)
     if t >= end:
         return 0.0, 0.0, 1.0
     i = _cell(ray.u + t * ray.du, TILE, 0, tops.shape[0])
     j = _cell(ray.v + t * ray.dv, TILE, 0, tops.shape[1])
-    if _over(heights, ray, t) <= 0.0:
+    if _height_above(heights, ray, t) <= 0.0:
         return 0.0, 0.0, 1.0
     while 0 <= i < tops.shape[0] and 0 <= j < tops.shape[1] and t < end:
         leave_u = _leaving(ray.u, ray.du, i, TILE)
@@ -91,6 +100,7 @@ def _first_hit(
 def _hit_in_tile(
     heights: np.ndarray, ray: FieldRay, tile_i: int, tile_j: int, t: float, end: float
 ) -> tuple[float, float, float]:
+    """Return the same as `_first_hit`, for a ray that is over one tile from t to the end."""
     low_i, low_j = TILE * tile_i, TILE * tile_j
     i = _cell(ray.u + t * ray.du, 1, low_i, low_i + TILE)
     j = _cell(ray.v + t * ray.dv, 1, low_j, low_j + TILE)
@@ -114,9 +124,10 @@ def _hit_in_tile(
 def _hit_in_cell(
     heights: np.ndarray, ray: FieldRay, i: int, j: int, t: float, end: float
 ) -> tuple[float, float, float]:
-    """Return t of the hit, 0 without one, how fast the ray falls there, and the normal's length.
+    """Return t of the hit, 0 without one, and at the hit the ray's fall and the normal's length.
 
-    It falls in metres of its height above the ground; the normal is the one whose z is 1.
+    The fall is what the ray loses of its height above the ground per t, metres. The normal is the
+    one whose z is 1. The ray is over the cell from t to the end.
     """
     h, along, across = heights[i, j], heights[i + 1, j], heights[i, j + 1]
     twist = heights[i + 1, j + 1] - along - across + h
@@ -144,7 +155,7 @@ def _hit_in_cell(
 
 
 @compiled(borrowing=True)
-def _over(heights: np.ndarray, ray: FieldRay, t: float) -> float:
+def _height_above(heights: np.ndarray, ray: FieldRay, t: float) -> float:
     """Return the height of a ray above the ground, metres."""
     u, v = ray.u + t * ray.du, ray.v + t * ray.dv
     i, j = _cell(u, 1, 0, heights.shape[0] - 1), _cell(v, 1, 0, heights.shape[1] - 1)
@@ -166,12 +177,13 @@ def _clip(u: float, du: float, size: int, start: float, end: float) -> tuple[flo
 
 @compiled(forceinline=True, borrowing=True)
 def _cell(u: float, size: int, low: int, high: int) -> int:
+    """Return the number of the cell of `size` in which u lies, limited to low up to high - 1."""
     return min(max(int(np.floor(u / size)), low), high - 1)
 
 
 @compiled(forceinline=True, borrowing=True)
 def _leaving(u: float, du: float, cell: int, size: int) -> float:
-    """Return t at which a ray leaves a cell in one direction."""
+    """Return t at which a ray leaves a cell of `size` in one direction."""
     if du == 0.0:
         return np.inf
     return ((cell + (1 if du > 0.0 else 0)) * size - u) / du

@@ -21,13 +21,13 @@ from roadscope.envs.raycast.blocks import (
     units_by_block,
 )
 from roadscope.envs.raycast.depth import Depth, Surfaces, clear, load_columns, store
-from roadscope.envs.raycast.height_field import meet_ground
+from roadscope.envs.raycast.height_field import cast_ground
 from roadscope.envs.raycast.prism_hits import (
     LINES,
     Scratch,
+    add_porous,
+    add_solid,
     clip,
-    enter_porous,
-    enter_solid,
     mark_touched,
     write_level_lines,
     write_lines,
@@ -61,7 +61,8 @@ class CastWorld(NamedTuple):
 class UnitPose(NamedTuple):
     """Pose of a unit at a block's first column, and its greatest motion within the block.
 
-    x, y, drift: metres. cosine, sine: of the yaw. turn: radians.
+    x, y: metres. cosine, sine: of the yaw. drift, turn: bounds of its shift, which includes that of
+        the rays' origins, and of its turn within the block, metres and radians.
     low, high, slope: of `Stances.bounds`. lever: 1 if the unit turns about its frame's origin as
         it tilts, 0 if it is sheared in its place. flatness: as in `write_lines`.
     """
@@ -81,7 +82,7 @@ class UnitPose(NamedTuple):
 
 @compiled()
 def cast_all(rays: RayColumns, world: CastWorld, surfaces: Surfaces, outline: np.ndarray) -> None:
-    """Fill the surfaces; count the rays of each actor in outline (A,) unless it is empty."""
+    """Fill the surfaces; add the rays that reach each actor's outline to outline, (A,) or empty."""
     shapes, max_range_m = world.shapes, world.max_range_m
     blocks, motion = sort_into_blocks(rays), bound_motion(world.poses, world.knots_s)
     stances = bound_stances(shapes, world.shears, world.tilts, world.uneven)
@@ -142,7 +143,7 @@ def _cast_blocks(
         load_columns(rays, blocks, n, scratch.world)
         clear(rays.slopes, ground_reflectivity, scratch.world, depth)
         if stances.uneven:
-            meet_ground(rays.slopes, ground_reflectivity, scratch.world, grid, depth)
+            cast_ground(rays.slopes, ground_reflectivity, scratch.world, grid, depth)
         for i in range(units.starts[n], units.starts[n + 1]):
             _cast_unit(
                 rays,
@@ -187,7 +188,7 @@ def _cast_unit(
         return
     _localise(rays, blocks, n, motion, actor, scratch)
     if stances.uneven:
-        _stand(rays, blocks, n, stances, shapes.unit_circles, unit, actor, scratch)
+        _apply_stances(rays, blocks, n, stances, shapes.unit_circles, unit, actor, scratch)
     for m in range(first, last):
         if last - first > 1:
             low, high = _beams_to_test(
@@ -208,9 +209,9 @@ def _cast_unit(
             if counted:
                 mark_touched(j, scratch, depth)
             if shapes.extinctions[m] > 0.0:
-                enter_porous(rays, blocks, n, shapes, m, j, scratch.crossings, seed, depth)
+                add_porous(rays, blocks, n, shapes, m, j, scratch.crossings, seed, depth)
             else:
-                enter_solid(j, shapes, m, scratch.crossings, depth)
+                add_solid(j, shapes, m, scratch.crossings, depth)
             floors[j] = least(load(depth.q, j))
     if counted:
         outline[actor] += _count_touched(scratch.touched, len(blocks.order) - n * WIDTH)
@@ -280,7 +281,7 @@ def _localise(
 
 
 @compiled(borrowing=True)
-def _stand(
+def _apply_stances(
     rays: RayColumns,
     blocks: Blocks,
     n: int,
@@ -290,7 +291,7 @@ def _stand(
     actor: int,
     scratch: Scratch,
 ) -> None:
-    """Turn the block's columns in the unit's frame as the unit stands on the ground."""
+    """Shear or tilt the block's columns in the unit's frame, as the unit stands on the terrain."""
     local = scratch.local
     if actor == STILL:
         z, along, across = stances.shears[unit, 0], stances.shears[unit, 1], stances.shears[unit, 2]
@@ -305,7 +306,7 @@ def _stand(
     rise, lean = load(scratch.turns, 5), load(scratch.turns, 6)
     pitch_length = root(1.0 + rise * rise)
     length = root(1.0 + rise * rise + lean * lean)
-    # Of the plane through the wheels: the nose is up, then the body turns about its own axis.
+    # The body is pitched first, then rolled about its own axis, as the plane through the wheels.
     cos_pitch, sin_pitch = 1.0 / pitch_length, rise / pitch_length
     cos_roll, sin_roll = pitch_length / length, lean / length
     for k in range(3):
@@ -370,7 +371,11 @@ def _beams_to_test(
     floors: np.ndarray,
     counted: bool,
 ) -> tuple[int, int]:
-    """Return the range of beams that may hit the cylinder of that row before their nearest hit."""
+    """Return the half-open range of beams that may hit a cylinder before their nearest hit so far.
+
+    row: of the cylinder in circles and heights. counted: keep beams with nearer hits too, because
+    the outlines of the unit are counted.
+    """
     cx, cy = circles[row, 0], circles[row, 1]
     x, y, cosine, sine = pose.x, pose.y, pose.cosine, pose.sine
     # What tilts reaches farther: sin(slope) <= slope, and 1 - cos(slope) <= slope^2.

@@ -36,10 +36,11 @@ class Scratch(NamedTuple):
     local: (9, WIDTH) the same in the unit's frame.
     turns: (7, WIDTH) x, y, cosine and sine of yaw of the unit; its height, rise and lean.
     upper, lower: (14 * 3, WIDTH) three rows for each line of a prism: its constant, its slope, and
-    in upper lines the distance of the origin from the face. In a column where the face belongs to
-    the other lines, a line that is never the least or the greatest.
-    crossings: (3, WIDTH) q where rays enter and leave, and the distance of the origin from the face
-    by which they enter.
+    in upper lines the distance of the origin from the plane of the face. A face that is turned
+    towards some columns and away from others has a line in both; in the columns where it does not
+    belong, that line is never the least or the greatest.
+    crossings: (3, WIDTH) q where rays enter and leave, and the distance of the origin from the
+    plane of the face through which they enter.
     touched: (B, WIDTH) 1 for rays that reach the outline of a body.
     """
 
@@ -61,7 +62,7 @@ def write_level_lines(shapes: Shapes, m: int, scratch: Scratch) -> tuple[int, in
     """
     local, planes = scratch.local, shapes.planes
     x, y, ahead_x, ahead_y = load(local, 0), load(local, 1), load(local, 2), load(local, 3)
-    enter, leave, face = spread(np.inf), spread(0.0), spread(0.0)
+    enter, leave, plane_distance = spread(np.inf), spread(0.0), spread(0.0)
     for k in range(shapes.corners[m]):
         nx, ny = planes[m, k, 0], planes[m, k, 1]
         distance = planes[m, k, 2] - nx * x - ny * y
@@ -70,13 +71,13 @@ def write_level_lines(shapes: Shapes, m: int, scratch: Scratch) -> tuple[int, in
         towards = distance < 0.0
         nearer = towards & (line < enter)
         enter = pick(nearer, line, enter)
-        face = pick(nearer, 0.0 - distance, face)
+        plane_distance = pick(nearer, 0.0 - distance, plane_distance)
         leave = pick((distance > 0.0) & (line > leave), line, leave)
     if count(leave <= enter) == 0:
         return 0, 0
     put(scratch.upper, 0, enter)
     put(scratch.upper, 1, spread(0.0))
-    put(scratch.upper, 2, face)
+    put(scratch.upper, 2, plane_distance)
     put(scratch.lower, 0, leave)
     put(scratch.lower, 1, spread(0.0))
     return _write_bottom_and_top(shapes.heights, m, 1, 1, 1.0, scratch)
@@ -123,10 +124,11 @@ def _write_line(
     lower: int,
     scratch: Scratch,
 ) -> tuple[int, int]:
-    """Write the line q = (a + b s) / distance as an upper or a lower one.
+    """Write the line q = (a + b s) / distance as an upper line, a lower one or both.
 
-    metres: what a distance of 1 is.
-    distance, a and b are batches. The face may be turned towards some columns and away from others.
+    distance, a, b: batches; a negative distance means that the face is turned towards the column.
+    metres: length of one unit of distance. upper, lower: numbers of lines so far.
+    Returns the new numbers of lines.
     """
     distance = pick(distance == 0.0, spread(_TINY), distance)
     towards = distance < 0.0
@@ -149,28 +151,28 @@ def clip(s: float, upper: int, lower: int, scratch: Scratch) -> None:
     """Write q where the rays of slope s enter and leave; q of entering is inf for those inside."""
     uppers, lowers = scratch.upper, scratch.lower
     enter = load(uppers, 0) + s * load(uppers, 1)
-    face = load(uppers, 2)
+    plane_distance = load(uppers, 2)
     for k in range(1, upper):
         line = load(uppers, 3 * k) + s * load(uppers, 3 * k + 1)
         nearer = line < enter
         enter = pick(nearer, line, enter)
-        face = pick(nearer, load(uppers, 3 * k + 2), face)
+        plane_distance = pick(nearer, load(uppers, 3 * k + 2), plane_distance)
     leave = spread(0.0)
     for k in range(lower):
         line = load(lowers, 3 * k) + s * load(lowers, 3 * k + 1)
         leave = pick(line > leave, line, leave)
     put(scratch.crossings, 0, enter)
     put(scratch.crossings, 1, leave)
-    put(scratch.crossings, 2, face)
+    put(scratch.crossings, 2, plane_distance)
 
 
 @compiled(forceinline=True, borrowing=True)
-def enter_solid(j: int, shapes: Shapes, m: int, crossings: np.ndarray, depth: Depth) -> None:
-    """Enter a solid prism into the depth buffer."""
+def add_solid(j: int, shapes: Shapes, m: int, crossings: np.ndarray, depth: Depth) -> None:
+    """Write a solid prism into the depth buffer where it is the nearest surface."""
     enter, q = load(crossings, 0), load(depth.q, j)
     nearer = (load(crossings, 1) <= enter) & (q < enter) & (enter < np.inf)
     put(depth.q, j, pick(nearer, enter, q))
-    put(depth.faces, j, pick(nearer, load(crossings, 2), load(depth.faces, j)))
+    put(depth.plane_distances, j, pick(nearer, load(crossings, 2), load(depth.plane_distances, j)))
     owner, reflectivity = 1.0 * shapes.owners[m], 1.0 * shapes.reflectivities[m]
     put(depth.owners, j, pick(nearer, spread(owner), load(depth.owners, j)))
     put(depth.reflectivity, j, pick(nearer, spread(reflectivity), load(depth.reflectivity, j)))
@@ -185,7 +187,7 @@ def mark_touched(j: int, scratch: Scratch, depth: Depth) -> None:
 
 
 @compiled(borrowing=True)
-def enter_porous(
+def add_porous(
     rays: RayColumns,
     blocks: Blocks,
     n: int,
@@ -196,7 +198,7 @@ def enter_porous(
     seed: int,
     depth: Depth,
 ) -> None:
-    """Enter a porous prism: each ray hits it after a random path, or passes through."""
+    """Write a porous prism into the depth buffer: rays hit it after a random path or not at all."""
     for i in range(min(WIDTH, len(blocks.order) - n * WIDTH)):
         enter, leave = crossings[0, i], crossings[1, i]
         if leave <= enter < np.inf and enter > depth.q[j, i]:
@@ -206,14 +208,14 @@ def enter_porous(
             q_hit = reach / (reach / enter + path / shapes.extinctions[m])
             if q_hit >= leave and q_hit > depth.q[j, i]:
                 depth.q[j, i] = q_hit
-                depth.faces[j, i] = LEAF_COSINE * reach / q_hit
+                depth.plane_distances[j, i] = LEAF_COSINE * reach / q_hit
                 depth.owners[j, i] = shapes.owners[m]
                 depth.reflectivity[j, i] = shapes.reflectivities[m]
 
 
 @compiled(borrowing=True)
 def free_path(seed: int, source: int, column: int, beam: int, stamp_s: float) -> float:
-    """Return a pseudo-random exponential path with rate 1; it depends on the arguments only."""
+    """Return a pseudo-random path length, exponential with rate 1; a function of the arguments."""
     state = np.uint64(seed)
     for part in (source, column, beam, np.int64(np.rint(stamp_s * 1e9))):
         state = mix(state + np.uint64(part) + np.uint64(0x9E3779B97F4A7C15))
