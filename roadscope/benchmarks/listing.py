@@ -122,13 +122,13 @@ def _suites() -> list[tuple[str, str]]:
 
 
 def _rigs() -> list[tuple[str, str]]:
-    from roadscope.envs.sensors.rigs import RIGS, PresetPlace
+    from roadscope.envs.sensors.rigs import RIGS, RigPreset
 
-    def described(place: PresetPlace) -> str:
-        camera = f" Camera {place.camera}." if place.camera else ""
-        ahead = f"{place.x_m:g} m ahead of the rear axle, {place.z_m:g} m above ground."
-        imu = f" IMU {place.imu}, wheel speed, swaying body." if place.imu else ""
-        return f"LiDAR {place.sensor}, {ahead}{camera}{imu}"
+    def described(preset: RigPreset) -> str:
+        camera = f" Camera {preset.camera}." if preset.camera else ""
+        ahead = f"{preset.x_m:g} m ahead of the rear axle, {preset.z_m:g} m above ground."
+        imu = f" IMU {preset.imu}, wheel speed, swaying body." if preset.imu else ""
+        return f"LiDAR {preset.sensor}, {ahead}{camera}{imu}"
 
     return _each(RIGS, described)
 

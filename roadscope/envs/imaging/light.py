@@ -27,8 +27,8 @@ class Light(Record):
     clouds: share of the sky that is covered, 0 to 1.
     lamps: whether street lamps, headlights and windows are lit.
     flare: stray light of the lens, as a multiple of that of a clean one.
-    gain: factor of the camera's exposure. iso: the part of it that the sensor amplifies, which adds
-        noise: white light fills 1 / iso of a pixel's well.
+    gain: factor of the camera's exposure. iso: the part of it that is amplification in the sensor,
+        which adds noise: white light fills 1 / iso of a pixel's well.
     """
 
     sun_azimuth: float = 0.9
@@ -80,8 +80,8 @@ def daylight(rng: np.random.Generator) -> Light:
     zenith = (1 - dull) * np.array([0.16, 0.28, 0.52]) + dull * grey
     horizon = (1 - dull) * np.array([0.58, 0.66 - 0.06 * low, 0.74 - 0.18 * low]) + dull * grey
     # The camera exposes for the light that falls on level ground.
-    fallen = float(np.mean(sun)) * np.sin(elevation) + float(np.mean(zenith + horizon)) / 2
-    exposure = min(1.7, 1.1 / fallen)
+    incident = float(np.mean(sun)) * np.sin(elevation) + float(np.mean(zenith + horizon)) / 2
+    exposure = min(1.7, 1.1 / incident)
     return Light(
         float(rng.uniform(-np.pi, np.pi)),
         elevation,

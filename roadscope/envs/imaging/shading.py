@@ -398,8 +398,8 @@ def light_faces(
             facing = x * air.towards[0] + y * air.towards[1] + z * air.towards[2]
             sun, up = max(0.0, facing) * lit[m], 0.5 + 0.5 * z
             for k in range(3):
-                fallen = up * air.sky[k] + (1.0 - up) * air.ground[k]
-                glow[m, side, k] = sun * air.sun[k] + fallen
+                diffuse = up * air.sky[k] + (1.0 - up) * air.ground[k]
+                glow[m, side, k] = sun * air.sun[k] + diffuse
 
 
 @compiled()

@@ -37,7 +37,9 @@ class Gaps:
 
     @staticmethod
     def of(shares: Sequence[float], lengths: Sequence[int], seed: int) -> Gaps:
-        """Return the gaps of the last of several severities: shares lost in bursts of some length.
+        """Return the gaps of the last of several severities.
+
+        shares: of lost measurements by severity, 0 to 1. lengths: of the bursts by severity.
 
         A burst covers a measurement with probability 1 - (1 - start)^length. Probabilities and
         lengths never fall with severity, so that each severity includes the earlier ones.
@@ -67,22 +69,22 @@ HEADLIGHT_LX = 40.0
 SUN_OFFSET_RAD = 0.1
 """The sun is at most this far from straight ahead."""
 FLARES = (1.5, 2.0, 3.0, 4.5, 7.0)
-"""Stray light of a windscreen as a multiple of a clean lens, by severity of the glare."""
+"""Stray light of a windscreen as a multiple of that of a clean lens, by severity of the glare."""
 
 
-def darkness(fault: Fault, rng: np.random.Generator) -> Light:
+def dark_night(fault: Fault, rng: np.random.Generator) -> Light:
     """Draw a night with the fault's illuminance; images are exposed for the light of headlights.
 
     With one seed, all severities are the same night except the light of the sky and the gain.
     """
     drawn = night(rng)
-    share = fault.figure / HEADLIGHT_LX / float(np.mean(drawn.horizon))
+    factor = fault.figure / HEADLIGHT_LX / float(np.mean(drawn.horizon))
     zenith, horizon, ground = (
-        _scaled(c, share) for c in (drawn.zenith, drawn.horizon, drawn.ground)
+        _scaled(c, factor) for c in (drawn.zenith, drawn.horizon, drawn.ground)
     )
     return replace(
         drawn,
-        sun=_scaled(drawn.sun, min(1.0, share)),
+        sun=_scaled(drawn.sun, min(1.0, factor)),
         zenith=zenith,
         horizon=horizon,
         ground=ground,
@@ -91,12 +93,12 @@ def darkness(fault: Fault, rng: np.random.Generator) -> Light:
     )
 
 
-def dazzling(fault: Fault, light: Light, ahead_rad: float, rng: np.random.Generator) -> Light:
+def with_glare(fault: Fault, light: Light, ahead_rad: float, rng: np.random.Generator) -> Light:
     """Return a light with glare: halos of lamps where these are lit, otherwise a low sun.
 
-    ahead_rad: heading of the camera, world frame; the sun is close to it.
+    ahead_rad: heading of the camera, world frame; the sun is within `SUN_OFFSET_RAD` of it.
     """
-    beside = float(rng.uniform(-SUN_OFFSET_RAD, SUN_OFFSET_RAD))
+    offset_rad = float(rng.uniform(-SUN_OFFSET_RAD, SUN_OFFSET_RAD))
     flare = FLARES[fault.severity - 1]
     if light.lamps:
         return replace(light, flare=flare)
@@ -106,21 +108,21 @@ def dazzling(fault: Fault, light: Light, ahead_rad: float, rng: np.random.Genera
     horizon = np.array([0.58, 0.66 - 0.06 * low, 0.74 - 0.18 * low])
     zenith = np.array([0.16, 0.28, 0.52])
     # The camera exposes for the light that falls on level ground, as in `daylight`.
-    fallen = float(np.mean(sun)) * np.sin(elevation) + float(np.mean(zenith + horizon)) / 2
+    incident = float(np.mean(sun)) * np.sin(elevation) + float(np.mean(zenith + horizon)) / 2
     return Light(
-        ahead_rad + beside,
+        ahead_rad + offset_rad,
         elevation,
         _scaled(sun, 1.0),
         _scaled(zenith, 1.0),
         _scaled(horizon, 1.0),
         clouds=0.0,
-        gain=min(1.7, 1.1 / fallen),
+        gain=min(1.7, 1.1 / incident),
         flare=flare,
     )
 
 
-def _scaled(colour: object, share: float) -> tuple[float, float, float]:
-    red, green, blue = (float(v) for v in np.asarray(colour, np.float64) * share)
+def _scaled(colour: object, factor: float) -> tuple[float, float, float]:
+    red, green, blue = (float(v) for v in np.asarray(colour, np.float64) * factor)
     return red, green, blue
 
 
@@ -136,7 +138,7 @@ METRES_PER_DEGREE = 0.04
 
 @dataclass(frozen=True, slots=True)
 class Disturbance:
-    """The faults of an episode with a seed; without faults, nothing changes.
+    """The faults of an episode, by kind, and its seed; without faults, nothing changes.
 
     Every fault has its own random numbers, which do not depend on other faults. All severities of a
     kind use the same ones: errors have the same direction, and a higher severity has the bursts of
@@ -167,9 +169,9 @@ class Disturbance:
         """Return the light of an image; ahead_rad: heading of the camera at its first image."""
         light = chosen
         if "night" in self.faults:
-            light = darkness(self.faults["night"], self._rng("night"))
+            light = dark_night(self.faults["night"], self._rng("night"))
         if "glare" in self.faults:
-            light = dazzling(self.faults["glare"], light, ahead_rad, self._rng("glare"))
+            light = with_glare(self.faults["glare"], light, ahead_rad, self._rng("glare"))
         return light
 
     def scan_lost(self, index: int) -> bool:
@@ -179,13 +181,16 @@ class Disturbance:
             return False
         return self._gaps(fault, SCANS_PER_BURST).burst_start(index) is not None
 
-    def image_lost(self, slot: int, period_s: float) -> str | None:
-        """Return `missing` or `black` if a blackout affects the image of a period, else None."""
+    def image_lost(self, index: int, period_s: float) -> str | None:
+        """Return `missing` or `black` if a blackout affects the index-th image, else None.
+
+        period_s: from image to image.
+        """
         fault = self.faults.get("blackout")
         if fault is None:
             return None
         lengths = tuple(max(1, round(s / period_s)) for s in SECONDS_PER_BLACKOUT)
-        begin = self._gaps(fault, lengths).burst_start(slot)
+        begin = self._gaps(fault, lengths).burst_start(index)
         if begin is None:
             return None
         return "black" if begin % 2 else "missing"

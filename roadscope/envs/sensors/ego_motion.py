@@ -26,10 +26,10 @@ UP = np.array([0.0, 0.0, 1.0])
 
 
 @dataclass(frozen=True, slots=True)
-class Turning:
-    """Rotation at T instants.
+class RotationalMotion:
+    """Rotational motion of a body at T instants.
 
-    rotations: (T, 3, 3), of the body in the world.
+    rotations: (T, 3, 3), world from body.
     omega, alpha: (T, 3) rad/s and rad/s^2, angular velocity and acceleration, world frame.
     """
 
@@ -38,8 +38,8 @@ class Turning:
     alpha: np.ndarray
 
     @staticmethod
-    def of(angles: np.ndarray, rates: np.ndarray, accelerations: np.ndarray) -> Turning:
-        """Return the rotation of (T, 3) yaw, pitch and roll, radians, with two derivatives."""
+    def of(angles: np.ndarray, rates: np.ndarray, accelerations: np.ndarray) -> RotationalMotion:
+        """Return the motion of (T, 3) yaw, pitch and roll, radians, with two time derivatives."""
         rotations = rotation_matrices(angles)
         yaw, pitch = angles[:, 0], angles[:, 1]
         left = np.column_stack([-np.sin(yaw), np.cos(yaw), np.zeros_like(yaw)])
@@ -54,7 +54,7 @@ class Turning:
         alpha = (
             sum(angular) + pitching * np.cross(yawing * UP, left) + rolling * np.cross(level, ahead)
         )
-        return Turning(rotations, level + rolling * ahead, alpha)
+        return RotationalMotion(rotations, level + rolling * ahead, alpha)
 
     def velocity(self, arms: np.ndarray) -> np.ndarray:
         """Return (T, 3) velocities of the ends of (T, 3) rotating lever arms, world frame."""
@@ -205,28 +205,29 @@ class EgoMotion:
         controls = _control_points(
             _ego_only(timeline), (knots[1:-3] + knots[2:-2] + knots[3:-1]) / 3
         )
-        self._level = BSpline(knots, controls, 3)
-        self._lean: BSpline | None = None
+        self._wheel_spline = BSpline(knots, controls, 3)
+        self._sway_spline: BSpline | None = None
         if sway is not None:
             angles = sway.respond(knots[3:-3], self._accelerations(knots[3:-3]))
-            self._lean = BSpline(knots[1:-1], angles, 3)
+            self._sway_spline = BSpline(knots[1:-1], angles, 3)
 
     def at(self, stamps_s: np.ndarray, point: np.ndarray | None = None) -> Kinematics:
         """Return the motion at (T,) stamps of a (3,) point of the ego frame; None: its origin."""
         times = np.asarray(stamps_s, np.float64)
-        levels = [self._level(times, nu=order) for order in range(3)]
-        leans = [self._leaning(times, order) for order in range(3)]
-        wheels = Turning.of(*(level[:, 3:] for level in levels))
-        body = Turning.of(
+        # The wheels' place, yaw, pitch and roll, the sway on top of them, and two derivatives each.
+        wheel_states = [self._wheel_spline(times, nu=order) for order in range(3)]
+        sways = [self._sway_angles(times, order) for order in range(3)]
+        wheels = RotationalMotion.of(*(state[:, 3:] for state in wheel_states))
+        body = RotationalMotion.of(
             *(
-                np.column_stack([level[:, 3], level[:, 4:] + lean])
-                for level, lean in zip(levels, leans, strict=True)
+                np.column_stack([state[:, 3], state[:, 4:] + sway])
+                for state, sway in zip(wheel_states, sways, strict=True)
             )
         )
         pivot = np.zeros(3) if self.sway is None else np.array(self.sway.pivot_m)
         foot = wheels.rotations @ pivot
         arm = body.rotations @ ((np.zeros(3) if point is None else point) - pivot)
-        position, velocity, acceleration = (level[:, :3] for level in levels)
+        position, velocity, acceleration = (state[:, :3] for state in wheel_states)
         return Kinematics(
             body.rotations,
             position + foot + arm,
@@ -247,24 +248,24 @@ class EgoMotion:
 
     def speeds(self, stamps_s: np.ndarray) -> np.ndarray:
         """Return (T,) speeds of the rear axle along the vehicle, m/s."""
-        yaws, pitches = self._level(stamps_s)[:, 3:5].T
-        x, y, z = self._level(stamps_s, nu=1)[:, :3].T
+        yaws, pitches = self._wheel_spline(stamps_s)[:, 3:5].T
+        x, y, z = self._wheel_spline(stamps_s, nu=1)[:, :3].T
         level = np.cos(yaws) * x + np.sin(yaws) * y
         speeds: np.ndarray = np.cos(pitches) * level - np.sin(pitches) * z
         return speeds
 
     def _accelerations(self, stamps_s: np.ndarray) -> np.ndarray:
         """Return (T, 2) accelerations of the rear axle, ahead and to the left, m/s^2."""
-        yaws = self._level(stamps_s)[:, 3]
-        x, y = self._level(stamps_s, nu=2)[:, :2].T
+        yaws = self._wheel_spline(stamps_s)[:, 3]
+        x, y = self._wheel_spline(stamps_s, nu=2)[:, :2].T
         cos, sin = np.cos(yaws), np.sin(yaws)
         return np.column_stack([cos * x + sin * y, cos * y - sin * x])
 
-    def _leaning(self, times: np.ndarray, order: int) -> np.ndarray:
-        """Return (T, 2) pitch and roll, or a derivative of them."""
-        if self._lean is None:
+    def _sway_angles(self, times: np.ndarray, order: int) -> np.ndarray:
+        """Return (T, 2) pitch and roll of the sway, radians, or a derivative of them."""
+        if self._sway_spline is None:
             return np.zeros((len(times), 2))
-        angles: np.ndarray = self._lean(times, nu=order)
+        angles: np.ndarray = self._sway_spline(times, nu=order)
         return angles
 
 
@@ -285,7 +286,7 @@ def _ego_only(timeline: Timeline) -> Timeline:
 
 
 def _control_points(ego: Timeline, stamps_s: np.ndarray) -> np.ndarray:
-    """Return (T, 6) place, yaw, pitch and roll of the rear axle at (T,) stamps.
+    """Return (T, 6) x, y, z, yaw, pitch and roll of the rear axle at (T,) stamps, metres, radians.
 
     They are averaged for raw timelines.
     """

@@ -1,4 +1,4 @@
-"""InertialSampler and wheel-speed samples of a vehicle's motion."""
+"""Inertial and wheel-speed samples of a vehicle's motion."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ PAGE = 1024
 
 
 class ImuNoise:
-    """White noise and wandering biases of the six axes, gyroscopes first.
+    """White noise and random-walk biases of the six axes, gyroscopes first.
 
     Everything depends only on the seed and the numbers of the samples.
     """
@@ -59,7 +59,7 @@ class ImuNoise:
         return self._pages[number]
 
     def _draw_page(self, number: int) -> None:
-        """Draw a page whose start bias is known, and store the start bias of the next."""
+        """Draw a page whose bias at the start is known, and store that of the next page."""
         # A seed with 0 appended gives the same numbers as the seed alone, hence number + 1.
         draws = np.random.default_rng([self._seed, number + 1]).standard_normal((2, PAGE, 6))
         ends = self._starts[number] + np.cumsum(self._step * draws[1], axis=0)
@@ -71,7 +71,7 @@ class ImuNoise:
 
 
 # --------------------------------------------------------------------------------------------------
-# InertialSampler samples of a vehicle's motion.
+# Inertial samples of a vehicle's motion.
 
 
 def measure(
@@ -79,7 +79,7 @@ def measure(
 ) -> ImuSamples:
     """Return samples number first to last; sample n is taken n periods after 0.
 
-    A finite bandwidth delays the samples slightly, by the unit's low-pass filter.
+    The unit's low-pass filter delays them slightly.
     """
     spec = mount.spec
     weights = spec.response()
@@ -98,7 +98,7 @@ def measure(
 
 
 def true_samples(motion: EgoMotion, mount: ImuMount, stamps_s: np.ndarray) -> np.ndarray:
-    """Return (T, 6) true angular velocity and specific force, imu frame, at (T,) stamps."""
+    """Return (T, 6) true angular velocity (rad/s) and specific force (m/s^2), frame `imu`."""
     here = motion.at(stamps_s, mount.ego_from_imu.translation)
     ego_from_imu = mount.ego_from_imu.rotation
     gravity = np.array([0.0, 0.0, -STANDARD_GRAVITY_M_S2])
@@ -120,7 +120,7 @@ class InertialSampler:
         self._wheel_seed = int(wheels)
         self._noise = None if rig.imu is None else ImuNoise(rig.imu.spec, int(imu))
 
-    def beside(self, frame: Frame, rig: Rig, motion: EgoMotion, index: int) -> Frame:
+    def with_samples(self, frame: Frame, rig: Rig, motion: EgoMotion, index: int) -> Frame:
         """Return the frame of the index-th sweep with its inertial and wheel samples."""
         if rig.imu is not None and self._noise is not None:
             span = samples_of(rig.lidar, index, rig.imu.spec.rate_hz)

@@ -155,11 +155,12 @@ IMU_X_M, IMU_Z_M = 1.3, 0.6
 
 
 @dataclass(frozen=True)
-class PresetPlace:
-    """The LiDAR of a preset rig and where it sits, and the names of its other sensors.
+class RigPreset:
+    """The LiDAR of a preset rig and where it is mounted, and the names of its other sensors.
 
-    x_m, z_m: metres, ego frame (origin on the ground below the rear axle). imu: its inertial unit;
-    a rig with one also has wheel speeds and sway. detection_limit: in place of that of the LiDAR.
+    sensor: name of the LiDAR. x_m, z_m: metres, ego frame (origin on the ground below the rear
+    axle). imu: its inertial unit; a rig with one also has wheel speeds and sway. detection_limit:
+    in place of that of the LiDAR.
     """
 
     sensor: str
@@ -171,22 +172,22 @@ class PresetPlace:
 
 
 PAVEMENT_LIMIT = 0.1 * (1.73 / 50.0) * (120.0 / 50.0) ** 2
-"""Detection limit of an HDL-64E that sees pavement 50 m away from 1.73 m above it. The manual does
-not say at which angle it is seen so far; `lidar_spec` takes it for normal incidence, and then roads
-end at about 20 m. Not compared with recorded scans."""
+"""Detection limit of an HDL-64E that detects pavement 50 m away from 1.73 m above it. The manual
+gives the 50 m without an angle of incidence; `lidar_spec` assumes normal incidence, and then
+returns from roads end at about 20 m. Not compared with recorded scans."""
 
-RIGS: Mapping[str, PresetPlace] = MappingProxyType(
+RIGS: Mapping[str, RigPreset] = MappingProxyType(
     {
-        "lux": PresetPlace("lux", 5.0, 0.55),
-        "vlp16": PresetPlace("vlp16", 2.5, 1.9),
-        "hdl32e": PresetPlace("hdl32e", 2.5, 1.9),
-        "hdl64e": PresetPlace("hdl64e", 2.5, 1.73),
-        "li2021": PresetPlace("lux", 5.0, 0.55, "bumblebee-xb3"),
-        "wide": PresetPlace("hdl32e", 2.5, 1.9, "wide"),
-        "vlp16-imu": PresetPlace("vlp16", 2.5, 1.9, imu="adis16448"),
-        "hdl32e-imu": PresetPlace("hdl32e", 2.5, 1.9, imu="adis16448"),
-        "hdl64e-imu": PresetPlace("hdl64e", 2.5, 1.73, imu="adis16448"),
-        "hdl64e-far": PresetPlace(
+        "lux": RigPreset("lux", 5.0, 0.55),
+        "vlp16": RigPreset("vlp16", 2.5, 1.9),
+        "hdl32e": RigPreset("hdl32e", 2.5, 1.9),
+        "hdl64e": RigPreset("hdl64e", 2.5, 1.73),
+        "li2021": RigPreset("lux", 5.0, 0.55, "bumblebee-xb3"),
+        "wide": RigPreset("hdl32e", 2.5, 1.9, "wide"),
+        "vlp16-imu": RigPreset("vlp16", 2.5, 1.9, imu="adis16448"),
+        "hdl32e-imu": RigPreset("hdl32e", 2.5, 1.9, imu="adis16448"),
+        "hdl64e-imu": RigPreset("hdl64e", 2.5, 1.73, imu="adis16448"),
+        "hdl64e-far": RigPreset(
             "hdl64e", 2.5, 1.73, imu="adis16448", detection_limit=PAVEMENT_LIMIT
         ),
     }
@@ -199,14 +200,14 @@ def rig(name_or_path: str | Path) -> Rig:
     """Return a preset, or the rig of a `.toml` file; errors list the known names."""
     text = str(name_or_path)
     if text in RIGS:
-        place = RIGS[text]
-        numbers = {"x_m": place.x_m, "z_m": place.z_m}
-        if place.detection_limit is not None:
-            numbers["detection_limit"] = place.detection_limit
-        lidar_rig = _rig(text, place.sensor, numbers)
-        camera = None if place.camera is None else preset(place.camera)
+        chosen = RIGS[text]
+        numbers = {"x_m": chosen.x_m, "z_m": chosen.z_m}
+        if chosen.detection_limit is not None:
+            numbers["detection_limit"] = chosen.detection_limit
+        lidar_rig = _rig(text, chosen.sensor, numbers)
+        camera = None if chosen.camera is None else preset(chosen.camera)
         camera_rig = replace(lidar_rig, camera=camera)
-        return camera_rig if place.imu is None else _with_imu(camera_rig, place.imu)
+        return camera_rig if chosen.imu is None else _with_imu(camera_rig, chosen.imu)
     if text.endswith(".toml"):
         return load_rig(Path(text))
     raise RecordError(f"{unknown('rig', text, RIGS)}; or a path ending in .toml")
@@ -228,7 +229,7 @@ def load_rig(path: Path | str) -> Rig:
 
 
 def scaled_noise(rig: Rig, factor: float) -> Rig:
-    """Return the rig with every error and dropout times a factor."""
+    """Return the rig with the errors of all sensors but the camera, and dropout, times a factor."""
     if not (math.isfinite(factor) and factor >= 0):
         raise RecordError(f"a noise factor is a finite number from 0 up, got {factor}")
     spec = rig.lidar.spec
@@ -252,8 +253,8 @@ def _from_table(table: Mapping[str, Any], stem: str) -> Rig:
     if not isinstance(name, str) or not name:
         raise RecordError(f"name: expected text, got {name!r}")
     numbers = {k: number(k, table[k]) for k in (*MOUNT_KEYS, *SPEC_KEYS) if k in table}
-    place = RIGS.get(sensor)
-    usual = {} if place is None else {"x_m": place.x_m, "z_m": place.z_m}
+    of_sensor = RIGS.get(sensor)
+    usual = {} if of_sensor is None else {"x_m": of_sensor.x_m, "z_m": of_sensor.z_m}
     return _with_extras(_rig(name, sensor, {**usual, **numbers}), table)
 
 

@@ -71,7 +71,7 @@ def truth_of_image(timeline: Timeline, stamp_s: float, image_truth: ImageTruth) 
 
 
 def pixel_truth_of(timeline: Timeline, stamp_s: float, image_truth: ImageTruth) -> PixelTruth:
-    """Return depth, actor id and category of every pixel."""
+    """Return depth, actor id and category of every pixel, (H, W) each."""
     owners = image_truth.owners
     actors = owners >= 0
     instances = owners.astype(np.int64)
@@ -269,7 +269,7 @@ class Sensing:
         motion = self._motion(timeline, index, truth.world_from_ego)
         frame = Frame(stamp_s, self.calibration, lidar=scan, previous_from_ego=motion)
         if self.rig.inertial:
-            frame = self._inertial.beside(frame, self.rig, self._ego_motion(timeline), index)
+            frame = self._inertial.with_samples(frame, self.rig, self._ego_motion(timeline), index)
             truth = self._with_smooth_pose(truth, timeline)
         if self.scan_lost(index):
             return replace(frame, lidar=None), replace(truth, sources=np.empty(0, np.int64))
@@ -368,8 +368,8 @@ class Sensing:
     def _delivered(self, image: CameraImage, stamp_s: float) -> CameraImage | None:
         """Return the image as it reaches the user, None if it is missing."""
         mount = self._camera()
-        slot = int(np.floor((image.stamp_s - mount.first_stamp_s) / mount.spec.period_s + 0.5))
-        lost = self.image_lost(slot)
+        index = int(np.floor((image.stamp_s - mount.first_stamp_s) / mount.spec.period_s + 0.5))
+        lost = self.image_lost(index)
         if lost == "missing":
             return None
         pixels = np.zeros_like(image.pixels) if lost == "black" else image.pixels
@@ -406,7 +406,12 @@ class Sensing:
     def _place_bodies(
         self, timeline: Timeline, stamps_s: np.ndarray, radius_m: float
     ) -> tuple[Scene, list[Pose]]:
-        """Return scene and ego poses at knots; the last stamp is their middle, not a knot."""
+        """Return the scene and the ego's poses at the knots.
+
+        stamps_s: the knots and, unless it is the only one, their middle, which is no knot. The
+            actors present and the scenery are those of the middle.
+        radius_m: of the scenery around the ego.
+        """
         knots = stamps_s[:-1] if len(stamps_s) > 1 else stamps_s
         states = timeline.at(stamps_s)
         present = states.present[-1].copy()
