@@ -70,7 +70,9 @@ def check_image_detections(answer: Any, *, stamp_s: float) -> ImageDetections:
 def check_tracks(answer: Any, *, stamp_s: float, posed: bool, method: str = "update") -> Tracks:
     """Return a tracker's answer to the detections at a stamp.
 
+    stamp_s: of the detections, seconds.
     posed: whether the tracker got the ego's pose; only then may it answer in frame `world`.
+    method: the tracker's method that answered, for error texts.
     """
     tracks = _of_class(answer, Tracks, method)
     _check_count(tracks, "tracks")
@@ -92,7 +94,7 @@ def check_rescored(
         raise AnswerError(f"rescored returned {type(answer).__name__}, not a sequence of Tracks")
     if len(answer) != len(stamps_s):
         raise AnswerError(
-            f"rescored returned {len(answer)} records for {len(stamps_s)} records; answer every "
+            f"rescored returned {len(answer)} records for {len(stamps_s)} frames; answer every "
             "frame, also those without tracks"
         )
     return tuple(

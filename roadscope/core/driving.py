@@ -16,7 +16,7 @@ from roadscope.core.tracks import Tracks
 class DrivingCommand(Record):
     """What a driver wants: the vehicle steers by itself along the lane that it names.
 
-    acceleration_m_s2: negative to brake. target_lane: number from the left, below
+    acceleration_m_s2: negative to brake. target_lane: from 0 at the left, below
         `DrivingScene.lanes`; the vehicle crosses the lanes between.
     """
 
@@ -44,7 +44,8 @@ class DrivingScene(Record):
     tracks: road users as they are perceived, frame `world`, moved on to the stamp.
     lanes: how many lanes the ego may use, numbered from 0 at the left. lane, target_lane: where it
         is, and which it follows; during a change they differ.
-    desired_speed_m_s: on a free straight road. allowed_speed_m_s: the same or less before curves.
+    desired_speed_m_s: on a free straight road. allowed_speed_m_s: the same, or less before curves
+        and speed limits.
     gap_m: to the next track ahead on the lane or the target lane, bumper to bumper; inf for none.
     leader_speed_m_s: speed of that track along the lane; 0 without one.
     line_m: from the front bumper to the line where the ego must give way; inf without one.

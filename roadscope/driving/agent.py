@@ -18,13 +18,13 @@ DECISION_STEPS = 2
 """An agent decides at every second call of a driver: every 0.2 s."""
 ACCELERATIONS_M_S2 = (-8.0, -4.0, -2.0, 0.0, 1.5)
 """Accelerations of the first actions, which keep the lane: from full braking to that of a car in
-traffic. All numbers here are chosen by hand."""
+traffic. These and the numbers below are chosen by hand."""
 LEFT, RIGHT = len(ACCELERATIONS_M_S2), len(ACCELERATIONS_M_S2) + 1
 """Actions that change to the next lane on that side, at constant speed."""
 ACTIONS = RIGHT + 1
 """Number of actions."""
 ROAD_USERS = 10
-"""At most so many are observed, the nearest ones."""
+"""Most road users in an observation: the nearest ones."""
 BEHIND_M, AHEAD_M, BESIDE_M = 40.0, 90.0, 30.0
 """Road users farther away, along the way ahead and beside it, are not observed."""
 SPEED_M_S, CLOSING_M_S, GAP_M, LANE_M = 30.0, 10.0, 50.0, 4.0
@@ -35,11 +35,13 @@ LONGEST_GAP_M = 100.0
 LARGEST = 4.0
 """Values beyond this are limited to it."""
 EGO_VALUES, USER_VALUES = 11, 6
+"""Numbers of values of the ego and the road, and of each road user."""
 OBSERVED = EGO_VALUES + ROAD_USERS * USER_VALUES
 """Number of values of an observation."""
 _PEOPLE = (Category.PEDESTRIAN, Category.CYCLIST)
 SAME_M2 = 1e-6
-"""Squared distances that differ less are equal: outside a corner two pieces of a path are."""
+"""Squared distances that differ by less count as equal: a point outside a corner of the path is as
+far from one segment as from the next."""
 
 
 def observed(scene: DrivingScene) -> np.ndarray:
@@ -115,13 +117,13 @@ def _along_path(points: np.ndarray, scene: DrivingScene) -> tuple[np.ndarray, np
     """Return places along and to the left of the path ahead, and its directions there.
 
     points: (N, 2). Both results are (N, 2), metres and unit vectors.
-    The nearest piece of the path counts; it is taken as straight beyond its ends.
+    Places are relative to the nearest segment of the path, continued straight beyond its ends.
     """
     path = scene.path
     steps = np.diff(path, axis=0)
     lengths = np.hypot(steps[:, 0], steps[:, 1])
-    real = lengths > 0  # At the end of a road points of the path may coincide.
-    starts, steps, lengths = path[:-1][real], steps[real], lengths[real]
+    distinct = lengths > 0  # Points that coincide give no direction.
+    starts, steps, lengths = path[:-1][distinct], steps[distinct], lengths[distinct]
     if not len(starts):
         yaw = scene.world_from_ego.yaw
         starts, lengths = path[:1], np.ones(1)
@@ -164,9 +166,9 @@ HIDDEN = (64, 64)
 FOLDER = Path(__file__).parent / "agents"
 ENDING = ".safetensors"
 ABOUT = "roadscope"
-"""Entry of the file's metadata that names the architecture."""
+"""Key of the file's metadata under which the architecture is named."""
 ARCHITECTURE = "driver-1"
-"""Another one has other observations, actions or layers."""
+"""Name of these observations, actions and layers; files with another name are refused."""
 
 
 class AgentDriver:
@@ -228,7 +230,7 @@ def load_agent(weights: str | Path) -> Layers:
 
 
 def agent_path(weights: str | Path) -> Path:
-    """Return the file of a shipped agent's name or of a file."""
+    """Return the path of an agent's file. weights: name of a shipped agent, or a file."""
     if Path(weights).suffix == ENDING:
         return Path(weights)
     path = FOLDER / f"{weights}{ENDING}"
@@ -239,6 +241,7 @@ def agent_path(weights: str | Path) -> Path:
 
 
 def _layers(path: Path, tensors: Mapping[str, np.ndarray]) -> Layers:
+    """Return the layers of the tensors in a file; raise `ValueError` for wrong ones."""
     widths = (OBSERVED, *HIDDEN, ACTIONS)
     for k, (inputs, outputs) in enumerate(pairwise(widths)):
         for name, shape in ((f"weights.{k}", (outputs, inputs)), (f"biases.{k}", (outputs,))):
@@ -251,7 +254,7 @@ def _layers(path: Path, tensors: Mapping[str, np.ndarray]) -> Layers:
 
 
 def save_agent(path: Path, layers: Layers) -> None:
-    """Write an agent."""
+    """Write an agent to a `.safetensors` file."""
     from safetensors.numpy import save_file
 
     tensors: dict[str, np.ndarray] = {}

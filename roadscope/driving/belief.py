@@ -12,9 +12,9 @@ from roadscope.core import Tracks
 from roadscope.envs.traffic.conversion import ForeignEnvError, from_world
 
 BESIDE_ROAD_M = 3.0
-"""Tracks farther beside every lane are left out, since lanes are known; chosen by hand."""
+"""Tracks that are farther than this beside every lane are left out; chosen by hand."""
 OBSERVATIONS = ("Kinematics", "OccupancyGrid", "TimeToCollision")
-"""Observations of highway-env that can be made of tracks."""
+"""Types of highway-env's observations that can be made of tracks."""
 
 
 class BelievedObservation:

@@ -16,8 +16,8 @@ STEPS = 2
 """Steps of the simulation from one decision to the next."""
 DECISION_S = STEPS * STEP_S
 SUPPORTS = 3
-"""The smooth motion of the ego needs this many times `STATES_AHEAD` recorded states: for its delay
-and for the knots of its splines."""
+"""The smooth motion of the ego needs this many times `STATES_AHEAD` recorded states, because it is
+delayed and because of the knots of its splines."""
 
 
 class ClosedLoop:
@@ -25,7 +25,8 @@ class ClosedLoop:
 
     scenario: a simulated one of `SCENARIOS`. seed: of traffic, world and noise.
     perception: a stack; `truth`: all road users as they are; `blind`: none.
-    rig: a rig or the name of one; that of the stack. weather, light, faults: as in `SensorWrapper`.
+    rig: the rig, or its name, for which the stack was made. duration_s: most seconds of the drive.
+    weather, light, faults: as in `SensorWrapper`.
 
     Sensors measure between the steps, at their own rates. The driver gets the latest tracks, moved
     on to the step at constant velocity. Of itself and of the road it knows the truth.
@@ -47,7 +48,7 @@ class ClosedLoop:
         self.duration_s = duration_s
         self.truths: list[Truth] = []
         self.processed: list[tuple[Truth, Tracks]] = []
-        self._waiting: dict[float, Truth] = {}
+        self._unprocessed: dict[float, Truth] = {}
         self._perception = perception
         self._sensing: Sensing | None = None
         if isinstance(perception, Perception):
@@ -62,8 +63,8 @@ class ClosedLoop:
     def over(self) -> bool:
         """Whether the time is up, the road has ended, or the ego has collided."""
         traffic = self.traffic
-        is_late = traffic.now_s >= self.duration_s - STEP_S / 2
-        return is_late or traffic.collided_with is not None or traffic.arrived
+        is_time_up = traffic.now_s >= self.duration_s - STEP_S / 2
+        return is_time_up or traffic.collided_with is not None or traffic.arrived
 
     def tracks(self) -> Tracks:
         """Return the road users as they are perceived now, frame `world`.
@@ -81,30 +82,30 @@ class ClosedLoop:
         assert self._sensing is not None
         pairs = self._sensing.advance(traffic.timeline(self._memory_s), traffic.now_s)
         self.truths = [truth for _, truth in pairs]
-        self._waiting |= {
+        self._unprocessed |= {
             frame.lidar.stamp_s: truth for frame, truth in pairs if frame.lidar is not None
         }
         self._perception.update([frame for frame, _ in pairs], self.truths, traffic.now_s)
         self.processed = [
-            (self._waiting.pop(tracks.stamp_s), tracks)
+            (self._unprocessed.pop(tracks.stamp_s), tracks)
             for tracks in self._perception.take_processed()
-            if tracks.stamp_s in self._waiting
+            if tracks.stamp_s in self._unprocessed
         ]
         return self._perception.tracks(traffic.now_s)
 
     def scene(self, tracks: Tracks) -> DrivingScene:
-        """Return what the driver gets. tracks: of this step."""
+        """Return what the driver gets. tracks: of this step, frame `world`."""
         return scene_of(self.traffic, tracks, self.traffic.outlook(tracks))
 
     def step(self, command: DrivingCommand) -> None:
-        """Drive on for 0.1 s."""
+        """Drive on for 0.1 s, or until the drive is over."""
         for k in range(STEPS):
             if not self.over:
                 self.traffic.step(command, is_new=k == 0)
 
 
 def scene_of(traffic: DrivenTraffic, tracks: Tracks, outlook: Outlook) -> DrivingScene:
-    """Return a scene. outlook: of these tracks."""
+    """Return what a driver gets. outlook: the one of these tracks."""
     return DrivingScene(
         stamp_s=traffic.now_s,
         world_from_ego=traffic.world_from_ego,

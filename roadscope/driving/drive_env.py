@@ -33,17 +33,18 @@ class DriveEnv(gym.Env[np.ndarray, np.int64]):
     scenario: one that the board `driving` takes, or several, of which each episode has one at
         random.
     perception: a stack, `DETECTOR + TRACKER`; `truth`; `blind`; or several, likewise.
-    rig: of the stacks. duration_s: of an episode; that of the scenario if left out.
+    rig: for all stacks. duration_s: of an episode; None: that of the scenario.
     seeds: of traffic and world, of which each episode has one at random. The default, 0 to 9999,
         are the training seeds of suites: the test seeds of boards begin at 20,000.
 
     An observation is (71,) float32 (`observed`), an action one of 7 (`command_of`): five
-    accelerations, and a change to the left and to the right. A step lasts 0.2 s. Its reward is the
-    time in seconds, times the speed over the desired speed, at most 1. An episode terminates with a
-    collision. It is truncated when the time is up or the road ends. `info` has `scenario`, `seed`,
-    `perception` and, from the first step on, `time_s` since the start and `collided`.
+    accelerations, and a change to the left and to the right. A step lasts 0.2 s. Its reward is its
+    duration in seconds, times the ratio of speed to desired speed, which counts as at most 1. An
+    episode terminates with a collision. It is truncated when the time is up or the road ends.
+    `info` has `scenario`, `seed`, `perception` and, from the first step on, `time_s` since the
+    start and `collided`.
 
-    Gymnasium's own seed decides what each episode has. `options` of `reset` may have `seed`,
+    Gymnasium's own seed decides what is drawn for an episode. `options` of `reset` may have `seed`,
     `scenario` and `perception`, which then are not drawn.
     """
 
@@ -110,14 +111,14 @@ class DriveEnv(gym.Env[np.ndarray, np.int64]):
                 f"possible: {', '.join(drawn)}"
             )
         self._info = {**drawn, **(options or {})}
-        scenario, text = self._info["scenario"], self._info["perception"]
-        if text not in self._stacks:
-            self._stacks[text] = stack_of(text, self._rig)
+        scenario, perception = self._info["scenario"], self._info["perception"]
+        if perception not in self._stacks:
+            self._stacks[perception] = stack_of(perception, self._rig)
         duration_s = find(scenario).duration_s if self._duration_s is None else self._duration_s
         self._loop = ClosedLoop(
             scenario,
             self._info["seed"],
-            perception=self._stacks[text],
+            perception=self._stacks[perception],
             rig=self._rig,
             duration_s=duration_s,
         )
@@ -134,9 +135,9 @@ class DriveEnv(gym.Env[np.ndarray, np.int64]):
                 break
             traffic = loop.traffic
             before_s = traffic.now_s
-            share = min(traffic.speed_m_s / max(traffic.desired_speed_m_s, 0.1), 1.0)
+            speed_ratio = min(traffic.speed_m_s / max(traffic.desired_speed_m_s, 0.1), 1.0)
             loop.step(command_of(int(action), scene))
-            reward += (traffic.now_s - before_s) * share
+            reward += (traffic.now_s - before_s) * speed_ratio
             scene = loop.scene(loop.tracks())
         self._scene = scene
         collided = loop.traffic.collided_with is not None

@@ -43,10 +43,11 @@ class EmergencyBrake:
 
     It reacts to tracks only shortly before a collision, so errors of tracks have a great effect.
 
-    time_to_collision_s: below this time, it brakes. braking_m_s2: how hard.
-    standstill_gap_m: it also brakes when the gap is smaller.
-    gain_1_s: acceleration for each metre a second that the speed is too low, up to `comfort_m_s2`;
-        slower traffic ahead is followed only by braking.
+    time_to_collision_s: it brakes if the gap would shrink to `standstill_gap_m` within this time at
+        constant speeds. braking_m_s2: how hard it brakes.
+    standstill_gap_m: it also brakes while the gap is smaller.
+    gain_1_s: acceleration for each m/s between the allowed speed and its own, at most
+        `comfort_m_s2` either way; slower traffic ahead is followed only by braking.
     """
 
     def __init__(

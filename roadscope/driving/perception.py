@@ -32,7 +32,7 @@ from roadscope.odometry.api import update_with_wheels
 from roadscope.trackers import TRACKERS, is_offline
 
 PLUS = " + "
-"""Stands between the detector and the tracker of a stack."""
+"""Separates the detector from the tracker in the text of a stack."""
 TRUTH, BLIND = "truth", "blind"
 """Stacks without sensors: the true road users, and no road users."""
 
@@ -50,9 +50,9 @@ def in_this_process(registry: Registry[Any], spec: Spec) -> Any:
 
 
 def parts_of(text: str) -> tuple[Spec, Spec]:
-    """Return the specs of the detector and of the tracker of a stack, `SpecError` if it is none.
+    """Return the specs of the detector and of the tracker of a stack; that of the tracker resolved.
 
-    That of the tracker is resolved.
+    Raise `SpecError` for a text that is no stack.
     """
     detector, plus, tracker = text.rpartition(PLUS)
     if not plus:
@@ -127,7 +127,7 @@ class Perception:
         return replace(self._tracks, centres=moved, stamp_s=now_s)
 
     def _track(self, detections: Detections) -> None:
-        # A detector that answers late gives an empty answer for a frame before the real one.
+        # A detector that answers late has an empty answer for a frame first, and then another.
         if self._tracks is not None and detections.stamp_s <= self._tracks.stamp_s:
             return
         pose = self._ego.believed(detections.stamp_s)
@@ -155,7 +155,10 @@ class _Lidar:
         if frame.lidar is not None:
             detections = self._detector.detect(frame)
             if not isinstance(detections, Detections):
-                raise SpecError(f"{type(self._detector).__name__} finds no boxes in space")
+                raise SpecError(
+                    f"{type(self._detector).__name__} detects no boxes in space: a stack needs a "
+                    "LiDAR detector"
+                )
             self._completed.append(detections)
 
     def completed(self, now_s: float) -> list[Detections]:
@@ -165,9 +168,9 @@ class _Lidar:
 
 
 class _Fused:
-    """Fused detections of scans and the images nearest in time.
+    """Fused detections of each scan and the image nearest in time.
 
-    A scan waits until no image that comes later can be nearest to it.
+    A scan waits until no later image can be the nearest.
     """
 
     def __init__(self, spec: Spec, rig: Rig, make: MakePlugin) -> None:
@@ -221,11 +224,14 @@ class _Fused:
 
 
 class _EgoPoses:
-    """The poses of the ego that a tracker gets."""
+    """The poses of the ego that a tracker gets: true ones, those of an odometry, or none.
+
+    spec: the tracker's `?ego=`; None for true poses.
+    """
 
     def __init__(self, spec: Spec | None, rig: Rig, make: MakePlugin) -> None:
         source = TRUE_POSES if spec is None else str(spec)
-        self._posed, self._odometry = source != NO_POSES, None
+        self._has_poses, self._odometry = source != NO_POSES, None
         self._rig = rig
         if source not in (TRUE_POSES, NO_POSES):
             self._odometry = make(ODOMETRIES, Spec.parse(source))
@@ -238,31 +244,34 @@ class _EgoPoses:
     def reset(self) -> None:
         self._true: deque[tuple[float, Pose]] = deque(maxlen=64)
         self._estimated: deque[tuple[float, Pose]] = deque(maxlen=64)
-        self._fresh = True
+        self._must_reset = True
 
     def add(self, frame: Frame, truth: Truth) -> None:
         self._true.append((truth.stamp_s, truth.world_from_ego))
         if self._odometry is None or frame.lidar is None:
             return
         mounting = frame.calibration.pose(self._rig.lidar.name)
-        if self._fresh:
+        if self._must_reset:
             lidar_from_imu = None
             if self._rig.imu is not None:
                 lidar_from_imu = mounting.inverse() @ frame.calibration.pose(self._rig.imu.name)
             self._odometry.reset(lidar_from_imu)
-            self._fresh = False
+            self._must_reset = False
         estimate = update_with_wheels(self._odometry, frame.lidar, frame.imu, frame.wheels)
         pose = mounting @ estimate.start_from_lidar @ mounting.inverse()
         self._estimated.append((frame.lidar.stamp_s, pose))
 
     def believed(self, stamp_s: float) -> Pose | None:
-        """Return the pose that the tracker gets."""
-        if not self._posed:
+        """Return `world_from_ego` as the tracker gets it, None if it gets no poses."""
+        if not self._has_poses:
             return None
         return _nearest(self._true if self._odometry is None else self._estimated, stamp_s)
 
     def in_true_world(self, tracks: Tracks, pose: Pose | None, stamp_s: float) -> Tracks:
-        """Return tracks in the true world: they are where the ego believes them, seen from it."""
+        """Return tracks in the true frame `world`; relative to the ego, their places do not change.
+
+        pose: that of `believed`, which the tracker got.
+        """
         world_from_ego = _nearest(self._true, stamp_s)
         if tracks.frame == "ego":
             own = tracks.moved(world_from_ego, "world")
@@ -272,7 +281,7 @@ class _EgoPoses:
         return tracks.moved(world_from_ego @ pose.inverse(), "world")
 
     def _velocity(self, world_from_ego: Pose, tracks: Tracks) -> np.ndarray:
-        """Return (N, 2) velocity of points that move along with the ego, m/s."""
+        """Return (N, 2) velocities that tracks would have if they were fixed to the ego, m/s."""
         if len(self._true) < 2:
             return np.zeros((len(tracks), 2))
         (before_s, before), (now_s, now) = self._true[-2], self._true[-1]

@@ -35,9 +35,9 @@ class PerceptionWrapper(gym.Wrapper[np.ndarray, Any, Any, Any], RecordConstructo
     tracked. The ego's own state, lanes and fixed obstacles are true; tracks more than 3 m beside
     every lane are left out.
 
-    `info["tracks"]` has the tracks, frame `world`. Other entries are those of `SensorWrapper`;
-    without sensors there is only `time_s`. Traffic, rewards and ends of
-    episodes are those of the environment.
+    `info["tracks"]` has the tracks, frame `world`, except with `truth`. Other entries are those of
+    `SensorWrapper`; without sensors there is only `time_s`. Traffic, rewards and ends of episodes
+    are those of the environment.
     """
 
     def __init__(
