@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
+from typing import NamedTuple
 
 import numpy as np
 
@@ -69,27 +70,49 @@ class Light(Record):
         )
 
 
+class Sky(NamedTuple):
+    """Colours of the sun's light, and of the sky overhead and at the horizon, (3,) linear RGB."""
+
+    sun: np.ndarray
+    zenith: np.ndarray
+    horizon: np.ndarray
+
+
+def clear_sky(elevation: float) -> Sky:
+    """Return a sky without clouds. elevation: of the sun, radians; a low sun is redder."""
+    low = max(0.0, 1.0 - elevation / 0.5)
+    return Sky(
+        np.array([0.85, 0.80 - 0.18 * low, 0.70 - 0.38 * low]),
+        np.array([0.16, 0.28, 0.52]),
+        np.array([0.58, 0.66 - 0.06 * low, 0.74 - 0.18 * low]),
+    )
+
+
+def exposure_gain(sky: Sky, elevation: float) -> float:
+    """Return the gain of a camera that exposes for the light which falls on level ground."""
+    from_sky = float(np.mean(sky.zenith + sky.horizon)) / 2
+    return float(min(1.7, 1.1 / (float(np.mean(sky.sun)) * np.sin(elevation) + from_sky)))
+
+
 def daylight(rng: np.random.Generator) -> Light:
     """Draw a time of day and a sky between sunny and overcast."""
     elevation = float(rng.uniform(0.2, 1.1))
     clouds = float(rng.beta(0.8, 1.2))
     dull = max(0.0, 2.0 * clouds - 1.0)
-    low = max(0.0, 1.0 - elevation / 0.5)
-    sun = np.array([0.85, 0.80 - 0.18 * low, 0.70 - 0.38 * low]) * (1.0 - 0.95 * dull)
-    grey = np.array(GREY)
-    zenith = (1 - dull) * np.array([0.16, 0.28, 0.52]) + dull * grey
-    horizon = (1 - dull) * np.array([0.58, 0.66 - 0.06 * low, 0.74 - 0.18 * low]) + dull * grey
-    # The camera exposes for the light that falls on level ground.
-    incident = float(np.mean(sun)) * np.sin(elevation) + float(np.mean(zenith + horizon)) / 2
-    exposure = min(1.7, 1.1 / incident)
+    clear, grey = clear_sky(elevation), np.array(GREY)
+    sky = Sky(
+        clear.sun * (1.0 - 0.95 * dull),
+        (1 - dull) * clear.zenith + dull * grey,
+        (1 - dull) * clear.horizon + dull * grey,
+    )
     return Light(
         float(rng.uniform(-np.pi, np.pi)),
         elevation,
-        _colour(sun),
-        _colour(zenith),
-        _colour(horizon),
+        colour_of(sky.sun),
+        colour_of(sky.zenith),
+        colour_of(sky.horizon),
         clouds=clouds,
-        gain=exposure * float(rng.uniform(0.95, 1.3)),
+        gain=exposure_gain(sky, elevation) * float(rng.uniform(0.95, 1.3)),
     )
 
 
@@ -115,9 +138,9 @@ def dusk(rng: np.random.Generator) -> Light:
     return Light(
         float(rng.uniform(-np.pi, np.pi)),
         float(rng.uniform(0.04, 0.12)),
-        _colour(warm),
-        _colour(zenith),
-        _colour(horizon),
+        colour_of(warm),
+        colour_of(zenith),
+        colour_of(horizon),
         (0.05, 0.045, 0.04),
         clouds=float(rng.uniform(0.1, 0.6)),
         lamps=True,
@@ -133,8 +156,8 @@ def night(rng: np.random.Generator) -> Light:
         float(rng.uniform(-np.pi, np.pi)),
         float(rng.uniform(0.5, 1.2)),
         (0.004, 0.005, 0.007),
-        _colour(town * np.array([0.004, 0.0045, 0.007])),
-        _colour(town * np.array([0.018, 0.015, 0.012])),
+        colour_of(town * np.array([0.004, 0.0045, 0.007])),
+        colour_of(town * np.array([0.018, 0.015, 0.012])),
         (0.004, 0.004, 0.003),
         clouds=float(rng.uniform(0.0, 0.7)),
         lamps=True,
@@ -157,6 +180,7 @@ def light_named(name: str | Light, rng: np.random.Generator) -> Light:
     return LIGHTS[name](rng)
 
 
-def _colour(values: np.ndarray) -> Colour:
+def colour_of(values: np.ndarray) -> Colour:
+    """Return a (3,) colour as a tuple of floats."""
     red, green, blue = (float(v) for v in values)
     return red, green, blue

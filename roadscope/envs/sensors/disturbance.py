@@ -9,10 +9,11 @@ from functools import lru_cache
 import numpy as np
 
 from roadscope.core import Calibration, Pose
-from roadscope.envs.imaging.light import Light, night
+from roadscope.envs.imaging.light import Light, clear_sky, colour_of, exposure_gain, night
 from roadscope.envs.sensors.faults import FAULTS, Fault
 from roadscope.envs.sensors.rig import Rig
 from roadscope.envs.sensors.weather import CLEAR, WEATHERS, Weather
+from roadscope.envs.world.materials import Colour
 
 # --------------------------------------------------------------------------------------------------
 # Measurements that are lost in bursts; they do not depend on the order of requests.
@@ -103,27 +104,21 @@ def with_glare(fault: Fault, light: Light, ahead_rad: float, rng: np.random.Gene
     if light.lamps:
         return replace(light, flare=flare)
     elevation = float(np.radians(fault.figure))
-    low = max(0.0, 1.0 - elevation / 0.5)
-    sun = np.array([0.85, 0.80 - 0.18 * low, 0.70 - 0.38 * low])
-    horizon = np.array([0.58, 0.66 - 0.06 * low, 0.74 - 0.18 * low])
-    zenith = np.array([0.16, 0.28, 0.52])
-    # The camera exposes for the light that falls on level ground, as in `daylight`.
-    incident = float(np.mean(sun)) * np.sin(elevation) + float(np.mean(zenith + horizon)) / 2
+    sky = clear_sky(elevation)
     return Light(
         ahead_rad + offset_rad,
         elevation,
-        _scaled(sun, 1.0),
-        _scaled(zenith, 1.0),
-        _scaled(horizon, 1.0),
+        colour_of(sky.sun),
+        colour_of(sky.zenith),
+        colour_of(sky.horizon),
         clouds=0.0,
-        gain=min(1.7, 1.1 / incident),
+        gain=exposure_gain(sky, elevation),
         flare=flare,
     )
 
 
-def _scaled(colour: object, factor: float) -> tuple[float, float, float]:
-    red, green, blue = (float(v) for v in np.asarray(colour, np.float64) * factor)
-    return red, green, blue
+def _scaled(colour: Colour, factor: float) -> Colour:
+    return colour_of(np.array(colour) * factor)
 
 
 # --------------------------------------------------------------------------------------------------
