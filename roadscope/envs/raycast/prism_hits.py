@@ -22,6 +22,8 @@ from roadscope.envs.world.prisms import MAX_EDGES
 
 LINES = MAX_EDGES + 2
 """Most faces of a prism: its sides, bottom and top."""
+SPLITMIX_STEP = np.uint64(0x9E3779B97F4A7C15)
+"""Increment of a random state before it is scrambled (Steele, Lea and Flood's SplitMix, 2014)."""
 LEAF_COSINE = 0.5
 """Mean cosine of incidence on leaves with uniformly distributed directions."""
 
@@ -218,7 +220,7 @@ def free_path(seed: int, source: int, column: int, beam: int, stamp_s: float) ->
     """Return a pseudo-random path length, exponential with rate 1; a function of the arguments."""
     state = np.uint64(seed)
     for part in (source, column, beam, np.int64(np.rint(stamp_s * 1e9))):
-        state = mix(state + np.uint64(part) + np.uint64(0x9E3779B97F4A7C15))
+        state = mix(state + np.uint64(part) + SPLITMIX_STEP)
     uniform = (np.float64(state >> np.uint64(11)) + 1.0) * 2.0**-53
     path: float = -np.log(uniform)
     return path
@@ -226,7 +228,7 @@ def free_path(seed: int, source: int, column: int, beam: int, stamp_s: float) ->
 
 @compiled(borrowing=True)
 def mix(state: np.uint64) -> np.uint64:
-    """Scramble 64 bits (the finaliser of Steele, Lea and Flood's SplitMix, 2014)."""
+    """Scramble 64 bits (the finaliser of SplitMix)."""
     state = (state ^ (state >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
     state = (state ^ (state >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
     return state ^ (state >> np.uint64(31))

@@ -15,6 +15,7 @@ from roadscope.envs.imaging.light import Light
 from roadscope.envs.imaging.lighting import BLOCK
 from roadscope.envs.imaging.raster import SKY_FACE, Raster, Solids
 from roadscope.envs.imaging.shading import thread_buffer
+from roadscope.envs.raycast.prism_hits import SPLITMIX_STEP, mix
 from roadscope.envs.sensors.camera_spec import METERED_S, CameraSpec
 
 # --------------------------------------------------------------------------------------------------
@@ -123,11 +124,8 @@ def develop(
 
 @compiled(borrowing=True)
 def _noise_start(key: np.uint64, row: int, places: int) -> int:
-    """Return where the noise of a row begins in the draws."""
-    state = key + np.uint64(row + 1) * np.uint64(0x9E3779B97F4A7C15)
-    state = (state ^ (state >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
-    state = (state ^ (state >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
-    return int((state ^ (state >> np.uint64(31))) >> np.uint64(2)) % places
+    """Return where the noise of a row begins in the draws, below `places`."""
+    return int(mix(key + np.uint64(row + 1) * SPLITMIX_STEP) >> np.uint64(2)) % places
 
 
 @compiled(borrowing=True)

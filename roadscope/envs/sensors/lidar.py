@@ -15,7 +15,7 @@ from roadscope.core.jit import compiled
 from roadscope.core.record import Record
 from roadscope.envs.raycast.cast import NOTHING, Columns, Hits, cast
 from roadscope.envs.raycast.depth import Surfaces
-from roadscope.envs.raycast.prism_hits import mix
+from roadscope.envs.raycast.prism_hits import SPLITMIX_STEP, mix
 from roadscope.envs.raycast.scene import Scene
 from roadscope.envs.sensors.lidar_spec import LidarSpec
 from roadscope.envs.sensors.weather import CLEAR, Weather
@@ -135,9 +135,6 @@ def interpolate_columns(
 # --------------------------------------------------------------------------------------------------
 # Rays through rain and fog.
 
-STEP = np.uint64(0x9E3779B97F4A7C15)
-"""Increment of the random state (Steele, Lea and Flood's SplitMix, 2014)."""
-
 
 @compiled(borrowing=True)
 def add_weather(
@@ -171,7 +168,7 @@ def add_weather(
                     expected = _tail(echoes, np.log(power)) if power < loudest else 0.0
             if expected <= 0.0:
                 continue
-            state = mix(key + np.uint64(j * ranges.shape[1] + c) * STEP)
+            state = mix(key + np.uint64(j * ranges.shape[1] + c) * SPLITMIX_STEP)
             measured, power = _strongest(echoes, range_m, expected, state)
             if measured > 0.0:
                 owners[j, c], ranges[j, c], cosines[j, c] = WEATHER, measured, 1.0
@@ -191,13 +188,13 @@ def _strongest(
     powers, tails, quantiles = echoes
     expected_so_far = 0.0
     while True:
-        expected_so_far -= np.log(_uniform(mix(state + STEP)))
+        expected_so_far -= np.log(_uniform(mix(state + SPLITMIX_STEP)))
         if expected_so_far >= expected:
             break
         k = _last_entry_below(tails, expected_so_far)
         share = max(expected_so_far - tails[k], 0.0) / (tails[k + 1] - tails[k])
         power = np.exp(powers[k] + share * (powers[k + 1] - powers[k]))
-        state += STEP + STEP
+        state += SPLITMIX_STEP + SPLITMIX_STEP
         place = _uniform(mix(state)) * (quantiles.shape[1] - 1)
         q = min(int(place), quantiles.shape[1] - 2)
         measured = quantiles[k, q] + (place - q) * (quantiles[k, q + 1] - quantiles[k, q])
