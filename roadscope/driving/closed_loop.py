@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from roadscope.core import DrivingCommand, DrivingScene, Tracks, Truth
 from roadscope.driving.perception import BLIND, TRUTH, Perception
-from roadscope.envs.sensors.ego_motion import STATES_AHEAD
+from roadscope.envs.sensors.ego_motion import STATES_AROUND
 from roadscope.envs.sensors.faults import Faults
 from roadscope.envs.sensors.rig import Rig
 from roadscope.envs.sensors.rigs import rig as rig_named
@@ -15,9 +15,6 @@ from roadscope.envs.traffic.simulated import STEP_S
 STEPS = 2
 """Steps of the simulation from one decision to the next."""
 DECISION_S = STEPS * STEP_S
-SUPPORTS = 3
-"""The smooth motion of the ego needs this many times `STATES_AHEAD` recorded states, because it is
-delayed and because of the knots of its splines."""
 
 
 class ClosedLoop:
@@ -57,7 +54,7 @@ class ClosedLoop:
             self._sensing = Sensing(used, seed, weather=weather, light=light, faults=faults)
             self._memory_s = 2 * used.lidar.spec.period_s + used.memory_s
             if used.inertial:
-                self._memory_s += SUPPORTS * STATES_AHEAD * STEP_S
+                self._memory_s += STATES_AROUND * STEP_S
 
     @property
     def over(self) -> bool:

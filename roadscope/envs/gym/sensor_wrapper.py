@@ -13,7 +13,7 @@ from roadscope.core import Pose
 from roadscope.envs.gym.observer import Observer, checked_seed, rig_of, warn_without_render_mode
 from roadscope.envs.gym.spaces import Observation, checked_action, goal_state, observation_space
 from roadscope.envs.imaging.light import Light
-from roadscope.envs.sensors.ego_motion import RAW_S, STATES_AHEAD
+from roadscope.envs.sensors.ego_motion import RAW_S, STATES_AROUND
 from roadscope.envs.sensors.faults import Faults
 from roadscope.envs.sensors.rig import Rig
 from roadscope.envs.sensors.weather import Weather
@@ -44,9 +44,6 @@ STYLES_OF = {
 }
 """Roadside of each family of environments, by class name."""
 
-STATES_AROUND = 3 * STATES_AHEAD
-"""Most recorded states that a smooth motion needs: its delay and the supports of its splines."""
-
 
 class SensorWrapper(gym.Wrapper[Observation, Any, Any, Any], RecordConstructorArgs):
     """Adds the sensors of a rig to a highway-env environment.
@@ -57,7 +54,7 @@ class SensorWrapper(gym.Wrapper[Observation, Any, Any, Any], RecordConstructorAr
     weather: name of a preset (`roadscope list weathers`) or a `Weather`.
     light: name of a preset (`roadscope list lights`) or a `Light`, for the camera; None draws a
         daylight. Without a camera only None and `day` are accepted.
-    faults: such as `fog:3` or a list of them (`roadscope list faults`), also weather.
+    faults: such as `fog:3` or a list of them (`roadscope list faults`), which also has weather.
     records: whether `info` contains every frame and its truth; training is faster without them.
     pixel_truth: whether `info["pixel_truth"]` contains depth, instance and category of every pixel
         of the observed image (`PixelTruth`), and each truth of an image those of that image.

@@ -148,6 +148,8 @@ BEFORE_S = 1.0
 """The motion is extended by this before the timeline begins, at constant velocity."""
 STATES_AHEAD = 4
 """Number of recorded states after an instant that its motion depends on."""
+STATES_AROUND = 3 * STATES_AHEAD
+"""Most recorded states that a smooth motion needs: its delay and the supports of its splines."""
 RAW_S = 0.3
 """The motion of foreign environments is averaged over this time before and after an instant."""
 RAW_STEPS = 6
