@@ -20,7 +20,7 @@ from roadscope.envs.traffic.timeline import Timeline
 from roadscope.envs.world.style import find_style
 
 FIRST_SWEEP = 1_000_000
-"""Number of the sweep before an episode; no sweep of the episode has the same noise."""
+"""Number of the sweep before an episode, so that no sweep of the episode has the same noise."""
 
 ObservationAndInfo = tuple[dict[str, Any], dict[str, Any]]
 """What `reset` and `step` return of an observer."""
@@ -50,10 +50,10 @@ def checked_seed(seed: object) -> int | None:
 
 
 class _Moment(NamedTuple):
-    """What a composed frame shows of earlier scans.
+    """What a composed frame shows of one scan.
 
-    stamp_s: of the scan. x, y: of the ego, metres, world frame. returns: of the scan. users: road
-    users with returns.
+    stamp_s: of the scan. x, y: of the ego, metres, world frame. returns: their number in the scan.
+    users: number of road users with returns.
     """
 
     stamp_s: float
@@ -130,7 +130,7 @@ class Observer:
             stamp_s = now_s - mount.spec.exposure_s / 2
             self._image = self._sensing.sense_image_at(timeline, stamp_s)
             image = self._image[0].camera
-            # Before the first image, a dark one is observed.
+            # If a fault drops this image, a dark one is observed until the next.
             dark = (mount.spec.pinhole.height, mount.spec.pinhole.width, 3)
             self._pixels = np.zeros(dark, np.uint8) if image is None else image.pixels
         return self._observation_and_info([], timeline, now_s)

@@ -519,7 +519,7 @@ class Raster(Record):
     faces: (H, W) int32, prism * 16 + side, prisms counted over scenery and bodies joined; -1 is
         the ground, -2 the sky. Sides 0 to 11 are upright, 12 is the top, 13 the bottom.
     boxes: (A, 4) float64, left top right bottom in pixels, of the whole actor, visible or hidden,
-        clipped to the image; without extent where it is outside.
+        clipped to the image; zeros where the actor is outside the image.
     outline_pixels: (A,) int64, pixels that the actor would cover without any other object;
         zeros unless `outlines` was set.
     """

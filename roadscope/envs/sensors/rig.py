@@ -80,9 +80,9 @@ class ImuMount(Record):
 class Rig(Record):
     """The sensors of a vehicle; all but the LiDAR are optional.
 
-    sway: pitch and roll of the body with the sensors. None: it stays level, and the sensors have
-        exactly the recorded poses of the ego; only with inertial unit or wheels in foreign
-        environments, whose motion jumps, they follow `EgoMotion`.
+    sway: pitch and roll of the body with the sensors. None: the body does not sway, and the sensors
+        have exactly the recorded poses of the ego. Only a rig with inertial unit or wheels follows
+        `EgoMotion` in foreign environments, whose motion jumps, and on uneven ground.
     wheels: sensor of the speed.
     """
 
@@ -100,12 +100,12 @@ class Rig(Record):
 
     @property
     def inertial(self) -> bool:
-        """Whether the motion of the ego between recorded states matters."""
+        """Whether samples or sway depend on the motion of the ego between recorded states."""
         return not (self.imu is None and self.wheels is None and self.sway is None)
 
     @property
     def memory_s(self) -> float:
-        """Time before a sample whose motion still affects it, seconds."""
+        """How long the motion of the ego affects later samples, seconds."""
         swaying = 0.0 if self.sway is None else self.sway.memory_s
         if self.imu is None:
             return swaying

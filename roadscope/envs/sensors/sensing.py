@@ -120,8 +120,8 @@ class Sensing:
 
     Inertial and wheel samples come with the sweep at whose end they are complete. A rig with
     these sensors or with sway gets its frames a few recorded states late (0.3 s more in foreign
-    environments), when the ego's smooth motion is settled. With sway, and in foreign
-    environments with such a rig, the smooth motion of the body is the true one.
+    environments), when the ego's smooth motion is settled. With sway, and with such
+    a rig in foreign environments and on uneven ground, that smooth motion is the true one.
     """
 
     def __init__(

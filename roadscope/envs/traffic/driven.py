@@ -56,7 +56,7 @@ class Outlook:
     """What the ego knows and believes of the road ahead.
 
     lane, target_lane: where it is and where it wants to go, numbers from the left of `lanes`.
-    allowed_speed_m_s: what its desired speed and the curves ahead allow.
+    allowed_speed_m_s: what its desired speed, the curves and the speed limits ahead allow.
     gap_m: to the next road user ahead on its lane or target lane, bumper to bumper; inf for none.
     leader_speed_m_s: of that one, along the lane; 0 without one.
     line_m: from its front bumper to the line where it must give way; inf without one.

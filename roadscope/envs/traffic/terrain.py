@@ -133,9 +133,10 @@ class Terrain(Record):
         return Terrain(arrays["terrain_terms"], arrays["terrain_area"])
 
 
-def standing(axle: np.ndarray, yaw: float, ahead_m: float, stance: np.ndarray) -> Pose:
-    """Return the pose of a rear axle at (2,), that far behind the middle of its vehicle.
+def axle_pose(axle: np.ndarray, yaw: float, ahead_m: float, stance: np.ndarray) -> Pose:
+    """Return the pose of a vehicle's rear axle on the ground, frame `world`.
 
+    axle: (2,) its place, metres. ahead_m: distance of the middle of the vehicle ahead of it.
     stance: (3,) height, rise and lean, as `Terrain.stances`.
     """
     height, rise, lean = stance
@@ -175,7 +176,7 @@ def _grid(terms: bytes, area: bytes) -> HeightGrid:
 # The terrain of scenarios on straight roads. All figures are chosen by hand.
 
 MARGIN_M = 130.0
-"""Ground reaches this far around the path of the ego; ranges of sensors that turn end before."""
+"""Ground reaches this far around the path of the ego: farther than rotating LiDARs measure."""
 _ENDLESS_M = 1e4
 
 

@@ -14,7 +14,7 @@ from roadscope.core import Pose, RecordError
 from roadscope.core.checks import require, settle_arrays
 from roadscope.core.record import Record
 from roadscope.envs.traffic.road_map import RoadMap
-from roadscope.envs.traffic.terrain import Terrain, standing
+from roadscope.envs.traffic.terrain import Terrain, axle_pose
 
 FORMAT = "roadscope-timeline-1"
 
@@ -158,7 +158,7 @@ class Timeline(Record):
         """Return the pose of the ego's rear axle on the ground at each of T instants."""
         ego = zip(states.axles[:, 0], states.yaws[:, 0], self.stances(states)[:, 0], strict=True)
         ahead_m = float(self.centre_ahead_m[0])
-        return [standing(axle, yaw, ahead_m, stance) for axle, yaw, stance in ego]
+        return [axle_pose(axle, yaw, ahead_m, stance) for axle, yaw, stance in ego]
 
     def world_from_ego(self, stamp_s: float) -> Pose:
         """Return the pose of the ego's rear axle on the ground."""
