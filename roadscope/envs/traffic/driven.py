@@ -330,9 +330,9 @@ def bodies_of(tracks: Tracks) -> Bodies:
 def find_lanes(traffic: Traffic, first: int, last: int, ego_heading: float) -> None:
     """Set the lanes of tracks: the nearest ones, for drivers in the slots first to last - 1.
 
-    The ego ignores bodies that face it, for oncoming drivers keep to their own lanes. That must not
-    happen to a track whose direction is uncertain. So a slow driver against the direction of its
-    lane is turned round and stands: its yaw may be off by half a turn, its velocity by its error.
+    The ego ignores bodies that face it, because oncoming drivers keep to their own lanes. It must
+    not ignore a track whose direction is uncertain. So a slow driver against the direction of its
+    lane is turned round and stands: its yaw may be off by half a turn, and its velocity has errors.
     People who face the ego are turned by a right angle.
 
     ego_heading: radians, highway-env's frame, as that of the bodies.

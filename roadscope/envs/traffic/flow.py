@@ -43,9 +43,9 @@ class DriverSetup:
     """A driver before it is on a road.
 
     along_m: coordinate of the centre along the lane. speed, desired_speed: m/s, at first and on a
-    free road. route: numbers of the roads to take, from that of the lane on; None for the road
-    whose lane begins nearest, at each end of a road. time_gap_s, standstill_gap_m, comfort_m_s2:
-    parameters of IDM. timer_s: as `RoadBody.timer`.
+    free road. route: numbers of the roads to take, from that of the lane on; None to take the
+    nearest lane at each end of a road. time_gap_s, standstill_gap_m, comfort_m_s2: parameters of
+    IDM. timer_s: as `RoadBody.timer`.
     """
 
     body: RoadUserBody

@@ -153,7 +153,8 @@ def centre_line(lane: LaneRecord, along: float) -> tuple[float, float]:
 def next_lane(roads: RoadArrays, legs: np.ndarray, first: int, last: int, lane: int) -> int:
     """Return the lane that follows a lane on a route, -1 at its end or where no road goes on.
 
-    first, last: half-open range of the route's remaining legs; empty for the nearest road.
+    first, last: half-open range of the route's remaining legs; if it is empty, the nearest lane is
+    taken.
     """
     road = roads.lanes[lane].road
     if first < last and legs[last - 1] == road:
