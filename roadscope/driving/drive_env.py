@@ -19,6 +19,7 @@ from roadscope.driving.agent import (
 )
 from roadscope.driving.closed_loop import ClosedLoop
 from roadscope.driving.perception import TRUTH, stack_of
+from roadscope.envs.gym.spaces import checked_action
 from roadscope.envs.sensors.rig import Rig
 from roadscope.envs.sensors.rigs import rig as rig_named
 from roadscope.envs.traffic.driven import check_driven
@@ -126,17 +127,18 @@ class DriveEnv(gym.Env[np.ndarray, np.int64]):
         return observed(self._scene), dict(self._info)
 
     def step(self, action: np.int64 | int) -> tuple[np.ndarray, float, bool, bool, dict[str, Any]]:
-        """Drive for 0.2 s."""
+        """Drive for 0.2 s; raise `ValueError` for an action that is not in the space."""
         loop, scene, reward = self._loop, self._scene, 0.0
         if loop is None or scene is None:
             raise gym.error.ResetNeeded("call reset before step")
+        number = int(checked_action(self.action_space, action))
         for _ in range(DECISION_STEPS):
             if loop.over:
                 break
             traffic = loop.traffic
             before_s = traffic.now_s
             speed_ratio = min(traffic.speed_m_s / max(traffic.desired_speed_m_s, 0.1), 1.0)
-            loop.step(command_of(int(action), scene))
+            loop.step(command_of(number, scene))
             reward += (traffic.now_s - before_s) * speed_ratio
             scene = loop.scene(loop.tracks())
         self._scene = scene

@@ -24,6 +24,7 @@ from roadscope.envs import find_rig
 from roadscope.envs.traffic import ScenarioError
 
 BRAKE, KEEP_SPEED, FASTER = 0, 3, 4
+ACTIONS = 7
 
 
 def drive(env, action=KEEP_SPEED, **options):
@@ -179,3 +180,11 @@ def test_wrong_names_are_refused_at_once() -> None:
         DriveEnv().reset(options={"sead": 5})
     with pytest.raises(gym.error.ResetNeeded):
         DriveEnv().step(0)
+
+
+@pytest.mark.parametrize("action", [-1, ACTIONS, 1.5, "brake"])
+def test_an_action_outside_the_space_is_refused(action) -> None:
+    env = DriveEnv("motorway", perception="blind", duration_s=1.0)
+    env.reset(options={"seed": 3})
+    with pytest.raises(ValueError, match="action space"):
+        env.step(action)
