@@ -152,7 +152,9 @@ def open_plugin(
         yield plugin
     except PluginError as error:
         plugin.close()
-        error.log = error.log or plugin.log
+        # Another plug-in that is open at the same time may have failed.
+        if error.spec == spec.text:
+            error.log = error.log or plugin.log
         raise
     finally:
         plugin.close()

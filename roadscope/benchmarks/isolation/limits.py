@@ -37,18 +37,19 @@ class Limits:
 class PluginError(RuntimeError):
     """A plug-in failed; the text is one line that begins with its spec.
 
-    log: the end of what it printed, at most 4,000 characters.
+    spec: of the plug-in. log: the end of what it printed, at most 4,000 characters.
     mistake: whether the user named a plug-in that does not exist or cannot be imported.
     """
 
     def __init__(self, spec: str, reason: str, log: str = "", *, mistake: bool = False) -> None:
         """Take the plug-in's spec, the reason, and what it printed."""
         super().__init__(one_line(f"{spec}: {reason}"))
-        self.log, self.mistake = last_lines(log, MOST_LOG_CHARACTERS), mistake
+        self.spec, self.log = spec, last_lines(log, MOST_LOG_CHARACTERS)
+        self.mistake = mistake
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Support pickling, as errors are sent from workers to the process that started them."""
-        return _plugin_error, (str(self), self.log)
+        return PluginError.__new__, (PluginError, str(self)), vars(self)
 
 
 class SandboxError(RuntimeError):
@@ -121,9 +122,3 @@ class Traits:
     positional: tuple[str, ...] = ()
     problem: str = ""
     failure: str = ""
-
-
-def _plugin_error(text: str, log: str) -> PluginError:
-    error = PluginError.__new__(PluginError, text)
-    error.log, error.mistake = log, False
-    return error
