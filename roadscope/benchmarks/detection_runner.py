@@ -20,8 +20,9 @@ from roadscope.benchmarks.formats.point_fields import READERS
 from roadscope.benchmarks.formats.scan_folder import ScanFolder, scan_files
 from roadscope.benchmarks.formats.table import FormatError, names_in
 from roadscope.benchmarks.formats.tracking_rows import ImageSize
-from roadscope.benchmarks.isolation import Limits, PluginError, PluginHandle, open_plugin
+from roadscope.benchmarks.isolation import Limits, PluginHandle, open_plugin
 from roadscope.benchmarks.kinds import CAMERA_DETECTOR, DETECTOR, traits_of
+from roadscope.benchmarks.loop import checked
 from roadscope.benchmarks.odometry_runner import TruePoses
 from roadscope.benchmarks.progress import Progress, silent
 from roadscope.benchmarks.references import (
@@ -347,10 +348,7 @@ def _answer(
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         answer = plugin.call(method, *arguments).answer
-    try:
-        return check(answer)
-    except AnswerError as error:
-        raise PluginError(str(spec), str(error), plugin.log) from error
+    return checked(spec, check, answer)
 
 
 def _answered_scan(

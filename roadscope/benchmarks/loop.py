@@ -122,10 +122,9 @@ def run_plugin(
         plugin.call("reset", *reset)
         for call_input in inputs:
             reply = _call(plugin, kind, call_input)
-            try:
-                answers.append(check(reply.answer, call_input) if call_input.call else None)
-            except AnswerError as error:
-                raise PluginError(str(spec.plain), str(error), plugin.log) from error
+            answers.append(
+                checked(spec, check, reply.answer, call_input) if call_input.call else None
+            )
             contexts.append(call_input.context)
             processor_ms.append(reply.processor_ms)
             wall_ms.append(reply.wall_ms)
@@ -138,6 +137,14 @@ def run_plugin(
         times.shifted(last.processor_ms / share, last.wall_ms / share),
         last.answer,
     )
+
+
+def checked(spec: Spec, check: Callable[..., A], *arguments: Any) -> A:
+    """Return what a check of an answer returns; its `AnswerError` is raised as `PluginError`."""
+    try:
+        return check(*arguments)
+    except AnswerError as error:
+        raise PluginError(str(spec.plain), str(error)) from error
 
 
 def _call(plugin: PluginHandle, kind: Kind, call_input: CallInput[Any]) -> Timed:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, fields
+from functools import partial
 from pathlib import Path
 from typing import Generic, NamedTuple, TypeVar
 
@@ -19,9 +20,10 @@ from roadscope.benchmarks.formats.trajectories import (
     read_trajectory,
     trajectory_text,
 )
-from roadscope.benchmarks.isolation import Limits, PluginError, open_plugin
+from roadscope.benchmarks.isolation import Limits, open_plugin
+from roadscope.benchmarks.loop import checked
 from roadscope.core import ImuSamples, LidarScan, OdometryEstimate, Pose, WheelSamples
-from roadscope.core.answers import AnswerError, check_estimate
+from roadscope.core.answers import check_estimate
 from roadscope.odometry import ODOMETRIES
 from roadscope.odometry.travel import turned_back, turned_scan
 
@@ -115,10 +117,8 @@ def folder_estimates(
                 if speeds is not None and plugin.traits.takes_wheels:
                     plugin.call("add_wheels", speeds)
                 answer = plugin.call("update", scan, inertial).answer
-                try:
-                    estimate = check_estimate(answer, stamp_s=scan.stamp_s, returns=len(scan))
-                except AnswerError as error:
-                    raise PluginError(odometry, str(error)) from error
+                check = partial(check_estimate, stamp_s=scan.stamp_s, returns=len(scan))
+                estimate = checked(spec, check, answer)
                 turn = ahead_from_lidar
                 yield estimate if turn is None else turned_back(estimate, turn)
 

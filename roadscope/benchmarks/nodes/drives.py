@@ -12,9 +12,9 @@ import numpy as np
 from roadscope.benchmarks.episode import Episode
 from roadscope.benchmarks.fingerprint import code_hash, plugin_hash
 from roadscope.benchmarks.graph import Node
-from roadscope.benchmarks.isolation import PluginError, PluginHandle, open_plugin
+from roadscope.benchmarks.isolation import PluginHandle, open_plugin
 from roadscope.benchmarks.kinds import DRIVER, KINDS, traits_of
-from roadscope.benchmarks.loop import CallInput, RunOptions, run_plugin
+from roadscope.benchmarks.loop import CallInput, RunOptions, checked, run_plugin
 from roadscope.benchmarks.nodes.traffic import TrafficNode
 from roadscope.benchmarks.parked import parked_centres_on, parked_owners
 from roadscope.benchmarks.records import CallTimes, EpisodeRecord, without_sources
@@ -30,7 +30,6 @@ from roadscope.core import (
     Truth,
 )
 from roadscope.core.answers import (
-    AnswerError,
     check_command,
     check_detections,
     check_estimate,
@@ -280,7 +279,7 @@ class _StackCalls:
             sandbox=options.sandbox,
             hidden=options.hidden,
         )
-        plugin = _CALLED[registry.kind](self._opened.enter_context(handle), str(resolved))
+        plugin = _CALLED[registry.kind](self._opened.enter_context(handle), resolved)
         plugin.note = self._note
         return plugin
 
@@ -300,8 +299,8 @@ class _CalledPlugin:
 
     note: Callable[[float, float], None]
 
-    def __init__(self, handle: PluginHandle, text: str) -> None:
-        self._handle, self._text = handle, text
+    def __init__(self, handle: PluginHandle, spec: Spec) -> None:
+        self._handle, self._spec = handle, spec
         self._stamps_s: list[float] = []
 
     def reset(self, *arguments: Any) -> None:
@@ -311,10 +310,7 @@ class _CalledPlugin:
     def _call(self, check: Callable[[Any], Any], method: str, *arguments: Any) -> Any:
         timed = self._handle.call(method, *arguments)
         self.note(timed.processor_ms, timed.wall_ms)
-        try:
-            return check(timed.answer)
-        except AnswerError as error:
-            raise PluginError(self._text, str(error), self._handle.log) from error
+        return checked(self._spec, check, timed.answer)
 
 
 class _CalledDetector(_CalledPlugin):

@@ -4,18 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
 
 from roadscope.benchmarks.graph import Node
-from roadscope.benchmarks.isolation import PluginError, PluginHandle, Timed
+from roadscope.benchmarks.isolation import PluginHandle, Timed
 from roadscope.benchmarks.kinds import TRACKER, traits_of
-from roadscope.benchmarks.loop import CallInput, RunOptions, run_plugin
+from roadscope.benchmarks.loop import CallInput, RunOptions, checked, run_plugin
 from roadscope.benchmarks.nodes.poses import PoseNode, start_from_ego
 from roadscope.benchmarks.records import EpisodeDetections, EpisodeTracks
 from roadscope.core import Detections, Pose, Spec, Tracks, Truth
-from roadscope.core.answers import AnswerError, check_rescored, check_tracks
+from roadscope.core.answers import check_rescored, check_tracks
 
 
 @dataclass(frozen=True)
@@ -129,11 +130,8 @@ def track(
     def rescore(plugin: PluginHandle) -> Timed:
         timed = plugin.call("rescored", tuple(history))
         posed = [ego.posed for ego in egos]
-        try:
-            answer = check_rescored(timed.answer, stamps_s=stamps_s, posed=posed)
-        except AnswerError as error:
-            raise PluginError(str(tracker.plain), str(error)) from error
-        return replace(timed, answer=answer)
+        check_all = partial(check_rescored, stamps_s=stamps_s, posed=posed)
+        return replace(timed, answer=checked(tracker, check_all, timed.answer))
 
     finish = rescore if is_offline(tracker) else None
     replies = run_plugin(tracker, TRACKER, calls(), check, finish=finish, options=options)
