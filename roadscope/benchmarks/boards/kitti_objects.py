@@ -42,7 +42,7 @@ from roadscope.benchmarks.recorded.kitti_drive import (
     labels_of,
     places_of,
 )
-from roadscope.benchmarks.recorded.object_rules import object_precisions
+from roadscope.benchmarks.recorded.object_rules import precision_scores
 from roadscope.benchmarks.recorded.recording import KITTI_CLASSES
 from roadscope.benchmarks.recorded.settings import KittiSettings
 from roadscope.benchmarks.records import (
@@ -128,14 +128,7 @@ class KittiObjectsBoard(Board):
             for rows in self.rows(drive, each)
         ]
         shown = sum(int((rows.types == kind).sum()) for rows in boxes)
-        in_space = [rows.select(rows.has_3d_box) for rows in boxes]
-        scores = {
-            f"ap_{overlap}_{name}": precision.score
-            for overlap in self.overlaps
-            for name, precision in object_precisions(
-                labels, boxes if overlap == "2d" else in_space, kind, overlap
-            ).items()
-        }
+        scores = precision_scores(labels, boxes, kind, self.overlaps)
         scores["boxes_per_frame"] = mean(shown, len(boxes), "1/frame")
         scores |= self._by_sequence(drives, labels, boxes, kind)
         if job.mark:
@@ -153,15 +146,19 @@ class KittiObjectsBoard(Board):
         boxes: Sequence[KittiObjects],
         kind: KittiType,
     ) -> Scores:
-        """Return the average precision of each sequence; parts of the object data are none."""
+        """Return the average precisions of each sequence by the first overlap.
+
+        KITTI's object data have no sequences: the result is empty.
+        """
         scores: dict[str, Score] = {}
-        end, first = 0, self.overlaps[0]
+        end = 0
         for drive in drives if drives[0].files.layout.by_sequence else ():
             begin, end = end, end + len(drive.files.numbers)
-            found = object_precisions(labels[begin:end], boxes[begin:end], kind, first)
+            of_drive = precision_scores(
+                labels[begin:end], boxes[begin:end], kind, self.overlaps[:1]
+            )
             scores |= {
-                part_name(f"ap_{first}_{name}", SEQUENCE, drive.name): precision.score
-                for name, precision in found.items()
+                part_name(name, SEQUENCE, drive.name): score for name, score in of_drive.items()
             }
         return scores
 

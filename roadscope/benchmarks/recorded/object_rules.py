@@ -8,16 +8,21 @@ boxes in a region without labels (DontCare) are not false either; such a region 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 
 from roadscope.benchmarks.formats.kitti_labels import KittiObjects, KittiType
-from roadscope.benchmarks.metrics.matching import image_overlaps
 from roadscope.benchmarks.metrics.score import Score
-from roadscope.benchmarks.recorded.rules import KITTI_DISTRACTORS, boxes_3d, shares_in_regions
+from roadscope.benchmarks.recorded.rules import (
+    KITTI_DISTRACTORS,
+    boxes_3d,
+    overlap_in_image,
+    overlap_in_space,
+    shares_in_regions,
+)
 
 RECALL_STEPS = 40
 """Recalls 1/40, 2/40, ..., 1 at which precision is averaged."""
@@ -40,7 +45,6 @@ DIFFICULTIES: Mapping[str, Difficulty] = {
     "moderate": Difficulty(25.0, 1, 0.30),
     "hard": Difficulty(25.0, 2, 0.50),
 }
-LOWEST_PX = min(each.least_height_px for each in DIFFICULTIES.values())
 HIGHEST_PX = max(each.least_height_px for each in DIFFICULTIES.values())
 LEAST_OVERLAPS: Mapping[KittiType, float] = {
     KittiType.CAR: 0.7,
@@ -50,24 +54,17 @@ LEAST_OVERLAPS: Mapping[KittiType, float] = {
 """A detection can be of a label if their intersection over union is larger."""
 
 
-def _overlaps_from_above(labels: KittiObjects, boxes: KittiObjects) -> np.ndarray:
+def _overlap_from_above(labels: KittiObjects, boxes: KittiObjects) -> np.ndarray:
     from roadscope.core.box_overlap import box_overlaps
 
     rows = [boxes_3d(each)[:, [0, 1, 3, 4, 6]] for each in (labels, boxes)]
     return box_overlaps(*rows)
 
 
-def _overlaps_in_space(labels: KittiObjects, boxes: KittiObjects) -> np.ndarray:
-    from roadscope.core.box_overlap import box_overlaps_3d
-
-    overlaps: np.ndarray = box_overlaps_3d(boxes_3d(labels), boxes_3d(boxes))
-    return overlaps
-
-
 OVERLAPS: Mapping[str, Callable[[KittiObjects, KittiObjects], np.ndarray]] = {
-    "2d": lambda labels, boxes: image_overlaps(labels.boxes, boxes.boxes),
-    "bev": _overlaps_from_above,
-    "3d": _overlaps_in_space,
+    "2d": overlap_in_image,
+    "bev": _overlap_from_above,
+    "3d": overlap_in_space,
 }
 """M labels, N detections -> (M, N) intersection over union: in the image, from above, in space."""
 
@@ -112,6 +109,27 @@ def object_precisions(
         for objects, boxes in zip(labels, detections, strict=True)
     ]
     return {name: _precision(frames, each) for name, each in DIFFICULTIES.items()}
+
+
+def precision_scores(
+    labels: Sequence[KittiObjects],
+    detections: Sequence[KittiObjects],
+    kind: KittiType,
+    overlaps: Iterable[str],
+) -> dict[str, Score]:
+    """Return average precisions by overlap and difficulty, named `ap_2d_easy` and the like.
+
+    overlaps: keys of `OVERLAPS`. Detections without a 3-D box count only by the overlap in the
+    image. The other arguments are those of `object_precisions`.
+    """
+    in_space = [rows.select(rows.has_3d_box) for rows in detections]
+    return {
+        f"ap_{overlap}_{name}": precision.score
+        for overlap in overlaps
+        for name, precision in object_precisions(
+            labels, detections if overlap == "2d" else in_space, kind, overlap
+        ).items()
+    }
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -19,7 +19,7 @@ from roadscope.benchmarks.formats.tracking_rows import FrameLimit
 from roadscope.benchmarks.metrics.score import Score
 from roadscope.benchmarks.metrics.tracking.hota import hota
 from roadscope.benchmarks.recorded.combined import SUFFIXES, alpha_parts
-from roadscope.benchmarks.recorded.object_rules import OVERLAPS, object_precisions
+from roadscope.benchmarks.recorded.object_rules import OVERLAPS, precision_scores
 from roadscope.benchmarks.recorded.rules import (
     BOX_SIMILARITIES,
     IMAGE_THRESHOLD,
@@ -95,15 +95,7 @@ def score_kitti_object_results(
         )
     objects = [read_kitti_object_labels(path, number) for number, path in truth.items()]
     boxes = [read_kitti_object_results(path, number) for number, path in found.items()]
-    in_space = [rows.select(rows.has_3d_box) for rows in boxes]
-    kind = DETECTED_TYPES[category]
-    return {
-        f"ap_{overlap}_{name}": precision.score
-        for overlap in OVERLAPS
-        for name, precision in object_precisions(
-            objects, boxes if overlap == "2d" else in_space, kind, overlap
-        ).items()
-    }
+    return precision_scores(objects, boxes, DETECTED_TYPES[category], OVERLAPS)
 
 
 def kitti_result_scores(
