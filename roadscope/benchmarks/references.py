@@ -23,6 +23,7 @@ from roadscope.benchmarks.kinds import (
     Kind,
     check_plugin_spec,
     make_once,
+    traits_of,
 )
 from roadscope.benchmarks.noisy import NOISES
 from roadscope.benchmarks.noisy_camera import CAMERA_NOISES
@@ -115,6 +116,11 @@ def pose_source(text: str | Spec) -> Spec:
     return ODOMETRY.registry.resolve(spec, also_possible=ODOMETRY_NOISES)
 
 
+def missing_for_poses(source: Spec) -> str:
+    """Return what a `pose_source` needs and is not installed; empty if nothing."""
+    return "" if is_noise(source) else traits_of(source.parts.get(ODOMETRY.name, source)).requires
+
+
 def _refuse_parts_of_oracle(spec: Spec) -> None:
     """Raise `SpecError` for an oracle with parts: only that of poses has one."""
     if spec.name == ORACLE and spec.parts:
@@ -163,10 +169,7 @@ def check_ego(text: str | Spec) -> None:
 def _checked(spec: Spec, kind: Kind) -> Spec:
     if spec.kind == ORACLE:
         return spec
-    if is_noise(spec):
-        make_once(spec)
-        return spec
-    if spec.name in NAMED_BY_SUITES:
+    if is_noise(spec) or spec.name in NAMED_BY_SUITES:
         make_once(spec)
         return spec
     return check_plugin_spec(spec, kind)

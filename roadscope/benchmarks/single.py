@@ -7,7 +7,7 @@ from dataclasses import asdict, dataclass, field
 from typing import Any, NamedTuple
 
 from roadscope.benchmarks.boards.detection import detection_scores
-from roadscope.benchmarks.boards.odometry import missing_part, pose_scores
+from roadscope.benchmarks.boards.odometry import pose_scores
 from roadscope.benchmarks.boards.tracking import (
     missing_requirement,
     track_node,
@@ -29,6 +29,7 @@ from roadscope.benchmarks.references import (
     check_ego,
     check_pose_source,
     made_from_truth,
+    missing_for_poses,
 )
 from roadscope.core import NotInstalledError, Spec, Tracks
 from roadscope.core.loading import SpecError
@@ -147,7 +148,7 @@ def _checked(detector: str, tracker: str, odometry: str | None) -> _Specs:
     if tracker_spec.ego is not None:
         check_ego(tracker_spec.ego)
     pose_spec = None if odometry is None else check_pose_source(odometry)
-    missing = missing_requirement(tracker_spec) or (missing_part(pose_spec) if pose_spec else "")
+    missing = missing_requirement(tracker_spec) or (missing_for_poses(pose_spec) if pose_spec else "")
     if not missing and source.kind == DETECTOR.name:
         missing = traits_of(source).requires
     if missing:

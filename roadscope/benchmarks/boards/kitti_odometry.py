@@ -16,7 +16,7 @@ from roadscope.benchmarks.boards.board import (
     Scores,
     call_cost,
 )
-from roadscope.benchmarks.boards.odometry import OdometryBoard, entry_mark, missing_part
+from roadscope.benchmarks.boards.odometry import OdometryBoard, entry_mark
 from roadscope.benchmarks.graph import Job
 from roadscope.benchmarks.kinds import ODOMETRY
 from roadscope.benchmarks.loop import RunOptions
@@ -31,7 +31,7 @@ from roadscope.benchmarks.metrics.trajectory_errors import KITTI_EVERY, KITTI_M
 from roadscope.benchmarks.nodes.kitti import KittiPoseNode
 from roadscope.benchmarks.recorded.kitti_odometry import KittiOdometryDrive, KittiOdometrySettings
 from roadscope.benchmarks.records import EpisodePoses
-from roadscope.benchmarks.references import check_pose_source
+from roadscope.benchmarks.references import check_pose_source, missing_for_poses
 from roadscope.benchmarks.suite import Suite
 from roadscope.core import Spec, SpecError
 from roadscope.core.spec import ORACLE
@@ -41,7 +41,7 @@ UNKNOWN = ("dynamic_recall", "dynamic_precision")
 
 
 def _columns() -> tuple[Column, ...]:
-    """Return the columns of simulated traffic that have figures here, r_rel behind t_rel."""
+    """Return the columns of simulated traffic that have figures here: r_rel comes after t_rel."""
     columns = [each for each in OdometryBoard.columns if each.metric not in UNKNOWN]
     (turn,) = (each for each in columns if each.metric == "r_rel")
     columns.remove(turn)
@@ -88,7 +88,7 @@ class KittiOdometryBoard(Board):
                 drive,
                 KittiPoseNode(source, drive),
                 mark=entry_mark(source),
-                missing=missing_part(source),
+                missing=missing_for_poses(source),
             )
             for drive in suite.settings(self.name, KittiOdometrySettings).drives
             for source in dict.fromkeys(entries)

@@ -22,7 +22,7 @@ from roadscope.benchmarks.boards.board import (
 )
 from roadscope.benchmarks.drive import MOVING_M_S
 from roadscope.benchmarks.graph import Job
-from roadscope.benchmarks.kinds import ODOMETRY, traits_of
+from roadscope.benchmarks.kinds import ODOMETRY
 from roadscope.benchmarks.loop import RunOptions
 from roadscope.benchmarks.metrics.odometry import (
     DISTANCE,
@@ -42,6 +42,7 @@ from roadscope.benchmarks.references import (
     UPPER_MARK,
     check_pose_source,
     is_noise,
+    missing_for_poses,
     pose_source,
 )
 from roadscope.benchmarks.suite import BoardSettings, Positive, Suite
@@ -149,7 +150,7 @@ class OdometryBoard(Board):
                 PoseNode(source, episode),
                 mark=entry_mark(source),
                 settings=suite.settings(self.name, OdometrySettings).lengths_m,
-                missing=missing_part(source),
+                missing=missing_for_poses(source),
             )
             for episode in episodes(suite)
             for source in sources
@@ -210,10 +211,3 @@ def entry_mark(source: Spec) -> str | None:
 def _entry_name(source: Spec) -> str:
     odometry = source.parts.get(ODOMETRY.name)
     return str(source) if odometry is None else f"{odometry} on {ORACLE}"
-
-
-def missing_part(source: Spec) -> str:
-    """Return what a source of poses needs and is not installed; empty if nothing."""
-    if is_noise(source):
-        return ""
-    return traits_of(source.parts.get(ODOMETRY.name, source)).requires

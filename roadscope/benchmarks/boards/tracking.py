@@ -48,7 +48,7 @@ from roadscope.benchmarks.references import (
     check_detection_source,
     check_ego,
     detection_source,
-    is_noise,
+    missing_for_poses,
     pose_source,
 )
 from roadscope.benchmarks.suite import SPLITS, BoardSettings, Names, Suite
@@ -318,10 +318,7 @@ def missing_requirement(tracker: Spec) -> str:
         return missing
     if tracker.ego is None or str(tracker.ego) in (TRUE_POSES, NO_POSES):
         return ""
-    source = pose_source(tracker.ego)
-    if is_noise(source):
-        return ""
-    return traits_of(source.parts.get("odometry", source)).requires
+    return missing_for_poses(pose_source(tracker.ego))
 
 
 def tracking_scores(
