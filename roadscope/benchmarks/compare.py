@@ -17,9 +17,10 @@ from roadscope.benchmarks.boards import board_named
 from roadscope.benchmarks.metrics.breakdown import split_name
 from roadscope.benchmarks.metrics.score import Better, Score
 from roadscope.benchmarks.results.job_scores import JobName, JobScores
+from roadscope.benchmarks.results.rows import Block, blocks
 from roadscope.benchmarks.results.statistics import (
     linearised,
-    merged,
+    measured,
     paired_interval,
     paired_p_value,
 )
@@ -193,8 +194,8 @@ def compare(
     of `paired_p_value`. Three to five seeds in one scenario are too few for scores that take one of
     two values: three seeds that agree by chance then look like a change. A metric is better or
     worse where its p-value, adjusted by Benjamini and Hochberg (1995), is at most 1 - level and its
-    interval excludes zero. Metrics that are equal in every block are
-    not counted among those compared: they cannot become a false discovery.
+    interval excludes zero. Metrics that are equal in every block are not counted among those
+    compared: they cannot become a false discovery.
     """
     if not 0.5 <= level < 1:
         raise CompareError(f"a level lies between 0.5 and 1, got {level:g}")
@@ -387,29 +388,16 @@ def _differences(
             unpaired.append(Unpaired("b", each.board, each.entry_b, name, has[False, True]))
         if has[True, True]:
             both = [pair for pair in sound if name in pair.a.scores and name in pair.b.scores]
-            ones = _blocks(each.board, [pair.a for pair in both], name)
-            others = _blocks(each.board, [pair.b for pair in both], name)
+            ones = _by_block(each.board, [pair.a for pair in both], name)
+            others = _by_block(each.board, [pair.b for pair in both], name)
             differences.append(_difference(each, name, ones, others, level))
     return differences, unpaired
 
 
-Block = tuple[str, int]
-"""A scenario with a seed: jobs on the same traffic are not independent samples."""
-
-
-def _blocks(board: str, jobs: Sequence[JobScores], metric: str) -> dict[Block, Score]:
+def _by_block(board: str, jobs: Sequence[JobScores], metric: str) -> dict[Block, Score]:
     """Return a metric of an entry by scenario and seed."""
-    groups: dict[Block, list[Score]] = {}
-    for job, score in zip(
-        jobs, board_named(board).pooled(metric, [job.scores for job in jobs]), strict=True
-    ):
-        groups.setdefault((job.name.scenario, job.name.seed), []).append(_averaged(score))
-    return {block: _averaged(merged(scores)) for block, scores in groups.items()}
-
-
-def _averaged(score: Score) -> Score:
-    """Return a score without a weight if it has no value: it does not count."""
-    return score if math.isfinite(score.value) else replace(score, weight=0.0)
+    scores = board_named(board).pooled(metric, [job.scores for job in jobs])
+    return blocks([((j.scenario, j.seed), s) for j, s in zip(jobs, scores, strict=True)])
 
 
 def _difference(
@@ -419,7 +407,7 @@ def _difference(
     others: Mapping[Block, Score],
     level: float,
 ) -> Difference:
-    used = [block for block in ones if ones[block].weight > 0 and others[block].weight > 0]
+    used = [block for block in ones if measured(ones[block]) and measured(others[block])]
     scores_a, scores_b = [ones[block] for block in used], [others[block] for block in used]
     strata = [scenario for scenario, _ in used]
     interval = paired_interval(scores_b, scores_a, strata, level=level)

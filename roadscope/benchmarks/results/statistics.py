@@ -80,7 +80,7 @@ def pooled_interval(
     is that of the linearised ratio (Cochran 1977, ch. 6), w_i (x_i - r) / mean(w), to which
     `mean_interval` is applied. Episodes in which nothing was measured are left out.
     """
-    used = [i for i, s in enumerate(scores) if _measured(s)]
+    used = [i for i, s in enumerate(scores) if measured(s)]
     if not used:
         return Interval(np.nan, np.nan, np.nan, 0)
     power = scores[used[0]].power
@@ -106,7 +106,7 @@ def paired_interval(
     hard for both cancels. Episodes in which either measured nothing are left out.
     """
     pairs = list(zip(ones, others, strict=True))
-    used = [i for i, pair in enumerate(pairs) if all(_measured(s) for s in pair)]
+    used = [i for i, pair in enumerate(pairs) if all(measured(s) for s in pair)]
     if not used:
         return Interval(np.nan, np.nan, np.nan, 0)
     one, moved = linearised([ones[i] for i in used])
@@ -188,8 +188,8 @@ def _ratio(scores: Sequence[Score]) -> tuple[float, np.ndarray]:
 
 def merged(scores: Sequence[Score]) -> Score:
     """Return a score pooled over dependent episodes, such as one in two weathers."""
-    first = next((s for s in scores if _measured(s)), scores[0])
-    used = [s for s in scores if _measured(s)]
+    used = [s for s in scores if measured(s)]
+    first = used[0] if used else scores[0]
     if len(used) < 2:
         return first
     weight = sum(s.weight for s in used)
@@ -198,7 +198,8 @@ def merged(scores: Sequence[Score]) -> Score:
     return replace(first, value=power ** (1 / first.power), n=n, weight=weight)
 
 
-def _measured(score: Score) -> bool:
+def measured(score: Score) -> bool:
+    """Return whether a score has a value that counts."""
     return bool(np.isfinite(score.value)) and score.weight > 0
 
 
