@@ -40,7 +40,7 @@ from roadscope.benchmarks.formats.kitti_labels import (
 )
 from roadscope.benchmarks.formats.tracking_rows import ImageSize
 from roadscope.benchmarks.formats.trajectories import trajectory_text
-from roadscope.benchmarks.nodes.detections import DetectionNode
+from roadscope.benchmarks.nodes.detections import DetectionNode, true_boxes
 from roadscope.benchmarks.progress import Progress, silent
 from roadscope.benchmarks.references import detection_source, made_from_truth
 from roadscope.benchmarks.suite import SPLITS, Suite, check_names
@@ -272,8 +272,8 @@ def read_manifest(folder: Path | str) -> Manifest:
     return manifest
 
 
-def digest_of(truths: Sequence[Truth]) -> str:
-    """Return a digest of truth, positions rounded to a millimetre."""
+def truth_digest(truths: Sequence[Truth]) -> str:
+    """Return a digest of the truth of a sequence, positions rounded to a millimetre."""
     digest = sha256()
     for truth in truths:
         places = np.rint(1000 * truth.centres).astype(np.int64)
@@ -405,7 +405,7 @@ def _write_sequence(
         node = DetectionNode(detection_source(detector), episode, manifest.eligibility)
         files.write_detections(detector, node.read().detections)
     return msgspec.structs.replace(
-        sequence, frames=len(frames), lost=tuple(lost), digest=digest_of(truths)
+        sequence, frames=len(frames), lost=tuple(lost), digest=truth_digest(truths)
     )
 
 
@@ -513,16 +513,7 @@ class _SequenceFiles:
         write_atomically(self._path(kind, "csv"), save)
 
     def _label_rows(self, number: int, truth: Truth, visible: np.ndarray) -> KittiObjects:
-        boxes = Detections(
-            truth.centres,
-            truth.sizes,
-            truth.yaws,
-            truth.categories,
-            np.ones(len(truth)),
-            "world",
-            truth.stamp_s,
-        )
-        tracks = Tracks.of(boxes.select(visible), truth.ids[visible])
+        tracks = Tracks.of(true_boxes(truth, visible), truth.ids[visible])
         rows = self.view.rows(tracks, number, truth.world_from_ego)
         shares = dict(zip(truth.ids.tolist(), truth.occluded_fraction.tolist(), strict=True))
         hidden = np.array([shares[i] for i in rows.ids.tolist()])

@@ -19,8 +19,8 @@ from roadscope.benchmarks.export_suite import (
     ExportedSequence,
     Manifest,
     SequenceView,
-    digest_of,
     read_manifest,
+    truth_digest,
 )
 from roadscope.benchmarks.formats.kitti_frames import detections_from_rows
 from roadscope.benchmarks.formats.kitti_labels import (
@@ -45,7 +45,7 @@ from roadscope.benchmarks.recorded.mot import MOT, MotRecording, mot_suite
 from roadscope.benchmarks.recorded.recording import Recording, recordings_of
 from roadscope.benchmarks.recorded.result_files import kitti_result_scores, score_mot_results
 from roadscope.benchmarks.recorded.suite import KITTI
-from roadscope.benchmarks.records import CallTimes, EpisodeDetections
+from roadscope.benchmarks.records import EpisodeDetections
 from roadscope.benchmarks.results import JobScores, Results, results_of
 from roadscope.benchmarks.results.job_scores import JobName
 from roadscope.core import Category, Detections, Pose, Tracks, Truth
@@ -73,8 +73,9 @@ CATEGORY_OF = {
 }
 AHEAD_M = 10.0
 """Metres along an axis from which on it cannot be the one that points up."""
-NEAR = 0.25
-"""Greatest difference between the stamps of a pose and of its scan, in periods. Chosen by hand."""
+MOST_STAMP_GAP = 0.25
+"""Greatest difference between the stamps of a pose and of its scan, in periods of the LiDAR. Chosen
+by hand."""
 
 
 class SubmitError(ValueError):
@@ -154,9 +155,9 @@ def submit(
     place, exported = Path(folder), Path(folder if suite is None else suite)
     _check_folder(place)
     manifest = read_manifest(exported)
-    boards = [board for board in BOARDS.values() if (place / board.name).is_dir()]
+    boards = [board for board in RESULT_KINDS if (place / board.name).is_dir()]
     if not boards:
-        wanted = " or ".join(f"{board.name}/SEQ{board.ending}" for board in BOARDS.values())
+        wanted = " or ".join(f"{board.name}/SEQ{board.ending}" for board in RESULT_KINDS)
         raise SubmitError(f"{place}: expected {wanted}, got none of them")
     for board in boards:
         _check_names(place / board.name, [s.name for s in manifest.sequences], board.ending)
@@ -294,7 +295,7 @@ def _true_sequence(manifest: Manifest, sequence: ExportedSequence, exported: Pat
         )
     episode = manifest.episode(sequence, exported)
     truths = [truth for _, truth in sensed(episode)]
-    if digest_of(truths) != sequence.digest:
+    if truth_digest(truths) != sequence.digest:
         raise SubmitError(
             f"{exported}: sequence {sequence.name} has other traffic than this version of "
             f"roadscope makes; {manifest.roadscope} exported it: export the suite again"
@@ -306,9 +307,9 @@ def _true_sequence(manifest: Manifest, sequence: ExportedSequence, exported: Pat
 
 def _detection_scores(folder: Path, true: TrueSequence) -> dict[str, Score]:
     detections = read_object_results(folder, true)
-    count, parked = len(true.truths), parked_among(true.episode, true.truths)
-    answers = EpisodeDetections(
-        tuple(detections), tuple(true.truths), CallTimes.zero(count), parked, np.zeros(count)
+    answers = replace(
+        EpisodeDetections.recorded(detections, true.truths),
+        parked=parked_among(true.episode, true.truths),
     )
     rule = true.manifest.eligibility
     return {**detection_scores(answers, rule, timed=False), **detection_parts(answers, rule)}
@@ -338,6 +339,7 @@ def _odometry_scores(path: Path, true: TrueSequence) -> dict[str, Score]:
 class ResultKind(NamedTuple):
     """Results that are scored on one board of an exported suite.
 
+    name: of the board. score: returns the scores of the results at a path.
     ending: of the file of a sequence; empty: its results are a folder.
     gets_detections: whether the entry got detections, as trackers do.
     """
@@ -348,14 +350,11 @@ class ResultKind(NamedTuple):
     gets_detections: bool = False
 
 
-BOARDS = {
-    kind.name: kind
-    for kind in (
-        ResultKind("detection", _detection_scores, ending=""),
-        ResultKind("tracking", _tracking_scores, gets_detections=True),
-        ResultKind("odometry", _odometry_scores),
-    )
-}
+RESULT_KINDS = (
+    ResultKind("detection", _detection_scores, ending=""),
+    ResultKind("tracking", _tracking_scores, gets_detections=True),
+    ResultKind("odometry", _odometry_scores),
+)
 
 
 def read_object_results(folder: Path, true: TrueSequence) -> list[Detections]:
@@ -432,7 +431,7 @@ def _at(path: Path, poses: Sequence[Pose], stamps_s: np.ndarray, scans_s: np.nda
     """Return for each scan, stamped scans_s, the pose whose stamp is nearest."""
     period_s = float(np.median(np.diff(scans_s))) if len(scans_s) > 1 else 0.1
     gaps_s = np.abs(stamps_s[:, None] - scans_s)
-    missing = gaps_s.min(axis=0) > NEAR * period_s
+    missing = gaps_s.min(axis=0) > MOST_STAMP_GAP * period_s
     if missing.any():
         first_s = scans_s[missing][0]
         raise FormatError(f"{path}: expected a pose at each scan, got none at {first_s:.3f} s")

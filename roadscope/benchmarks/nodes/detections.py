@@ -81,7 +81,12 @@ class DetectionNode(Node):
 
 def oracle_detections(truth: Truth, rule: Eligibility) -> Detections:
     """Return the true boxes of all eligible objects, frame `world`."""
-    rows = np.flatnonzero(rule.of(truth))
+    return true_boxes(truth, rule.of(truth))
+
+
+def true_boxes(truth: Truth, chosen: np.ndarray) -> Detections:
+    """Return the boxes of objects in (M,) bool as detections with score 1, frame `world`."""
+    rows = np.flatnonzero(chosen)
     return Detections(
         truth.centres[rows],
         truth.sizes[rows],
