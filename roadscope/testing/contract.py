@@ -261,7 +261,7 @@ def _promises_in(module: str) -> Sequence[Promise]:
 def _kind_in_words(spec: Spec, kind: Kind) -> str:
     if kind is TRACKER and traits_of(spec).offline:
         return "an offline tracker"
-    return f"{'an' if kind is ODOMETRY else 'a'} {kind.name}"
+    return str(kind)
 
 
 def _quiet(printed: str) -> Item:

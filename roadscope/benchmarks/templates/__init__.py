@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from importlib import resources
 from pathlib import Path
 
-from roadscope.benchmarks.cache import FolderError, usable_file, write_atomically
+from roadscope.benchmarks.cache import FolderError, usable_file, write_text
 from roadscope.core import SpecError
 from roadscope.core.names import unknown
 
@@ -72,8 +72,7 @@ def write_template(
     place = usable_file(place, (ending,), f"a {kind}")
     if place.exists() and not force:
         raise FolderError(f"{place} exists; --force writes over it")
-    text = template_text(kind)
-    write_atomically(place, lambda part: _write(part, text))
+    write_text(place, template_text(kind))
     steps = tuple(step.format(path=_quoted(place)) for step in template.next_steps)
     return WrittenTemplate(place, steps)
 
@@ -81,10 +80,6 @@ def write_template(
 def template_text(kind: str) -> str:
     """Return the text of a template."""
     return resources.files(__name__).joinpath(TEMPLATES[kind].source).read_text("utf-8")
-
-
-def _write(path: Path, text: str) -> None:
-    path.write_text(text, encoding="utf-8")
 
 
 def _quoted(path: Path) -> str:
