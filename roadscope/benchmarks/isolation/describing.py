@@ -23,7 +23,8 @@ HARNESS = Path(__file__).resolve().parent
 PACKAGE = Path(__file__).resolve().parents[2]
 SLOW_LIBRARIES = frozenset({"filterpy", "numba", "scipy", "sklearn", "torch"})
 """Libraries that take long to import, and start no threads: they may be imported before a fork."""
-OUR_ROOMS = frozenset({"core", "detectors", "fusion", "odometry", "trackers"})
+PRELOADED_PACKAGES = frozenset({"core", "detectors", "fusion", "odometry", "trackers"})
+"""Packages of roadscope that plug-ins use: their modules may be imported before a fork too."""
 MISTAKE = "mistake"
 """Key of a message: the plug-in that the user named does not exist or cannot be imported."""
 
@@ -67,7 +68,7 @@ def _public_methods(plugin: object) -> frozenset[str]:
 def traits_of_source(target: str, failure: str) -> Traits:
     """Return the traits of a class that cannot be loaded, from its source.
 
-    Only the body of the class is read: its methods and a string `kind`.
+    Only the body of the class is read: its methods and a text `kind`, with or without its type.
     """
     place, _, name = target.rpartition(":")
     file = file_of(place)
@@ -77,9 +78,9 @@ def traits_of_source(target: str, failure: str) -> Traits:
     kinds = [
         node.value.value
         for node in body
-        if isinstance(node, ast.Assign)
+        if isinstance(node, ast.Assign | ast.AnnAssign)
         and isinstance(node.value, ast.Constant)
-        and ast.unparse(node.targets[0]) == "kind"
+        and ast.unparse(node.targets[0] if isinstance(node, ast.Assign) else node.target) == "kind"
     ]
     return Traits(
         file=file,
@@ -95,7 +96,7 @@ def may_preload(module: str) -> bool:
     """Return whether a supervisor may import a module for all later plug-ins."""
     package, _, rest = module.partition(".")
     if package == PACKAGE.name:
-        return rest.partition(".")[0] in OUR_ROOMS
+        return rest.partition(".")[0] in PRELOADED_PACKAGES
     return package in SLOW_LIBRARIES and "." not in rest and not rest.startswith("_")
 
 

@@ -217,6 +217,14 @@ class Tracker:
         pass
 
 
+@pytest.mark.parametrize("kind", ['kind = "tracker"', 'kind: str = "tracker"'])
+def test_the_kind_of_a_class_that_cannot_be_loaded_is_read(tmp_path: Path, kind: str) -> None:
+    code = f"class Tracker:\n    {kind}\n    def update(self): ...\nraise RuntimeError"
+    traits = probe(written(tmp_path, code))
+    assert (traits.kind, traits.methods) == ("tracker", {"update"})
+    assert "RuntimeError" in traits.failure
+
+
 def test_what_is_said_of_a_class_follows_its_file(tmp_path: Path) -> None:
     spec = written(tmp_path, "class Tracker:\n    def update(self): ...")
     assert probe(spec).methods == {"update"}
