@@ -39,7 +39,9 @@ FILE_KINDS: Mapping[str, FileKind] = {
     "tracks": FileKind("tracks", "tracks", _ARRAYS),
     "answers": FileKind("answers on other boards", "answers", _ARRAYS),
     "papers": FileKind("figures of roadscope reproduce", "papers", _ARRAYS),
-    "sources": FileKind("index of our sources", "sources", re.compile(rf"{_DIGEST}\.json")),
+    "sources": FileKind(
+        "index of our sources", "sources", re.compile(rf"{_DIGEST}(\.json|\w*\.part)")
+    ),
     "camera-training": FileKind(
         "pictures and checkpoints of roadscope train",
         "camera-training",

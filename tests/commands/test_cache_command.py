@@ -53,6 +53,15 @@ def test_usage_by_kind(folder: Path) -> None:
     assert usages["results"].size_bytes == len(OURS)
 
 
+@pytest.mark.parametrize("kind", ["timelines", "sources"])
+def test_clear_removes_files_that_a_stopped_process_has_not_finished(
+    folder: Path, kind: str
+) -> None:
+    (folder / kind / f"{DIGEST}k_3xq1zz.part").write_bytes(b"half")
+    (removed,) = clear_cache([kind])
+    assert removed.files == 2
+
+
 def test_clear_removes_ours_alone_and_keeps_results(folder: Path) -> None:
     removed = clear_cache()
     assert sum(usage.files for usage in removed) == len(OURS) - 1
