@@ -148,7 +148,9 @@ def _checked(detector: str, tracker: str, odometry: str | None) -> _Specs:
     if tracker_spec.ego is not None:
         check_ego(tracker_spec.ego)
     pose_spec = None if odometry is None else check_pose_source(odometry)
-    missing = missing_requirement(tracker_spec) or (missing_for_poses(pose_spec) if pose_spec else "")
+    missing = missing_requirement(tracker_spec) or (
+        missing_for_poses(pose_spec) if pose_spec else ""
+    )
     if not missing and source.kind == DETECTOR.name:
         missing = traits_of(source).requires
     if missing:

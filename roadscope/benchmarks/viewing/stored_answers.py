@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, TypeVar
 
+from roadscope.benchmarks.boards.driving import DrivingBoard
 from roadscope.benchmarks.cache import cache_dir, read_kept
 from roadscope.benchmarks.eligibility import Eligibility
 from roadscope.benchmarks.episode import Episode, sensed
@@ -41,9 +42,10 @@ from roadscope.core import RecordError, Truth
 from roadscope.envs.traffic.timeline import Timeline
 
 STORED_NODES = (TrackNode, DetectionNode, FusionNode, ImageNode, PoseNode)
-"""Nodes whose files are shown; their content is told apart by its record."""
+"""Nodes whose answers are shown, one for each folder of files: the others in these folders have
+the same records."""
 MOST_NAMED = 8
-"""Most possibilities that an error names."""
+"""Most possible values that an error names."""
 
 R = TypeVar("R")
 
@@ -82,17 +84,17 @@ def view_of_results(folder: Path | str, choice: EpisodeChoice) -> EpisodeView:
     """
     place = Path(folder)
     results, job = _chosen([run.results for run in read_runs(place)], choice)
+    if job.board == DrivingBoard.name:
+        raise StoredAnswersError(
+            f"{_named(job)} is a drive, which no view shows; its worst moments are in the page of "
+            "roadscope report. Choose another board with --board"
+        )
     spec = _score_spec(place, job)
     content = spec["answers"]
     if isinstance(content.get("parts"), list):
         raise StoredAnswersError(
             f"{_named(job)} is scored on all drives together, which no view shows; choose another "
             "board with --board"
-        )
-    if "driver" in content:
-        raise StoredAnswersError(
-            f"{_named(job)} is a drive, which no view shows; the page of roadscope report replays "
-            "its worst moments; choose another board with --board"
         )
     answers = list(_stored_answers(content))
     if not answers:
@@ -195,9 +197,10 @@ def _possible(jobs: Sequence[JobScores], choice: EpisodeChoice) -> str:
 
 def _named(job: JobScores) -> str:
     condition = "" if job.condition in ("", "clear") else f", {job.condition}"
-    inputs = f" on {job.inputs}"
-    entry = job.entry if not job.inputs or job.entry.endswith(inputs) else job.entry + inputs
-    return f"{entry}, {job.scenario}, seed {job.seed}{condition}"
+    # The names of some entries end with their inputs.
+    inputs = f" on {job.inputs}" if job.inputs else ""
+    inputs = "" if job.entry.endswith(inputs) else inputs
+    return f"{job.entry}{inputs}, {job.scenario}, seed {job.seed}{condition}"
 
 
 def _score_spec(folder: Path, job: JobScores) -> Mapping[str, Any]:

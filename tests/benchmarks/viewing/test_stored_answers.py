@@ -10,6 +10,8 @@ from toy_kitti import write_kitti
 
 from roadscope import leaderboard
 from roadscope.benchmarks import Eligibility, FolderError, load_suite
+from roadscope.benchmarks.metrics import Score
+from roadscope.benchmarks.results import JobScores, results_of
 from roadscope.benchmarks.viewing import (
     EpisodeChoice,
     EpisodeView,
@@ -164,13 +166,10 @@ def test_a_rig_that_is_another_one_now_has_no_sensor_data(folder: Path, tmp_path
     assert "rig has changed" in notes_of(view)
 
 
-def test_a_drive_is_refused_with_the_page_that_replays_it(tmp_path: Path) -> None:
-    suite = tmp_path / "drives.toml"
-    suite.write_text(
-        'name = "drives"\nversion = 1\nrig = "lux"\nscenarios = ["cutting-in"]\n'
-        'seeds = [20000]\nduration_s = 1.0\n[driving]\nentries = ["idm"]\nstacks = ["truth"]\n'
-    )
-    leaderboard(load_suite(suite), out_dir=tmp_path)
-    with pytest.raises(StoredAnswersError, match="roadscope report") as error:
+def test_that_drives_are_not_shown_is_said_with_what_shows_them(tmp_path: Path) -> None:
+    reward = {"reward": Score(0.5, "1", "higher", 1)}
+    drive = JobScores("driving", "idm-mobil on truth", "motorway", 20000, "clear", "truth", reward)
+    results = results_of([drive], {"suite": "driving", "rig": "vlp16"})
+    (tmp_path / "leaderboard.json").write_text(results.to_json())
+    with pytest.raises(StoredAnswersError, match=r"on truth, motorway.*is a drive.*report"):
         view_of_results(tmp_path, EpisodeChoice())
-    assert str(error.value).count("truth") == 1
