@@ -80,8 +80,9 @@ def test_the_same_seed_brings_the_same_and_names_take_options() -> None:
     scene = truth([60.0], copies=20)
     model = CAMERA_NOISES.make("noisy-camera?clutter=3")
     assert NoisyCamera(model, 5).of(scene, WIDE) == NoisyCamera(model, 5).of(scene, WIDE)
-    with pytest.raises(ValueError, match="miss must be"):
-        CAMERA_NOISES.make("noisy-camera?miss=1.5")
+    for text in ("miss=1.5", "miss=None", "gap=None", "half_px=0"):
+        with pytest.raises(ValueError, match=f"{text.partition('=')[0]} must be"):
+            CAMERA_NOISES.make(f"noisy-camera?{text}")
 
 
 def test_the_worse_the_light_the_less_is_found() -> None:
