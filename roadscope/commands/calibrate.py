@@ -21,7 +21,7 @@ Rig = Annotated[
 Poses = Annotated[
     int, typer.Option(min=4, max=100, metavar="N", help="Poses of the target, 4 to 100")
 ]
-Seed = Annotated[int, typer.Option(min=0, metavar="N", help="Seed of poses and noise")]
+Seed = Annotated[int, typer.Option(min=0, metavar="N", help="Random seed of poses and noise")]
 KnownIntrinsics = Annotated[
     bool,
     typer.Option("--known-intrinsics", help="Estimate only the camera's pose", rich_help_panel=HOW),
@@ -34,7 +34,9 @@ CornersOnly = Annotated[
 ]
 Upright = Annotated[
     bool,
-    typer.Option("--upright", help="The target stands; else it is tilted", rich_help_panel=HOW),
+    typer.Option(
+        "--upright", help="The target stands upright; else it is tilted", rich_help_panel=HOW
+    ),
 ]
 Scans = Annotated[
     int,
@@ -52,7 +54,9 @@ Outliers = Annotated[
         rich_help_panel=HOW,
     ),
 ]
-Out = Annotated[Path | None, typer.Option(metavar="FILE", help="The calibration, .json or .toml")]
+Out = Annotated[
+    Path | None, typer.Option(metavar="FILE", help="Write the calibration, .json or .toml")
+]
 
 
 def calibrate(

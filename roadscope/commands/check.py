@@ -15,7 +15,8 @@ Spec = Annotated[
     str,
     typer.Argument(
         metavar="SPEC",
-        help="A plug-in of any kind: file.py:Class, module:Class or a NAME of ours",
+        help="A detector, camera detector, tracker, fusion, odometry or driver: file.py:Class, "
+        "module:Class or a NAME of ours",
     ),
 ]
 Kind = Annotated[
@@ -23,8 +24,8 @@ Kind = Annotated[
     typer.Option(
         "--kind",
         metavar="KIND",
-        help="If its class does not say: tracker, detector, 'camera detector', fusion, odometry, "
-        "driver",
+        help="Kind of plug-in, if its class does not say: tracker, detector, 'camera detector', "
+        "fusion, odometry, driver",
         autocompletion=plugin_kinds,
     ),
 ]

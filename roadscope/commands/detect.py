@@ -54,14 +54,14 @@ Pictures = Annotated[
 Height = Annotated[
     float | None,
     typer.Option(
-        metavar="M", help="Height of the LiDAR above the ground; if left out, estimated from scans"
+        metavar="M", help="Height of the LiDAR above the ground; if left out, by the scans"
     ),
 ]
 Calibration = Annotated[
     Path | None,
     typer.Option(
         metavar="PATH",
-        help="KITTI's, a file or a folder; if left out, calib.txt or calib, in DIR or beside it",
+        help="KITTI calibration, file or folder; if left out, calib.txt or calib at DIR",
     ),
 ]
 Images = Annotated[
@@ -74,8 +74,7 @@ Poses = Annotated[
     Path | None,
     typer.Option(
         metavar="FILE",
-        help="Poses of run-odometry, for detectors of what moves; without them the LiDAR is "
-        "taken to stand still",
+        help="Poses by run-odometry, for detectors of moving things; else the LiDAR stands",
         rich_help_panel=RECORDED,
     ),
 ]

@@ -49,9 +49,7 @@ SuiteName = Annotated[
 ]
 Seeds = Annotated[
     int | None,
-    typer.Option(
-        min=1, metavar="N", help="First N seeds only; a tuned threshold is tuned on N, too"
-    ),
+    typer.Option(min=1, metavar="N", help="First N seeds; thresholds are tuned on N train seeds"),
 ]
 Out = Annotated[
     Path | None,
@@ -83,7 +81,7 @@ Calibration = Annotated[
     Path | None,
     typer.Option(
         metavar="FILE",
-        help="A file of roadscope calibrate, for fusions",
+        help="Calibration for fusions, by roadscope calibrate",
         rich_help_panel=CHOICE,
     ),
 ]
@@ -100,7 +98,7 @@ LidarHeight = Annotated[
     typer.Option(
         min=0.1,
         metavar="M",
-        help="Height of KITTI's LiDAR, 1.73 m if left out",
+        help="Height of KITTI's LiDAR above the road; 1.73 if left out",
         rich_help_panel=RECORDED,
     ),
 ]
@@ -123,9 +121,7 @@ Tracks = Annotated[
 Fresh = Annotated[
     bool,
     typer.Option(
-        "--fresh",
-        help="Compute all again, also what earlier runs computed",
-        rich_help_panel=RUNNING,
+        "--fresh", help="Compute all again, also results of earlier runs", rich_help_panel=RUNNING
     ),
 ]
 Deadline = Annotated[
@@ -168,7 +164,7 @@ Address = Annotated[
     str | None,
     typer.Option(
         metavar="URL",
-        help="Of a cluster of ray or dask, such as tcp://HOST:8786",
+        help="Address of a ray or dask cluster, as tcp://HOST:8786",
         rich_help_panel=RUNNING,
     ),
 ]

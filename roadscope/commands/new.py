@@ -20,9 +20,9 @@ def new(
         ),
     ],
     path: Annotated[
-        Path | None, typer.Argument(metavar="FILE", help="my_KIND.py if left out")
+        Path | None, typer.Argument(metavar="FILE", help="my_KIND.py or my_suite.toml if left out")
     ] = None,
-    force: Annotated[bool, typer.Option("--force", help="Overwrite a file")] = False,
+    force: Annotated[bool, typer.Option("--force", help="Overwrite a file that exists")] = False,
 ) -> None:
     """Write a suite or a plug-in that works and that you can change."""
     from roadscope.benchmarks.templates import write_template

@@ -81,7 +81,7 @@ Odometry = Annotated[
     str | None,
     typer.Option(
         metavar="SPEC",
-        help="Run an odometry too; see roadscope list odometries",
+        help="Run one too; see roadscope list odometries",
         autocompletion=completion.odometries,
         rich_help_panel=METHODS,
     ),
@@ -90,7 +90,7 @@ CameraDetector = Annotated[
     str | None,
     typer.Option(
         metavar="SPEC",
-        help="Camera detector whose boxes are shown",
+        help="Camera detector whose boxes are drawn",
         autocompletion=completion.camera_detectors,
         rich_help_panel=METHODS,
     ),
@@ -133,7 +133,7 @@ Rate = Annotated[
     float,
     typer.Option(
         metavar="HZ",
-        help="Scans per second, if neither times.txt nor names of files have stamps",
+        help="Scans per second, if times.txt and names have no stamps",
         rich_help_panel=RECORDED,
     ),
 ]

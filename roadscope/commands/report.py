@@ -25,8 +25,8 @@ def report(folder: Folder, *, out: Out = None, browse: Open = False, quiet: Quie
 
     The page is one file that loads nothing from elsewhere. It sorts and filters boards, draws
     metrics against time, breakdowns and paired differences to a chosen entry, shows failures with
-    what was printed, and replays where an entry missed an object, raised a false alarm, lost an
-    identity or its way.
+    what was printed, and replays where an entry missed an object, raised a false alarm, switched
+    an identity, drifted or collided.
     """
     from roadscope.benchmarks.cache import usable_file
     from roadscope.benchmarks.report.page import PAGE, read_runs, save_page

@@ -58,7 +58,9 @@ OdometrySpec = Annotated[
 Out = Annotated[Path, typer.Option(metavar="FILE", help="File for the poses")]
 Format = Annotated[
     str,
-    typer.Option(metavar="NAME", help="Of the poses: kitti (3 x 4 matrices) or tum (with stamps)"),
+    typer.Option(
+        metavar="NAME", help="Format of poses: kitti (3 x 4 matrices) or tum (with stamps)"
+    ),
 ]
 TruthFile = Annotated[
     Path | None,
@@ -75,7 +77,7 @@ Mounting = Annotated[
     str | None,
     typer.Option(
         metavar="POSE",
-        help="Pose of the IMU in the frame of the LiDAR: x,y,z,roll,pitch,yaw, metres, degrees",
+        help="Pose of the IMU in the LiDAR's frame: x,y,z,roll,pitch,yaw, metres, degrees",
         rich_help_panel=RECORDED,
     ),
 ]
@@ -83,7 +85,8 @@ WheelsFile = Annotated[
     str | None,
     typer.Option(
         metavar="FILE",
-        help="Lines of stamp and speed, for lidar-inertial?wheels=true; none: no wheels",
+        help="Lines of stamp, speed for lidar-inertial?wheels=true; wheels.csv or .txt at DIR if "
+        "left out; none: no file",
         rich_help_panel=RECORDED,
     ),
 ]

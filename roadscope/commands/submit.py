@@ -24,7 +24,7 @@ Folder = Annotated[
 ]
 Exported = Annotated[
     Path | None,
-    typer.Option("--suite", metavar="DIR", help="What roadscope export wrote; DIR if left out"),
+    typer.Option("--suite", metavar="DIR", help="Folder of roadscope export; DIR if left out"),
 ]
 Kitti = Annotated[
     Path | None,
@@ -39,8 +39,7 @@ Mot = Annotated[
     ),
 ]
 Name = Annotated[
-    str | None,
-    typer.Option("--name", metavar="NAME", help="Name of the entry; that of DIR if left out"),
+    str | None, typer.Option("--name", metavar="NAME", help="Name of the entry; DIR's if left out")
 ]
 Inputs = Annotated[
     str | None,

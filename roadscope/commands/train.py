@@ -18,7 +18,7 @@ train = typer.Typer(
     rich_markup_mode=None,
 )
 
-Seed = Annotated[int, typer.Option(min=0, metavar="N", help="Of all random draws")]
+Seed = Annotated[int, typer.Option(min=0, metavar="N", help="Seed of all random draws")]
 Out = Annotated[Path, typer.Option(metavar="FILE", help="The weights; a .toml comes beside it")]
 
 
@@ -102,7 +102,7 @@ def driver(
     teacher: Annotated[
         str,
         typer.Option(
-            metavar="DRIVER", help="A new agent imitates it, and it sees the truth; '': none"
+            metavar="DRIVER", help="Driver that a new agent imitates; it gets the truth; '': none"
         ),
     ] = "idm-mobil",
     steps: Annotated[

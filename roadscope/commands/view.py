@@ -26,7 +26,7 @@ from roadscope.commands.options import (
 )
 from roadscope.commands.terminal import complain, progress_bars
 
-FOLDER = "Of a folder of results"
+FOLDER = "For a folder of results"
 
 Source = Annotated[
     str,

@@ -149,8 +149,8 @@ def check(
     """Check everything that a plug-in promises and return the results.
 
     spec: a registered name, `module:Class` or `path/to/file.py:Class`, with arguments if you like.
-    kind: detector, camera detector, tracker, fusion or odometry. None: the attribute `kind` of the
-        class, or else the only kind whose method it has.
+    kind: detector, camera detector, tracker, fusion, odometry or driver. None: the attribute `kind`
+        of the class, or else the only kind whose method it has.
     deadline_s: most seconds for one promise, loading and all calls together. A plug-in that takes
         longer counts as hanging, and no more promises are checked.
     trust: run a class that is not part of roadscope in this process, where nothing ends it if it
