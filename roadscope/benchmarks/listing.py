@@ -4,9 +4,19 @@ from __future__ import annotations
 
 import inspect
 from collections.abc import Callable, Mapping
+from functools import partial
 from operator import attrgetter
 from typing import Any, TypeVar
 
+from roadscope.benchmarks.kinds import (
+    CAMERA_DETECTOR,
+    DETECTOR,
+    DRIVER,
+    FUSION,
+    ODOMETRY,
+    TRACKER,
+    Kind,
+)
 from roadscope.benchmarks.noisy import NOISES
 from roadscope.benchmarks.noisy_camera import CAMERA_NOISES
 from roadscope.benchmarks.noisy_odometry import ODOMETRY_NOISES
@@ -29,52 +39,32 @@ def names_of(kind: str) -> list[tuple[str, str]]:
 
 
 def _detectors() -> list[tuple[str, str]]:
-    from roadscope.detectors import DETECTORS
-
     composed = [
         (CLUSTER_BOXES, "A box for every cluster, people too; for fusions."),
         (FUSED, "LiDAR and camera fused: ?lidar=A&camera=B&fusion=C."),
         (ORACLE, "The true boxes of all eligible objects."),
     ]
-    return [*_plugins(DETECTORS), *composed, *_plugins(NOISES)]
+    return [*_plugins(DETECTOR), *composed, *_registered(NOISES)]
 
 
 def _camera_detectors() -> list[tuple[str, str]]:
-    from roadscope.detectors.camera import CAMERA_DETECTORS
-
     oracle = (ORACLE, "The true boxes of all that images show.")
-    return [*_plugins(CAMERA_DETECTORS), oracle, *_plugins(CAMERA_NOISES)]
-
-
-def _fusions() -> list[tuple[str, str]]:
-    from roadscope.fusion import FUSIONS
-
-    return _plugins(FUSIONS)
-
-
-def _trackers() -> list[tuple[str, str]]:
-    from roadscope.trackers import TRACKERS
-
-    return _plugins(TRACKERS)
+    return [*_plugins(CAMERA_DETECTOR), oracle, *_registered(CAMERA_NOISES)]
 
 
 def _odometries() -> list[tuple[str, str]]:
-    from roadscope.odometry import ODOMETRIES
-
     oracle = (
         f"{ORACLE}?odometry=A",
         "The odometry A on scans without moving objects; on boards.",
     )
-    return [*_plugins(ODOMETRIES), oracle, *_plugins(ODOMETRY_NOISES)]
+    return [*_plugins(ODOMETRY), oracle, *_registered(ODOMETRY_NOISES)]
 
 
-def _drivers() -> list[tuple[str, str]]:
-    from roadscope.driving import DRIVERS
-
-    return _plugins(DRIVERS)
+def _plugins(kind: Kind) -> list[tuple[str, str]]:
+    return _registered(kind.registry)
 
 
-def _plugins(registry: Registry[Any]) -> list[tuple[str, str]]:
+def _registered(registry: Registry[Any]) -> list[tuple[str, str]]:
     """Return names with summaries; plug-ins of other packages have that of their class."""
     return [
         (name, registry.summaries.get(name) or _described(registry, name))
@@ -197,10 +187,10 @@ KINDS: Mapping[str, Callable[[], list[tuple[str, str]]]] = {
     "detectors": _detectors,
     "stages": _stages,
     "camera-detectors": _camera_detectors,
-    "fusions": _fusions,
-    "trackers": _trackers,
+    "fusions": partial(_plugins, FUSION),
+    "trackers": partial(_plugins, TRACKER),
     "odometries": _odometries,
-    "drivers": _drivers,
+    "drivers": partial(_plugins, DRIVER),
     "boards": _boards,
     "scenarios": _scenarios,
     "suites": _suites,

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from roadscope.commands.completion import cache_kinds
-from roadscope.commands.help import GroupedCommand, GroupedCommands
+from roadscope.commands.help import GroupedCommand, command_group
 from roadscope.commands.options import Json
 from roadscope.commands.terminal import print_json, show
 
@@ -16,19 +16,7 @@ if TYPE_CHECKING:
 
     from roadscope.benchmarks.cached_files import KindUsage
 
-cache = typer.Typer(
-    cls=GroupedCommands,
-    help="Show or remove files that are computed once and read again.",
-    add_completion=False,
-    rich_markup_mode=None,
-)
-
-
-@cache.callback(invoke_without_command=True)
-def _help(context: typer.Context) -> None:
-    """Show the help where no command is given."""
-    if context.invoked_subcommand is None:
-        typer.echo(context.get_help())
+cache = command_group("Show or remove files that are computed once and read again.")
 
 
 @cache.command("path", cls=GroupedCommand, help="Print the folder that computed files go to.")

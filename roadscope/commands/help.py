@@ -124,6 +124,20 @@ class GroupedCommands(_Help, TyperGroup):
             self.format_commands(ctx, formatter)
 
 
+def command_group(summary: str) -> typer.Typer:
+    """Return a group for commands of its own; without a command it shows its help."""
+    group = typer.Typer(
+        cls=GroupedCommands, help=summary, add_completion=False, rich_markup_mode=None
+    )
+
+    @group.callback(invoke_without_command=True)
+    def show_help(context: typer.Context) -> None:
+        if context.invoked_subcommand is None:
+            typer.echo(context.get_help())
+
+    return group
+
+
 def _write_groups(formatter: Any, groups: Mapping[str, Iterable[tuple[str, str]]]) -> None:
     """Write rows under headings, with one width of the first column for all."""
     rows = [row for group in groups.values() for row in group]

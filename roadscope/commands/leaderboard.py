@@ -227,13 +227,14 @@ def leaderboard(
     for each in by or ():
         check_breakdown(each, boards)
     page = (out or cache_dir()) / PAGE if browse else None
+    settings = WorkerSettings(jobs if address else workers(jobs), backend, address)
     with progress_bars(quiet=quiet) as progress:
         results = run(
             loaded,
             entry or (),
             boards=None if board is None else [board],
             only=only,
-            jobs=jobs if address else workers(jobs),
+            jobs=settings.jobs,
             out_dir=out,
             fresh=fresh,
             progress=progress,
@@ -253,7 +254,7 @@ def leaderboard(
                 entry or (),
                 tracks,
                 only=only,
-                settings=WorkerSettings(jobs if address else workers(jobs), backend, address),
+                settings=settings,
                 options=RunOptions(
                     Limits(episode_s=deadline),
                     trust,

@@ -7,26 +7,16 @@ from typing import Annotated
 
 import typer
 
-from roadscope.commands.help import GroupedCommand, GroupedCommands
+from roadscope.commands.help import GroupedCommand, command_group
 from roadscope.commands.options import Jobs, Quiet, workers
 from roadscope.commands.terminal import headline, progress_bars, show
 
-train = typer.Typer(
-    cls=GroupedCommands,
-    help="Train the camera detector on simulated pictures, or a driver in simulated traffic.",
-    add_completion=False,
-    rich_markup_mode=None,
+train = command_group(
+    "Train the camera detector on simulated pictures, or a driver in simulated traffic."
 )
 
 Seed = Annotated[int, typer.Option(min=0, metavar="N", help="Seed of all random draws")]
 Out = Annotated[Path, typer.Option(metavar="FILE", help="The weights; a .toml comes beside it")]
-
-
-@train.callback(invoke_without_command=True)
-def _help(context: typer.Context) -> None:
-    """Show the help where no command is given."""
-    if context.invoked_subcommand is None:
-        typer.echo(context.get_help())
 
 
 @train.command(
