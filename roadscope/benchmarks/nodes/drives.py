@@ -1,4 +1,4 @@
-"""Drives: of a driver, on what a perception stack makes of the sensors."""
+"""Drives of a driver, who gets the tracks that a perception stack makes from sensor data."""
 
 from __future__ import annotations
 
@@ -88,13 +88,13 @@ class Stack:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class EpisodeDrive(EpisodeRecord):
-    """A drive of K decisions, 0.1 s apart, among A others; frame `world`.
+    """A drive of K decisions, 0.1 s apart, among A other road users; frame `world`.
 
     stamps_s: (K,). speeds, accelerations: (K,) of the ego, m/s and m/s^2.
     reference_accelerations: (K,) m/s^2, of a driver of the simulation that gets the truth.
-    ids: (1 + A,) of all, 0 for the ego. categories: (1 + A,). sizes: (1 + A, 3) metres.
+    ids: (1 + A,) of all road users, 0 for the ego. categories: (1 + A,). sizes: (1 + A, 3) metres.
     poses: (K, 1 + A, 3) box centre and yaw, NaN where absent. velocities: (K, 1 + A, 2), m/s.
-    tracks: K records: what the driver got. end_s: when the drive ended.
+    tracks: K records, those that the driver got. end_s: when the drive ended.
     desired_speed_m_s: of the ego. collided_with: an id, 0 for an obstacle, -1 for nobody.
     sensed, believed: the truth of every processed scan, without sources, and the tracks right after
         it, at its stamp; empty without sensors. parked: (P, 2) centres of parked cars, which are
@@ -142,7 +142,7 @@ class DriveNode(Node):
         return {**super().content(), "loop": code_hash(CLOSED_LOOP)}
 
     def sources(self) -> tuple[Node, ...]:
-        """Return the recorded traffic, of which the page takes the lanes."""
+        """Return the recorded traffic: the report reads the lanes from it."""
         return (TrafficNode.of(self.episode),)
 
     def compute(self, options: RunOptions) -> EpisodeDrive:
@@ -173,12 +173,12 @@ class DriveNode(Node):
                     log.add(scene, loop)
                     yield CallInput((scene,), scene)
 
-            def drive_on(answer: Any, call_input: CallInput[DrivingScene]) -> DrivingCommand:
+            def execute(answer: Any, call_input: CallInput[DrivingScene]) -> DrivingCommand:
                 command = check_command(answer, lanes=call_input.context.lanes)
                 loop.step(command)
                 return command
 
-            replies = run_plugin(self.driver, DRIVER, scenes(), drive_on, options=options)
+            replies = run_plugin(self.driver, DRIVER, scenes(), execute, options=options)
         if not log.scenes:
             raise ValueError("the ego has collided before the drive begins")
         return log.drive(loop, episode.seed, replies.times)
@@ -201,7 +201,7 @@ class _DriveLog:
     """What is written down during a drive."""
 
     scenes: list[DrivingScene] = field(default_factory=list)
-    due: list[float] = field(default_factory=list)
+    reference_accelerations: list[float] = field(default_factory=list)
     sensed: list[Truth] = field(default_factory=list)
     believed: list[Tracks] = field(default_factory=list)
     parked: set[int] = field(default_factory=set)
@@ -210,7 +210,8 @@ class _DriveLog:
     def add(self, scene: DrivingScene, loop: ClosedLoop) -> None:
         self.scenes.append(scene)
         traffic = loop.traffic
-        self.due.append(traffic.outlook(traffic.true_tracks()).model.acceleration_m_s2)
+        reference = traffic.outlook(traffic.true_tracks()).model
+        self.reference_accelerations.append(reference.acceleration_m_s2)
 
     def add_scans(self, loop: ClosedLoop, calls: _StackCalls) -> None:
         for truth in loop.truths:
@@ -240,7 +241,7 @@ class _DriveLog:
             stamps_s=stamps_s,
             speeds=speeds,
             accelerations=(after - speeds) / steps_s,
-            reference_accelerations=np.array(self.due),
+            reference_accelerations=np.array(self.reference_accelerations),
             ids=timeline.ids,
             categories=timeline.categories,
             sizes=timeline.sizes,
