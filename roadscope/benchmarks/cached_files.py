@@ -11,7 +11,7 @@ from roadscope.benchmarks.cache import cache_folder
 from roadscope.core.names import unknown
 
 RESULTS = "results"
-"""The kind of the results database, which is removed only with `results`."""
+"""The kind of the results database, which `clear_cache` removes only if it is told to."""
 
 
 @dataclass(frozen=True, slots=True)

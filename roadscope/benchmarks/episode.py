@@ -58,7 +58,7 @@ class Episode:
         return " + ".join([*parts, *self.faults]) or "clear"
 
     def check(self) -> None:
-        """Read what is recorded; nothing is here, as traffic is simulated when it is needed."""
+        """Do nothing; episodes of recorded data read their files here, before anything runs."""
 
     def traffic_spec(self) -> dict[str, object]:
         """Return what the traffic depends on."""
@@ -78,7 +78,7 @@ class Episode:
         from roadscope.envs.sensors.rigs import rig
         from roadscope.envs.sensors.weather import weather
 
-        # Without faults the key is left out, as before there were any: the hash stays the same.
+        # Without faults the key is left out: the hash is that from before there were faults.
         faulty = {"faults": fingerprint(faults_of(self.faults))} if self.faults else {}
         return {
             **self.traffic_spec(),

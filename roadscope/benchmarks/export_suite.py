@@ -77,7 +77,7 @@ OCCLUDED = (0.25, 0.5)
 POINT_BYTES = 20
 """Four numbers in `velodyne` and one in `velodyne_times`, of four bytes each."""
 PNG_SHARE = 0.7
-"""Size of an image with noise as PNG, beside its pixels: measured on rig `wide`."""
+"""Size of an image with noise as PNG, as a share of its pixels' size: measured on rig `wide`."""
 FILE_OF = {
     Family.VEHICLE: KittiType.CAR,
     Family.PEDESTRIAN: KittiType.PEDESTRIAN,
@@ -353,6 +353,7 @@ def _earlier_export(folder: Path, planned: Manifest) -> Manifest | None:
 
 
 def _unwritten(manifest: Manifest) -> Manifest:
+    """Return a manifest as it was before any sequence was written."""
     bare = (msgspec.structs.replace(s, frames=0, lost=(), digest="") for s in manifest.sequences)
     return msgspec.structs.replace(manifest, sequences=tuple(bare))
 

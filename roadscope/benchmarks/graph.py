@@ -112,7 +112,7 @@ class Scoring(Protocol):
 class Job:
     """The score of one entry on one episode.
 
-    board: that scores the answers.
+    board: it scores the answers.
     entry: its name on the board.
     answers: the node of its answers.
     mark: `upper mark` or the like for an entry without a rank; None for an entry with a rank.

@@ -111,8 +111,9 @@ def _kind_of_class(spec: Spec, possible: Sequence[Kind], kinds_by_name: Mapping[
 
 def traits_of(spec: Spec) -> Traits:
     """Return what the harness reads from a plug-in's class before it runs."""
-    target = spec if spec.target else DETECTORS.resolve(spec)
-    return probe(target.plain)
+    # Only classes come here unresolved, and every registry resolves them in the same way.
+    resolved = spec if spec.target else DETECTORS.resolve(spec)
+    return probe(resolved.plain)
 
 
 def check_plugin_spec(spec: Spec, kind: Kind) -> Spec:

@@ -167,9 +167,9 @@ def _warmed_up(
 ) -> Iterator[CallInput[C]]:
     """Call a throw-away instance of our plug-in with the first inputs, then yield all inputs.
 
-    Our plug-ins compile when they are first called; no timed call shall include that. This happens
-    once in a process, and again in later episodes until an answer was not empty. Other plug-ins get
-    no warm-up; their first call is left out of their times.
+    Our plug-ins compile when they are first called, which must not count in the times of calls. The
+    warm-up is done once in a process, and repeated in later episodes until an answer was not empty.
+    Other plug-ins get none; their first call is left out of their times.
     """
     if spec in _warm or not kind.warm_calls:
         return inputs

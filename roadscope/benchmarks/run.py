@@ -54,7 +54,7 @@ class RunPlan:
     """What a run computes: the jobs of its boards.
 
     boards: those that the suite or the user has entries for.
-    entries: that each board ranks, by the board's name.
+    entries: those that each board ranks, by the board's name.
     """
 
     suite: Suite
@@ -239,7 +239,8 @@ def agreements(
 ) -> tuple[BoardAgreement, ...]:
     """Compare ranks on recorded data with those on every suite that was run with the same entries.
 
-    outcomes: looks up the outcomes of earlier runs by their keys, which cover the present code.
+    outcomes: looks up the outcomes of earlier runs by the keys of jobs. A key covers the code, so
+    outcomes of other code are not found.
     Nothing is computed here: only suites that earlier runs have finished are compared.
     """
     comparable = [board for board in run_plan.boards if board.compared_with]
@@ -276,6 +277,7 @@ def _figures_of_earlier_runs(
 
 
 def _headline_figures(results: Results, board: Board, entries: Sequence[str]) -> dict[str, float]:
+    """Return the headline metric of each entry that has a value."""
     rows = {entry: results.row(board.name, entry, board.headline) for entry in entries}
     return {e: row.value for e, row in rows.items() if row is not None and row.value is not None}
 
@@ -304,6 +306,7 @@ def _suite(
     lidar_height_m: float,
     notice: Callable[[str], None] | None,
 ) -> Suite:
+    """Return the suite of a run, or that of a folder of recorded data."""
     if kitti is not None:
         return kitti_suite(kitti, boards, lidar_height_m=lidar_height_m, notice=notice)
     if mot is not None:

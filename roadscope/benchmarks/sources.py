@@ -25,7 +25,7 @@ DATA_KINDS = (".toml", ".json", ".npz", ".safetensors")
 FORMAT = 3
 """Version of the index; increased when `Source` or what its digest covers changes."""
 REMEMBERED_SOURCES = 256
-"""Most files of plug-ins that are not parsed again in a process while their content is the same."""
+"""Most contents of plug-ins' files whose digests and imports a process remembers."""
 
 
 class Import(msgspec.Struct, frozen=True, array_like=True):
@@ -49,8 +49,8 @@ class Source(msgspec.Struct, frozen=True, array_like=True):
     offered: imports for type checkers in a module with a `__getattr__` of its own, which loads
         them on use.
     texts: string constants without white space, which may name data files.
-    only_offers: whether it is the `__init__` of a package that does nothing but import names for
-        others to import.
+    only_offers: whether it is the `__init__` of a package that does nothing but import names, which
+        others import from it.
     """
 
     mtime_ns: int

@@ -52,7 +52,7 @@ from roadscope.core import Category, Detections, Pose, Tracks, Truth
 
 OWN = "own detections"
 """Shown as the input of a submitted tracker, unless the user names a detector."""
-STATELESS = (
+NOT_IN_FILES = (
     "velocity_rmse_m_s",
     "nees_position",
     "nees_state",
@@ -319,7 +319,7 @@ def _tracking_scores(path: Path, true: TrueSequence) -> dict[str, Score]:
     tracks, parked = read_tracks(path, true), parked_among(true.episode, true.truths)
     pairings = true.manifest.eligibility.pairings(tracks, true.truths, parked)
     every = score_tracks(tracks, true.truths, pairings).named()
-    scores = {name: score for name, score in every.items() if name not in STATELESS}
+    scores = {name: score for name, score in every.items() if name not in NOT_IN_FILES}
     return {**scores, **score_alphas(tracks, true.truths, pairings)}
 
 

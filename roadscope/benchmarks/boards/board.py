@@ -128,7 +128,7 @@ class Board(ABC):
     always_by: tuple[str, str] | None = None
     """A breakdown, and its one metric, that is shown even without `--by`."""
     uses_calibration: bool = False
-    """Whether its plug-ins get the calibration of a run."""
+    """Whether its plug-ins get the calibration file of a run, if it has one."""
     compared_with: str = ""
     """For recorded data: the board of simulated traffic that its ranks are compared with."""
     predictors: Sequence[str] = ()
@@ -175,7 +175,7 @@ class Board(ABC):
         return [SuiteCheck(key, check, text) for text in self.suite_entries(suite)]
 
     def pooled(self, metric: str, scores: Sequence[Scores]) -> list[Score]:
-        """Return the scores of a metric in the form that is pooled, one for each episode."""
+        """Return a score for each episode; pooled, they are the figure of a metric on the board."""
         bins = [part_name(EXCESS, "score", band) for band in BANDS["score"].labels]
         if metric == CALIBRATION_ERROR and all(b in each for b in bins for each in scores):
             return pooled_calibration([[each[b] for b in bins] for each in scores])

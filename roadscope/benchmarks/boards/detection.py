@@ -39,7 +39,9 @@ from roadscope.core import Spec
 from roadscope.core.spec import ORACLE
 
 MARKS = {ORACLE: UPPER_MARK, ONE_CLUSTER: LOWER_MARK}
-_EVERY_BAND = "A false detection has none: in AP it counts in each band, and there is no precision."
+_EVERY_BAND = (
+    "A false detection has no band: it counts in the AP of each, and precision is not shown."
+)
 _NOTES = {
     "range": "Objects and their errors by the true range, false detections by their own.",
     "category": "Objects and their errors by the true category, false detections by their own.",
@@ -47,7 +49,7 @@ _NOTES = {
     + _EVERY_BAND,
     "points": f"Points: returns from the object. {_EVERY_BAND}",
     "score": "Scores are calibrated where precision lies within their band.",
-    "weather": "Objects that fog and rain leave too few returns are not to be found.",
+    "weather": "Objects with too few returns because of fog or rain are not eligible.",
 }
 _TITLES = {
     "range": "range, m",

@@ -93,7 +93,7 @@ class KittiObjectsBoard(Board):
     breakdowns: Sequence[Breakdown] = (Breakdown(SEQUENCE, note=FEW_NOTE),)
     conditions: Mapping[str, Condition] = {}
     sample = ""
-    word: str
+    simulated_board: str
     """The name of the board that ranks the same plug-ins on simulated traffic."""
     overlaps: Sequence[str]
     """By which overlaps precision is measured, keys of `OVERLAPS`; the first ranks."""
@@ -102,7 +102,7 @@ class KittiObjectsBoard(Board):
         """Take the class: car, pedestrian or cyclist."""
         first = self.overlaps[0]
         self.category = category
-        self.name = f"kitti {self.word} {category.name.lower()}"
+        self.name = f"kitti {self.simulated_board} {category.name.lower()}"
         self.headline, self.object_metric = f"ap_{first}_moderate", f"ap_{first}_hard"
         self.by_condition = [column.metric for column in precision_columns(*self.overlaps)]
         self.shown_parts = (Column(self.headline, f"{HEADINGS[first]} moderate"),)
@@ -192,7 +192,7 @@ class KittiDetectionBoard(OneSensorBoard):
     """Ranks LiDAR detectors on one class of KITTI's objects by AP of 3-D boxes."""
 
     kind = DETECTOR
-    word = DetectionBoard.name
+    simulated_board = DetectionBoard.name
     overlaps = ("3d", "bev")
 
     def check_entry(self, spec: Spec) -> Spec:
@@ -212,7 +212,7 @@ class KittiCameraBoard(OneSensorBoard):
     """Ranks camera detectors on one class of KITTI's objects by AP of image boxes."""
 
     kind = CAMERA_DETECTOR
-    word = CameraBoard.name
+    simulated_board = CameraBoard.name
     overlaps = ("2d",)
 
     def node(self, source: Spec, drive: KittiDrive) -> Node:
@@ -229,7 +229,7 @@ class KittiFusionBoard(KittiObjectsBoard):
     """Ranks fusions on one class of KITTI's objects by AP of image boxes."""
 
     kind = FUSION
-    word = FusionBoard.name
+    simulated_board = FusionBoard.name
     overlaps = ("2d", "3d", "bev")
     inputs_name = INPUTS
     breakdowns = (
@@ -299,9 +299,9 @@ def _job(
 
 
 def _joined(times: Sequence[CallTimes]) -> CallTimes:
-    """Return the times of all calls; the first of a drive may load or compile what is needed.
+    """Return the times of all calls but the first of each drive, which may load or compile things.
 
-    That of the first drive stays, as `call_cost` leaves the first one out.
+    The first call of the first drive stays, because `call_cost` leaves it out.
     """
     kept = [
         each.select(np.arange(number > 0, len(each.wall_ms))) for number, each in enumerate(times)

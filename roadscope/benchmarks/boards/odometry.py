@@ -49,7 +49,7 @@ from roadscope.benchmarks.suite import BoardSettings, Positive, Suite
 from roadscope.core import Spec
 from roadscope.core.spec import ORACLE
 
-DYNAMIC_NOTE = "dyn.: returns that the odometry holds to be of moving objects."
+DYNAMIC_NOTE = "dyn.: returns that the odometry takes for those of moving objects."
 ERROR_NOTE = "mean, std, min, max: of the positions' errors, mean of the episodes."
 
 
@@ -96,7 +96,12 @@ class OdometryBoard(Board):
         Column("error_max", "max m", 2, ERROR_NOTE),
         Column("error_mean", "mean m", 2, ERROR_NOTE),
         Column("error_std", "std m", 2, ERROR_NOTE),
-        Column("false_motion_end", "false end m", 2, "false end: error at the end of the rest."),
+        Column(
+            "false_motion_end",
+            "false end m",
+            2,
+            "false end: false motion at the end of a standstill.",
+        ),
         Column("error_min", "min m", 2, ERROR_NOTE),
     )
     breakdowns = (

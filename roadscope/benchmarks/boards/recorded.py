@@ -20,7 +20,7 @@ from roadscope.benchmarks.boards.board import (
 from roadscope.benchmarks.boards.tracking import (
     ALPHA_BREAKDOWN,
     ALPHA_METRICS,
-    HEADINGS,
+    HEADING_ERRORS,
     NEES,
     OFFLINE,
     TrackingBoard,
@@ -220,7 +220,9 @@ class RecordedBoard(Board):
         first, *others = settings.detectors
         text = f"{sequences} of {settings.labelled} labelled sequences have detections. "
         text += f"Trackers get those of {first}"
-        text += f", and where it says so of {', '.join(others)}." if others else "."
+        text += (
+            f"; entries 'on' another detector get its own: {', '.join(others)}." if others else "."
+        )
         return f"{text} {settings.remark}".rstrip()
 
 
@@ -246,7 +248,7 @@ class KittiBoard(RecordedBoard):
         Column("fragmentations", "frag.", 0, SUMS_NOTE),
         Column("mota_3d", "MOTA 3-D", 3),
         slow_calls_column(2),
-        *HEADINGS,
+        *HEADING_ERRORS,
         Column("wrong_associations", "wrong assoc", 0, SUMS_NOTE),
     )
     breakdowns = (

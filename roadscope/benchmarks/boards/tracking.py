@@ -66,7 +66,7 @@ NEES = Column(
     "NEES: of positions, over its degrees of freedom; 1 when consistent, more when the tracks' "
     "covariances are too small.",
 )
-HEADINGS = (
+HEADING_ERRORS = (
     Column(
         "heading_rmse_deg",
         "head. deg",
@@ -144,7 +144,7 @@ class TrackingBoard(Board):
         Column(
             "inside_state", "in 95 %", 2, "in 95 %: objects within their tracks' 95 % ellipses."
         ),
-        *HEADINGS,
+        *HEADING_ERRORS,
         NEES,
         Column(
             "nees_in_band",
@@ -280,9 +280,9 @@ Training = tuple[tuple[HotaNode, ...], ...]
 
 
 def _training(tracker: Spec, detector: str, suite: Suite) -> Training:
-    """Return what the threshold of a tracker is chosen by: as many train seeds as are ranked.
+    """Return HOTA on train seeds, by which the threshold of a tracker is chosen.
 
-    None of them is ranked.
+    There are as many of them as the suite has seeds, and none is a seed of the suite.
     """
     unranked = [seed for seed in SPLITS["train"] if seed not in suite.seeds]
     train = replace(suite, seeds=tuple(unranked[: len(suite.seeds)]))
@@ -296,7 +296,7 @@ def _training(tracker: Spec, detector: str, suite: Suite) -> Training:
 def _with_threshold(
     node: TrackNode, rule: Eligibility, training: Training | None
 ) -> TrackNode | TunedNode:
-    """Return the node that chooses a threshold by its training; the node itself without any."""
+    """Return the node that chooses a threshold by its training; without any, the node itself."""
     if training is None:
         return node
     return TunedNode(tuple(each.tracks for each in hota_nodes(node, rule)), training)

@@ -172,8 +172,8 @@ def probe(spec: PluginSpec) -> Traits:
     options = _probing.get()
     key = spec.text, spec.target, Path.cwd(), options
     if key in _PROBED:
-        traits, changed = _PROBED[key]
-        if changed == _changed(traits.file):
+        traits, modified_ns = _PROBED[key]
+        if modified_ns == _modified_ns(traits.file):
             return traits
     try:
         if options.trust or not hasattr(os, "fork"):
@@ -186,7 +186,7 @@ def probe(spec: PluginSpec) -> Traits:
         if error.mistake:
             raise SpecError(str(error)) from error
         traits = traits_of_source(spec.target, str(error))
-    _PROBED[key] = traits, _changed(traits.file)
+    _PROBED[key] = traits, _modified_ns(traits.file)
     return traits
 
 
@@ -223,9 +223,11 @@ def probing(limits: Limits, *, sandbox: bool = False, trust: bool = False) -> It
 _probing: ContextVar[_Probing] = ContextVar("probing", default=_Probing())  # noqa: B039
 
 _PROBED: dict[tuple[str, str, Path, _Probing], tuple[Traits, int]] = {}
+"""Traits by spec, folder and options, with the time when the file was modified."""
 
 
-def _changed(file: Path | None) -> int:
+def _modified_ns(file: Path | None) -> int:
+    """Return when a file was modified; 0 without a file, -1 if that is not known."""
     try:
         return file.stat().st_mtime_ns if file else 0
     except (OSError, ValueError):

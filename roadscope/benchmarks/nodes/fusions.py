@@ -225,7 +225,7 @@ def detection_node(source: Spec, episode: Episode, rule: Eligibility) -> Node:
 
 
 def scan_rows(episode: Episode, scans: int, every_s: float) -> np.ndarray:
-    """Return (K,) int64, which scans are fused: all, or one each `every_s` without the first."""
+    """Return (K,) int64, which scans are fused: all, or one every `every_s`, not the first scan."""
     step = max(1, round(every_s / rig(episode.rig).lidar.spec.period_s))
     return np.arange(0 if step == 1 else step, scans, step)
 

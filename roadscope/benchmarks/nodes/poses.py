@@ -81,7 +81,7 @@ class PoseNode(Node):
 
 
 def start_from_ego(poses: EpisodePoses, episode: Episode, stamps_s: Sequence[float]) -> list[Pose]:
-    """Return the pose of the ego that an odometry estimated last before each stamp, seconds.
+    """Return the last pose of the ego that an odometry estimated up to each stamp, seconds.
 
     Poses are in the ego frame of the first scan, by the calibration as the user believes it;
     before the first scan they are the identity.

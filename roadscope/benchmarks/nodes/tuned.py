@@ -1,9 +1,9 @@
 """Trackers whose threshold of scores is chosen on training data.
 
-`gnn?least_score=tuned` gets only detections with at least a score; other arguments with the value
-`tuned` get that score. It is the one with the highest HOTA on episodes of which none is ranked with
-it: train seeds of a suite, all other sequences of a folder. So entries that do not know what scores
-mean are compared at their best.
+`gnn?least_score=tuned` gets only detections whose score reaches a threshold; other arguments with
+the value `tuned` get the threshold itself. It is the one with the highest HOTA on episodes that are
+not ranked with it: train seeds of a suite, all other sequences of a folder. So trackers that do not
+use scores are compared at their best.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 TUNED = "tuned"
 """The value of arguments that get the chosen threshold."""
 LEAST_SCORE = "least_score"
-"""The argument that stands for leaving out detections; no tracker needs to have it."""
+"""The argument by which detections with low scores are left out; no tracker needs to have it."""
 THRESHOLDS = (0.0, 0.05, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 0.95, 0.98, 0.99)
 """Scores that are tried: round figures, denser where scores of trained detectors are."""
 
@@ -63,7 +63,7 @@ class EpisodeHota(EpisodeRecord):
 class HotaNode(Node):
     """HOTA of the tracks of an episode.
 
-    judge: what counts, a recording or the rule of a suite.
+    judge: decides which objects and tracks count: a recording, or the rule of a suite.
     """
 
     tracks: TrackNode

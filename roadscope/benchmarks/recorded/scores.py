@@ -70,9 +70,9 @@ def label_errors(
         for record, truth, a, b in zip(tracks, truths, ends[:-1], ends[1:], strict=True)
     ]
     errors = state_errors(tracks, truths, pairs)
-    followed_objects = len(np.unique(object_ids))
-    scores = state_scores(errors) | consistency_scores(errors, followed_objects)
-    objects_with_nees = followed_objects if scores["nees_position"].n else 0
+    matched_objects = len(np.unique(object_ids))
+    scores = state_scores(errors) | consistency_scores(errors, matched_objects)
+    objects_with_nees = matched_objects if scores["nees_position"].n else 0
     band = dict(zip(NEES_BAND, nees_band(objects_with_nees), strict=True))
     return {name: scores[name] for name in STATE_METRICS} | band
 

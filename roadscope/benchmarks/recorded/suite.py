@@ -239,7 +239,7 @@ MAKERS: Mapping[str, Callable[[_DataFolder], dict[str, BoardSettings]]] = {
     "fusion": _fusion,
     "odometry": _odometry,
 }
-"""What makes the settings of the boards that a board's name stands for."""
+"""By the name of a board, what makes the settings of the boards of recorded data like it."""
 MARKERS: Mapping[str, Sequence[str]] = {
     TRACKING_BOARD: (f"{DETECTOR_PREFIX}*",),
     "detection": (SCANS,),

@@ -62,8 +62,7 @@ SWITCHES, MISSES, ALARMS = "identity switches", "misses", "false alarms"
 DRIFT, JUMP = "drift", "jump"
 COLLISION, NEAR_MISS, PHANTOM = "collision", "near miss", "phantom braking"
 AROUND_S, MOST_AROUND = 2.0, 30
-"""A moment lasts so long before and after its event, with at most so many frames on either side;
-chosen by hand."""
+"""Length of a moment before its event and after it, and most frames of either; chosen by hand."""
 SMOOTH = 5
 """Frames over which misses and false alarms are summed to find where most are."""
 OF_A_KIND = 2
@@ -73,11 +72,11 @@ MOST_BOXES = 60
 MOST_POSES = 240
 """Most poses of a replayed trajectory, beside those around its jump."""
 MARGIN_M = 10.0
-"""Objects and lanes are shown so far beyond the range in which objects are eligible."""
+"""How far objects and lanes are shown beyond the range in which objects are eligible."""
 MARKER_AHEAD_M = 1.45
-"""The page draws the ego with its middle so far ahead of its pose, which is that of a rear axle."""
+"""How far the middle of the ego, as the page draws it, is ahead of its pose: the rear axle."""
 NEAR_M = 45.0
-"""The ego is in view at first if something that went wrong is nearer. Chosen by hand."""
+"""The ego is in the first view if something that went wrong is nearer to it. Chosen by hand."""
 
 
 class MovingBox(msgspec.Struct, frozen=True, array_like=True):
@@ -107,7 +106,7 @@ class Moment(msgspec.Struct, frozen=True, kw_only=True):
     objects, answers: true boxes, and those of the entry.
     estimate: motion of the ego as an odometry estimates it; empty on other boards.
     errors: centimetres from the true position in each frame, for odometries.
-    focus: x, y and half the length and width of what to look at, decimetres, from the ego.
+    focus: x, y, half length and half width of the first view, decimetres, from the ego.
     """
 
     board: str
@@ -133,18 +132,21 @@ Severity = Callable[[Mapping[str, Score]], float]
 """Returns how bad the scores of an episode are in one respect."""
 
 
-def _lost(metric: str) -> Severity:
-    """Return the number of samples that a ratio lacks to 1."""
+def _failed_samples(metric: str) -> Severity:
+    """Return how many samples of a ratio are failures, such as the misses of a recall."""
     return lambda scores: (1.0 - scores[metric].value) * scores[metric].n
 
 
-KINDS: Mapping[type, Mapping[str, Severity]] = {
+SEVERITIES: Mapping[type, Mapping[str, Severity]] = {
     EpisodeTracks: {
         SWITCHES: lambda scores: scores["id_switches"].value,
-        MISSES: _lost("recall"),
-        ALARMS: _lost("precision"),
+        MISSES: _failed_samples("recall"),
+        ALARMS: _failed_samples("precision"),
     },
-    EpisodeDetections: {MISSES: _lost("detection_rate"), ALARMS: _lost("precision")},
+    EpisodeDetections: {
+        MISSES: _failed_samples("detection_rate"),
+        ALARMS: _failed_samples("precision"),
+    },
     EpisodePoses: {
         DRIFT: lambda scores: scores["end"].value,
         JUMP: lambda scores: scores["rpe"].value,
@@ -155,7 +157,7 @@ KINDS: Mapping[type, Mapping[str, Severity]] = {
         PHANTOM: lambda scores: scores["phantom_braking"].value,
     },
 }
-"""What can be wrong with answers, by their record."""
+"""For each record of answers, what can be wrong with them, and how bad it is."""
 
 
 def worst_moments(
@@ -168,11 +170,11 @@ def worst_moments(
     """
     of_entry: dict[tuple[str, str], list[tuple[Job, JobScores]]] = {}
     for job, scored in zip(jobs, results.jobs, strict=True):
-        if scored.reason is None and job.mark is None and job.answers.record in KINDS:
+        if scored.reason is None and job.mark is None and job.answers.record in SEVERITIES:
             of_entry.setdefault((job.board.name, job.entry), []).append((job, scored))
     queues: list[list[Moment]] = []
     for done, pairs in enumerate(of_entry.values(), start=1):
-        for kind, severity in KINDS[pairs[0][0].answers.record].items():
+        for kind, severity in SEVERITIES[pairs[0][0].answers.record].items():
             chosen = _worst(pairs, severity)
             queues.append([] if chosen is None else _read(chosen, kind))
         progress("worst moments", done, len(of_entry))

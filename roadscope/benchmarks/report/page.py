@@ -44,9 +44,9 @@ PAGE = "report.html"
 MOST_BYTES = 1_500_000
 """Greatest size of a page. What does not fit is left out, and the page says so."""
 NOTICE_BYTES = 2000
-"""Reserved for what a page says about that."""
+"""Reserved for what a page says about parts that are left out."""
 HALVED = tuple(2**k for k in range(10, -1, -1))
-"""Numbers of entries of a board, and of boards, that are tried where tables alone are too large."""
+"""Most entries of a board, then most boards, that are tried where tables alone are too large."""
 FIRST_COLUMNS = 8
 """Columns of a board that are shown at first."""
 COMPARED = 5

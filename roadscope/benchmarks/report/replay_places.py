@@ -16,8 +16,9 @@ from roadscope.benchmarks.nodes.traffic import TrafficNode
 from roadscope.core import RecordError
 
 VIEW_M = 12.0
-"""So much around what went wrong is in view; chosen by hand."""
+"""Margin of a view around what went wrong; chosen by hand."""
 LANE_TOLERANCE_M = 0.15
+"""Points of a lane that are nearer than this to its simplified line are left out."""
 DECIMETRES, CENTIRADIANS = 10.0, 100.0
 
 

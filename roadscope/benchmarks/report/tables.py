@@ -16,7 +16,7 @@ from roadscope.benchmarks.boards.board import Column
 from roadscope.benchmarks.boards.recorded import KITTI_BOARDS
 from roadscope.benchmarks.boards.tracking import OFFLINE
 from roadscope.benchmarks.results import Results, Row, Standing
-from roadscope.benchmarks.results.agreement import LEAST
+from roadscope.benchmarks.results.agreement import LEAST_ENTRIES
 from roadscope.benchmarks.results.prediction import predictions
 from roadscope.benchmarks.suite import Suite
 from roadscope.benchmarks.tables import plain_table
@@ -177,7 +177,7 @@ def agreement_lines(results: Results, name: str) -> list[str]:
         if a.board == name
     ]
     ranked = [s for s in results.standings if s.board == name and s.rank is not None]
-    comparable = board_named(name) in KITTI_BOARDS and len(ranked) >= LEAST
+    comparable = board_named(name) in KITTI_BOARDS and len(ranked) >= LEAST_ENTRIES
     return lines or [NO_COMPARISON] * comparable
 
 

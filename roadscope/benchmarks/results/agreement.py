@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-LEAST = 3
+LEAST_ENTRIES = 3
 """Least number of entries that are compared: two can only agree or disagree completely."""
 NORMAL_95 = 1.959964
 """The 97.5 % quantile of the standard normal distribution."""
@@ -35,7 +35,7 @@ class BoardAgreement:
         None with three entries, or if all ranks agree or all are reversed: nothing varies then.
         """
         count = len(self.entries)
-        if count <= LEAST or abs(self.rho) > 1 - 1e-9:
+        if count <= LEAST_ENTRIES or abs(self.rho) > 1 - 1e-9:
             return None
         spread = NORMAL_95 * np.sqrt((1 + self.rho**2 / 2) / (count - 3))
         low, high = np.tanh(np.arctanh(self.rho) + np.array([-spread, spread]))
@@ -54,7 +54,7 @@ class BoardAgreement:
             for entry, figure in simulated.items()
             if np.isfinite([figure, recorded.get(entry, np.nan)]).all()
         ]
-        if len(both) < LEAST:
+        if len(both) < LEAST_ENTRIES:
             return None
         rho = spearman([simulated[entry] for entry in both], [recorded[entry] for entry in both])
         return BoardAgreement(board, suite, rho, tuple(both)) if np.isfinite(rho) else None

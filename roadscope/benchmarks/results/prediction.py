@@ -8,13 +8,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from roadscope.benchmarks.boards import board_named
-from roadscope.benchmarks.results.agreement import LEAST, spearman
+from roadscope.benchmarks.results.agreement import LEAST_ENTRIES, spearman
 from roadscope.benchmarks.results.job_scores import JobScores
 
 RESAMPLES = 400
-TAIL, LEAST_MEASURED = 0.025, 0.9
-"""The range of a correlation holds all but these tails of its resamples, of which this share has to
-be measured."""
+TAIL = 0.025
+"""Share of the resampled correlations below their range, and above it."""
+LEAST_MEASURED = 0.9
+"""A correlation has a range if at least this share of its resamples has a value."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,7 +50,7 @@ def predictions(jobs: Sequence[JobScores], board: str) -> list[Prediction]:
     failed = {_episode(job) for job in ranked if job.reason is not None}
     sound = [job for job in ranked if _episode(job) not in failed]
     blocks = list(dict.fromkeys((job.scenario, job.seed) for job in sound))
-    if len(names) < LEAST or not described.predictors or not blocks:
+    if len(names) < LEAST_ENTRIES or not described.predictors or not blocks:
         return []
     metrics = (*described.predictors, *described.predicted)
     tables = {metric: _table(sound, metric, names, blocks) for metric in metrics}
@@ -86,7 +87,7 @@ def _draws(blocks: Sequence[tuple[str, int]]) -> list[np.ndarray]:
 
 
 def _range(rhos: Sequence[float]) -> tuple[float, float]:
-    """Return the range of most resamples; NaN if too few of them could be measured."""
+    """Return the range of most resamples; NaN if too few of them have a value."""
     finite = np.array(rhos)[np.isfinite(rhos)]
     if not len(rhos) or len(finite) < LEAST_MEASURED * len(rhos):
         return np.nan, np.nan
@@ -133,6 +134,6 @@ def _rho(one: _Table, other: _Table, draw: np.ndarray) -> float:
             pooled = table.sums[:, draw].sum(axis=1) / table.weights[:, draw].sum(axis=1)
         values.append(table.sign * pooled)
     finite = np.isfinite(values).all(axis=0)
-    if finite.sum() < LEAST:
+    if finite.sum() < LEAST_ENTRIES:
         return float("nan")
     return spearman(values[0][finite].tolist(), values[1][finite].tolist())

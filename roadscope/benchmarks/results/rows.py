@@ -66,7 +66,7 @@ class EntryResult:
 
 def whole_rows(result: EntryResult) -> list[Row]:
     """Return the rows of an entry over whole episodes, and the number of failures."""
-    names = [name for name in _names(result) if _is_whole(name) and not _silent(result, name)]
+    names = [name for name in _names(result) if _is_whole(name) and not _is_silent(result, name)]
     rows = [_row(result, name, samples_of(result, name)) for name in names]
     rows += [_median_row(result, name) for name in result.board.medians if name in names]
     board, entry, failed = result.board.name, result.entry, result.failed
@@ -78,7 +78,7 @@ def part_rows(result: EntryResult) -> list[Row]:
     """Return the rows of an entry broken down; bands without samples are left out."""
     names = _names(result)
     rows = [_row(result, n, samples_of(result, n)) for n in names if not _is_whole(n)]
-    metrics = [name for name in result.board.by_condition if not _silent(result, name)]
+    metrics = [name for name in result.board.by_condition if not _is_silent(result, name)]
     for by, values in conditions_of(result).items():
         for band in dict.fromkeys(values):
             in_band = [s for s, v in zip(result.sound, values, strict=True) if v == band]
@@ -131,7 +131,7 @@ def _is_whole(name: str) -> bool:
     return split_name(name)[1] == ""
 
 
-def _silent(result: EntryResult, name: str) -> bool:
+def _is_silent(result: EntryResult, name: str) -> bool:
     return result.board.is_silent(name, [each.scores for each in result.sound])
 
 

@@ -11,11 +11,11 @@ from roadscope.benchmarks.metrics.score import Score
 
 SMALL = 10
 """Strata below this size get Student's t: studentised resampling is unstable there."""
-ALIKE = 0.01
+DEGENERATE = 0.01
 """A resample with less than this share of the variance is degenerate; more than this share of
 degenerate resamples makes the bootstrap unusable."""
-EXACT = 13
-"""Number of episodes up to which all flips of signs are tried, 2 to that power."""
+MOST_EXACT = 13
+"""Most episodes for which all flips of signs are tried: 2 to the power of their number."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -145,7 +145,7 @@ def paired_p_value(
     sizes = np.abs(amounts[amounts != 0])
     if len(np.unique(np.round(sizes / sizes.max(initial=0), 9))) == len(sizes):
         return student
-    if len(shares) > EXACT:
+    if len(shares) > MOST_EXACT:
         return max(student, 2.0 ** (1 - len(sizes)))
     return max(student, _p_of_sign_flips(shares))
 
@@ -159,7 +159,7 @@ def _p_of_sign_flips(values: np.ndarray) -> float:
         lambda x, axis: x.mean(axis=axis),
         permutation_type="samples",
         vectorized=True,
-        n_resamples=2**EXACT,
+        n_resamples=2**MOST_EXACT,
     )
     return float(result.pvalue)
 
@@ -246,9 +246,9 @@ def _studentised(
         shift += (drawn.mean(axis=1) - group.mean()) / len(groups)
         variance += drawn.var(axis=1, ddof=1) / len(group) / len(groups) ** 2
         observed += float(group.var(ddof=1)) / len(group) / len(groups) ** 2
-    if (variance < ALIKE * observed).mean() > ALIKE:
+    if (variance < DEGENERATE * observed).mean() > DEGENERATE:
         return None
-    studentised: np.ndarray = shift / np.sqrt(np.maximum(variance, ALIKE * observed))
+    studentised: np.ndarray = shift / np.sqrt(np.maximum(variance, DEGENERATE * observed))
     return studentised
 
 
