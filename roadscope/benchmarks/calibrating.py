@@ -34,7 +34,7 @@ LEAST_POSES = 4
 STEPS = (4, 6, 8, 10, 12, 16, 20, 30, 40, 60, 80, 100)
 """Numbers of poses that are compared, up to the number of views."""
 DRAWS = 9
-"""Random choices of that many poses among all; the median of their errors is shown."""
+"""Random choices of poses for each of these numbers; medians of their errors are shown."""
 ENDINGS = (".json", ".toml")
 
 
@@ -96,11 +96,11 @@ def calibrate_rig(
         raise CalibrationError(f"scans: expected at least 1, got {scans}")
     if not 0 <= outliers <= 0.5:
         raise CalibrationError(f"outliers: expected a share from 0 to 0.5, got {outliers}")
-    carrier, report = find_rig(name), progress or silent
-    camera_of(carrier)
+    rig, report = find_rig(name), progress or silent
+    camera_of(rig)
     report("poses", 0, poses)
     views = target_views(
-        carrier,
+        rig,
         poses,
         np.random.default_rng([seed, poses]),
         progress=lambda done: report("poses", done, poses),
@@ -115,7 +115,7 @@ def calibrate_rig(
     if outliers:
         views = with_misread_corners(views, outliers, np.random.default_rng([seed, poses, 1]))
     counts = [n for n in STEPS if n < len(views)] + [len(views)]
-    trial = _Trial(carrier, seed, known_intrinsics, corners_only)
+    trial = _Trial(rig, seed, known_intrinsics, corners_only)
     rows = []
     for number, count in enumerate(counts):
         report("solving", number, len(counts))
@@ -138,7 +138,7 @@ def save_rig_calibration(calibration: RigCalibration, path: Path | str, origin: 
 
 
 def calibration_path(path: Path | str) -> Path:
-    """Refuse a path that no calibration can be written to, before anything is computed."""
+    """Return the path; raise `FolderError` if no calibration can be written there."""
     return usable_file(path, ENDINGS, "a calibration")
 
 
@@ -157,7 +157,7 @@ def sufficient_poses(rows: Sequence[PoseRow], factor: float = 1.5) -> int:
 
 @dataclass(frozen=True, slots=True)
 class _Trial:
-    """How a rig is calibrated."""
+    """The settings with which a rig is calibrated from some of its views."""
 
     rig: Rig
     seed: int
@@ -190,13 +190,13 @@ def _row(trial: _Trial, views: TargetViews, count: int) -> PoseRow:
     return PoseRow(count, middle[0], middle[1], most, *middle[2:])
 
 
-def _errors(carrier: Rig, result: CalibrationResult) -> tuple[float, float, float]:
+def _errors(rig: Rig, result: CalibrationResult) -> tuple[float, float, float]:
     """Return errors of held-out points, pixels, and of the camera's pose, metres and degrees."""
-    true = camera_of(carrier).ego_from_camera
+    true = camera_of(rig).ego_from_camera
     _, pose = decompose(result.projection.matrix)
     turn = pose.rotation.T @ true.rotation
     # The arccosine of the trace loses half the digits where the angle is small.
     sine = np.linalg.norm(turn - turn.T) / np.sqrt(8.0)
     angle = float(np.degrees(np.arctan2(sine, (np.trace(turn) - 1) / 2)))
     distance_m = float(np.linalg.norm(pose.translation - true.translation))
-    return held_out_error_px(carrier, result.projection), distance_m, angle
+    return held_out_error_px(rig, result.projection), distance_m, angle

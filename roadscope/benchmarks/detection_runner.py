@@ -68,10 +68,11 @@ NO_GROUND = (
 HEIGHT_SCANS = 20
 """Most scans by which the height of the LiDAR is estimated."""
 LAYER_M = 0.1
+"""Returns at most this far above or below the ground are counted as ground. Chosen by hand."""
 FLATTEST = 15.0
-"""Half the thickness of the ground, and its greatest median distance in heights of the LiDAR.
-Chosen by hand: on our motorway it is 2.8 for an HDL-32E and 5.1 for a VLP-16; it is 126 where the
-flat beams of a LUX meet people and cars in place of the ground."""
+"""Greatest median distance of the ground, in heights of the LiDAR. Chosen by hand: on our motorway
+it is 2.8 for an HDL-32E and 5.1 for a VLP-16; it is 126 where the flat beams of a LUX meet people
+and cars in place of the ground."""
 
 A = TypeVar("A")
 
@@ -372,8 +373,9 @@ def _answered_scan(
 class RecordingOptions(NamedTuple):
     """What a user says of a recording.
 
-    detector: a spec; empty: what is there decides. images: folder of the images, if elsewhere.
-    calibration: see `KittiCameras`. height_m: of the LiDAR above the ground; None: scans show it.
+    detector: a spec; empty: scans, images and calibration decide. images: folder of the images, if
+        elsewhere. calibration: see `KittiCameras`.
+    height_m: of the LiDAR above the ground; None: it is estimated from the scans.
     turn: (3, 3), brings the LiDAR's axes to x ahead, y left, z up.
     poses: file with poses of the LiDAR. rate_hz, columns, topics: see `ScanFolder.find`.
     """

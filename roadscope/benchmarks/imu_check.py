@@ -35,7 +35,7 @@ DEGREES_RATIO = 20.0
 times)."""
 RATIOS = (0.6, 1.6)
 """Limits of the ratio of the IMU's turn to that of the scans if both agree. Chosen by hand."""
-ASTRAY = 0.5
+LEAST_COSINE = 0.5
 """Cosine of the angle between two motions below which they are not the same: 60 degrees. With the
 right mounting it is 0.96 and more (validation drives of 13 scenarios)."""
 
@@ -67,10 +67,10 @@ def doubt_of_imu(folder: ScanFolder, imu: RecordedImu) -> str:
     starts = range(0, len(folder) - STEPS, STEPS)
     moved = [imu_motion(imu, *_times(folder, start)) for start in starts]
     turns = np.array([np.linalg.norm(each.turn) for each in moved])
-    pushes = np.array([np.linalg.norm(each.acceleration[:2]) for each in moved])
+    accelerations = np.array([np.linalg.norm(each.acceleration[:2]) for each in moved])
     by_scans = cache(lambda k: scan_motion(folder, starts[k]))
     windows: dict[int, MotionWindow] = {}
-    for rows in (_greatest(turns, LEAST_TURN_RAD), _greatest(pushes, LEAST_ACCELERATION)):
+    for rows in (_greatest(turns, LEAST_TURN_RAD), _greatest(accelerations, LEAST_ACCELERATION)):
         known = ((k, by_scans(k)) for k in rows)
         pairs = ((k, MotionWindow(moved[k], motion)) for k, motion in known if motion is not None)
         windows.update(islice(pairs, WINDOWS))
@@ -127,7 +127,7 @@ def doubt_of_turns(windows: Sequence[MotionWindow]) -> str:
     difference += f"{np.rad2deg(by_scans):.3g}"
     if ratio > DEGREES_RATIO:
         return f"{difference}: are its rates in degrees per second?"
-    if (cosine := _cosine(pairs)) < ASTRAY:
+    if (cosine := _cosine(pairs)) < LEAST_COSINE:
         return f"{difference}, about an axis {_degrees(cosine)} degrees away: is --mounting right?"
     if not RATIOS[0] < ratio < RATIOS[1]:
         return f"{difference}: are its rates in rad/s, and its stamps on the clock of the scans?"
@@ -138,7 +138,7 @@ def doubt_of_accelerations(windows: Sequence[MotionWindow]) -> str:
     """Return how horizontal accelerations differ in direction; empty if they do not."""
     pairs = [(each.by_imu.acceleration[:2], each.by_scans.acceleration[:2]) for each in windows]
     pairs = [pair for pair in pairs if min(map(np.linalg.norm, pair)) > LEAST_ACCELERATION]
-    if not pairs or (cosine := _cosine(pairs)) > ASTRAY:
+    if not pairs or (cosine := _cosine(pairs)) > LEAST_COSINE:
         return ""
     degrees = _degrees(cosine)
     return f"it accelerates {degrees} degrees away from where scans do: is --mounting right?"
@@ -161,7 +161,7 @@ def _greatest(values: np.ndarray, least: float) -> list[int]:
 
 
 def _times(folder: ScanFolder, start: int) -> tuple[float, float]:
-    """Return first and last stamp of a window in which scan matching knows the speed."""
+    """Return first and last stamp of the part of a window in which scan matching has settled."""
     return folder.stamps_s[start + SETTLING], folder.stamps_s[start + STEPS]
 
 

@@ -40,9 +40,10 @@ class NoiseModel:
     size_m: standard deviation of length, width and height, which stay above 0.2 m.
     yaw_deg: standard deviation of the yaw.
     flip: share of detections whose front and rear are exchanged.
-    score_gap: distance between the log-odds' means of objects and of clutter in standard
-        deviations; an object's score is above that of clutter in the share Phi(gap / sqrt 2),
-        and where both are equally many, scores are probabilities. 0: all scores are 0.5.
+    score_gap: distance between the mean log odds of objects and of clutter, in standard
+        deviations. An object's score is higher than that of clutter with the probability
+        Phi(score_gap / sqrt 2). Where there are as many objects as clutter, scores are calibrated
+        probabilities. 0: all scores are 0.5.
     """
 
     miss: float = 0.1
@@ -113,7 +114,7 @@ class NoisyDetections:
         streams = np.random.SeedSequence([name, episode.seed]).spawn(5)
         self._model, self._eligibility = model, eligibility
         rngs = [np.random.default_rng(stream) for stream in streams]
-        self._misses, self._hiding, self._boxes, self._scores, self._clutter = rngs
+        self._misses, self._occlusion, self._boxes, self._scores, self._clutter = rngs
         self._missed: dict[int, bool] = {}
         self._hidden_limits: dict[int, float] = {}
 
@@ -124,7 +125,7 @@ class NoisyDetections:
         detected = np.flatnonzero(self._eligibility.of(truth) & ~missed)
         centres, sizes, yaws, categories, scores = (
             np.concatenate([part[detected], false])
-            for part, false in zip(boxes, self._false(truth), strict=True)
+            for part, false in zip(boxes, self._false_boxes(truth), strict=True)
         )
         return Detections(centres, sizes, yaws, categories, scores, "world", truth.stamp_s)
 
@@ -151,7 +152,7 @@ class NoisyDetections:
         """
         for identity in truth.ids.tolist():
             if identity not in self._hidden_limits:
-                self._hidden_limits[identity] = float(self._hiding.random())
+                self._hidden_limits[identity] = float(self._occlusion.random())
         limits = np.array([self._hidden_limits[identity] for identity in truth.ids.tolist()])
         hidden: np.ndarray = self._model.occlusion * truth.occluded_fraction > limits
         return hidden
@@ -167,8 +168,8 @@ class NoisyDetections:
         scores = self._score(self._scores.standard_normal(count), +0.5)
         return truth.centres + shift, sizes, yaws, truth.categories, scores
 
-    def _false(self, truth: Truth) -> Boxes:
-        """Return false boxes."""
+    def _false_boxes(self, truth: Truth) -> Boxes:
+        """Return the boxes of the clutter."""
         rng, model = self._clutter, self._model
         count = int(rng.poisson(model.clutter))
         near, far = self._eligibility.range_m
@@ -183,7 +184,10 @@ class NoisyDetections:
         return centres, sizes, yaws, categories, self._score(normal[:, 3], -0.5)
 
     def _score(self, normal: np.ndarray, side: float) -> np.ndarray:
-        """Probability of an object at even odds, given a normal variable about +-gap / 2."""
+        """Return scores made from (N,) draws of the standard normal distribution.
+
+        side: +0.5 for objects, -0.5 for clutter: the means of the log odds lie on either side of 0.
+        """
         gap = self._model.score_gap
         scores: np.ndarray = 1 / (1 + np.exp(-gap * (normal + side * gap)))
         return scores

@@ -41,7 +41,7 @@ class CameraNoise:
     clutter: mean number of false detections an image.
     box: standard deviation of each edge as a share of the box, at least one pixel.
     confused: share of small objects with a wrong family; large ones have a tenth of it.
-    gap: standard deviation of the noise of a score's log odds.
+    gap: standard deviation of the noise that is added to the log odds of a score.
     """
 
     miss: float = 0.03
@@ -91,7 +91,7 @@ class NoisyCamera:
     ) -> None:
         """Take the sizes of errors, a seed, and the light and the air of the episode.
 
-        lit: factor of the probability of detection for a camera in the dark or dazzled.
+        lit: factor by which darkness or glare lowers the probability of detection.
         """
         self._model, self._fog, self._night, self._lit = model, extinction_per_m, night, lit
         streams = np.random.SeedSequence([7_103, seed]).spawn(2)
@@ -116,7 +116,7 @@ class NoisyCamera:
         families = np.where(swaps, _another(family, draws[:, 2]), family)
         scores = _probability(np.minimum(odds, 4.0) + self._model.gap * noise[:, 4])
         detected &= ((moved[:, 2:] - moved[:, :2]) > 1.0).all(axis=1)
-        false, false_families, false_scores = self._false(pinhole)
+        false, false_families, false_scores = self._false_boxes(pinhole)
         return ImageDetections(
             np.concatenate([moved[detected], false]),
             CATEGORY_OF_FAMILY[np.concatenate([families[detected], false_families])],
@@ -139,7 +139,7 @@ class NoisyCamera:
         odds = np.minimum(np.minimum(size, visibility), light)
         return np.asarray(np.where(truth.visible_pixels > 0, odds, -30.0))
 
-    def _false(self, pinhole: Pinhole) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def _false_boxes(self, pinhole: Pinhole) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         rng = self._clutter
         count = int(rng.poisson(self._model.clutter))
         families = rng.choice(3, count, p=(0.4, 0.15, 0.45))

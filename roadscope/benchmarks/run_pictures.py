@@ -34,11 +34,11 @@ MOVIEPY = Requirement("moviepy", "pip install roadscope[video]")
 TAIL_S = 1.0
 """Length of the tails of tracks."""
 GIF_COLOURS = 255
-"""One of the 256 is for what stays as it was."""
+"""A GIF has 256; one of them stands for pixels that do not change."""
 TINTS = 1.0, 0.75, 0.5, 0.3
 """Shares of colours that have a meaning, mixed with that of asphalt."""
 MOST_GIF_FRAMES = 1500
-"""All are in memory until the file is written, a megabyte each."""
+"""All frames are in memory until the file is written, a megabyte each."""
 LEAST_SCORE = 0.3
 """Boxes in images with lower scores are not drawn: they would hide the picture."""
 

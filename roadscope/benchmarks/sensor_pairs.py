@@ -85,8 +85,8 @@ def sense_pairs(
 def _sensed_pairs(
     episode: Episode, every: int, noise: CameraNoise, detector: Detector | None
 ) -> Iterator[_SensedPair]:
-    timeline, carrier = timeline_of(episode), rig(episode.rig)
-    pinhole, projection = camera_of(carrier).spec.pinhole, projection_of(carrier)
+    timeline, sensors = timeline_of(episode), rig(episode.rig)
+    pinhole, projection = camera_of(sensors).spec.pinhole, projection_of(sensors)
     sensing = sensing_without_pixels(episode) if detector is None else sensing_of(episode)
     imitation = NoisyCamera(
         noise,
@@ -95,8 +95,8 @@ def _sensed_pairs(
         lit=lit_share(episode),
         extinction_per_m=sensing.weather.extinction_per_m,
     )
-    period_s = carrier.lidar.spec.period_s
-    for scan, image in _paired_numbers(carrier, timeline.end_s - UNUSED_END_S, every):
+    period_s = sensors.lidar.spec.period_s
+    for scan, image in _paired_numbers(sensors, timeline.end_s - UNUSED_END_S, every):
         frame, truth = sensing.sense(timeline, scan)
         picture, image_truth = sensing.sense_image(timeline, image)
         if detector is None:
@@ -108,9 +108,9 @@ def _sensed_pairs(
         yield _SensedPair(frame, truth, image_truth, boxes, moved)
 
 
-def _paired_numbers(carrier: Rig, end_s: float, every: int) -> Iterator[tuple[int, int]]:
+def _paired_numbers(sensors: Rig, end_s: float, every: int) -> Iterator[tuple[int, int]]:
     """Yield the numbers of every n-th scan and of the image nearest in time."""
-    camera, lidar = camera_of(carrier), carrier.lidar
+    camera, lidar = camera_of(sensors), sensors.lidar
     scans = np.arange(every, int(end_s / lidar.spec.period_s), every)
     images = np.arange(1, int(end_s / camera.spec.period_s))
     scan_s = np.array([lidar.stamp_s(int(k)) for k in scans])

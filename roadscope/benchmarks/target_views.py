@@ -39,14 +39,13 @@ SLICE_M, THICKNESS_M = 0.004, 0.002
 """Height of the slices that the target is built of, and its thickness; chosen by hand."""
 TARGET_REFLECTIVITY = 0.8
 GREY = {"target": 235.0, "ground": 80.0, "sky": 120.0}
-"""Levels in the image, of 255, and the standard deviation of their noise; chosen by hand."""
 GREY_NOISE = 4.0
+"""Grey levels in the image, of 255, and the standard deviation of their noise; chosen by hand."""
 LEAST_HEIGHT_M, FARTHEST_RETURN_M = 0.08, 15.0
 """Returns above the ground and within this distance from the LiDAR are the target's: it stands
 alone on even ground."""
-PITCH_RAD = 0.3
-ROLL_RAD = 0.15
-"""Most by which a target is tilted; turned farther in its plane, its base is no longer below."""
+PITCH_RAD, ROLL_RAD = 0.3, 0.15
+"""Greatest tilts of a target; with more roll its base would no longer be its lowest edge."""
 LEAST_TARGETS = 3
 """Targets without outliers that a joint refinement needs."""
 GATE_PX = 25.0
@@ -71,9 +70,9 @@ class TargetPose(NamedTuple):
 
 
 class TargetView(NamedTuple):
-    """A target in both sensors: left, right and top corner.
+    """The left, right and top corner of a target by both sensors.
 
-    points: (3, 3) metres, ego frame. pixels: (3, 2). scanned: what the scans measured besides.
+    points: (3, 3) metres, ego frame. pixels: (3, 2). scanned: what else the scans measured.
     """
 
     points: np.ndarray
@@ -83,10 +82,10 @@ class TargetView(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class TargetViews:
-    """Corners of the target in both sensors, pose by pose; poses that failed are left out.
+    """Corners of the target by both sensors, pose by pose; poses that failed are left out.
 
-    points: (3, 3) each, metres, ego frame. pixels: (3, 2) each. scanned: what the scans measured
-    besides, of every pose or of none.
+    points: (3, 3) each, metres, ego frame. pixels: (3, 2) each. scanned: what else the scans
+    measured, of every pose or of none.
     """
 
     points: tuple[np.ndarray, ...]

@@ -31,7 +31,7 @@ from roadscope.testing.subject import Instance, Promise, PromiseError, Subject
 SCENE = Episode("motorway", 0, "lux", 2.0)
 """Traffic, one of the training seeds, sensors, seconds."""
 OTHER_SCENE = Episode("roundabout", 1, "lux", 1.0)
-"""What a detector gets before the reset that it has to forget at."""
+"""What a detector gets before a reset, and has to forget."""
 RULE = Eligibility()
 REFERENCE = "distance-l-shape"
 SHARE_OF_ONE_CLUSTER = 0.5

@@ -16,7 +16,7 @@ SCENARIO, SEED, DURATION_S = "dense-motorway", 0, 20.0
 """Traffic, one of the training seeds, and how long it is driven in."""
 OTHER = "stepping-out"
 SCENES_S = 4.0
-"""How much of a drive is shown again."""
+"""Length of the drives whose scenes are shown to a driver again."""
 
 
 def answers(subject: Subject) -> str:

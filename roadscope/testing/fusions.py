@@ -50,7 +50,7 @@ SCAN_S, IMAGE_S = 2.0, 2.02
 CENTRES = np.array([[12.0, 1.0, 0.8], [20.0, -4.0, 0.85], [28.0, 5.0, 0.8], [15.0, 3.5, 0.85]])
 SIZES = np.array([[4.4, 1.8, 1.6], [0.5, 0.6, 1.7], [4.4, 1.8, 1.6], [1.8, 0.6, 1.7]])
 OTHER_M = 6.0
-"""How much further ahead all are in the scene before the reset that a fusion has to forget at."""
+"""How much further ahead all objects are in the scene before a reset, which has to be forgotten."""
 CATEGORIES = np.array([Category.CAR, Category.PEDESTRIAN, Category.CAR, Category.CYCLIST], np.int8)
 SCENE, EVERY_S = Episode("street", 0, "wide", 2.0), 0.2
 """Traffic, one of the training seeds, sensors, seconds; and the seconds from scan to scan."""

@@ -29,9 +29,9 @@ from roadscope.testing.subject import Instance, Promise, PromiseError, Subject
 SCENE = Episode("two-way", 0, "vlp16-imu", 2.0)
 """Traffic, one of the training seeds, sensors, seconds."""
 OTHER_SCENE = Episode("racetrack", 1, "vlp16-imu", 1.0)
-"""What an odometry gets before the reset that it has to forget at."""
+"""What an odometry gets before a reset, and has to forget."""
 FEW = 8
-"""Most promises use the first scans of the scene, so many."""
+"""Scans, the first of the scene, that most promises use."""
 EVERY_EMPTY = 3
 """One scan in this many has no returns where empty scans are tested."""
 START_TOLERANCE = 1e-6

@@ -52,13 +52,13 @@ JPEG_QUALITY = 90
 TRIANGLES = np.array([[0, 1, 2], [2, 1, 3]])
 """Corners of the two triangles between a point of a lane, left and right, and the next."""
 BELOW_M = 0.02
-"""The asphalt is drawn so far below the ground, so that it hides no line."""
+"""How far below the ground the asphalt is drawn, so that it hides no line."""
 EYE_M = (-30.0, 0.0, 18.0)
-"""From where the world is seen at first: the ego frame."""
+"""Where the eye of the viewer is at first, ego frame."""
 LINE_PX = 1.5
 RETURN_PX = 1.2
-"""Radii of lines and returns on the screen; these, the length of
-tails and the quality of images are chosen by hand."""
+"""Radii of lines and returns on the screen. They, the length of tails and the quality of images are
+chosen by hand."""
 
 
 def save_recording(
