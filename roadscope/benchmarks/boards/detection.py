@@ -40,7 +40,7 @@ from roadscope.core.spec import ORACLE
 
 MARKS = {ORACLE: UPPER_MARK, ONE_CLUSTER: LOWER_MARK}
 _EVERY_BAND = (
-    "A false detection has no band: it counts in the AP of each, and precision is not shown."
+    "A false detection has no band: it counts in the AP of each, and there is no precision."
 )
 _NOTES = {
     "range": "Objects and their errors by the true range, false detections by their own.",
