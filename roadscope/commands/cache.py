@@ -8,7 +8,7 @@ import typer
 
 from roadscope.commands.completion import cache_kinds
 from roadscope.commands.help import GroupedCommand, command_group
-from roadscope.commands.options import Json
+from roadscope.commands.options import Json, flag, option
 from roadscope.commands.terminal import print_json, show
 
 if TYPE_CHECKING:
@@ -54,16 +54,14 @@ def show_usage(
 def clear(
     kind: Annotated[
         list[str] | None,
-        typer.Option(
-            "--kind",
-            metavar="KIND",
-            help="Only this kind of file, see roadscope cache show; repeatable",
+        option(
+            "KIND",
+            "Only this kind of file, see roadscope cache show; repeatable",
+            name="--kind",
             autocompletion=cache_kinds,
         ),
     ] = None,
-    results: Annotated[
-        bool, typer.Option("--results", help="Remove the results database, too")
-    ] = False,
+    results: Annotated[bool, flag("--results", "Remove the results database, too")] = False,
 ) -> None:
     """Remove computed files and print how many of each kind."""
     from roadscope.benchmarks.cache import cache_folder

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from roadscope.commands.options import Quiet
+from roadscope.commands.options import Quiet, flag, option
 from roadscope.commands.terminal import headline, progress_bars, show
 
 if TYPE_CHECKING:
@@ -15,48 +15,19 @@ if TYPE_CHECKING:
 
 HOW = "How it is calibrated"
 
-Rig = Annotated[
-    str, typer.Option(metavar="NAME", help="A rig with a camera: li2021, wide or a .toml file")
-]
-Poses = Annotated[
-    int, typer.Option(min=4, max=100, metavar="N", help="Poses of the target, 4 to 100")
-]
-Seed = Annotated[int, typer.Option(min=0, metavar="N", help="Random seed of poses and noise")]
+Rig = Annotated[str, option("NAME", "A rig with a camera: li2021, wide or a .toml file")]
+Poses = Annotated[int, option("N", "Poses of the target, 4 to 100", min=4, max=100)]
+Seed = Annotated[int, option("N", "Random seed of poses and noise", min=0)]
 KnownIntrinsics = Annotated[
-    bool,
-    typer.Option("--known-intrinsics", help="Estimate only the camera's pose", rich_help_panel=HOW),
+    bool, flag("--known-intrinsics", "Estimate only the camera's pose", HOW)
 ]
-CornersOnly = Annotated[
-    bool,
-    typer.Option(
-        "--corners-only", help="Use corners alone, as the paper does", rich_help_panel=HOW
-    ),
-]
-Upright = Annotated[
-    bool,
-    typer.Option(
-        "--upright", help="The target stands upright; else it is tilted", rich_help_panel=HOW
-    ),
-]
-Scans = Annotated[
-    int,
-    typer.Option(
-        min=1, max=1000, metavar="N", help="Scans of each pose, up to 1000", rich_help_panel=HOW
-    ),
-]
+CornersOnly = Annotated[bool, flag("--corners-only", "Use corners alone, as the paper does", HOW)]
+Upright = Annotated[bool, flag("--upright", "The target stands upright; else it is tilted", HOW)]
+Scans = Annotated[int, option("N", "Scans of each pose, up to 1000", HOW, min=1, max=1000)]
 Outliers = Annotated[
-    float,
-    typer.Option(
-        min=0,
-        max=0.5,
-        metavar="SHARE",
-        help="Share of poses with a misread corner, up to 0.5",
-        rich_help_panel=HOW,
-    ),
+    float, option("SHARE", "Share of poses with a misread corner, up to 0.5", HOW, min=0, max=0.5)
 ]
-Out = Annotated[
-    Path | None, typer.Option(metavar="FILE", help="Write the calibration, .json or .toml")
-]
+Out = Annotated[Path | None, option("FILE", "Write the calibration, .json or .toml")]
 
 
 def calibrate(

@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from roadscope.commands.completion import plugin_kinds
-from roadscope.commands.options import Json, Quiet
+from roadscope.commands.options import Json, Quiet, flag, option
 from roadscope.commands.terminal import complain, print_json
 
 Spec = Annotated[
@@ -21,18 +21,16 @@ Spec = Annotated[
 ]
 Kind = Annotated[
     str | None,
-    typer.Option(
-        "--kind",
-        metavar="KIND",
-        help="Kind of plug-in, if its class does not say: tracker, detector, 'camera detector', "
+    option(
+        "KIND",
+        "Kind of plug-in, if its class does not say: tracker, detector, 'camera detector', "
         "fusion, odometry, driver",
+        name="--kind",
         autocompletion=plugin_kinds,
     ),
 ]
-Deadline = Annotated[
-    float, typer.Option(min=1, metavar="S", help="Time limit of each item, seconds")
-]
-Trust = Annotated[bool, typer.Option("--trust", help="Run it in this process, for debugging")]
+Deadline = Annotated[float, option("S", "Time limit of each item, seconds", min=1)]
+Trust = Annotated[bool, flag("--trust", "Run it in this process, for debugging")]
 
 
 def check(

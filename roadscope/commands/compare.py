@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from roadscope.commands.options import OUTPUT, Json, JsonFile, Quiet
+from roadscope.commands.options import OUTPUT, Json, JsonFile, Quiet, flag, option
 from roadscope.commands.terminal import complain, console, printable
 
 if TYPE_CHECKING:
@@ -29,35 +29,26 @@ B = Annotated[
     ),
 ]
 Entries = Annotated[
-    tuple[str, str] | None,
-    typer.Option(metavar="X Y", help="Compare the entry X of A with the entry Y of B"),
+    tuple[str, str] | None, option("X Y", "Compare the entry X of A with the entry Y of B")
 ]
 Metrics = Annotated[
     list[str] | None,
-    typer.Option(
-        metavar="NAME",
-        help="Only this metric, such as hota or 'f1 by range: 0-20' (can be repeated)",
-    ),
+    option("NAME", "Only this metric, such as hota or 'f1 by range: 0-20' (can be repeated)"),
 ]
 Level = Annotated[
     float,
-    typer.Option(
+    option(
+        "SHARE",
+        "Confidence of intervals; the false discovery rate is 1 - SHARE",
         min=0.5,
         max=0.999,
-        metavar="SHARE",
-        help="Confidence of intervals; the false discovery rate is 1 - SHARE",
     ),
 ]
-Times = Annotated[bool, typer.Option("--times", help="Longer computing times are regressions too")]
-Every = Annotated[
-    bool, typer.Option("--all", help="Show unchanged metrics too", rich_help_panel=OUTPUT)
-]
+Times = Annotated[bool, flag("--times", "Longer computing times are regressions too")]
+Every = Annotated[bool, flag("--all", "Show unchanged metrics too", OUTPUT)]
 FailOnRegression = Annotated[
     bool,
-    typer.Option(
-        "--fail-on-regression",
-        help="Status 1 if a metric of B is worse, or a job failed in B alone",
-    ),
+    flag("--fail-on-regression", "Status 1 if a metric of B is worse, or a job failed in B alone"),
 ]
 
 

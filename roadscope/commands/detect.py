@@ -18,6 +18,7 @@ from roadscope.commands.options import (
     Quiet,
     Rate,
     Topics,
+    option,
 )
 from roadscope.commands.terminal import complain, headline, print_json, progress_bars, show
 
@@ -39,43 +40,31 @@ Folder = Annotated[
 ]
 DetectorSpec = Annotated[
     str,
-    typer.Option(
-        metavar="SPEC",
-        help="NAME, file.py:Class or fused?lidar=A&camera=B&fusion=C; if left out, "
+    option(
+        "SPEC",
+        "NAME, file.py:Class or fused?lidar=A&camera=B&fusion=C; if left out, "
         "distance-l-shape, network or both fused",
         autocompletion=completion.detectors,
     ),
 ]
-Out = Annotated[Path, typer.Option(metavar="DIR", help="Folder for the results")]
+Out = Annotated[Path, option("DIR", "Folder for the results")]
 Pictures = Annotated[
-    Path | None,
-    typer.Option(metavar="DIR", help="Draw scans and images with boxes scored 0.3 or more"),
+    Path | None, option("DIR", "Draw scans and images with boxes scored 0.3 or more")
 ]
 Height = Annotated[
-    float | None,
-    typer.Option(
-        metavar="M", help="Height of the LiDAR above the ground; if left out, by the scans"
-    ),
+    float | None, option("M", "Height of the LiDAR above the ground; if left out, by the scans")
 ]
 Calibration = Annotated[
     Path | None,
-    typer.Option(
-        metavar="PATH",
-        help="KITTI calibration, file or folder; if left out, calib.txt or calib at DIR",
-    ),
+    option("PATH", "KITTI calibration, file or folder; if left out, calib.txt or calib at DIR"),
 ]
-Images = Annotated[
-    Path | None,
-    typer.Option(
-        metavar="DIR", help="The images, if they are not in DIR", rich_help_panel=RECORDED
-    ),
-]
+Images = Annotated[Path | None, option("DIR", "The images, if they are not in DIR", RECORDED)]
 Poses = Annotated[
     Path | None,
-    typer.Option(
-        metavar="FILE",
-        help="Poses by run-odometry, for detectors of moving things; else the LiDAR stands",
-        rich_help_panel=RECORDED,
+    option(
+        "FILE",
+        "Poses by run-odometry, for detectors of moving things; else the LiDAR stands",
+        RECORDED,
     ),
 ]
 

@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from roadscope.commands import completion
-from roadscope.commands.options import Quiet
+from roadscope.commands.options import Quiet, flag, option
 from roadscope.commands.terminal import progress_bars
 
 NONE = "none"
@@ -26,25 +26,22 @@ Folder = Annotated[
     Path,
     typer.Argument(help="A new folder, or one of a stopped run, which continues", metavar="DIR"),
 ]
-Seeds = Annotated[
-    int | None,
-    typer.Option(min=1, metavar="N", help="Export only the first N seeds"),
-]
+Seeds = Annotated[int | None, option("N", "Export only the first N seeds", min=1)]
 Scenarios = Annotated[
     list[str] | None,
-    typer.Option(
-        "--scenario",
-        metavar="NAME",
-        help="Export only this scenario (can be repeated)",
+    option(
+        "NAME",
+        "Export only this scenario (can be repeated)",
+        name="--scenario",
         autocompletion=completion.scenarios,
     ),
 ]
-WithTruth = Annotated[bool, typer.Option("--with-truth", help="Write the truth of test seeds too")]
+WithTruth = Annotated[bool, flag("--with-truth", "Write the truth of test seeds too")]
 Detections = Annotated[
     list[str] | None,
-    typer.Option(
-        metavar="SPEC",
-        help="Write this detector's detections, not those of the suite (can be repeated); none: "
+    option(
+        "SPEC",
+        "Write this detector's detections, not those of the suite (can be repeated); none: "
         "none at all",
         autocompletion=completion.detectors,
     ),

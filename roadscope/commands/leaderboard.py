@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from roadscope.commands import completion
-from roadscope.commands.options import OUTPUT, RECORDED, RUNNING, Jobs, Quiet, workers
+from roadscope.commands.options import OUTPUT, RECORDED, RUNNING, Jobs, Quiet, flag, option, workers
 from roadscope.commands.terminal import complain, console, open_page, printable, progress_bars
 
 if TYPE_CHECKING:
@@ -33,151 +33,85 @@ BoardName = Annotated[
 ]
 Entry = Annotated[
     list[str] | None,
-    typer.Option(
-        metavar="SPEC",
-        help="NAME or file.py:Class?arg=value to rank; repeatable",
+    option(
+        "SPEC",
+        "NAME or file.py:Class?arg=value to rank; repeatable",
         autocompletion=completion.entries,
     ),
 ]
 SuiteName = Annotated[
     str | None,
-    typer.Option(
-        metavar="NAME",
-        help="Episodes, entries: see roadscope list suites, or a .toml",
+    option(
+        "NAME",
+        "Episodes, entries: see roadscope list suites, or a .toml",
         autocompletion=completion.suites,
     ),
 ]
 Seeds = Annotated[
-    int | None,
-    typer.Option(min=1, metavar="N", help="First N seeds; thresholds are tuned on N train seeds"),
+    int | None, option("N", "First N seeds; thresholds are tuned on N train seeds", min=1)
 ]
-Out = Annotated[
-    Path | None,
-    typer.Option(metavar="DIR", help="Write JSON, CSV, Markdown, LaTeX, replays there"),
-]
-Open = Annotated[bool, typer.Option("--open", help="Show the results as a page in a browser")]
-Only = Annotated[
-    bool, typer.Option("--only", help="Rank only what --entry names", rich_help_panel=CHOICE)
-]
+Out = Annotated[Path | None, option("DIR", "Write JSON, CSV, Markdown, LaTeX, replays there")]
+Open = Annotated[bool, flag("--open", "Show the results as a page in a browser")]
+Only = Annotated[bool, flag("--only", "Rank only what --entry names", CHOICE)]
 By = Annotated[
-    list[str] | None,
-    typer.Option(
-        metavar="NAME",
-        help="Break down by scenario, condition, ...; repeatable",
-        rich_help_panel=CHOICE,
-    ),
+    list[str] | None, option("NAME", "Break down by scenario, condition, ...; repeatable", CHOICE)
 ]
 Detections = Annotated[
     list[str] | None,
-    typer.Option(
-        metavar="SPEC",
-        help="Detector whose detections trackers get, or stack (DETECTOR + TRACKER) of drivers; "
+    option(
+        "SPEC",
+        "Detector whose detections trackers get, or stack (DETECTOR + TRACKER) of drivers; "
         "repeatable",
+        CHOICE,
         autocompletion=completion.detectors,
-        rich_help_panel=CHOICE,
     ),
 ]
 Calibration = Annotated[
-    Path | None,
-    typer.Option(
-        metavar="FILE",
-        help="Calibration for fusions, by roadscope calibrate",
-        rich_help_panel=CHOICE,
-    ),
+    Path | None, option("FILE", "Calibration for fusions, by roadscope calibrate", CHOICE)
 ]
 Kitti = Annotated[
-    Path | None,
-    typer.Option(
-        metavar="DIR",
-        help="KITTI's data, in place of simulated traffic",
-        rich_help_panel=RECORDED,
-    ),
+    Path | None, option("DIR", "KITTI's data, in place of simulated traffic", RECORDED)
 ]
 LidarHeight = Annotated[
     float | None,
-    typer.Option(
-        min=0.1,
-        metavar="M",
-        help="Height of KITTI's LiDAR above the road; 1.73 if left out",
-        rich_help_panel=RECORDED,
-    ),
+    option("M", "Height of KITTI's LiDAR above the road; 1.73 if left out", RECORDED, min=0.1),
 ]
-Mot = Annotated[
-    Path | None,
-    typer.Option(
-        metavar="DIR",
-        help="MOTChallenge's data, for trackers",
-        rich_help_panel=RECORDED,
-    ),
-]
+Mot = Annotated[Path | None, option("DIR", "MOTChallenge's data, for trackers", RECORDED)]
 Tracks = Annotated[
-    Path | None,
-    typer.Option(
-        metavar="DIR",
-        help="With --kitti or --mot: write all tracks there",
-        rich_help_panel=RECORDED,
-    ),
+    Path | None, option("DIR", "With --kitti or --mot: write all tracks there", RECORDED)
 ]
-Fresh = Annotated[
-    bool,
-    typer.Option(
-        "--fresh", help="Compute all again, also results of earlier runs", rich_help_panel=RUNNING
-    ),
-]
+Fresh = Annotated[bool, flag("--fresh", "Compute all again, also results of earlier runs", RUNNING)]
 Deadline = Annotated[
     float,
-    typer.Option(
+    option(
+        "S",
+        "Time limit of a plug-in for one episode; else 300 s",
+        RUNNING,
         min=1,
-        metavar="S",
-        help="A plug-in's time limit for an episode; 300 s if left out",
         show_default=False,
-        rich_help_panel=RUNNING,
     ),
 ]
 Trust = Annotated[
-    bool,
-    typer.Option(
-        "--trust",
-        help="Run plug-ins in this process, where they can cheat",
-        rich_help_panel=RUNNING,
-    ),
+    bool, flag("--trust", "Run plug-ins in this process, where they can cheat", RUNNING)
 ]
 Sandbox = Annotated[
-    bool,
-    typer.Option(
-        "--sandbox",
-        help="No network, no files for plug-ins; needs bubblewrap",
-        rich_help_panel=RUNNING,
-    ),
+    bool, flag("--sandbox", "No network, no files for plug-ins; needs bubblewrap", RUNNING)
 ]
 Backend = Annotated[
     str,
-    typer.Option(
-        metavar="NAME",
-        help="Workers: loky (this machine), ray, dask",
+    option(
+        "NAME",
+        "Workers: loky (this machine), ray, dask",
+        RUNNING,
         show_default=False,
         autocompletion=completion.backends,
-        rich_help_panel=RUNNING,
     ),
 ]
 Address = Annotated[
-    str | None,
-    typer.Option(
-        metavar="URL",
-        help="Address of a ray or dask cluster, as tcp://HOST:8786",
-        rich_help_panel=RUNNING,
-    ),
+    str | None, option("URL", "Address of a ray or dask cluster, as tcp://HOST:8786", RUNNING)
 ]
-Width = Annotated[
-    int | None,
-    typer.Option(
-        min=40, metavar="N", help="Width of the tables, characters", rich_help_panel=OUTPUT
-    ),
-]
-Json = Annotated[
-    bool,
-    typer.Option("--json", help="Print leaderboard.json and nothing else", rich_help_panel=OUTPUT),
-]
+Width = Annotated[int | None, option("N", "Width of the tables, characters", OUTPUT, min=40)]
+Json = Annotated[bool, flag("--json", "Print leaderboard.json and nothing else", OUTPUT)]
 
 
 def leaderboard(

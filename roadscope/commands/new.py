@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from roadscope.commands.completion import template_kinds
+from roadscope.commands.options import flag
 
 
 def new(
@@ -22,7 +23,7 @@ def new(
     path: Annotated[
         Path | None, typer.Argument(metavar="FILE", help="my_KIND.py or my_suite.toml if left out")
     ] = None,
-    force: Annotated[bool, typer.Option("--force", help="Overwrite a file that exists")] = False,
+    force: Annotated[bool, flag("--force", "Overwrite a file that exists")] = False,
 ) -> None:
     """Write a suite or a plug-in that works and that you can change."""
     from roadscope.benchmarks.templates import write_template

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 import typer
 
@@ -13,146 +13,97 @@ RUNNING, OUTPUT, RECORDED = "Running", "Output", "Recorded data"
 PICTURES, METHODS, CONDITIONS = "Pictures", "Methods", "Conditions"
 """Headings of groups of options."""
 
+
+def option(
+    metavar: str, text: str, group: str | None = None, *, name: str | None = None, **settings: Any
+) -> Any:
+    """Return an option with a value.
+
+    metavar: stands for the value in the help. text: says what the option does.
+    group: its heading in the help; None: the first one. name: `--NAME`, if not the parameter's.
+    """
+    names = () if name is None else (name,)
+    return typer.Option(*names, metavar=metavar, help=text, rich_help_panel=group, **settings)
+
+
+def flag(name: str, text: str, group: str | None = None) -> Any:
+    """Return an option without a value; arguments are those of `option`."""
+    return typer.Option(name, help=text, rich_help_panel=group)
+
+
 Jobs = Annotated[
-    int,
-    typer.Option(
-        min=0,
-        metavar="N",
-        help="Worker processes; 0: one for each core",
-        show_default=False,
-        rich_help_panel=RUNNING,
-    ),
+    int, option("N", "Worker processes; 0: one for each core", RUNNING, min=0, show_default=False)
 ]
-Json = Annotated[
-    bool,
-    typer.Option("--json", help="Print JSON and nothing else", rich_help_panel=OUTPUT),
-]
-Quiet = Annotated[
-    bool,
-    typer.Option("--quiet", help="Print nothing but errors", rich_help_panel=OUTPUT),
-]
-JsonFile = Annotated[
-    Path | None, typer.Option("--out", metavar="FILE", help="Write the JSON to this file, too")
-]
-Every = Annotated[
-    bool,
-    typer.Option("--all", help="Show all metrics, not only the main ones", rich_help_panel=OUTPUT),
-]
+Json = Annotated[bool, flag("--json", "Print JSON and nothing else", OUTPUT)]
+Quiet = Annotated[bool, flag("--quiet", "Print nothing but errors", OUTPUT)]
+JsonFile = Annotated[Path | None, option("FILE", "Write the JSON to this file, too", name="--out")]
+Every = Annotated[bool, flag("--all", "Show all metrics, not only the main ones", OUTPUT)]
 Rig = Annotated[
-    str,
-    typer.Option(
-        metavar="NAME",
-        help="roadscope list rigs, or a .toml file",
-        autocompletion=completion.rigs,
-    ),
+    str, option("NAME", "roadscope list rigs, or a .toml file", autocompletion=completion.rigs)
 ]
 ReturnColours = Annotated[
     Literal["object", "intensity"],
-    typer.Option(
-        "--returns",
-        metavar="NAME",
-        help="Colour returns by object or intensity",
-        rich_help_panel=PICTURES,
-    ),
+    option("NAME", "Colour returns by object or intensity", PICTURES, name="--returns"),
 ]
-Seconds = Annotated[
-    float | None,
-    typer.Option(metavar="S", help="Length, 3600 at most; the scenario's if left out"),
-]
+Seconds = Annotated[float | None, option("S", "Length, 3600 at most; the scenario's if left out")]
 Detector = Annotated[
     str,
-    typer.Option(
-        metavar="SPEC",
-        help="NAME or file.py:Class, with ?argument=value",
+    option(
+        "SPEC",
+        "NAME or file.py:Class, with ?argument=value",
+        METHODS,
         autocompletion=completion.detectors,
-        rich_help_panel=METHODS,
     ),
 ]
 Tracker = Annotated[
-    str,
-    typer.Option(
-        metavar="SPEC",
-        help="NAME or file.py:Class",
-        autocompletion=completion.trackers,
-        rich_help_panel=METHODS,
-    ),
+    str, option("SPEC", "NAME or file.py:Class", METHODS, autocompletion=completion.trackers)
 ]
 Odometry = Annotated[
     str | None,
-    typer.Option(
-        metavar="SPEC",
-        help="Run one too; see roadscope list odometries",
+    option(
+        "SPEC",
+        "Run one too; see roadscope list odometries",
+        METHODS,
         autocompletion=completion.odometries,
-        rich_help_panel=METHODS,
     ),
 ]
 CameraDetector = Annotated[
     str | None,
-    typer.Option(
-        metavar="SPEC",
-        help="Camera detector whose boxes are drawn",
+    option(
+        "SPEC",
+        "Camera detector whose boxes are drawn",
+        METHODS,
         autocompletion=completion.camera_detectors,
-        rich_help_panel=METHODS,
     ),
 ]
 Weather = Annotated[
     str,
-    typer.Option(
-        metavar="NAME",
-        help="See roadscope list weathers",
-        autocompletion=completion.weathers,
-        rich_help_panel=CONDITIONS,
-    ),
+    option("NAME", "See roadscope list weathers", CONDITIONS, autocompletion=completion.weathers),
 ]
 Light = Annotated[
-    str,
-    typer.Option(
-        metavar="NAME",
-        help="See roadscope list lights",
-        autocompletion=completion.lights,
-        rich_help_panel=CONDITIONS,
-    ),
+    str, option("NAME", "See roadscope list lights", CONDITIONS, autocompletion=completion.lights)
 ]
-Faults = Annotated[
-    str,
-    typer.Option(
-        metavar="LIST",
-        help="Such as 'fog:3 + glare:1'",
-        rich_help_panel=CONDITIONS,
-    ),
-]
+Faults = Annotated[str, option("LIST", "Such as 'fog:3 + glare:1'", CONDITIONS)]
 LidarMounting = Annotated[
     str | None,
-    typer.Option(
-        metavar="POSE",
-        help="Pose of the LiDAR in the vehicle: x,y,z,roll,pitch,yaw; only angles count",
-        rich_help_panel=RECORDED,
+    option(
+        "POSE",
+        "Pose of the LiDAR in the vehicle: x,y,z,roll,pitch,yaw; only angles count",
+        RECORDED,
     ),
 ]
 Rate = Annotated[
-    float,
-    typer.Option(
-        metavar="HZ",
-        help="Scans per second, if times.txt and names have no stamps",
-        rich_help_panel=RECORDED,
-    ),
+    float, option("HZ", "Scans per second, if times.txt and names have no stamps", RECORDED)
 ]
 Topics = Annotated[
-    list[str] | None,
-    typer.Option(
-        "--topic",
-        metavar="NAME",
-        help="Topic of a bag; can be repeated",
-        rich_help_panel=RECORDED,
-    ),
+    list[str] | None, option("NAME", "Topic of a bag; can be repeated", RECORDED, name="--topic")
 ]
 Layout = Annotated[
     str,
-    typer.Option(
-        metavar="COLUMNS",
-        help="Columns of .bin and .npy files, such as x,y,z,intensity; "
-        "write _ for a column to skip",
-        rich_help_panel=RECORDED,
+    option(
+        "COLUMNS",
+        "Columns of .bin and .npy files, such as x,y,z,intensity; write _ for a column to skip",
+        RECORDED,
     ),
 ]
 

@@ -7,17 +7,14 @@ from typing import Annotated
 
 import typer
 
-from roadscope.commands.options import Quiet
+from roadscope.commands.options import Quiet, flag, option
 from roadscope.commands.terminal import complain, open_page
 
 Folder = Annotated[
     Path, typer.Argument(help="A folder that roadscope leaderboard --out wrote", metavar="DIR")
 ]
-Out = Annotated[
-    Path | None,
-    typer.Option(metavar="FILE", help="The page; report.html in DIR if left out"),
-]
-Open = Annotated[bool, typer.Option("--open", help="Show the page in a browser")]
+Out = Annotated[Path | None, option("FILE", "The page; report.html in DIR if left out")]
+Open = Annotated[bool, flag("--open", "Show the page in a browser")]
 
 
 def report(folder: Folder, *, out: Out = None, browse: Open = False, quiet: Quiet = False) -> None:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from roadscope.commands.options import OUTPUT, Jobs, Json, Quiet, workers
+from roadscope.commands.options import OUTPUT, Jobs, Json, Quiet, flag, option, workers
 from roadscope.commands.terminal import console, headline, print_json, progress_bars, show
 
 if TYPE_CHECKING:
@@ -19,21 +19,15 @@ def reproduce(
     paper: Annotated[
         str, typer.Argument(metavar="PAPER", help="lu2018, zhang2017, li2021 or zhang2022")
     ],
-    seeds: Annotated[
-        int, typer.Option(min=1, metavar="N", help="Episodes of each experiment")
-    ] = 30,
+    seeds: Annotated[int, option("N", "Episodes of each experiment", min=1)] = 30,
     jobs: Jobs = 0,
     everything: Annotated[
-        bool,
-        typer.Option(
-            "--all", help="Show every method in full, as in PAPER.json", rich_help_panel=OUTPUT
-        ),
+        bool, flag("--all", "Show every method in full, as in PAPER.json", OUTPUT)
     ] = False,
     figures: Annotated[
-        Path | None,
-        typer.Option(metavar="DIR", help="Draw a picture for every figure of the paper"),
+        Path | None, option("DIR", "Draw a picture for every figure of the paper")
     ] = None,
-    out: Annotated[Path | None, typer.Option(metavar="DIR", help="Write PAPER.json there")] = None,
+    out: Annotated[Path | None, option("DIR", "Write PAPER.json there")] = None,
     quiet: Quiet = False,
     json: Json = False,
 ) -> None:

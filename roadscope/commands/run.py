@@ -24,6 +24,7 @@ from roadscope.commands.options import (
     Tracker,
     Weather,
     is_given,
+    option,
 )
 from roadscope.commands.terminal import headline, print_json, progress_bars, show
 
@@ -47,44 +48,20 @@ Scenario = Annotated[
         autocompletion=completion.scenarios,
     ),
 ]
-Seed = Annotated[int, typer.Option(min=0, metavar="N", help="Another seed is another episode")]
+Seed = Annotated[int, option("N", "Another seed is another episode", min=0)]
 Picture = Annotated[
-    Path | None,
-    typer.Option(metavar="FILE", help="Draw the middle scan, all answers: .png, .jpg, .webp"),
+    Path | None, option("FILE", "Draw the middle scan, all answers: .png, .jpg, .webp")
 ]
 Video = Annotated[
-    Path | None,
-    typer.Option(metavar="FILE", help="Draw all scans, as .gif, or .mp4 (roadscope[video])"),
+    Path | None, option("FILE", "Draw all scans, as .gif, or .mp4 (roadscope[video])")
 ]
 Image = Annotated[
-    Path | None,
-    typer.Option(
-        metavar="FILE",
-        help="Draw the middle image with boxes: .png, .jpg, .webp",
-        rich_help_panel=PICTURES,
-    ),
+    Path | None, option("FILE", "Draw the middle image with boxes: .png, .jpg, .webp", PICTURES)
 ]
 Width = Annotated[
-    int,
-    typer.Option(
-        "--video-width",
-        min=320,
-        max=1280,
-        metavar="PX",
-        help="320 to 1280",
-        rich_help_panel=PICTURES,
-    ),
+    int, option("PX", "320 to 1280", PICTURES, name="--video-width", min=320, max=1280)
 ]
-Nth = Annotated[
-    int,
-    typer.Option(
-        "--video-every",
-        min=1,
-        metavar="N",
-        help="Draw every n-th scan",
-        rich_help_panel=PICTURES,
-    ),
-]
+Nth = Annotated[int, option("N", "Draw every n-th scan", PICTURES, name="--video-every", min=1)]
 
 
 def run_scenario(

@@ -18,6 +18,7 @@ from roadscope.commands.options import (
     Quiet,
     Rate,
     Topics,
+    option,
 )
 from roadscope.commands.terminal import (
     complain,
@@ -49,45 +50,42 @@ Folder = Annotated[
 ]
 OdometrySpec = Annotated[
     str,
-    typer.Option(
-        metavar="SPEC",
-        help="See roadscope list odometries, or file.py:Class",
+    option(
+        "SPEC",
+        "See roadscope list odometries, or file.py:Class",
         autocompletion=completion.odometries,
     ),
 ]
-Out = Annotated[Path, typer.Option(metavar="FILE", help="File for the poses")]
+Out = Annotated[Path, option("FILE", "File for the poses")]
 Format = Annotated[
-    str,
-    typer.Option(
-        metavar="NAME", help="Format of poses: kitti (3 x 4 matrices) or tum (with stamps)"
-    ),
+    str, option("NAME", "Format of poses: kitti (3 x 4 matrices) or tum (with stamps)")
 ]
 TruthFile = Annotated[
-    Path | None,
-    typer.Option(metavar="FILE", help="Compare with true poses of the LiDAR, KITTI or TUM"),
+    Path | None, option("FILE", "Compare with these true poses of the LiDAR, KITTI or TUM")
 ]
 Imu = Annotated[
     str | None,
-    typer.Option(
-        metavar="FILE",
-        help="Lines of stamp wx wy wz ax ay az, s, rad/s, m/s^2; none: no IMU",
+    option(
+        "FILE",
+        "Lines of stamp wx wy wz ax ay az, s, rad/s, m/s^2; imu.csv or imu.txt at DIR if left "
+        "out; none: no IMU",
     ),
 ]
 Mounting = Annotated[
     str | None,
-    typer.Option(
-        metavar="POSE",
-        help="Pose of the IMU in the LiDAR's frame: x,y,z,roll,pitch,yaw, metres, degrees",
-        rich_help_panel=RECORDED,
+    option(
+        "POSE",
+        "Pose of the IMU in the LiDAR's frame: x,y,z,roll,pitch,yaw, metres, degrees",
+        RECORDED,
     ),
 ]
 WheelsFile = Annotated[
     str | None,
-    typer.Option(
-        metavar="FILE",
-        help="Lines of stamp, speed for lidar-inertial?wheels=true; wheels.csv or .txt at DIR if "
+    option(
+        "FILE",
+        "Lines of stamp, speed for lidar-inertial?wheels=true; wheels.csv or .txt at DIR if "
         "left out; none: no file",
-        rich_help_panel=RECORDED,
+        RECORDED,
     ),
 ]
 

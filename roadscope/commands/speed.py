@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from roadscope.commands.options import Json, Quiet
+from roadscope.commands.options import Json, Quiet, option
 from roadscope.commands.terminal import print_json, progress_bars, show
 
 
@@ -18,7 +18,7 @@ def speed(
             metavar="PART...", help="casting, detectors, trackers, odometry, camera; else all"
         ),
     ] = None,
-    out: Annotated[Path | None, typer.Option(metavar="DIR", help="Write speed.json there")] = None,
+    out: Annotated[Path | None, option("DIR", "Write speed.json there")] = None,
     quiet: Quiet = False,
     json: Json = False,
 ) -> None:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from roadscope.commands.options import RECORDED, Every, Json, JsonFile, Quiet
+from roadscope.commands.options import RECORDED, Every, Json, JsonFile, Quiet, option
 from roadscope.commands.terminal import complain, console, printable, progress_bars
 
 if TYPE_CHECKING:
@@ -23,36 +23,19 @@ Folder = Annotated[
     ),
 ]
 Exported = Annotated[
-    Path | None,
-    typer.Option("--suite", metavar="DIR", help="Folder of roadscope export; DIR if left out"),
+    Path | None, option("DIR", "Folder of roadscope export; DIR if left out", name="--suite")
 ]
-Kitti = Annotated[
-    Path | None,
-    typer.Option(
-        metavar="DIR", help="Score on KITTI's tracking data in DIR", rich_help_panel=RECORDED
-    ),
-]
-Mot = Annotated[
-    Path | None,
-    typer.Option(
-        metavar="DIR", help="Score on MOTChallenge's data in DIR", rich_help_panel=RECORDED
-    ),
-]
-Name = Annotated[
-    str | None, typer.Option("--name", metavar="NAME", help="Name of the entry; DIR's if left out")
-]
+Kitti = Annotated[Path | None, option("DIR", "Score on KITTI's tracking data in DIR", RECORDED)]
+Mot = Annotated[Path | None, option("DIR", "Score on MOTChallenge's data in DIR", RECORDED)]
+Name = Annotated[str | None, option("NAME", "Name of the entry; DIR's if left out", name="--name")]
 Inputs = Annotated[
     str | None,
-    typer.Option(
-        metavar="SPEC",
-        help="The suite's detector whose detections were tracked, to compare with its trackers",
+    option(
+        "SPEC", "The suite's detector whose detections were tracked, to compare with its trackers"
     ),
 ]
 Beside = Annotated[
-    Path | None,
-    typer.Option(
-        metavar="PATH", help="Show it as a row of this board: leaderboard.json or its folder"
-    ),
+    Path | None, option("PATH", "Show it as a row of this board: leaderboard.json or its folder")
 ]
 
 

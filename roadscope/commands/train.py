@@ -8,15 +8,15 @@ from typing import Annotated
 import typer
 
 from roadscope.commands.help import GroupedCommand, command_group
-from roadscope.commands.options import Jobs, Quiet, workers
+from roadscope.commands.options import Jobs, Quiet, option, workers
 from roadscope.commands.terminal import headline, progress_bars, show
 
 train = command_group(
     "Train the camera detector on simulated pictures, or a driver in simulated traffic."
 )
 
-Seed = Annotated[int, typer.Option(min=0, metavar="N", help="Seed of all random draws")]
-Out = Annotated[Path, typer.Option(metavar="FILE", help="The weights; a .toml comes beside it")]
+Seed = Annotated[int, option("N", "Seed of all random draws", min=0)]
+Out = Annotated[Path, option("FILE", "The weights; a .toml comes beside it")]
 
 
 @train.command(
@@ -27,16 +27,12 @@ Out = Annotated[Path, typer.Option(metavar="FILE", help="The weights; a .toml co
 )
 def camera(
     recipe: Annotated[
-        str,
-        typer.Option(metavar="NAME", help="full (half an hour on two cores), small or trial"),
+        str, option("NAME", "full (half an hour on two cores), small or trial")
     ] = "full",
     seed: Seed = 0,
     jobs: Jobs = 0,
     work: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="DIR", help="For pictures (up to 5 GB) and checkpoints; else the cache"
-        ),
+        Path | None, option("DIR", "For pictures (up to 5 GB) and checkpoints; else the cache")
     ] = None,
     out: Out = Path("network.safetensors"),
     quiet: Quiet = False,
@@ -67,46 +63,33 @@ def camera(
 def driver(
     perception: Annotated[
         list[str] | None,
-        typer.Option(
-            "--perception",
-            metavar="STACK",
-            help="What it drives on: DETECTOR + TRACKER, truth (default) or blind; if repeated, "
+        option(
+            "STACK",
+            "What it drives on: DETECTOR + TRACKER, truth (default) or blind; if repeated, "
             "each drive draws one",
+            name="--perception",
         ),
     ] = None,
     scenario: Annotated[
         list[str] | None,
-        typer.Option(
-            "--scenario",
-            metavar="NAME",
-            help="Default: all of the suite driving; if repeated, each drive draws one",
+        option(
+            "NAME",
+            "Default: all of the suite driving; if repeated, each drive draws one",
+            name="--scenario",
         ),
     ] = None,
     start: Annotated[
         str,
-        typer.Option(
-            metavar="AGENT",
-            help="Train this agent further: a file, or a shipped one, truth or perceived",
-        ),
+        option("AGENT", "Train this agent further: a file, or a shipped one, truth or perceived"),
     ] = "",
     teacher: Annotated[
-        str,
-        typer.Option(
-            metavar="DRIVER", help="Driver that a new agent imitates; it gets the truth; '': none"
-        ),
+        str, option("DRIVER", "Driver that a new agent imitates; it gets the truth; '': none")
     ] = "idm-mobil",
     steps: Annotated[
-        int,
-        typer.Option(
-            min=0,
-            metavar="N",
-            help="Decisions (0.2 s each) to learn from by PPO; needs the extra rl",
-        ),
+        int, option("N", "Decisions (0.2 s each) to learn from by PPO; needs the extra rl", min=0)
     ] = 0,
-    seconds: Annotated[
-        float, typer.Option(min=1.0, max=600.0, metavar="S", help="Longest time of a drive")
-    ] = 30.0,
-    rig: Annotated[str, typer.Option(metavar="NAME", help="Sensors of the stack")] = "vlp16",
+    seconds: Annotated[float, option("S", "Longest time of a drive", min=1.0, max=600.0)] = 30.0,
+    rig: Annotated[str, option("NAME", "Sensors of the stack")] = "vlp16",
     seed: Seed = 0,
     out: Out = Path("driver.safetensors"),
     quiet: Quiet = False,

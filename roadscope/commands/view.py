@@ -23,6 +23,7 @@ from roadscope.commands.options import (
     Tracker,
     Weather,
     is_given,
+    option,
 )
 from roadscope.commands.terminal import complain, progress_bars
 
@@ -36,40 +37,20 @@ Source = Annotated[
         autocompletion=completion.scenarios,
     ),
 ]
-Save = Annotated[
-    Path | None,
-    typer.Option(metavar="FILE", help="Write a .rrd file, and open no viewer"),
-]
+Save = Annotated[Path | None, option("FILE", "Write a .rrd file, and open no viewer")]
 Seed = Annotated[
-    int | None,
-    typer.Option(min=0, metavar="N", help="Seed of the episode; for a scenario, 0 if left out"),
+    int | None, option("N", "Seed of the episode; for a scenario, 0 if left out", min=0)
 ]
 BoardName = Annotated[
-    str | None,
-    typer.Option(
-        metavar="NAME", help="The board", autocompletion=completion.boards, rich_help_panel=FOLDER
-    ),
+    str | None, option("NAME", "The board", FOLDER, autocompletion=completion.boards)
 ]
-Entry = Annotated[
-    str | None,
-    typer.Option(
-        metavar="SPEC", help="The entry; the best one if left out", rich_help_panel=FOLDER
-    ),
-]
+Entry = Annotated[str | None, option("SPEC", "The entry; the best one if left out", FOLDER)]
 OfScenario = Annotated[
     str | None,
-    typer.Option(
-        metavar="NAME",
-        help="The scenario or sequence",
-        autocompletion=completion.scenarios,
-        rich_help_panel=FOLDER,
-    ),
+    option("NAME", "The scenario or sequence", FOLDER, autocompletion=completion.scenarios),
 ]
 Condition = Annotated[
-    str | None,
-    typer.Option(
-        metavar="NAME", help="Weather, light and faults, such as rain-3", rich_help_panel=FOLDER
-    ),
+    str | None, option("NAME", "Weather, light and faults, such as rain-3", FOLDER)
 ]
 OF_SCENARIO = (
     "rig",
