@@ -74,11 +74,8 @@ class Eligibility(Record):
         """
         parked = np.empty((0, 2)) if parked is None else parked
         return Pairing(
-            distances=np.hstack(
-                [
-                    centre_distances(boxes.centres, truth.centres),
-                    centre_distances(boxes.centres, parked),
-                ]
+            distances=centre_distances(
+                boxes.centres, np.concatenate([truth.centres[:, :2], parked])
             ),
             eligible=np.concatenate([self.of(truth), np.zeros(len(parked), bool)]),
             counted=self.within(boxes.centres, truth),

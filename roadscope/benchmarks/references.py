@@ -14,6 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
+from typing import Any
 
 from roadscope.benchmarks.kinds import (
     CAMERA_DETECTOR,
@@ -119,6 +120,11 @@ def pose_source(text: str | Spec) -> Spec:
 def missing_for_poses(source: Spec) -> str:
     """Return what a `pose_source` needs and is not installed; empty if nothing."""
     return "" if is_noise(source) else traits_of(source.parts.get(ODOMETRY.name, source)).requires
+
+
+def resolved_plugin(registry: Registry[Any], spec: Spec) -> Spec:
+    """Return the resolved spec of a plug-in, also of a detector that only suites may name."""
+    return (NAMED_BY_SUITES if spec.name in NAMED_BY_SUITES else registry).resolve(spec)
 
 
 def _refuse_parts_of_oracle(spec: Spec) -> None:

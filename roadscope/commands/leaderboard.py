@@ -157,7 +157,8 @@ def leaderboard(
     boards = chosen_boards(loaded, None if board is None else [board])
     loaded = _with_detections(loaded, boards, detections) if detections else loaded
     _check_tracks(tracks, kitti or mot)
-    _check_calibration(boards, calibration)
+    if calibration is not None:
+        _boards_for("--calibration", boards, lambda each: each.uses_calibration)
     for each in by or ():
         check_breakdown(each, boards)
     page = (out or cache_dir()) / PAGE if browse else None
@@ -397,12 +398,6 @@ def _suite(suite: str | None, board: str | None, recorded: _RecordedData) -> Sui
         height_m = LIDAR_HEIGHT_M if recorded.lidar_height_m is None else recorded.lidar_height_m
         return kitti_suite(kitti, boards, lidar_height_m=height_m, notice=complain)
     return load_suite(suite or _usual_suite(board)) if mot is None else mot_suite(mot)
-
-
-def _check_calibration(boards: Sequence[Board], calibration: Path | None) -> None:
-    """Refuse a calibration that no board of the run uses."""
-    if calibration is not None:
-        _boards_for("--calibration", boards, lambda each: each.uses_calibration)
 
 
 def _boards_for(option: str, boards: Sequence[Board], uses: Callable[[Board], bool]) -> list[Board]:

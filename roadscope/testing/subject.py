@@ -14,7 +14,7 @@ from typing import Any
 from roadscope.benchmarks.isolation import Limits, PluginHandle, Traits, open_plugin
 from roadscope.benchmarks.kinds import Kind, traits_of
 from roadscope.benchmarks.loop import RunOptions
-from roadscope.benchmarks.references import NAMED_BY_SUITES
+from roadscope.benchmarks.references import resolved_plugin
 from roadscope.core import Spec
 
 DEADLINE_S = 120.0
@@ -26,10 +26,8 @@ that hangs."""
 
 
 def resolved(spec: str | Spec, kind: Kind) -> Spec:
-    """Return the resolved spec of a plug-in, also of a detector that only suites may name."""
-    parsed = Spec.parse(spec) if isinstance(spec, str) else spec
-    registry = NAMED_BY_SUITES if parsed.name in NAMED_BY_SUITES else kind.registry
-    return registry.resolve(parsed)
+    """Return the resolved spec of a plug-in, see `resolved_plugin`."""
+    return resolved_plugin(kind.registry, Spec.parse(spec) if isinstance(spec, str) else spec)
 
 
 class PromiseError(AssertionError):

@@ -18,7 +18,7 @@ from roadscope.benchmarks.loop import CallInput, RunOptions, checked, run_plugin
 from roadscope.benchmarks.nodes.traffic import TrafficNode
 from roadscope.benchmarks.parked import parked_centres_on, parked_owners
 from roadscope.benchmarks.records import CallTimes, EpisodeRecord, without_sources
-from roadscope.benchmarks.references import NAMED_BY_SUITES
+from roadscope.benchmarks.references import resolved_plugin
 from roadscope.core import (
     DrivingCommand,
     DrivingScene,
@@ -69,10 +69,11 @@ class Stack:
             if missing:
                 raise SpecError(f"'{detector}': expected {'=, '.join(missing)}= too")
             specs += [
-                _resolved(KINDS[kind].registry, detector.parts[key]) for key, kind in kinds.items()
+                resolved_plugin(KINDS[kind].registry, detector.parts[key])
+                for key, kind in kinds.items()
             ]
         else:
-            specs.append(_resolved(KINDS["detector"].registry, detector))
+            specs.append(resolved_plugin(KINDS["detector"].registry, detector))
         if tracker.ego is not None and str(tracker.ego) not in (TRUE_POSES, NO_POSES):
             specs.append(KINDS["odometry"].registry.resolve(tracker.ego))
         return tuple(specs)
@@ -184,11 +185,6 @@ class DriveNode(Node):
         return log.drive(loop, episode.seed, replies.times)
 
 
-def _resolved(registry: Registry[Any], spec: Spec) -> Spec:
-    """Return the resolved spec of a plug-in, also of a detector that only suites may name."""
-    return (NAMED_BY_SUITES if spec.name in NAMED_BY_SUITES else registry).resolve(spec)
-
-
 def duration_of(episode: Episode) -> float:
     """Return how long a drive should last, seconds."""
     from roadscope.envs.traffic.scenarios import find
@@ -272,7 +268,7 @@ class _StackCalls:
 
     def make(self, registry: Registry[Any], spec: Spec) -> Any:
         """Make a plug-in of a registry, in a process of its own unless it is ours."""
-        resolved, options = _resolved(registry, spec).plain, self._options
+        resolved, options = resolved_plugin(registry, spec).plain, self._options
         handle: AbstractContextManager[PluginHandle] = open_plugin(
             resolved,
             limits=options.limits,
