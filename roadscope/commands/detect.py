@@ -52,18 +52,22 @@ Pictures = Annotated[
     Path | None, option("DIR", "Draw scans and images with boxes scored 0.3 or more")
 ]
 Height = Annotated[
-    float | None, option("M", "Height of the LiDAR above the ground; if left out, by the scans")
+    float | None,
+    option("M", "Height of the LiDAR above the ground; if left out, estimated from scans"),
 ]
 Calibration = Annotated[
     Path | None,
-    option("PATH", "KITTI calibration, file or folder; if left out, calib.txt or calib at DIR"),
+    option(
+        "PATH",
+        "KITTI calibration, file or folder; if left out, calib.txt or calib in DIR or beside it",
+    ),
 ]
 Images = Annotated[Path | None, option("DIR", "The images, if they are not in DIR", RECORDED)]
 Poses = Annotated[
     Path | None,
     option(
         "FILE",
-        "Poses by run-odometry, for detectors of moving things; else the LiDAR stands",
+        "Poses by run-odometry, for detectors of moving things; else the LiDAR stands still",
         RECORDED,
     ),
 ]

@@ -62,7 +62,7 @@ Odometry = Annotated[
     str | None,
     option(
         "SPEC",
-        "Run one too; see roadscope list odometries",
+        "Run an odometry too; see roadscope list odometries",
         METHODS,
         autocompletion=completion.odometries,
     ),

@@ -67,8 +67,7 @@ Imu = Annotated[
     str | None,
     option(
         "FILE",
-        "Lines of stamp wx wy wz ax ay az, s, rad/s, m/s^2; imu.csv or imu.txt at DIR if left "
-        "out; none: no IMU",
+        "Lines of stamp wx wy wz ax ay az, s, rad/s, m/s^2; none: no IMU",
     ),
 ]
 Mounting = Annotated[
@@ -83,8 +82,7 @@ WheelsFile = Annotated[
     str | None,
     option(
         "FILE",
-        "Lines of stamp, speed for lidar-inertial?wheels=true; wheels.csv or .txt at DIR if "
-        "left out; none: no file",
+        "Lines of stamp and speed, for lidar-inertial?wheels=true; none: no wheels",
         RECORDED,
     ),
 ]
