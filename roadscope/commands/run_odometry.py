@@ -61,7 +61,7 @@ Format = Annotated[
     str, option("NAME", "Format of poses: kitti (3 x 4 matrices) or tum (with stamps)")
 ]
 TruthFile = Annotated[
-    Path | None, option("FILE", "Compare with these true poses of the LiDAR, KITTI or TUM")
+    Path | None, option("FILE", "Compare with true poses of the LiDAR, KITTI or TUM")
 ]
 Imu = Annotated[
     str | None,
