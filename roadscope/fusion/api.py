@@ -27,8 +27,11 @@ class Fusion(Protocol):
     ) -> FusedDetections:
         """Join the detections of a scan, ego frame, and of the image nearest in time.
 
-        None means that the sensor brought nothing at all, which is not the same as an empty
-        scan; at least one must be there. The answer has the LiDAR's stamp, or the camera's
-        without one. `RecordError` says what cannot be joined: moments more than a second apart,
-        an image of another size than the projection's, masses on another frame of families.
+        lidar, camera: None if the sensor has no measurement, for example because the scan was
+            lost; if it has one without detections, an empty record. One of the two is needed.
+        projection: from the ego frame at the scan's stamp to the pixels of the image.
+
+        Returns targets with the stamp of `lidar`, or that of `camera` if `lidar` is None. Raises
+        `RecordError` if scan and image are more than a second apart, if the projection is for
+        another size of image, or if masses are not on vehicle, cyclist, pedestrian and ignorance.
         """

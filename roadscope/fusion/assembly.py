@@ -1,4 +1,4 @@
-"""From pairs of rows to fused detections."""
+"""The input of all fusions, checked, and fused detections from rows of both sensors."""
 
 from __future__ import annotations
 
@@ -6,21 +6,21 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from roadscope.core import Category, Detections, ImageDetections, RecordError
+from roadscope.core import Detections, ImageDetections, RecordError
 from roadscope.core.fused import FusedDetections
 from roadscope.core.projection import Projection
-from roadscope.fusion.evidence import FAMILIES, families_of
+from roadscope.fusion.evidence import CATEGORY_OF_FAMILY, FAMILIES, families_of
 from roadscope.fusion.overlap import projected_boxes
 from roadscope.fusion.pairing import check_moment
-
-_CATEGORY_OF_FAMILY = np.array([Category.CAR, Category.CYCLIST, Category.PEDESTRIAN], np.int8)
 
 
 @dataclass(frozen=True, slots=True)
 class Views:
-    """Both sensors' detections of one moment, none for a sensor that brought nothing.
+    """Both sensors' detections of one moment; an empty record for a sensor without measurement.
 
-    lidar_boxes: (N, 4) projected into the image, in_image: (N,) bool.
+    lidar_boxes: (N, 4) pixels, left top right bottom, the boxes of `lidar` projected into the image
+        and cut to it, zeros where nothing of them lies in the image.
+    in_image: (N,) bool, whether any part of the box lies in the image.
     """
 
     lidar: Detections
@@ -47,21 +47,22 @@ class Views:
         stamp_s = (
             lidar.stamp_s if lidar is not None else camera.stamp_s if camera is not None else 0.0
         )
-        points = Detections.empty(stamp_s) if lidar is None else lidar
-        if points.frame != "ego":
-            raise RecordError(f"fusion: expected LiDAR detections in frame ego, got {points.frame}")
+        boxes = Detections.empty(stamp_s) if lidar is None else lidar
+        if boxes.frame != "ego":
+            raise RecordError(f"fusion: expected LiDAR detections in frame ego, got {boxes.frame}")
         if lidar is not None and camera is not None:
             check_moment(lidar.stamp_s, camera.stamp_s)
         if camera is not None:
             _check_size(camera, projection)
         image = ImageDetections.empty(stamp_s) if camera is None else camera
-        return Views(points, image, *projected_boxes(points, projection))
+        return Views(boxes, image, *projected_boxes(boxes, projection))
 
 
 def _check_size(camera: ImageDetections, projection: Projection) -> None:
     """Refuse detections in an image of another size.
 
-    If detections do not know the size of their image, boxes outside of it show that it is another.
+    If the detections do not state the size of their image, boxes outside of the expected size show
+    that it is another one.
     """
     size = np.array([projection.width, projection.height])
     expected = f"fusion: the calibration is of images of {projection.width} x {projection.height}, "
@@ -80,27 +81,31 @@ def assemble(
     masses: np.ndarray,
     scores: np.ndarray | None = None,
 ) -> FusedDetections:
-    """Join rows of both sensors, -1 where a target has none, with (N, 4) fused masses.
+    """Return N targets made from rows of both sensors' detections.
 
-    The family is the one with the greatest mass. The category is that of a sensor that reports this
-    family, the camera first, else a usual one. The score is the family's mass unless given.
+    The family of a target is that of the greatest mass. Its category is that of a detection of this
+    family, of the camera's if both are, and car, cyclist or pedestrian if neither is.
+
+    lidar_rows, camera_rows: (N,) rows of the detections, -1 where a target has none.
+    masses: (N, 4) fused masses: vehicle, cyclist, pedestrian, ignorance.
+    scores: (N,) clipped to 0 to 1; None for the mass of the family.
     """
     lidar, camera = views.lidar, views.camera
     family = masses[:, : len(FAMILIES)].argmax(axis=1)
-    categories = _CATEGORY_OF_FAMILY[family]
+    categories = CATEGORY_OF_FAMILY[family]
     for rows, detections in ((lidar_rows, lidar), (camera_rows, camera)):
-        known = np.flatnonzero(rows >= 0)
-        reported = detections.categories[rows[known]]
-        agrees = families_of(reported) == family[known]
-        categories[known[agrees]] = reported[agrees]
-    believed = masses[np.arange(len(masses)), family] if scores is None else scores
+        detected = np.flatnonzero(rows >= 0)
+        reported = detections.categories[rows[detected]]
+        agrees = families_of(reported) == family[detected]
+        categories[detected[agrees]] = reported[agrees]
+    scores = masses[np.arange(len(masses)), family] if scores is None else scores
     return FusedDetections.from_rows(
         lidar,
         camera,
         lidar_rows=lidar_rows,
         camera_rows=camera_rows,
         categories=categories,
-        scores=np.clip(believed, 0.0, 1.0),
+        scores=np.clip(scores, 0.0, 1.0),
         masses=masses,
         lidar_boxes=views.lidar_boxes,
     )

@@ -20,7 +20,7 @@ class UnionFusion:
     """All targets of both sensors; where their boxes match, one target with the better score."""
 
     def __init__(self, *, least_iou: float = 0.3) -> None:
-        """Take the overlap from which boxes match."""
+        """Take the least intersection over union of two boxes that match."""
         require(0 < least_iou < 1, self, "least_iou", "between 0 and 1", least_iou)
         self.least_iou = least_iou
 
@@ -38,11 +38,12 @@ class UnionFusion:
         return self._joined(views, rows, columns)
 
     def _of_one(self, views: Views) -> FusedDetections:
-        """Return all targets of the sensor that is at work."""
-        nothing = np.empty(0, np.int64)
-        return UnionFusion._joined(self, views, nothing, nothing)
+        """Return all targets of the only sensor with a measurement, whatever the rule for both."""
+        no_pairs = np.empty(0, np.int64)
+        return UnionFusion._joined(self, views, no_pairs, no_pairs)
 
     def _joined(self, views: Views, rows: np.ndarray, columns: np.ndarray) -> FusedDetections:
+        """Return the targets; rows, columns: (P,) LiDAR and camera detections of matched pairs."""
         lidar_only = leftovers(len(views.lidar), rows)
         camera_only = leftovers(len(views.camera), columns)
         of_lidar = lidar_masses(views.lidar)
@@ -64,49 +65,55 @@ class UnionFusion:
         )
 
     def _score(self, lidar: np.ndarray, camera: np.ndarray) -> np.ndarray:
+        """Return the (P,) scores of pairs from those of both sensors."""
         better: np.ndarray = np.maximum(lidar, camera)
         return better
 
 
 class BayesFusion(UnionFusion):
-    """One-to-one matches whose scores add up as log-odds, as if sensors erred independently."""
+    """Union of targets; log odds of scores add up in pairs, as if sensors erred independently."""
 
     def __init__(self, *, least_iou: float = 0.3, prior: float = 0.5) -> None:
-        """Take the overlap from which boxes match, and the share of candidates that are targets."""
+        """Set the fusion up.
+
+        least_iou: least intersection over union of two boxes that match.
+        prior: share of all candidates that are targets.
+        """
         super().__init__(least_iou=least_iou)
         require(0 < prior < 1, self, "prior", "between 0 and 1", prior)
         self.prior = prior
 
     def _score(self, lidar: np.ndarray, camera: np.ndarray) -> np.ndarray:
-        odds = _logit(lidar) + _logit(camera) - _logit(np.array(self.prior))
-        result: np.ndarray = 1 / (1 + np.exp(-odds))
+        log_odds = _logit(lidar) + _logit(camera) - _logit(np.array(self.prior))
+        result: np.ndarray = 1 / (1 + np.exp(-log_odds))
         return result
 
 
 class ImageFirstFusion(UnionFusion):
-    """The camera's targets; LiDAR adds place and distance where boxes match."""
+    """The camera's targets; LiDAR adds position and distance where boxes match."""
 
     def _joined(self, views: Views, rows: np.ndarray, columns: np.ndarray) -> FusedDetections:
-        numbers = np.full(len(views.camera), -1)
-        numbers[columns] = rows
+        lidar_rows = np.full(len(views.camera), -1)
+        lidar_rows[columns] = rows
         masses = camera_masses(views.camera)
-        every = np.arange(len(views.camera))
-        return assemble(views, numbers, every, masses, views.camera.scores)
+        camera_rows = np.arange(len(views.camera))
+        return assemble(views, lidar_rows, camera_rows, masses, views.camera.scores)
 
 
 class LidarFirstFusion(UnionFusion):
     """LiDAR's targets; the camera adds box and class where boxes match."""
 
     def _joined(self, views: Views, rows: np.ndarray, columns: np.ndarray) -> FusedDetections:
-        images = np.full(len(views.lidar), -1)
-        images[rows] = columns
+        camera_rows = np.full(len(views.lidar), -1)
+        camera_rows[rows] = columns
         masses = lidar_masses(views.lidar).copy()
         masses[rows] = camera_masses(views.camera)[columns]
-        every = np.arange(len(views.lidar))
-        return assemble(views, every, images, masses, views.lidar.scores)
+        lidar_rows = np.arange(len(views.lidar))
+        return assemble(views, lidar_rows, camera_rows, masses, views.lidar.scores)
 
 
 def _logit(scores: np.ndarray) -> np.ndarray:
+    # Scores of 0 and 1 would be certain; the bounds are chosen by hand.
     bounded = np.clip(scores, 0.01, 0.99)
     result: np.ndarray = np.log(bounded / (1 - bounded))
     return result

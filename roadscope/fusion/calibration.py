@@ -1,4 +1,4 @@
-"""The matrix from points to pixels, by points that both sensors see (Li 2021, 2.2); its file."""
+"""Estimates a projection from points that both sensors measure (Li 2021, 2.2); its file."""
 
 from __future__ import annotations
 
@@ -13,26 +13,27 @@ from roadscope.core import Pose, RecordError
 from roadscope.core.projection import Projection
 
 # --------------------------------------------------------------------------------------------------
-# The matrix from points to pixels, found by points that both sensors see (Li 2021, 2.2, eq. 4).
+# The matrix from points to pixels (Li 2021, 2.2, eq. 4).
 
 LEAST_POINTS = 6
-"""Six points fix the eleven numbers of the matrix."""
+"""Six points determine the eleven degrees of freedom of the matrix."""
 TRIES = 200
-"""Number of random samples."""
+"""Number of random samples of `LEAST_POINTS` points. Chosen by hand."""
 FLAT = 1e-4
-"""Points whose third extent is smaller than this share of the first lie in a plane."""
+"""Points lie in a plane if the third singular value of their scatter is less than this share of the
+first. Chosen by hand."""
 
 
 class CalibrationError(ValueError):
-    """The points do not determine the matrix."""
+    """There is no calibration: points do not determine it, or a file does not hold one."""
 
 
 @dataclass(frozen=True, slots=True)
 class CalibrationResult:
     """A calibration and how well it holds.
 
-    projection: the matrix. inliers: (N,) bool, points that agree with it.
-    reprojection_px: root mean square of the distances of inliers in the image.
+    projection: from the frame of the points to pixels. inliers: (N,) bool, points within the gate.
+    reprojection_px: root mean square reprojection error of the inliers, pixels.
     """
 
     projection: Projection
@@ -50,12 +51,15 @@ def calibrate(
     seed: int = 0,
     intrinsics: np.ndarray | None = None,
 ) -> CalibrationResult:
-    """Find the projection from (N, 3) points, metres, and their (N, 2) pixels.
+    """Return the projection that maps points to their pixels.
 
-    Outliers are left out by random sampling of six points and a gate; the linear solution of the
-    rest is refined to a camera with square-cornered pixels and a rotation, by least squares of
-    pixels with a robust loss. intrinsics: (3, 3) where they are known already, which leaves only
-    the mounting pose to be found.
+    points: (N, 3) metres, ego frame, N at least 6, not all in one plane. pixels: (N, 2).
+    width, height: of the image, pixels. gate_px: greatest reprojection error of an inlier.
+    seed: of the random samples. intrinsics: (3, 3) if they are known; then only the mounting pose
+    is estimated.
+
+    Outliers are left out by RANSAC on samples of six points. The linear solution of the inliers is
+    refined by least squares of reprojection errors with a robust loss, for a camera without skew.
     """
     points, pixels = np.asarray(points, np.float64), np.asarray(pixels, np.float64)
     _check(points, pixels)
@@ -64,16 +68,19 @@ def calibrate(
         linear = solve_linear(points[inliers], pixels[inliers])
         matrix = _refined(linear, points[inliers], pixels[inliers], intrinsics)
         errors = distances_px(matrix, points, pixels)
-        now = errors < gate_px
-        if now.sum() < LEAST_POINTS or (now == inliers).all():
+        near = errors < gate_px
+        if near.sum() < LEAST_POINTS or (near == inliers).all():
             break
-        inliers = now
+        inliers = near
     rms = float(np.sqrt((distances_px(matrix, points[inliers], pixels[inliers]) ** 2).mean()))
     return CalibrationResult(Projection(matrix, width, height), inliers, rms)
 
 
 def solve_linear(points: np.ndarray, pixels: np.ndarray) -> np.ndarray:
-    """Return (3, 4) A by the direct linear transform with normalised data (Hartley 1997)."""
+    """Return A of eq. 4, (3, 4), by the normalised direct linear transform (Hartley 1997).
+
+    points: (N, 3) metres. pixels: (N, 2).
+    """
     to_points, scaled_points = _normalised(points)
     to_pixels, scaled_pixels = _normalised(pixels)
     homogeneous = np.column_stack([scaled_points, np.ones(len(points))])
@@ -91,7 +98,10 @@ def solve_linear(points: np.ndarray, pixels: np.ndarray) -> np.ndarray:
 
 
 def decompose(matrix: np.ndarray) -> tuple[np.ndarray, Pose]:
-    """Split a (3, 4) matrix into (3, 3) intrinsics, last entry 1, and `ego_from_camera`."""
+    """Return intrinsics (3, 3), last entry 1, and pose `ego_from_camera` of a matrix (3, 4).
+
+    Raises `CalibrationError` if the matrix is that of a mirrored image.
+    """
     from scipy.linalg import rq
 
     upper, rotation = rq(matrix[:, :3])
@@ -100,14 +110,14 @@ def decompose(matrix: np.ndarray) -> tuple[np.ndarray, Pose]:
     if np.linalg.det(rotation) < 0:
         raise CalibrationError("the matrix mirrors space")
     translation = np.linalg.solve(upper, matrix[:, 3])
-    # Rounded once more to a rotation, so that the pose accepts it.
+    # The nearest rotation: rounding errors are more than a pose accepts.
     left, _, right = np.linalg.svd(rotation)
     camera_from_ego = Pose.from_parts(left @ right, translation)
     return upper / upper[2, 2], camera_from_ego.inverse()
 
 
 def distances_px(matrix: np.ndarray, points: np.ndarray, pixels: np.ndarray) -> np.ndarray:
-    """(N,) distances in the image; infinite for points behind the camera."""
+    """Return (N,) reprojection errors, infinite for points behind the camera."""
     projected = points @ matrix[:, :3].T + matrix[:, 3]
     depth = projected[:, 2]
     in_front = depth > 1e-6
@@ -132,7 +142,10 @@ def _check(points: np.ndarray, pixels: np.ndarray) -> None:
 def _agreeing(
     points: np.ndarray, pixels: np.ndarray, gate_px: float, rng: np.random.Generator
 ) -> np.ndarray:
-    """Find the largest set of points that a linear solution of six of them explains."""
+    """Return the (N,) mask of the most inliers of the linear solution of any sample (RANSAC).
+
+    The solution of all points counts as a sample, too.
+    """
     best = distances_px(solve_linear(points, pixels), points, pixels) < gate_px
     if best.all():
         return best
@@ -141,7 +154,7 @@ def _agreeing(
         near = distances_px(solve_linear(points[chosen], pixels[chosen]), points, pixels) < gate_px
         if near.sum() > best.sum():
             best = near
-    # Any six points have a matrix of their own.
+    # Some matrix fits any six points, so a minority of inliers proves nothing.
     if 2 * best.sum() <= len(points):
         raise CalibrationError(
             f"no camera explains more than half of the {len(points)} points to {gate_px} pixels; "
@@ -170,15 +183,16 @@ def _refined(
     first = linear_intrinsics if intrinsics is None else np.asarray(intrinsics, np.float64)
     camera_from_ego = ego_from_camera.inverse()
 
-    def matrix_of(numbers: np.ndarray) -> np.ndarray:
-        fx, fy, cx, cy = numbers[:4]
-        turn = Rotation.from_rotvec(numbers[4:7]).as_matrix()
+    def matrix_of(unknowns: np.ndarray) -> np.ndarray:
+        fx, fy, cx, cy = unknowns[:4]
+        rotation = Rotation.from_rotvec(unknowns[4:7]).as_matrix()
         inner = np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1]])
-        product: np.ndarray = inner @ np.column_stack([turn, numbers[7:10]])
+        product: np.ndarray = inner @ np.column_stack([rotation, unknowns[7:10]])
         return product
 
-    def residuals(numbers: np.ndarray) -> np.ndarray:
-        projected = points @ matrix_of(numbers)[:, :3].T + matrix_of(numbers)[:, 3]
+    def residuals(unknowns: np.ndarray) -> np.ndarray:
+        candidate = matrix_of(unknowns)
+        projected = points @ candidate[:, :3].T + candidate[:, 3]
         depth = np.maximum(projected[:, 2:], 1e-3)
         return np.asarray((projected[:, :2] / depth - pixels).ravel())
 
@@ -199,7 +213,10 @@ def _refined(
 
 
 def _normalised(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Move to mean 0 and mean distance 1 per axis: the transform, homogeneous, and the values."""
+    """Return the homogeneous transform of (N, D) values to mean 0 and mean size 1, and the result.
+
+    Size is the absolute value of a coordinate.
+    """
     dimensions = values.shape[1]
     mean = values.mean(axis=0)
     scale = 1.0 / max(float(np.abs(values - mean).mean()), 1e-12)
@@ -210,7 +227,7 @@ def _normalised(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _with_depths(matrix: np.ndarray, points: np.ndarray) -> np.ndarray:
-    """Scale the matrix so that its third row gives metres, positive for most points."""
+    """Return the matrix scaled so that its third row gives depths in metres, mostly positive."""
     scaled = matrix / np.linalg.norm(matrix[2, :3])
     depths = points @ scaled[2, :3] + scaled[2, 3]
     result: np.ndarray = scaled if np.median(depths) > 0 else -scaled
@@ -218,17 +235,19 @@ def _with_depths(matrix: np.ndarray, points: np.ndarray) -> np.ndarray:
 
 
 # --------------------------------------------------------------------------------------------------
-# A calibration as a TOML or JSON file, and read back.
+# A calibration as a TOML or JSON file.
 
 KEYS = ("matrix", "width", "height", "origin", "reprojection_px", "points")
+"""Keys of a file; the first three are needed to read it."""
 LOWEST_M = 0.05
-"""Height of the lowest camera that is believed."""
+"""Least height of a camera above the ground; a matrix that implies less is refused as an error.
+Chosen by hand."""
 
 
 def write_calibration(path: Path | str, result: CalibrationResult, origin: str) -> None:
-    """Write matrix, size of the image, error and where it comes from.
+    """Write a calibration: JSON if the path ends in .json, otherwise TOML.
 
-    A path that ends in .json gets JSON, any other TOML.
+    origin: says where the calibration comes from.
     """
     projection, path = result.projection, Path(path)
     if path.suffix.lower() == ".json":
@@ -261,7 +280,7 @@ def _json(result: CalibrationResult, origin: str) -> str:
 
 
 def read_calibration(path: Path | str) -> Projection:
-    """Read a projection; a file that holds none is refused with what is wrong in it."""
+    """Read a projection; `CalibrationError` names the file and what is wrong with it."""
     path = Path(path)
     kind = "JSON" if path.suffix.lower() == ".json" else "TOML"
     try:

@@ -6,25 +6,32 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from roadscope.core import Category, Detections, Frame
+from roadscope.core import Detections, Frame
 from roadscope.core.checks import require
 from roadscope.detectors.cloud import Cloud
 from roadscope.detectors.clustering import cluster_dbscan
 from roadscope.detectors.drops import without_faint
 from roadscope.detectors.ground import GroundSurface, grid_above_ground
+from roadscope.fusion.evidence import CATEGORY_OF_FAMILY
 from roadscope.fusion.sizes import completed
 from roadscope.fusion.weights import lidar_model
 
 LEAST_M = 0.2
-"""A cluster seen from one side has no depth; boxes get this much."""
+"""Least length and width of a box: a cluster of which one face is visible has hardly any depth.
+Chosen by hand."""
+LEAST_TOP_M = 0.3
+"""Least height of a box. Chosen by hand."""
 YAWS = np.radians(np.arange(0, 90, 5.0))
+"""Headings of the rectangles that are tried, radians."""
 LONGEST_M = 20.0
-"""Longer clusters are walls, hedges and rails."""
-CATEGORY_OF_FAMILY = np.array([Category.CAR, Category.CYCLIST, Category.PEDESTRIAN], np.int8)
+"""Longer clusters are walls, hedges and rails. Chosen by hand."""
 
 
 class ClusterBoxes:
-    """Ground by the height span of cells, DBSCAN, a box and class masses for every cluster."""
+    """Removes the ground by the height span of cells and clusters the rest by DBSCAN.
+
+    Every cluster gets a box and Dempster-Shafer masses.
+    """
 
     def __init__(
         self,
@@ -36,9 +43,10 @@ class ClusterBoxes:
     ) -> None:
         """Set the detector up.
 
-        eps_m, min_points: of DBSCAN.
+        eps_m, min_points: of DBSCAN, see `cluster_dbscan`. Li 2021 states no values.
         min_score: detections with a lower score are not reported.
-        faint: returns within 15 m of lower intensity are taken for drops of fog and left out.
+        faint: returns of less intensity than this within 15 m count as drops of fog and are left
+            out.
         """
         require(0 < eps_m < np.inf, self, "eps_m", "a positive distance", eps_m)
         require(min_points >= 1, self, "min_points", "at least 1", min_points)
@@ -52,9 +60,10 @@ class ClusterBoxes:
         """Do nothing: the detector keeps no state."""
 
     def detect(self, frame: Frame) -> Detections:
-        """Return the clusters that may be road users, ego frame, with masses.
+        """Return the clusters that may be road users, ego frame, with (N, 4) masses.
 
-        None, at the frame's stamp, where the scan was dropped; a fusion is then given None.
+        If the frame has no scan, the record is empty and has the frame's stamp; the caller then
+        passes None to a fusion.
         """
         if frame.lidar is None:
             return Detections.empty(frame.stamp_s)
@@ -64,23 +73,24 @@ class ClusterBoxes:
         if not len(shapes):
             return Detections.empty(frame.lidar.stamp_s)
         mount = frame.calibration.pose(frame.lidar.sensor).translation[:2]
-        chances = lidar_model().probabilities(features(shapes, mount))
-        scores = 1.0 - chances[:, 3]
+        masses = lidar_model().probabilities(features(shapes, mount))
+        scores = 1.0 - masses[:, 3]
         reported = scores >= self.min_score
-        shapes, chances, scores = shapes[reported], chances[reported], scores[reported]
-        categories = CATEGORY_OF_FAMILY[chances[:, :3].argmax(axis=1)]
+        shapes, masses, scores = shapes[reported], masses[reported], scores[reported]
+        categories = CATEGORY_OF_FAMILY[masses[:, :3].argmax(axis=1)]
         centres, sizes, yaws = completed(
             shapes[:, :3], shapes[:, 3:6], shapes[:, 6], mount, categories
         )
         centres[:, 2] += ground.below(centres)
         return Detections(
-            centres, sizes, yaws, categories, scores, "ego", frame.lidar.stamp_s, chances
+            centres, sizes, yaws, categories, scores, "ego", frame.lidar.stamp_s, masses
         )
 
     def propose(self, frame: Frame) -> tuple[np.ndarray, list[np.ndarray]]:
-        """Return (N, 8) x, y, z, length, width, height, yaw, returns, and the points of each.
+        """Return the boxes of all clusters, and the returns of each.
 
-        Heights are those above the ground.
+        Boxes are (N, 8): x, y, z, length, width, height, yaw, number of returns. Returns are N
+        arrays (K, 3). All are in metres and radians, ego frame, z from the ground.
         """
         cloud = self._cloud(frame)
         return self._boxes(GroundSurface.of(cloud).levelled(cloud))
@@ -104,7 +114,10 @@ class ClusterBoxes:
 
 
 def enclosing(points: np.ndarray) -> np.ndarray:
-    """(8,) upright rectangle of least area, in steps of 5 degrees, around (N, 3) points."""
+    """Return the box (8,) of least area around (N, 3) points, see `propose`; yaw by 5 degrees.
+
+    points: metres, ego frame, z from the ground.
+    """
     axes = np.stack([np.cos(YAWS), np.sin(YAWS)])
     along = points[:, :2] @ axes
     across = points[:, :2] @ np.stack([-axes[1], axes[0]])
@@ -117,12 +130,18 @@ def enclosing(points: np.ndarray) -> np.ndarray:
     length, width = max(lengths[best], LEAST_M), max(widths[best], LEAST_M)
     if width > length:
         length, width, yaw = width, length, yaw - np.pi / 2
-    top = max(float(points[:, 2].max()), 0.3)
+    top = max(float(points[:, 2].max()), LEAST_TOP_M)
     return np.array([x, y, top / 2, length, width, top, yaw, len(points)])
 
 
 def features(shapes: np.ndarray, origin: np.ndarray) -> np.ndarray:
-    """(N, 6) length, width, top and range in metres, log of returns, log of returns times range."""
+    """Return the (N, 6) features from which `lidar_model` computes probabilities.
+
+    They are length, width, height of the top and range, in metres, the log of the number of
+    returns, and that plus the log of 1 m + range.
+
+    shapes: (N, 8) as from `propose`. origin: (2,) metres, the sensor, ego frame.
+    """
     ranges = np.hypot(shapes[:, 0] - origin[0], shapes[:, 1] - origin[1])
     count = np.log(shapes[:, 7])
     return np.column_stack(

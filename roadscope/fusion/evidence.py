@@ -14,8 +14,11 @@ from roadscope.fusion.weights import confusion, odds_model
 
 FAMILIES = (Family.VEHICLE, Family.CYCLIST, Family.PEDESTRIAN)
 """The frame of discernment; masses have these columns and then ignorance."""
+CATEGORY_OF_FAMILY = np.array([Category.CAR, Category.CYCLIST, Category.PEDESTRIAN], np.int8)
+"""The category that stands for each of `FAMILIES` where no detection names one."""
 MOST = 0.98
-"""Greatest mass that a score gives to classes: so masses from scores are never in full conflict."""
+"""Greatest mass that a score gives to the classes together, chosen by hand: some ignorance always
+remains, so that masses from scores are never in full conflict."""
 
 Confusion = Sequence[Sequence[float]] | np.ndarray
 
@@ -31,13 +34,17 @@ def families_of(categories: np.ndarray) -> np.ndarray:
 def masses_of(detections: Detections | ImageDetections, split: Confusion) -> np.ndarray:
     """Return (N, 4) masses: those of the detections if they have any, else from their scores.
 
-    split: (3, 3), of the detections that are called one family (row) the share of each (column).
+    split: (3, 3), of the detections reported as one family (row) the share that is each (column).
     """
     if detections.masses is not None:
         return _checked_columns(detections.masses)
-    belief = MOST * detections.scores[:, None]
-    shares = np.asarray(split)[families_of(detections.categories)]
-    return np.concatenate([belief * shares, 1 - belief], axis=1)
+    return _split_masses(detections.scores, detections.categories, np.asarray(split))
+
+
+def _split_masses(scores: np.ndarray, categories: np.ndarray, split: np.ndarray) -> np.ndarray:
+    """Return (N, 4) masses: the scores, times `MOST`, shared out among families; then the rest."""
+    belief = MOST * scores[:, None]
+    return np.concatenate([belief * split[families_of(categories)], 1 - belief], axis=1)
 
 
 def _checked_columns(masses: np.ndarray) -> np.ndarray:
@@ -56,17 +63,15 @@ def lidar_masses(lidar: Detections) -> np.ndarray:
 
 
 def camera_masses(camera: ImageDetections) -> np.ndarray:
-    """Return (N, 4) masses of camera detections, by how reliable their scores are at their size."""
+    """Return (N, 4) masses of camera detections, from their scores corrected for their height."""
     if camera.masses is not None:
         return _checked_columns(camera.masses)
     reliable = 1 / (1 + np.exp(-odds_model("camera_masses").odds(camera_features(camera))))
-    belief = MOST * reliable[:, None]
-    shares = confusion("camera")[families_of(camera.categories)]
-    return np.concatenate([belief * shares, 1 - belief], axis=1)
+    return _split_masses(reliable, camera.categories, confusion("camera"))
 
 
 def camera_features(camera: ImageDetections) -> np.ndarray:
-    """(N, 4): log odds of the score, log of the height over 40 pixels, cyclist, pedestrian."""
+    """(N, 4): log odds of the score, log of height / 40 pixels, cyclist, pedestrian (0 or 1)."""
     heights = np.maximum(camera.boxes[:, 3] - camera.boxes[:, 1], 1.0)
     family = families_of(camera.categories)
     return np.column_stack(
@@ -74,9 +79,9 @@ def camera_features(camera: ImageDetections) -> np.ndarray:
     )
 
 
-def log_odds(chances: np.ndarray) -> np.ndarray:
+def log_odds(probabilities: np.ndarray) -> np.ndarray:
     """(N,) log odds, bounded to -5 to 5."""
-    bounded = np.clip(chances, 0.0067, 0.9933)
+    bounded = np.clip(probabilities, 0.0067, 0.9933)
     odds: np.ndarray = np.log(bounded / (1 - bounded))
     return odds
 
@@ -88,7 +93,8 @@ UNDECIDED = -1
 DECIDED = 0.84
 """Least mass for a decision: halfway between 0.812, which Table 1 calls uncertain, and 0.865."""
 CONFLICT_SLACK = 1e-12
-"""Agreement up to this is taken for none, and for an effect of rounding."""
+"""Two rows of masses whose agreement 1 - k is no more than this exclude each other: what remains is
+due to rounding. Chosen by hand."""
 
 
 class FullConflictError(ValueError):
@@ -96,39 +102,41 @@ class FullConflictError(ValueError):
 
 
 def combine(first: np.ndarray, second: np.ndarray) -> np.ndarray:
-    """Return the orthogonal sum of (..., K + 1) masses, the last column for ignorance.
+    """Return the orthogonal sum (eq. 6) of (..., K + 1) masses, the last column for ignorance.
 
-    Each row sums to 1. Raises `FullConflictError` naming the row where no product agrees.
+    Rows sum to 1. Raises `FullConflictError`, which names the row, where k is 1.
     """
     a, b = _of_one_frame(first, second)
     a, b = np.broadcast_arrays(a, b)
     s, t = a[..., -1:], b[..., -1:]
     joined = a * b + a * t + s * b
     joined[..., -1:] = s * t
-    agreed = joined.sum(axis=-1, keepdims=True)
-    if (agreed <= 0).any():
-        row = np.argwhere(agreed[..., 0] <= 0)[0].tolist()
+    agreement = joined.sum(axis=-1, keepdims=True)
+    if (agreement <= 0).any():
+        row = np.argwhere(agreement[..., 0] <= 0)[0].tolist()
         where = f" of row {row}" if row else ""
-        raise FullConflictError(f"full conflict between the masses{where}: no class has both")
-    fused: np.ndarray = joined / agreed
+        raise FullConflictError(
+            f"full conflict between the masses{where}: no class has mass in both"
+        )
+    fused: np.ndarray = joined / agreement
     return fused
 
 
 def combine_or_keep(first: np.ndarray, second: np.ndarray) -> np.ndarray:
-    """Return the orthogonal sums of (N, K + 1) masses; the second's where both exclude each other.
+    """Return the orthogonal sums of (N, K + 1) masses; in full conflict the second row.
 
-    Fusions use it for pairs, so that a detector that is wholly sure of a wrong class spoils that
-    one target only.
+    Fusions use it for pairs: a detector that is wholly sure of a wrong class then spoils only that
+    target instead of ending the run.
     """
     a, b = _of_one_frame(first, second)
     joined = b.copy()
-    agreed = conflict(a, b) < 1.0 - CONFLICT_SLACK
-    joined[agreed] = combine(a[agreed], b[agreed])
+    compatible = conflict(a, b) < 1.0 - CONFLICT_SLACK
+    joined[compatible] = combine(a[compatible], b[compatible])
     return joined
 
 
 def conflict(first: np.ndarray, second: np.ndarray) -> np.ndarray:
-    """Return k of eq. 6, (...), 0 for none and 1 for full conflict."""
+    """Return the conflict k of eq. 6, (...), from 0 for none to 1 for full conflict."""
     a, b = (masses[..., :-1] for masses in _of_one_frame(first, second))
     result: np.ndarray = a.sum(axis=-1) * b.sum(axis=-1) - (a * b).sum(axis=-1)
     return result
@@ -141,10 +149,10 @@ def decide(masses: np.ndarray, least: float = DECIDED) -> np.ndarray:
 
 
 def check_masses(masses: np.ndarray) -> np.ndarray:
-    """Return masses as floats; refuse negative ones and rows that do not sum to 1."""
+    """Return masses as floats; refuse negative ones and rows that do not sum to 1 (eq. 5)."""
     checked = np.asarray(masses, np.float64)
     if checked.ndim < 1 or checked.shape[-1] < 2:
-        raise ValueError(f"masses: expected a class and ignorance at least, got {checked.shape}")
+        raise ValueError(f"masses: expected (..., K + 1) with K >= 1 classes, got {checked.shape}")
     if not (checked >= 0).all():
         raise ValueError(f"masses: expected values from 0 up, got {checked.min()}")
     wrong = np.abs(checked.sum(axis=-1) - 1) > 1e-6
