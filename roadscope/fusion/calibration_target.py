@@ -1,4 +1,4 @@
-"""A triangular calibration target in both sensors (Li 2021, 2.2)."""
+"""A triangular calibration target as both sensors measure it (Li 2021, 2.2)."""
 
 from __future__ import annotations
 
@@ -13,26 +13,32 @@ from roadscope.core.record import Record
 from roadscope.fusion.calibration import CalibrationError
 
 # --------------------------------------------------------------------------------------------------
-# A triangular target's corners in both sensors (Li 2021, 2.2).
+# The target's corners in scans and in images.
 
 LEAST_RINGS = 3
+"""Least number of rings with returns of the target. Chosen by hand."""
+EDGE_SCALE_M = 0.02
+"""Larger distances of ring ends from the triangle's edges have less weight. Chosen by hand."""
 LEAST_ROWS_PX = 12
+"""Least height of the target in the image. Chosen by hand."""
 BLUR_PX = 4
-"""Farther than this from an edge, smoothed values are those of inside and outside."""
+"""Farther than this from an edge, smoothed brightness is that of the inside or of the outside: four
+standard deviations of the smoothing."""
 TRIM = 0.12
-"""Share of an edge at each of its ends that is left out: corners are rounded by pixels."""
+"""Share of an edge at each of its ends that is left out: pixels and smoothing round the corners.
+Chosen by hand."""
 
 
 @dataclass(frozen=True, slots=True)
 class TriangularTarget:
-    """An isosceles triangle that stands on its base; all in metres."""
+    """The size of a target: an isosceles triangle that stands on its base."""
 
     base_m: float = 1.5
     height_m: float = 1.2
 
     @property
     def corners(self) -> np.ndarray:
-        """(3, 2) left, right, top, in the target's plane about the middle of the base."""
+        """(3, 2) left, right and top corner: x right and y up from the base's middle, metres."""
         half = self.base_m / 2
         return np.array([[-half, 0.0], [half, 0.0], [0.0, self.height_m]])
 
@@ -44,12 +50,15 @@ def corners_in_scans(
     target: TriangularTarget,
     step_rad: float,
 ) -> np.ndarray:
-    """Return (3, 3) left, right and top corner, LiDAR frame, from returns of the target alone.
+    """Return the (3, 3) left, right and top corner, metres, LiDAR frame.
 
-    points: (N, 3) metres, of one or more scans of a target at rest. ring, column: (N,) of each.
-    step_rad: between neighbouring columns. Beams are right in direction and wrong in range, so a
-    plane gives the ranges; a ring ends half a step beyond its last beams, and the triangle of
-    known size is fitted to these ends by least squares.
+    points: (N, 3) metres, LiDAR frame, returns of the target alone, from one or more scans of a
+        target at rest. ring, column: (N,) of each.
+    step_rad: azimuth between neighbouring columns.
+
+    Directions of beams are taken as exact, ranges as noisy: a plane fitted to the returns gives the
+    ranges. A ring of the target ends half a step beyond its last beams. The triangle of known size
+    is fitted to these ends by least squares.
     """
     if len(np.unique(ring)) < LEAST_RINGS:
         raise CalibrationError(
@@ -63,20 +72,21 @@ def corners_in_scans(
     rays = ends / np.linalg.norm(ends, axis=1, keepdims=True)
     on_plane = rays * (offset / (rays @ normal))[:, None]
     flat = np.column_stack([on_plane @ across, on_plane @ up])
-    # The sign of the normal decides whether `across` runs to the left or to the right.
+    # `across` must point to the left; the sign of the normal decides where it points.
     if flat[sides > 0, 0].mean() < flat[sides < 0, 0].mean():
         across, flat = -across, flat * [-1.0, 1.0]
     corners = _fitted_triangle(target.corners, flat, sides)
-    # The origin of flat coordinates is the point of the plane nearest to the sensor.
-    in_space: np.ndarray = corners[:, :1] * across + corners[:, 1:] * up + offset * normal
-    return in_space
+    # Coordinates in the plane count from its point nearest to the sensor.
+    result: np.ndarray = corners[:, :1] * across + corners[:, 1:] * up + offset * normal
+    return result
 
 
 def corners_in_image(grey: np.ndarray) -> np.ndarray:
-    """Return (3, 2) left, right and top corner in pixels of a bright triangle in a dark scene.
+    """Return the (3, 2) left, right and top corner, pixels, of a bright triangle in a dark scene.
 
-    grey: (H, W). The largest bright patch is the target; its edges are lines through where rows
-    and columns cross the middle between bright and dark, to a part of a pixel.
+    grey: (H, W) brightness in any unit. The largest bright patch is the target. Along each row and
+    column the brightness falls through the middle between inside and outside at a fraction of a
+    pixel; lines are fitted to these places, and their intersections are the corners.
     """
     from scipy.ndimage import gaussian_filter, label
 
@@ -97,14 +107,14 @@ def corners_in_image(grey: np.ndarray) -> np.ndarray:
         or (columns.max() == grey.shape[1] - 1)
     ):
         raise CalibrationError("the image cuts the target")
-    inside = _without_ends(top, bottom)
+    rows_inside = _without_ends(top, bottom)
     lines = []
     for edge, step in ((np.min, -1), (np.max, 1)):
-        pixels = [(int(edge(columns[rows == row])), row) for row in inside]
+        pixels = [(int(edge(columns[rows == row])), row) for row in rows_inside]
         lines.append(_line([(_crossing(smooth[row], c, step), row + 0.5) for c, row in pixels]))
-    spread = _without_ends(int(columns.min()), int(columns.max()))
-    feet = [(c, rows[columns == c].max()) for c in spread]
-    lines.append(_line([(c + 0.5, _crossing(smooth[:, c], int(r), 1)) for c, r in feet]))
+    columns_inside = _without_ends(int(columns.min()), int(columns.max()))
+    lowest = [(c, rows[columns == c].max()) for c in columns_inside]
+    lines.append(_line([(c + 0.5, _crossing(smooth[:, c], int(r), 1)) for c, r in lowest]))
     left, right, base = lines
     return np.array(
         [_intersection(left, base), _intersection(right, base), _intersection(left, right)]
@@ -112,10 +122,10 @@ def corners_in_image(grey: np.ndarray) -> np.ndarray:
 
 
 def _plane(points: np.ndarray) -> tuple[np.ndarray, float]:
-    """Return unit normal away from the sensor and distance of the plane whose ranges fit best.
+    """Return the unit normal, away from the sensor, and the distance in metres of a fitted plane.
 
-    For n . p = d and p = range * ray, 1 / range = (n / d) . ray: linear in n / d, and noise
-    stays along the ray. It is solved twice, the second time without outliers.
+    With the plane n . p = d and p = range * ray, range * (n / d) . ray = 1, which is linear in
+    n / d. It is solved twice, the second time without outliers.
     """
     ranges = np.linalg.norm(points, axis=1)
     rays = points / ranges[:, None]
@@ -132,47 +142,55 @@ def _plane(points: np.ndarray) -> tuple[np.ndarray, float]:
 def _ring_ends(
     points: np.ndarray, ring: np.ndarray, column: np.ndarray, step_rad: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return directions half a step beyond each ring's ends, and their sides: -1 right, 1 left."""
+    """Return directions (K, 3) half a step beyond ends of rings, and sides (K,): -1 right, 1 left.
+
+    Directions are not unit vectors. Elevations are means over the returns of the last column.
+    """
     directions, sides = [], []
     for one in np.unique(ring):
         members = np.flatnonzero(ring == one)
         azimuths = np.arctan2(points[members, 1], points[members, 0])
         for side in (-1.0, 1.0):
             last = members[(side * azimuths).argmax()]
-            same = points[members[column[members] == column[last]]].mean(axis=0)
+            x, y, z = points[members[column[members] == column[last]]].mean(axis=0)
             turn = side * step_rad / 2
             c, s = np.cos(turn), np.sin(turn)
-            x, y, z = same
             directions.append([c * x - s * y, s * x + c * y, z])
             sides.append(side)
     return np.array(directions), np.array(sides)
 
 
 def _fitted_triangle(corners: np.ndarray, ends: np.ndarray, sides: np.ndarray) -> np.ndarray:
-    """Move and turn a triangle so that ends lie on its slopes; left has greater first values."""
+    """Return the (3, 2) corners of a triangle moved so that ends of rings lie on its slanted edges.
+
+    corners: as in `TriangularTarget`. ends: (K, 2) metres in the target's plane, the first axis to
+    the left; sides: (K,) as from `_ring_ends`.
+    """
     from scipy.optimize import least_squares
 
     mirrored = corners * [-1.0, 1.0]
     left, right, top = mirrored
 
-    def moved(numbers: np.ndarray) -> np.ndarray:
-        c, s = np.cos(numbers[2]), np.sin(numbers[2])
-        result: np.ndarray = mirrored @ np.array([[c, s], [-s, c]]) + numbers[:2]
+    def moved(pose: np.ndarray) -> np.ndarray:
+        c, s = np.cos(pose[2]), np.sin(pose[2])
+        result: np.ndarray = mirrored @ np.array([[c, s], [-s, c]]) + pose[:2]
         return result
 
-    def residuals(numbers: np.ndarray) -> np.ndarray:
-        a, b, peak = moved(numbers)
+    def residuals(pose: np.ndarray) -> np.ndarray:
+        a, b, peak = moved(pose)
         from_left = _distances_from_line(ends, a, peak)
         return np.where(sides > 0, from_left, _distances_from_line(ends, b, peak))
 
-    widths = ends[sides > 0, 0].mean() - ends[sides < 0, 0].mean()
-    share = np.clip(widths / np.linalg.norm(left - right), 0.0, 1.0)
+    # The mean width of the rings, as a share of the base, says how high up they lie on average.
+    mean_width = ends[sides > 0, 0].mean() - ends[sides < 0, 0].mean()
+    share = np.clip(mean_width / np.linalg.norm(left - right), 0.0, 1.0)
     start = [ends[:, 0].mean(), ends[:, 1].mean() - (1 - share) * top[1], 0.0]
-    solution = least_squares(residuals, start, loss="soft_l1", f_scale=0.02)
+    solution = least_squares(residuals, start, loss="soft_l1", f_scale=EDGE_SCALE_M)
     return moved(solution.x)
 
 
 def _distances_from_line(points: np.ndarray, start: np.ndarray, end: np.ndarray) -> np.ndarray:
+    """Return the (N,) signed distances of (N, 2) points from the line through two points."""
     along = (end - start) / np.linalg.norm(end - start)
     offsets = points - start
     result: np.ndarray = offsets[:, 0] * along[1] - offsets[:, 1] * along[0]
@@ -180,19 +198,21 @@ def _distances_from_line(points: np.ndarray, start: np.ndarray, end: np.ndarray)
 
 
 def _without_ends(low: int, high: int) -> np.ndarray:
+    """Return the whole numbers from low to high without the share `TRIM` at either end."""
     trim = TRIM * (high - low)
     return np.arange(int(np.ceil(low + trim)), int(high - trim) + 1)
 
 
 def _crossing(values: np.ndarray, near: int, step: int) -> float:
-    """Return where values fall through the middle between inside and outside, in pixel edges.
+    """Return where values fall through the middle between inside and outside.
 
-    near: an index at the edge; step: 1 or -1, the direction outwards. The background differs along
-    the edge, road here and sky there, so each crossing has a middle of its own.
+    The unit is pixels; pixel k extends from k to k + 1. near: an index at the edge. step: 1 or -1,
+    the direction outwards. The middle is computed for each crossing, because the background differs
+    along the edge: road here, sky there.
     """
-    reach = [k for k in near + step * np.arange(-BLUR_PX, BLUR_PX + 1) if 0 <= k < len(values)]
-    level = (values[reach[0]] + values[reach[-1]]) / 2
-    for k, after in pairwise(reach):
+    outwards = [k for k in near + step * np.arange(-BLUR_PX, BLUR_PX + 1) if 0 <= k < len(values)]
+    level = (values[outwards[0]] + values[outwards[-1]]) / 2
+    for k, after in pairwise(outwards):
         if values[k] > level >= values[after]:
             share = (values[k] - level) / (values[k] - values[after])
             return k + 0.5 + step * float(share)
@@ -213,6 +233,7 @@ def _line(points: list[tuple[float, float]]) -> np.ndarray:
 
 
 def _intersection(first: np.ndarray, second: np.ndarray) -> np.ndarray:
+    """Return the (2,) intersection of two lines as from `_line`."""
     matrix = np.stack([first[:2], second[:2]])
     if abs(np.linalg.det(matrix)) < 1e-6:
         raise CalibrationError("two edges of the target are parallel in the image")
@@ -221,13 +242,15 @@ def _intersection(first: np.ndarray, second: np.ndarray) -> np.ndarray:
 
 
 # --------------------------------------------------------------------------------------------------
-# What a LiDAR at rest measures of a target: its plane, and between which beams it ends.
+# What a LiDAR at rest measures of a target: its plane, and between which beams its edges lie.
 
 NEAR_BEAMS = 2
-"""Beams farther than this from the target's edge, in columns, do not help to locate it."""
+"""Beams farther than this from the target's edge, in columns, do not help to locate it. Chosen by
+hand."""
 LEAST_RETURNS = 6
+"""Least number of returns from a target. Chosen by hand."""
 OUTLYING = 4.0
-"""Ranges off by more than this many standard deviations are not the target's."""
+"""Ranges whose error is more standard deviations than this are outliers. Chosen by hand."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -242,11 +265,11 @@ class BeamDirections(Record):
 
     @property
     def step_rad(self) -> float:
-        """Between neighbouring columns."""
+        """Azimuth between neighbouring columns."""
         return float(np.abs(np.median(np.diff(self.azimuths))))
 
     def rays(self, ring: np.ndarray, column: np.ndarray) -> np.ndarray:
-        """(N, 3) unit directions, LiDAR frame."""
+        """Return the (N, 3) unit vectors, LiDAR frame, of beams by (N,) ring and column."""
         azimuth, elevation = self.azimuths[column], self.elevations[ring]
         flat = np.cos(elevation)
         return np.stack([flat * np.cos(azimuth), flat * np.sin(azimuth), np.sin(elevation)], -1)
@@ -254,13 +277,14 @@ class BeamDirections(Record):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ScannedTarget(Record):
-    """A target at rest in many scans, all in the LiDAR's frame.
+    """A target at rest in many scans, in the LiDAR frame.
 
     plane: (3,) float64, 1/m, q of the plane q . p = 1.
-    plane_root: (3, 3) float64; plane_root @ (q - plane) has unit covariance at the true q.
-    rays: (N, 3) float64, unit directions of the beams beside the target's edge.
-    hit_share: (N,) float64, share of the scans in which each beam met the target.
-    step_rad: between neighbouring columns.
+    plane_root: (3, 3) float64, metres, square root R of the information matrix R'R of q;
+        R (q - plane) has unit covariance at the true q.
+    rays: (N, 3) float64, unit vectors of the beams near the target's edges.
+    hit_share: (N,) float64, share of the scans in which each of these beams hit the target.
+    step_rad: azimuth between neighbouring columns.
     """
 
     plane: np.ndarray
@@ -284,8 +308,9 @@ def scanned_target(
 ) -> ScannedTarget:
     """Return what many scans measured of a target at rest.
 
-    points: (N, 3) metres, LiDAR frame, of the target alone, from `scans` scans. ring, column: (N,).
-    A beam without returns passed beside the target; `beams` has its direction.
+    points: (N, 3) metres, LiDAR frame, returns of the target alone. ring, column: (N,) of each.
+    beams: directions of all beams; those without a return of the target missed it.
+    scans: number of scans from which the returns are.
     """
     if len(points) < LEAST_RETURNS:
         raise CalibrationError(f"expected at least {LEAST_RETURNS} returns, got {len(points)}")
@@ -296,9 +321,9 @@ def scanned_target(
 
 
 def _plane_in_beams(rays: np.ndarray, ranges: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the likeliest plane of noisy ranges, and the root of its information matrix.
+    """Return the likeliest q of the plane of noisy ranges, and the root of its information matrix.
 
-    range = 1 / (q . ray), by Gauss and Newton from the linear solution, without outliers.
+    The ranges are 1 / (q . ray). Gauss-Newton steps from the linear solution, without outliers.
     """
     plane = np.linalg.lstsq(rays * ranges[:, None], np.ones(len(rays)), rcond=None)[0]
     root, inliers = np.eye(3), np.ones(len(rays), bool)
@@ -316,7 +341,7 @@ def _plane_in_beams(rays: np.ndarray, ranges: np.ndarray) -> tuple[np.ndarray, n
 def _beams_at_edges(
     ring: np.ndarray, column: np.ndarray, beams: BeamDirections, scans: int
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return ring, column and share of returns of the beams next to the target's edge."""
+    """Return ring, column and hit share of the beams near the target's edges."""
     from scipy.ndimage import maximum_filter, minimum_filter
 
     count = np.zeros((len(beams.elevations), len(beams.azimuths)))
@@ -329,22 +354,23 @@ def _beams_at_edges(
 
 
 # --------------------------------------------------------------------------------------------------
-# Errors between what both sensors should measure of targets in given poses, and what they did.
+# Errors of all measurements of targets in assumed poses.
 
 PIXEL_SIGMA = 0.2
-"""Standard deviation of a corner in the image, pixels."""
+"""Standard deviation of a corner in the image, pixels. Chosen by hand."""
 STRAY = 0.01
-"""Share of beams that meet something else or get lost; chosen by hand."""
+"""Share of beams that hit something else or have no return. Chosen by hand."""
 ROBUST = 3.0
-"""From so many standard deviations on, an error counts by its amount, not by its square."""
+"""From about so many standard deviations on, the loss grows in proportion to the error rather than
+to its square. Chosen by hand."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TargetMeasurements:
-    """Measurements of P targets, the beams of each filled up to the same N.
+    """Measurements of P targets, the beams of each padded to the same number N.
 
-    pixels: (P, 3, 2). planes: (P, 3), roots: (P, 3, 3), as in `ScannedTarget`. rays: (P, N, 3).
-    hit_share: (P, N). real: (P, N) bool, false where filled up. steps: (P, 1), radians.
+    pixels: (P, 3, 2) corners. planes: (P, 3), roots: (P, 3, 3), rays: (P, N, 3) and hit_share:
+    (P, N), as in `ScannedTarget`. real: (P, N) bool, False for padding. steps: (P, 1), radians.
     """
 
     pixels: np.ndarray
@@ -359,7 +385,7 @@ class TargetMeasurements:
 def stacked_measurements(
     pixels: np.ndarray, scanned: Sequence[ScannedTarget]
 ) -> TargetMeasurements:
-    """Stack the measurements of all targets; pixels: (P, 3, 2)."""
+    """Return the measurements of P targets in one record; pixels: (P, 3, 2) corners."""
     most = max(len(each.rays) for each in scanned)
     rays = np.stack([np.resize(each.rays, (most, 3)) for each in scanned])
     hit_share = np.stack([np.resize(each.hit_share, most) for each in scanned])
@@ -371,9 +397,10 @@ def stacked_measurements(
 
 
 def corners_of_targets(poses: np.ndarray, target: TriangularTarget) -> np.ndarray:
-    """(P, 3, 3) corners of targets in (P, 3, 4) poses.
+    """Return the (P, 3, 3) corners, metres, of targets in (P, 3, 4) poses.
 
-    The columns of a pose are right, up, towards the sensor, and the middle of the base.
+    The columns of a pose are the unit vectors to the right, up and towards the sensor, and the
+    middle of the base.
     """
     corners: np.ndarray = np.einsum("pij,kj->pki", poses[:, :, :2], target.corners)
     return np.asarray(corners + poses[:, None, :, 3])
@@ -386,9 +413,10 @@ def image_errors(
     measured: TargetMeasurements,
     target: TriangularTarget,
 ) -> np.ndarray:
-    """(P, 6) errors of corners in pixels, in standard deviations.
+    """Return the (P, 6) errors of corners in the image, in standard deviations.
 
-    intrinsics: (4,) fx, fy, cx, cy, pixels. camera: (3, 4) `camera_from_lidar`.
+    intrinsics: (4,) fx, fy, cx, cy, pixels. camera: (3, 4) `camera_from_lidar`. poses: (P, 3, 4)
+    of the targets, see `corners_of_targets`.
     """
     placed = corners_of_targets(poses, target) @ camera[:, :3].T + camera[:, 3]
     pixels = intrinsics[:2] * placed[..., :2] / np.maximum(placed[..., 2:], 1e-3) + intrinsics[2:]
@@ -396,29 +424,31 @@ def image_errors(
 
 
 def range_errors(poses: np.ndarray, measured: TargetMeasurements) -> np.ndarray:
-    """(P, 3) errors of the planes, in standard deviations."""
+    """Return the (P, 3) errors of the planes, in standard deviations, for (P, 3, 4) poses."""
     return _robust(np.einsum("pij,pj->pi", measured.roots, planes_of(poses) - measured.planes))
 
 
 def edge_errors(
     poses: np.ndarray, measured: TargetMeasurements, target: TriangularTarget, edge_width: float
 ) -> np.ndarray:
-    """(P, N) errors of beams that met the target or passed beside it.
+    """Return the (P, N) errors of the shares of beams that hit the targets, for (P, 3, 4) poses.
 
-    Their squares are twice the log-likelihood that a beam loses by the target's pose.
-    edge_width: standard deviation of where a beam ends, as a share of the step between columns.
+    Their squares are twice the negative log-likelihood of the hit shares, counted from its least
+    value for a beam that always hits.
+    edge_width: standard deviation of a beam's direction at an edge, as a share of the step between
+        columns.
     """
     from scipy.special import ndtr
 
     inside, reach = _distances_inside(poses, measured, target)
-    chance = STRAY + (1 - 2 * STRAY) * ndtr(inside / (edge_width * measured.steps * reach))
-    lost = -measured.hit_share * np.log(chance) - (1 - measured.hit_share) * np.log(1 - chance)
-    # The floor keeps the root's slope finite.
-    return np.where(measured.real, np.sqrt(2 * np.maximum(lost + np.log(1 - STRAY), 1e-12)), 0.0)
+    hit = STRAY + (1 - 2 * STRAY) * ndtr(inside / (edge_width * measured.steps * reach))
+    cost = -measured.hit_share * np.log(hit) - (1 - measured.hit_share) * np.log(1 - hit)
+    # With the floor the derivative of the root stays finite.
+    return np.where(measured.real, np.sqrt(2 * np.maximum(cost + np.log(1 - STRAY), 1e-12)), 0.0)
 
 
 def planes_of(poses: np.ndarray) -> np.ndarray:
-    """(P, 3) q of the targets' planes q . p = 1."""
+    """Return q, (P, 3) 1/m, of the planes q . p = 1 of targets in (P, 3, 4) poses."""
     normals, middles = poses[:, :, 2], poses[:, :, 3]
     planes: np.ndarray = normals / (normals * middles).sum(axis=1, keepdims=True)
     return planes
@@ -427,11 +457,14 @@ def planes_of(poses: np.ndarray) -> np.ndarray:
 def _distances_inside(
     poses: np.ndarray, measured: TargetMeasurements, target: TriangularTarget
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return (P, N) metres of each beam from the nearest edge, positive inside, and its range."""
+    """Return (P, N) distances in metres of beams from the nearest edge, and ranges at the planes.
+
+    Distances are positive inside the target.
+    """
     along = np.einsum("pni,pi->pn", measured.rays, planes_of(poses))
     reach = 1 / np.maximum(along, 1e-3)
-    from_middle = measured.rays * reach[..., None] - poses[:, None, :, 3]
-    flat = from_middle @ poses[:, :, :2]
+    from_base = measured.rays * reach[..., None] - poses[:, None, :, 3]
+    flat = from_base @ poses[:, :, :2]
     inside = np.full(reach.shape, np.inf)
     for start, end in zip(target.corners, np.roll(target.corners, -1, axis=0), strict=True):
         along_edge = (end - start) / np.linalg.norm(end - start)
@@ -442,7 +475,7 @@ def _distances_inside(
 
 
 def _robust(errors: np.ndarray) -> np.ndarray:
-    """Errors whose squares are the robust loss 2 c^2 (sqrt(1 + (e / c)^2) - 1)."""
-    # 2 c^2 (sqrt(1 + x) - 1) = 2 e^2 / (sqrt(1 + x) + 1), which does not cancel.
+    """Return errors whose squares are the pseudo-Huber loss 2 c^2 (sqrt(1 + (e / c)^2) - 1)."""
+    # With x = (e / c)^2 it is 2 e^2 / (sqrt(1 + x) + 1), which does not cancel.
     softer: np.ndarray = errors * np.sqrt(2 / (np.sqrt(1 + (errors / ROBUST) ** 2) + 1))
     return softer

@@ -1,4 +1,4 @@
-"""Fusion of our own: targets must agree in bearing, size and depth before evidence is joined."""
+"""Our own fusion: detections of a pair must agree in bearing, size and depth."""
 
 from __future__ import annotations
 
@@ -25,11 +25,11 @@ from roadscope.fusion.weights import odds_model, ranking_model
 
 
 class ConsistentFusion:
-    """One-to-one matches, learned scores, a box in space for every target.
+    """One-to-one pairs, learned scores, a box in space for every target.
 
-    Scores are probabilities. They are computed from the log odds of both sensors, the range and the
-    size in the image, with weights that were fitted on train seeds. There are separate weights for
-    pairs, for targets that one sensor detects and the other misses, and for a sensor that is alone.
+    Scores are probabilities, computed from features of the detections and of their agreement with
+    weights that were fitted on train seeds. There are separate weights for pairs, for targets that
+    one sensor detects and the other misses, and for a sensor when the other has no measurement.
     """
 
     def reset(self) -> None:
@@ -57,7 +57,7 @@ class ConsistentFusion:
 def odds_of(
     views: Views, agreement: Agreement, projection: Projection, candidates: Candidates
 ) -> np.ndarray:
-    """(P + L + C,) log odds of candidates if both sensors are at work."""
+    """Return the (P + L + C,) log odds of candidates if both sensors have a measurement."""
     features = candidate_features(views, agreement, projection, candidates)
     names = ("pair", "lidar_only", "camera_only")
     return np.concatenate(
@@ -72,7 +72,11 @@ def with_places(
     camera_rows: np.ndarray,
     projection: Projection,
 ) -> FusedDetections:
-    """Give targets of the camera alone a place and a size, from a cluster or from the image.
+    """Return the targets, where those of the camera alone have a box in space, too.
+
+    Its distance is that of a cluster, see `lenders`, or that of the camera box, see `depths_of`.
+    Its size is the usual one of its category. Vehicles are assumed to head along the ego's x axis,
+    others away from the ego.
 
     camera_rows: (T,) row of the camera's detection of each target.
     """
@@ -84,10 +88,9 @@ def with_places(
     middles = (boxes[:, 0] + boxes[:, 2]) / 2
     depths, lidar_rows = np.exp(agreement.log_depths[rows]), np.full(len(rows), -1)
     has_lender, best = (part[rows] for part in lenders(views, agreement))
-    depths[has_lender], lidar_rows[has_lender] = (
-        agreement.lidar_depths[best[has_lender]],
-        best[has_lender],
-    )
+    cluster_rows = best[has_lender]
+    depths[has_lender] = agreement.lidar_depths[cluster_rows]
+    lidar_rows[has_lender] = cluster_rows
     sizes = USUAL_M[fused.categories[alone]]
     places = places_at(
         np.column_stack([middles, (boxes[:, 1] + boxes[:, 3]) / 2]), depths, projection
@@ -107,6 +110,7 @@ def with_places(
 
 
 def _masses(views: Views, candidates: Candidates) -> np.ndarray:
+    """Return the (P + L + C, 4) masses of candidates; those of pairs are combined."""
     of_lidar, of_camera = lidar_masses(views.lidar), camera_masses(views.camera)
     joined = combine_or_keep(of_lidar[candidates.rows], of_camera[candidates.columns])
     alone = of_lidar[candidates.lidar_only], of_camera[candidates.camera_only]
@@ -114,6 +118,7 @@ def _masses(views: Views, candidates: Candidates) -> np.ndarray:
 
 
 def _put(values: np.ndarray, rows: np.ndarray, new: np.ndarray | bool) -> np.ndarray:
+    """Return values with new ones in some rows."""
     changed = values.copy()
     changed[rows] = new
     return changed

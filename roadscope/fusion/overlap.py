@@ -1,4 +1,4 @@
-"""How boxes of LiDAR and camera lie on one another in the image."""
+"""LiDAR boxes projected into the image, and overlaps of boxes there."""
 
 from __future__ import annotations
 
@@ -7,6 +7,8 @@ import numpy as np
 from roadscope.core import Detections
 from roadscope.core.projection import NEAR_M, Projection
 
+_SLACK = 0.999
+"""Share of `NEAR_M` from which on a point is in front of the camera: it allows for rounding."""
 _CORNERS = np.array([[x, y, z] for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)])
 _EDGES = np.array(
     [
@@ -19,9 +21,12 @@ _EDGES = np.array(
 
 
 def projected_boxes(lidar: Detections, projection: Projection) -> tuple[np.ndarray, np.ndarray]:
-    """Return (N, 4) boxes around the projected corners, cut to the image, and (N,) bool: any left.
+    """Return (N, 4) image boxes around projected boxes, and (N,) whether they lie in the image.
 
-    What reaches behind the camera is cut at its near plane, edge by edge.
+    Image boxes are pixels, left top right bottom, cut to the image, zeros where nothing of them
+    lies in it. Boxes that reach behind the camera are cut at its near plane, edge by edge.
+
+    lidar: detections in the ego frame.
     """
     cosine, sine = np.cos(lidar.yaws)[:, None], np.sin(lidar.yaws)[:, None]
     local = _CORNERS * lidar.sizes[:, None]
@@ -39,9 +44,9 @@ def projected_boxes(lidar: Detections, projection: Projection) -> tuple[np.ndarr
     starts, ends = corners[:, _EDGES[:, 0]], corners[:, _EDGES[:, 1]]
     points = np.concatenate([corners, _at_near_plane(starts, ends, projection)], axis=1)
     pixels, depths = projection.project(points)
-    inside = (depths >= NEAR_M * 0.999)[..., None]
-    low = np.where(inside, pixels, np.inf).min(axis=1, initial=np.inf)
-    high = np.where(inside, pixels, -np.inf).max(axis=1, initial=-np.inf)
+    in_front = (depths >= NEAR_M * _SLACK)[..., None]
+    low = np.where(in_front, pixels, np.inf).min(axis=1, initial=np.inf)
+    high = np.where(in_front, pixels, -np.inf).max(axis=1, initial=-np.inf)
     size = np.array([projection.width, projection.height], np.float64)
     low, high = np.clip(low, 0.0, size), np.clip(high, 0.0, size)
     in_image = (high > low).all(axis=1)
@@ -49,7 +54,7 @@ def projected_boxes(lidar: Detections, projection: Projection) -> tuple[np.ndarr
 
 
 def _at_near_plane(starts: np.ndarray, ends: np.ndarray, projection: Projection) -> np.ndarray:
-    """Where edges cross the near plane; a corner again where they do not."""
+    """Return (N, E, 3) points where edges cross the near plane; their starts where they do not."""
     _, a = projection.project(starts)
     _, b = projection.project(ends)
     crosses = (a < NEAR_M) != (b < NEAR_M)
@@ -59,7 +64,7 @@ def _at_near_plane(starts: np.ndarray, ends: np.ndarray, projection: Projection)
 
 
 def intersections(first: np.ndarray, second: np.ndarray) -> np.ndarray:
-    """(N, M) areas that (N, 4) and (M, 4) boxes have in common."""
+    """(N, M) areas of the intersections of (N, 4) and (M, 4) boxes."""
     low = np.maximum(first[:, None, :2], second[None, :, :2])
     high = np.minimum(first[:, None, 2:], second[None, :, 2:])
     common: np.ndarray = np.maximum(high - low, 0.0).prod(axis=-1)
@@ -79,7 +84,7 @@ def coverage(lidar: np.ndarray, camera: np.ndarray) -> np.ndarray:
 
 
 def ious(first: np.ndarray, second: np.ndarray) -> np.ndarray:
-    """(N, M) intersection over union."""
+    """(N, M) intersection over union of (N, 4) and (M, 4) boxes."""
     common = intersections(first, second)
     union = areas(first)[:, None] + areas(second)[None] - common
     result: np.ndarray = common / np.maximum(union, 1e-9)

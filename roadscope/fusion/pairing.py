@@ -1,4 +1,4 @@
-"""Which image belongs to a scan, and what the ego did in between (Li 2021, 2.1)."""
+"""The image that belongs to a scan, and the ego's motion between both (Li 2021, 2.1)."""
 
 from __future__ import annotations
 
@@ -10,23 +10,27 @@ from roadscope.core.projection import Projection
 LIMIT_S = 0.05
 """Half the period of a camera of 10 images/s: with a gap above this an image is missing."""
 LONGEST_S = 1.0
-"""Greatest time between a scan and an image that are fused: later the scene is another."""
+"""Greatest time between a scan and an image that are fused: then the scene has changed. Chosen by
+hand."""
 ALONE = -1
 """In place of the row of an image: no image belongs to the scan."""
 
 
 class ClocksApartError(RecordError):
-    """Scans and images have no moment in common."""
+    """No scan and image were measured at about the same time: their clocks differ."""
 
 
 def nearest_images(
     scan_stamps_s: np.ndarray, image_stamps_s: np.ndarray, *, limit_s: float = LIMIT_S
 ) -> np.ndarray:
-    """Return (S,) rows of the images nearest in time, `ALONE` where none is within the limit.
+    """Return for each scan the row (S,) of the image nearest in time, `ALONE` beyond the limit.
 
-    Image stamps may have any order; of two equally near the earlier row is taken. A scan without
-    an image is to be fused alone. If there are scans and images but no scan has an image, the
-    clocks disagree, and `ClocksApartError` says by how much.
+    scan_stamps_s, image_stamps_s: (S,) and (I,) seconds of one clock, in any order; of two images
+        equally near the earlier row is taken.
+    limit_s: greatest time between a scan and its image.
+
+    If there are scans and images but no scan has an image, the clocks differ, and
+    `ClocksApartError` states the shortest time between a scan and an image.
     """
     scans, images = _stamps("scan", scan_stamps_s), _stamps("image", image_stamps_s)
     if not 0 < limit_s < np.inf:
@@ -56,10 +60,12 @@ def check_moment(scan_stamp_s: float, image_stamp_s: float) -> None:
 def moved_projection(
     projection: Projection, previous_from_ego: Pose | None, period_s: float, gap_s: float
 ) -> Projection:
-    """Project what was measured at the scan's stamp into an image that came `gap_s` later.
+    """Return the projection from the ego frame at a scan's stamp to an image `gap_s` later.
 
-    previous_from_ego: own motion over the `period_s` before the scan, taken to go on; None where
-    it is not known, which leaves the projection as it is.
+    projection: from the ego frame at the image's stamp.
+    previous_from_ego: the ego's motion in the `period_s` before the scan, which is assumed to
+        continue; None if it is unknown: then the projection is returned unchanged.
+    gap_s: seconds, negative for an image before the scan.
     """
     if previous_from_ego is None or gap_s == 0.0:
         return projection

@@ -1,4 +1,4 @@
-"""Usual sizes of road users, and boxes completed where only a face was seen."""
+"""Usual sizes of road users, and boxes completed where only a face was measured."""
 
 from __future__ import annotations
 
@@ -17,9 +17,15 @@ USUAL_M = np.array(
         [0.5, 0.6, 1.72],
     ]
 )
-"""Length, width, height in metres by `Category`."""
+"""Length, width, height in metres by `Category`. Chosen by hand."""
 SPREAD = np.array([0.08, 0.15, 0.12, 0.08, 0.1, 0.06, 0.07])
-"""Standard deviation of the logarithm of heights by `Category`; people are 1.5 to 1.95 m."""
+"""Standard deviation of the logarithm of heights by `Category`; people are 1.5 to 1.95 m. Chosen by
+hand."""
+REAR_SHARE = 1.3
+"""The longer side of a vehicle's box that is less than this many usual widths is its front or rear.
+Chosen by hand."""
+LEAST_CAR_HEIGHT_M = 1.4
+"""Least height of a car's box; other boxes have at least their usual height. Chosen by hand."""
 
 
 def completed(
@@ -29,13 +35,16 @@ def completed(
     origin: np.ndarray,
     categories: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Grow (N, 3) boxes around what was seen to usual sizes, away from the sensor at (2,) origin.
+    """Return centres, sizes and yaws of boxes grown to usual sizes, away from the sensor.
 
-    A vehicle's box whose longer side is a rear's width is turned, so that its length runs away
-    from the sensor. Boxes stand on the ground. Returns centres, sizes and yaws.
+    centres, sizes: (N, 3) metres, yaws: (N,) radians, boxes around the returns, ego frame. origin:
+    (2,) metres, the sensor. categories: (N,) values of `Category`.
+
+    If the longer side of a vehicle's box is only as long as its front or rear is wide, the box is
+    turned by 90 degrees and grows across that side. Boxes stand on the ground z = 0.
     """
     usual = USUAL_M[categories]
-    turned = (categories < Category.CYCLIST) & (sizes[:, 0] < 1.3 * usual[:, 1])
+    turned = (categories < Category.CYCLIST) & (sizes[:, 0] < REAR_SHARE * usual[:, 1])
     yaws = np.where(turned, yaws + np.pi / 2, yaws)
     measured = np.where(turned[:, None], sizes[:, [1, 0, 2]], sizes)
     grown = np.maximum(measured, usual)
@@ -46,8 +55,10 @@ def completed(
     shift = np.zeros((len(centres), 2))
     for axis, column in ((axes, 0), (left, 1)):
         along = (axis * away).sum(axis=1)
-        # A face across the line of sight hides what is behind it; along it, both ends are visible.
+        # Along the line of sight only the near end is visible: the box grows away from it. Across
+        # the line of sight both ends are visible: it grows to either side.
         shift += axis * (np.clip(2 * along, -1, 1) * (grown - measured)[:, column] / 2)[:, None]
-    heights = np.where(categories == Category.CAR, np.maximum(measured[:, 2], 1.4), grown[:, 2])
+    car_heights = np.maximum(measured[:, 2], LEAST_CAR_HEIGHT_M)
+    heights = np.where(categories == Category.CAR, car_heights, grown[:, 2])
     placed = np.column_stack([centres[:, :2] + shift, heights / 2])
     return placed, np.column_stack([grown[:, :2], heights]), (yaws + np.pi) % (2 * np.pi) - np.pi

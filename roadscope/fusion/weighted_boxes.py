@@ -15,14 +15,14 @@ from roadscope.fusion.overlap import ious
 
 
 class WeightedBoxFusion:
-    """Overlapping boxes become their mean by scores; boxes of one sensor alone get half the score.
+    """Overlapping boxes are averaged by score; a box of one sensor alone gets half its score.
 
-    The paper fuses boxes of one class. Here their families may differ, because clusters of returns
-    say little about families.
+    The paper fuses boxes of one class. Here families may differ, because the family of a cluster of
+    returns is uncertain.
     """
 
     def __init__(self, *, least_iou: float = 0.4) -> None:
-        """Take the overlap from which a box joins the mean of others."""
+        """Take the intersection over union above which a box joins the mean of others."""
         if not 0 < least_iou < 1:
             raise ValueError(f"least_iou must be between 0 and 1, got {least_iou!r}")
         self.least_iou = least_iou
@@ -50,9 +50,9 @@ class WeightedBoxFusion:
             mean[k] = weights @ boxes[members] / weights.sum()
             confidence[k] = scores[members].mean() * min(len(members), models) / models
             for source in (0, 1):
-                mine = members[sources[members] == source]
-                if len(mine):
-                    best[source, k] = rows[mine[scores[mine].argmax()]]
+                own = members[sources[members] == source]
+                if len(own):
+                    best[source, k] = rows[own[scores[own].argmax()]]
         masses = _masses(views, best)
         fused = assemble(
             views,
@@ -61,13 +61,16 @@ class WeightedBoxFusion:
             np.concatenate([masses, lidar_masses(views.lidar)[outside]]),
             np.concatenate([confidence, views.lidar.scores[outside] / models]),
         )
-        places = fused.image_boxes.copy()
-        places[: len(groups)] = mean
-        return replace(fused, image_boxes=places)
+        image_boxes = fused.image_boxes.copy()
+        image_boxes[: len(groups)] = mean
+        return replace(fused, image_boxes=image_boxes)
 
 
 def _grouped(boxes: np.ndarray, scores: np.ndarray, least_iou: float) -> list[np.ndarray]:
-    """Members of each fused box; in order of score each joins the mean that it overlaps most."""
+    """Return the rows of (N, 4) boxes in each group; means of groups are the fused boxes.
+
+    In the order of falling (N,) scores, each box joins the group whose mean it overlaps most.
+    """
     groups: list[list[int]] = []
     means = np.empty((0, 4))
     for row in np.argsort(-scores, kind="stable"):
@@ -84,7 +87,10 @@ def _grouped(boxes: np.ndarray, scores: np.ndarray, least_iou: float) -> list[np
 
 
 def _masses(views: Views, best: np.ndarray) -> np.ndarray:
-    """Take the camera's masses where it has a box, otherwise the LiDAR's."""
+    """Return the (K, 4) masses of K groups: the camera's where it has a box, otherwise the LiDAR's.
+
+    best: (2, K) row of the best LiDAR and of the best camera detection of each group, -1 for none.
+    """
     masses = np.zeros((best.shape[1], 4))
     by_camera = best[1] >= 0
     masses[by_camera] = camera_masses(views.camera)[best[1][by_camera]]

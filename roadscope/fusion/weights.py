@@ -1,4 +1,4 @@
-"""Fitted models of what the detections of both sensors mean, read from `weights.toml`.
+"""Fitted models of the probabilities of detections of both sensors, read from `weights.toml`.
 
 `research.fusion_weights` of the repository fits and writes it.
 """
@@ -16,10 +16,11 @@ import numpy as np
 
 @dataclass(frozen=True, slots=True)
 class SecondOrderModel:
-    """Logistic model of second order: a constant, F features and their products.
+    """Multinomial logistic model of second order: a constant, F features and their products.
 
-    mean, spread: (F,) of the features, which are bounded at three spreads.
-    weights: (T, K), log odds of K classes against nothing.
+    mean, spread: (F,) mean and standard deviation of the features, which are clipped at three
+        standard deviations.
+    weights: (T, K), T = 1 + F + F (F + 1) / 2, of the log odds of K classes against none of them.
     """
 
     mean: np.ndarray
@@ -29,21 +30,24 @@ class SecondOrderModel:
     def values(self, features: np.ndarray) -> np.ndarray:
         """(N, K) log odds of (N, F) features."""
         bounded = np.clip((features - self.mean) / self.spread, -3.0, 3.0)
-        odds: np.ndarray = second_order(bounded) @ self.weights
-        return odds
+        log_odds: np.ndarray = second_order(bounded) @ self.weights
+        return log_odds
 
     def probabilities(self, features: np.ndarray) -> np.ndarray:
         """(N, K + 1) probabilities of the classes, then of none of them, for (N, F) features."""
         values = self.values(features)
-        odds = np.column_stack([values, np.zeros(len(values))])
-        odds = np.exp(odds - odds.max(axis=1, keepdims=True))
-        chances: np.ndarray = odds / odds.sum(axis=1, keepdims=True)
-        return chances
+        log_odds = np.column_stack([values, np.zeros(len(values))])
+        odds = np.exp(log_odds - log_odds.max(axis=1, keepdims=True))
+        probabilities: np.ndarray = odds / odds.sum(axis=1, keepdims=True)
+        return probabilities
 
 
 @dataclass(frozen=True, slots=True)
 class OddsModel:
-    """Logistic model: a constant, then one weight a feature."""
+    """Logistic model.
+
+    weights: (1 + F,) of a constant and of F features.
+    """
 
     weights: np.ndarray
 
@@ -59,7 +63,7 @@ class OddsModel:
 
 
 def second_order(values: np.ndarray) -> np.ndarray:
-    """(N, 1 + F + F (F + 1) / 2) constant, values and their products."""
+    """(N, 1 + F + F (F + 1) / 2): 1, (N, F) values, and products of any two of them."""
     rows, columns = np.triu_indices(values.shape[1])
     return np.column_stack([np.ones(len(values)), values, values[:, rows] * values[:, columns]])
 
@@ -73,13 +77,13 @@ def table() -> dict[str, Any]:
 
 @cache
 def lidar_model() -> SecondOrderModel:
-    """Return the model of which family of road users a cluster is, if any."""
+    """Return the model of the family of a cluster: vehicle, cyclist, pedestrian or none."""
     return _second_order_model("lidar_classes")
 
 
 @cache
 def ranking_model() -> SecondOrderModel:
-    """Return the model of whether a camera box shows a target that no surer box shows."""
+    """Return the model of whether a camera box shows a target that no box of higher score shows."""
     return _second_order_model("camera_ranking")
 
 
@@ -90,13 +94,16 @@ def _second_order_model(name: str) -> SecondOrderModel:
 
 @cache
 def odds_model(name: str) -> OddsModel:
-    """Return a logistic model by name."""
+    """Return the logistic model of a name in the section `odds` of the file."""
     return OddsModel(np.array(table()["odds"][name]))
 
 
 @cache
 def confusion(sensor: str) -> np.ndarray:
-    """(3, 3) shares of each family (column) among detections that a sensor calls one (row)."""
+    """(3, 3): of the detections that a sensor reports as a family (row) the share of each (column).
+
+    sensor: `lidar` or `camera`.
+    """
     shares = np.array(table()["confusion"][sensor])
     result: np.ndarray = shares / shares.sum(axis=1, keepdims=True)
     return result
