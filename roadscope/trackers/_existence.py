@@ -29,26 +29,27 @@ from roadscope.trackers._traits import (
     score_log_odds,
 )
 
-# None of these was fitted. 9 is what scores of 0.9999 say, 12 is exceeded by one right pair in 400,
-# the others are round figures chosen by hand; they only save work on targets that are given up.
 MOST_LOG_ODDS = 9.0
-"""Log odds of existence are limited to this, on both sides."""
+"""Log odds of existence are limited to this, on both sides: those of a score of 0.9999."""
 MOST_DISTANCE = 12.0
-"""Squared Mahalanobis distances of positions are limited to this."""
-GIVEN_UP = -4.0
-"""Log odds at the last detection below which a target with few detections is dropped if missed."""
-FEW = 2.0
-"""Sum of the scores of few detections."""
+"""Squared Mahalanobis distances of positions are limited to this; 1 in 400 of right pairs has more."""
+GATE_MARGIN_M = 0.5
+"""Added to the distance that the top speed allows between two ticks. Chosen by hand."""
+DROP_LOG_ODDS = -4.0
+"""A missed target with few detections is dropped if its log odds of existence after the last one
+were below this. It only saves work; chosen by hand."""
+FEW_VOTES = 2.0
+"""A target has few detections while the sum of their scores is below this. Chosen by hand."""
 
 
 class ExistenceTracker:
-    """Log odds of existence decide what is reported, and optimal assignment decides identities.
+    """Reports targets by their log odds of existence; optimal assignment decides identities.
 
-    Every detection raises or lowers the log odds by its score and by its distance from where it
-    was expected; every miss lowers them, less so where nearer targets hide the place. A detection
-    where nothing was expected is likelier clutter than its score says. Clutter of real detectors is
-    persistent, a bush is taken for a car in many frames, so the evidence of one frame decays with
-    time instead of adding up without end.
+    Every detection raises or lowers the log odds by its score and by its distance from the expected
+    position. Every miss lowers them, less so where nearer targets occlude the position. A detection
+    where no target was expected is clutter more often than its score says. Clutter of real
+    detectors is persistent: a bush is taken for a car in many frames. So the evidence of one frame
+    decays with time instead of being added up.
     """
 
     weighed = True
@@ -64,17 +65,17 @@ class ExistenceTracker:
     ) -> None:
         """Set the tracker up; the last four values were chosen by hand, not fitted.
 
-        traits: of the detector: a name in `roadscope/trackers/learned`, or a .toml file; `auto`
-            takes the known detector whose first scores are most like those of training, or
-            `unknown`, whose scores are probabilities unless detections contradict that; of
+        traits: those of the detector: a name in `roadscope/trackers/learned`, or a .toml file.
+            `auto` chooses the known detector whose scores in training are most like those so far,
+            or `unknown`, for which scores are probabilities unless detections contradict that. With
             `unscaled` only the order of scores counts.
         least_overlap: a pair must have a higher generalised IoU in space.
-        coast_s: how long a target is looked for after its last detection.
-        coast_known_s: the same, unless `coast_s` is longer, of one with `KNOWN_HITS` detections
-            that was believed to exist: it may be hidden. With 1.5 and 3 s HOTA of three detectors
-            on a validation seed was 0.816 and 0.820, 0.794 and 0.802, 0.858 and 0.863; 3 s for all
-            let clutter confirm itself.
-        shown_probability: of existence, from which on a track is confirmed or coasting.
+        coast_s: time after its last detection for which a target can be detected again.
+        coast_known_s: the same, unless `coast_s` is longer, for a target with `KNOWN_HITS`
+            detections whose probability of existence was at least `shown_probability`: it may be
+            hidden. With 1.5 and 3 s HOTA of three detectors on a validation seed was 0.816 and
+            0.820, 0.794 and 0.802, 0.858 and 0.863; with 3 s for all targets clutter was confirmed.
+        shown_probability: probability of existence from which on a track is confirmed or coasting.
         """
         check_positive(coast_s=coast_s, coast_known_s=coast_known_s)
         if not -1 <= least_overlap < 1:
@@ -107,7 +108,7 @@ class ExistenceTracker:
     def update(self, detections: Detections, ego_pose: Pose | None = None) -> Tracks:
         """Return the tracks after the detections of one tick, tentative ones included."""
         tick = self._tick = TrackerTick.after(self._tick, detections, ego_pose)
-        detections, dt, eye = tick.detections, tick.period_s, tick.sensor_position[:2]
+        detections, dt, origin = tick.detections, tick.period_s, tick.sensor_position[:2]
         self._traits = self._choice.update(score_log_odds(detections.scores), detections.categories)
         learned = None
         if self._choice.is_unscaled or (
@@ -115,32 +116,32 @@ class ExistenceTracker:
         ):
             self._traits = self._unscaled
             learned = self._meaning.probabilities(detections.scores, detections.categories)
-        measured = Measurements.of(detections, eye, self._traits, self._noise.factor, learned)
+        measured = Measurements.of(detections, origin, self._traits, self._noise.factor, learned)
         before = self._targets
         targets = before.predicted(dt, self._traits)
         rows, columns = self._assigned(targets, measured, dt)
         missed = np.ones(len(targets), bool)
         missed[rows] = False
         believed = targets.log_odds(self._traits) > self._shown
-        visible = 1 - hidden_shares(targets.boxes, missed, believed, np.ascontiguousarray(eye))
+        visible = 1 - hidden_shares(targets.boxes, missed, believed, np.ascontiguousarray(origin))
         targets = replace(targets, away_s=targets.away_s + dt * np.where(missed, visible, 0.0))
         targets = targets.replaced(
             rows, self._detected(targets.select(rows), measured.select(columns), dt)
         )
-        targets = self._missed(targets, eye)
+        targets = self._missed(targets, origin)
         self._learn(detections, targets.select(rows), columns)
         survive = self._survive(targets)
         self._reappearances.count(before, targets, ~survive)
         targets = targets if survive.all() else targets.select(survive)
         new = measured.select(unassigned(len(measured), columns))
-        neighbours = Neighbours.of(targets, eye, tick.ego_velocity)
+        neighbours = Neighbours.of(targets, origin, tick.ego_velocity)
         self._targets = targets.joined(self._started(new, neighbours))
         return self._report(tick)
 
     def _learn(
         self, detections: Detections, targets: BernoulliTargets, columns: np.ndarray
     ) -> None:
-        """Learn from detections what scores mean; (N,) columns are those of N targets."""
+        """Learn what scores mean; columns: (N,) the detections of N targets."""
         streaks_s, ids = np.zeros(len(detections)), np.zeros(len(detections), np.int64)
         free = unassigned(len(detections), columns)
         ids[columns], ids[free] = targets.ids, self._next_id + np.arange(len(free))
@@ -151,13 +152,13 @@ class ExistenceTracker:
         self._meaning.count(pending, streaks_s)
 
     def _assigned(self, targets: BernoulliTargets, measured: Measurements, dt: float) -> Pairs:
-        """Return pairs with the greatest total overlap that top speeds allow."""
-        kinds = targets.categories
-        reach_m = (dt * self._traits.top_speed_m_s + 0.5)[kinds]
+        """Return the pairs of greatest total overlap among those that top speeds allow."""
+        categories = targets.categories
+        gates_m = (dt * self._traits.top_speed_m_s + GATE_MARGIN_M)[categories]
         positions = targets.beliefs.means[:, :2]
-        near = pairs_by_distance(positions, measured.boxes[:, :2], reach_m)
+        near = pairs_by_distance(positions, measured.boxes[:, :2], gates_m)
         near = pairs_that_overlap(
-            near.within_families(kinds, measured.categories),
+            near.within_families(categories, measured.categories),
             targets.boxes,
             measured.boxes,
             overlap="giou",
@@ -168,45 +169,47 @@ class ExistenceTracker:
     def _detected(
         self, targets: BernoulliTargets, own: Measurements, dt: float
     ) -> BernoulliTargets:
-        """Return targets after one detection each; existence tends towards what it says."""
+        """Return targets after one detection each; log odds of existence tend to its evidence."""
         after, distances = targets.corrected(own, self._traits)
         self._noise.count(targets, distances)
-        t, kinds = self._traits, own.categories
-        misfit = t.misfit[kinds] * np.minimum(distances, MOST_DISTANCE)
-        evidence = t.score_gain[kinds] * own.evidence + t.seen_gain[kinds] - misfit
-        memory = np.exp(-dt / t.memory_s[kinds])
+        t, categories = self._traits, own.categories
+        misfit = t.misfit[categories] * np.minimum(distances, MOST_DISTANCE)
+        evidence = t.score_gain[categories] * own.evidence + t.seen_gain[categories] - misfit
+        memory = np.exp(-dt / t.memory_s[categories])
         existence = _limited(memory * targets.existence + (1 - memory) * evidence)
-        return replace(after, existence=existence, assured=existence)
+        return replace(after, existence=existence, detected_existence=existence)
 
-    def _missed(self, targets: BernoulliTargets, eye: np.ndarray) -> BernoulliTargets:
-        """Return targets, the missed ones with the odds that they existed and are still there."""
+    def _missed(self, targets: BernoulliTargets, origin: np.ndarray) -> BernoulliTargets:
+        """Return targets, missed ones with the log odds that they existed and are still there."""
         rows = np.flatnonzero(targets.misses)
-        t, kinds = self._traits, targets.categories[rows]
-        offsets = targets.beliefs.means[rows, :2] - eye
+        t, categories = self._traits, targets.categories[rows]
+        offsets = targets.beliefs.means[rows, :2] - origin
         ranges_m = np.hypot(offsets[:, 0], offsets[:, 1])
         away_s = targets.away_s[rows]
-        back = t.back[kinds] + t.back_per_m[kinds] * ranges_m - t.away_per_s[kinds] * away_s
-        back += self._reappearances.missed.lead(t.returned)[kinds]
+        back = t.back[categories] + t.back_per_m[categories] * ranges_m
+        back -= t.away_per_s[categories] * away_s
+        back += self._reappearances.missed.log_odds_offset(t.returned)[categories]
         existence = targets.existence.copy()
-        existence[rows] = _limited(log_odds_of_both(targets.assured[rows], back))
+        existence[rows] = _limited(log_odds_of_both(targets.detected_existence[rows], back))
         return replace(targets, existence=existence)
 
     def _survive(self, targets: BernoulliTargets) -> np.ndarray:
-        """Return (N,) bool, not those missed for too long, nor the missed ones of little odds."""
-        few = targets.votes.sum(axis=1) < FEW
-        weak = (targets.misses > 0) & few & (targets.assured < GIVEN_UP)
-        known = (targets.hits >= KNOWN_HITS) & (targets.assured > self._shown)
+        """Return (N,) bool, False for targets missed for too long and missed ones of low odds."""
+        few = targets.votes.sum(axis=1) < FEW_VOTES
+        weak = (targets.misses > 0) & few & (targets.detected_existence < DROP_LOG_ODDS)
+        known = (targets.hits >= KNOWN_HITS) & (targets.detected_existence > self._shown)
         longest_s = np.where(known, max(self._coast_known_s, self._coast_s), self._coast_s)
-        stays: np.ndarray = ~weak & (targets.idle_s <= longest_s)
-        return stays
+        survive: np.ndarray = ~weak & (targets.idle_s <= longest_s)
+        return survive
 
     def _started(self, new: Measurements, neighbours: Neighbours) -> BernoulliTargets:
         ids = self._next_id + np.arange(len(new))
         self._next_id += len(new)
-        lead = self._reappearances.new.lead(self._traits.born)[new.categories]
+        offset = self._reappearances.new.log_odds_offset(self._traits.born)[new.categories]
         velocities = expected_velocities(new, neighbours, self._traits)
         started = BernoulliTargets.started(ids, new, velocities, self._traits)
-        return replace(started, existence=new.evidence + lead, assured=new.evidence + lead)
+        existence = new.evidence + offset
+        return replace(started, existence=existence, detected_existence=existence)
 
     def _report(self, tick: TrackerTick) -> Tracks:
         targets = self._targets
@@ -246,7 +249,11 @@ def _limited(log_odds: np.ndarray) -> np.ndarray:
 
 
 def _position_log_odds(targets: BernoulliTargets, rows: np.ndarray) -> np.ndarray:
-    """Return (K,) log odds that targets are no further off than their width."""
+    """Return (K,) log odds that tracked positions are wrong by less than the target's width.
+
+    In the plane the distance from the mean exceeds d with the probability exp(-d^2 / total
+    variance), if both axes have equal variance.
+    """
     variance = targets.beliefs.covariances[rows][:, [0, 1], [0, 1]].sum(axis=1)
     ratio = np.minimum(targets.sizes[rows, 1] ** 2 / variance, MOST_LOG_ODDS)
     odds: np.ndarray = np.log(np.expm1(ratio))
@@ -254,7 +261,7 @@ def _position_log_odds(targets: BernoulliTargets, rows: np.ndarray) -> np.ndarra
 
 
 def log_odds_of_both(one: np.ndarray, other: np.ndarray) -> np.ndarray:
-    """Return log odds that two independent things hold, each with (N,) log odds.
+    """Return the (N,) log odds of two independent events together; one, other: (N,) those of each.
 
     p q / (1 - p q) is 1 / ((1 + 1 / odds) (1 + 1 / other odds) - 1).
     """
@@ -265,21 +272,21 @@ def log_odds_of_both(one: np.ndarray, other: np.ndarray) -> np.ndarray:
 
 # What is counted while tracking. Round figures chosen by hand.
 NOISE_WEIGHT = 50.0
-"""Detections that the noise of the traits counts for."""
+"""Weight, in detections, of the noise in the traits."""
 KNOWN_HITS = 5
 """Detections from which on the motion of a target is known."""
 REAPPEARANCE_WEIGHT = 10.0
-"""Targets that a share of the traits counts for."""
+"""Weight, in targets, of a share in the traits."""
 SOON_S = 0.3
-"""Time within which a new target must be detected again."""
+"""Time within which a new target must be detected again to count as right."""
 
 
 @dataclass(slots=True)
 class NoiseScale:
-    """The ratio of squared errors of detected positions to those of the traits.
+    """The ratio of squared errors of detected positions to those in the traits.
 
-    If the noise of a filter is right, the mean squared Mahalanobis distance in two dimensions is 2;
-    the noise of measurements is taken to be most of the innovation.
+    If the noise of a filter is right, the mean squared Mahalanobis distance in two dimensions is 2.
+    The innovation is taken to be mostly noise of the measurement.
     """
 
     total: float = NOISE_WEIGHT
@@ -287,13 +294,13 @@ class NoiseScale:
 
     @property
     def factor(self) -> float:
-        """The factor of variances."""
+        """The factor by which variances in the traits are multiplied."""
         return self.total / self.detections
 
     def count(self, targets: BernoulliTargets, distances: np.ndarray) -> None:
         """Count (N,) squared Mahalanobis distances of detections of targets.
 
-        Only those that surely exist, with many detections and at most one miss, count.
+        Only targets that probably exist, with `KNOWN_HITS` detections and at most one miss, count.
         """
         settled = (targets.hits >= KNOWN_HITS) & (targets.misses <= 1) & (targets.existence > 0)
         limited = np.minimum(distances[settled], MOST_DISTANCE)
@@ -303,10 +310,10 @@ class NoiseScale:
 
 @dataclass(slots=True)
 class ReappearanceShare:
-    """How many targets that were believed to exist were detected again, and how many never.
+    """Of the targets that probably exist, how many were detected again and how many were lost.
 
-    Detectors miss for many reasons and report much that does not exist; how often they do is
-    best estimated from how many missed, or new, targets are detected again.
+    How often a detector misses targets and reports clutter is best estimated from the share of
+    missed, or of new, targets that are detected again.
     """
 
     detected_again: int = 0
@@ -317,26 +324,26 @@ class ReappearanceShare:
         self.detected_again += int(detected_again.sum())
         self.lost += int(lost.sum())
 
-    def lead(self, usual: np.ndarray) -> np.ndarray:
-        """Return (7,) log odds of being detected again, minus those of the usual shares."""
-        again = self.detected_again + REAPPEARANCE_WEIGHT * usual
-        lost = self.lost + REAPPEARANCE_WEIGHT * (1 - usual)
-        lead: np.ndarray = np.log(again / lost) - np.log(usual / (1 - usual))
-        return lead
+    def log_odds_offset(self, shares: np.ndarray) -> np.ndarray:
+        """Return (7,) log odds of being detected again, minus those of (7,) shares in training."""
+        again = self.detected_again + REAPPEARANCE_WEIGHT * shares
+        lost = self.lost + REAPPEARANCE_WEIGHT * (1 - shares)
+        offset: np.ndarray = np.log(again / lost) - np.log(shares / (1 - shares))
+        return offset
 
 
 @dataclass(slots=True)
 class Reappearances:
-    """Shares of missed targets, and of new ones, which must be detected again soon.
+    """Shares of missed targets, and of new ones, that are detected again.
 
-    Without that limit, dense clutter would confirm itself sooner or later.
+    New ones must be detected again within `SOON_S`: without a limit dense clutter would be.
     """
 
     missed: ReappearanceShare = field(default_factory=ReappearanceShare)
     new: ReappearanceShare = field(default_factory=ReappearanceShare)
 
     def count(self, before: BernoulliTargets, after: BernoulliTargets, dropped: np.ndarray) -> None:
-        """Count the same targets a tick ago and now; dropped: (N,) bool, which end now."""
+        """Count the same N targets a tick ago and now; dropped: (N,) bool, which end now."""
         detected = after.misses == 0
         self.missed.count(_is_missed(before) & detected, _is_missed(after) & dropped)
         late = dropped | (after.idle_s > SOON_S)
@@ -345,13 +352,13 @@ class Reappearances:
 
 
 def _is_missed(targets: BernoulliTargets) -> np.ndarray:
-    """Return (N,) bool, which missed targets are believed to have existed."""
-    missed: np.ndarray = (targets.misses > 0) & (targets.assured > 0)
+    """Return (N,) bool, which targets are missed now and probably existed at the last detection."""
+    missed: np.ndarray = (targets.misses > 0) & (targets.detected_existence > 0)
     return missed
 
 
 def _is_new(targets: BernoulliTargets) -> np.ndarray:
-    """Return (N,) bool, which targets were detected once, a short time ago, and believed in."""
+    """Return (N,) bool, which targets were detected once, within `SOON_S`, and probably exist."""
     soon = targets.idle_s <= SOON_S
-    new: np.ndarray = (targets.hits == 1) & (targets.claims > 0) & soon
+    new: np.ndarray = (targets.hits == 1) & (targets.first_evidence > 0) & soon
     return new

@@ -16,10 +16,10 @@ from roadscope.trackers._traits import DetectorTraits, score_log_odds
 
 # Chosen by hand.
 SIZE_MEMORY = 1.0
-"""Greatest weight of all earlier detections in the estimate of a size, where one at range 0 has
-the weight 1: it is small because boxes change with what is visible."""
+"""Greatest weight of all earlier detections in the estimate of a size; a detection at range 0 has
+the weight 1. It is small because sizes of boxes depend on what is visible."""
 HEADING_MEMORY = 0.9
-"""Weight of a vote for front or rear one tick later."""
+"""Factor of the weight of earlier votes for front or rear with every detection."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -29,9 +29,9 @@ class Measurements(ArrayTable):
     boxes: (N, 7) centre x y z, length width height, yaw.
     categories, scores: as in `Detections`; scores are probabilities where they were learned.
     growths: (N,) factor of all standard deviations, 1 at range 0.
-    errors: (N, 2, 2) covariances of the part of position errors that is independent in every tick.
-    offsets: (N, 2, 2) covariances of the part that is correlated over time.
-    turns: (N,) variances of the part of heading errors that is independent in every tick.
+    errors: (N, 2, 2) m2, covariances of the part of position errors that is independent in every
+        tick. offsets: (N, 2, 2) m2, of the part that is correlated over time.
+    heading_variances: (N,) rad2, of the part of heading errors that is independent in every tick.
     evidence: (N,) log odds that detections are right, from their scores alone.
     """
 
@@ -41,45 +41,46 @@ class Measurements(ArrayTable):
     growths: np.ndarray
     errors: np.ndarray
     offsets: np.ndarray
-    turns: np.ndarray
+    heading_variances: np.ndarray
     evidence: np.ndarray
 
     @staticmethod
     def of(
         detections: Detections,
-        eye: np.ndarray,
+        origin: np.ndarray,
         traits: DetectorTraits,
         noise: float = 1.0,
         probabilities: np.ndarray | None = None,
     ) -> Measurements:
         """Return the measurements of detections.
 
-        eye: (2,) position of the sensor, in the frame of the detections.
+        origin: (2,) position of the sensor, in the frame of the detections.
         noise: factor of the covariances of positions.
-        probabilities: (N,) that detections are right, where not the traits say what scores mean.
+        probabilities: (N,) that detections are right; None to compute them from traits and scores.
         """
-        kinds, boxes = detections.categories, boxes_of(detections)
-        ranges_m = np.hypot(boxes[:, 0] - eye[0], boxes[:, 1] - eye[1])
-        growths = 1 + traits.growth_per_m[kinds] * ranges_m
+        categories, boxes = detections.categories, boxes_of(detections)
+        ranges_m = np.hypot(boxes[:, 0] - origin[0], boxes[:, 1] - origin[1])
+        growths = 1 + traits.growth_per_m[categories] * ranges_m
         errors = noise * oriented_covariances(
             np.ascontiguousarray(boxes[:, 6]),
-            traits.along_m[kinds] * growths,
-            traits.across_m[kinds] * growths,
+            traits.along_m[categories] * growths,
+            traits.across_m[categories] * growths,
         )
-        lasting = traits.lasting[kinds, None, None]
+        lasting = traits.lasting[categories, None, None]
         if probabilities is None:
             scores, odds = detections.scores, score_log_odds(detections.scores)
-            evidence = traits.detection_log_odds(odds, kinds, ranges_m)
+            evidence = traits.detection_log_odds(odds, categories, ranges_m)
         else:
             scores, evidence = probabilities, score_log_odds(probabilities)
         return Measurements(
             boxes=boxes,
-            categories=kinds,
+            categories=categories,
             scores=scores,
             growths=growths,
             errors=(1 - lasting) * errors,
             offsets=lasting * errors,
-            turns=(1 - traits.yaw_lasting[kinds]) * (traits.yaw_rad[kinds] * growths) ** 2,
+            heading_variances=(1 - traits.yaw_lasting[categories])
+            * (traits.yaw_rad[categories] * growths) ** 2,
             evidence=evidence,
         )
 
@@ -103,18 +104,19 @@ class BernoulliTargets(ArrayTable):
     """N targets, each with a probability of existence.
 
     ids: (N,) int64.
-    beliefs: (N, 4) x, y, vx, vy and covariances, of the position to which detections point.
-    offsets: (N, 2, 2) covariances of the difference between that and the true position.
-    heights, yaws: (N, 2) mean and variance.
+    beliefs: (N, 4) x, y, vx, vy and covariances. Detected positions scatter around this position,
+        which differs from the true one by a slowly changing offset.
+    offsets: (N, 2, 2) m2, covariances of this offset.
+    heights, yaws: (N, 2) mean and variance of z of the centre, and of the heading.
     fronts: (N,) sum of votes that the heading is not half a turn off, positive.
     travels: (N, 2) unit vectors, the directions of travel, 0 where targets never moved.
-    sizes: (N, 3) length width height; size_weights: (N,) their weight in detections at range 0.
+    sizes: (N, 3) length width height, metres; size_weights: (N,) see `SIZE_MEMORY`.
     votes: (N, 7) sum of scores of each category; categories: (N,) int8, that of most votes.
-    existence: (N,) log odds of existence, from scores; assured: (N,) after the last detection.
-    claims: (N,) evidence of the first detection; hits: (N,) detections so far.
+    existence: (N,) log odds of existence now; detected_existence: (N,) after the last detection.
+    first_evidence: (N,) log odds of the first detection alone; hits: (N,) detections so far.
     streaks_s: (N,) seconds from the first detection after the last miss to the last detection.
-    misses: (N,) ticks since the last detection; idle_s: (N,) seconds since then; away_s: (N,)
-        seconds since then in which the target was not hidden by others.
+    misses: (N,) ticks since the last detection; idle_s: (N,) seconds since the last detection;
+        away_s: (N,) the part of them in which the target was not hidden by others.
     """
 
     ids: np.ndarray
@@ -129,8 +131,8 @@ class BernoulliTargets(ArrayTable):
     votes: np.ndarray
     categories: np.ndarray
     existence: np.ndarray
-    assured: np.ndarray
-    claims: np.ndarray
+    detected_existence: np.ndarray
+    first_evidence: np.ndarray
     hits: np.ndarray
     streaks_s: np.ndarray
     misses: np.ndarray
@@ -157,29 +159,29 @@ class BernoulliTargets(ArrayTable):
     def started(
         ids: np.ndarray, new: Measurements, velocities: Gaussians, traits: DetectorTraits
     ) -> BernoulliTargets:
-        """Return a target for each of N detections, with (N, 2) expected velocities."""
-        n, kinds, boxes = len(new), new.categories, new.boxes
+        """Return a target for each of N detections; velocities: (N, 2) expected ones, m/s."""
+        n, categories, boxes = len(new), new.categories, new.boxes
         covariances = np.zeros((n, 4, 4))
         covariances[:, :2, :2] = new.errors
         covariances[:, 2:, 2:] = velocities.covariances
         votes = np.zeros((n, len(Category)))
-        votes[np.arange(n), kinds] = new.scores
-        height_variances = (traits.height_m[kinds] * new.growths) ** 2
+        votes[np.arange(n), categories] = new.scores
+        height_variances = (traits.height_m[categories] * new.growths) ** 2
         return BernoulliTargets(
             ids=ids,
             beliefs=Gaussians(np.column_stack([boxes[:, :2], velocities.means]), covariances),
             offsets=new.offsets,
             heights=np.column_stack([boxes[:, 2], height_variances]),
-            yaws=np.column_stack([boxes[:, 6], new.turns]),
+            yaws=np.column_stack([boxes[:, 6], new.heading_variances]),
             fronts=new.scores,
             travels=np.zeros((n, 2)),
             sizes=boxes[:, 3:6],
             size_weights=new.growths**-2,
             votes=votes,
-            categories=kinds,
+            categories=categories,
             existence=new.evidence,
-            assured=new.evidence,
-            claims=new.evidence,
+            detected_existence=new.evidence,
+            first_evidence=new.evidence,
             hits=np.ones(n, np.int64),
             streaks_s=np.zeros(n),
             misses=np.zeros(n, np.int64),
@@ -189,23 +191,23 @@ class BernoulliTargets(ArrayTable):
 
     def motion_noise(self, traits: DetectorTraits) -> MotionNoise:
         """Return how fast variances grow, by category and heading."""
-        kinds = self.categories
+        categories = self.categories
         walks = oriented_covariances(
             np.ascontiguousarray(self.yaws[:, 0]),
-            traits.accelerate_m_s2[kinds],
-            traits.swerve_m_s2[kinds],
+            traits.accelerate_m_s2[categories],
+            traits.swerve_m_s2[categories],
         )
-        return MotionNoise(walks, 2 * self.offsets / traits.lasting_s[kinds, None, None])
+        return MotionNoise(walks, 2 * self.offsets / traits.lasting_s[categories, None, None])
 
     def predicted(self, dt: float, traits: DetectorTraits) -> BernoulliTargets:
-        """Return targets after dt seconds, without a detection as yet."""
-        kinds, beliefs = self.categories, self.beliefs
+        """Return targets after dt seconds, before the detections of the tick."""
+        categories, beliefs = self.categories, self.beliefs
         means, covariances = predicted_states(
             beliefs.means, beliefs.covariances, *self.motion_noise(traits), dt
         )
         heights, yaws = self.heights.copy(), self.yaws.copy()
-        heights[:, 1] += (traits.climb_m_s**2 * dt)[kinds]
-        yaws[:, 1] += (traits.turn_rad_s**2 * dt)[kinds]
+        heights[:, 1] += (traits.climb_m_s**2 * dt)[categories]
+        yaws[:, 1] += (traits.turn_rad_s**2 * dt)[categories]
         return replace(
             self,
             beliefs=Gaussians(means, covariances),
@@ -230,7 +232,7 @@ class BernoulliTargets(ArrayTable):
         height_variances = (traits.height_m[own.categories] * own.growths) ** 2
         before = BoxEstimates(self.heights, self.yaws, self.fronts, self.sizes, self.size_weights)
         detected = DetectedBoxes(
-            own.boxes, own.scores, own.growths**-2, height_variances, own.turns
+            own.boxes, own.scores, own.growths**-2, height_variances, own.heading_variances
         )
         after = corrected_boxes(before, detected, SIZE_MEMORY, HEADING_MEMORY)
         zeros = np.zeros(len(self))
@@ -349,8 +351,8 @@ def corrected_boxes(
 ) -> BoxEstimates:
     """Return heights, headings and sizes after one detection of each target.
 
-    A detection tells the axis of a body well and its front poorly: a scalar Kalman filter tracks
-    the axis modulo half a turn, and fronts are voted for.
+    A detection shows the axis of a body well, but not which end is the front. So a scalar Kalman
+    filter estimates the heading modulo half a turn, and votes decide between both ends.
 
     size_memory, heading_memory: see `SIZE_MEMORY` and `HEADING_MEMORY`.
     """
@@ -379,25 +381,25 @@ def corrected_boxes(
 
 @compiled()
 def _wrapped(angle: float) -> float:
-    """Return the same angle in -pi to pi."""
+    """Return the angle in -pi to pi that differs by whole turns."""
     return float((angle + np.pi) % (2 * np.pi) - np.pi)
 
 
 @compiled()
 def hidden_shares(
-    boxes: np.ndarray, wanted: np.ndarray, solid: np.ndarray, eye: np.ndarray
+    boxes: np.ndarray, wanted: np.ndarray, solid: np.ndarray, origin: np.ndarray
 ) -> np.ndarray:
     """Return (N,) the share of each target's width that nearer solid targets hide from the sensor.
 
-    boxes: (N, 7) as in `BernoulliTargets`. wanted: (N,) bool, whose share is wanted, others have 0.
-    solid: (N,) bool, which are believed to exist. eye: (2,) position of the sensor.
+    boxes: (N, 7) as in `BernoulliTargets`. wanted: (N,) bool, whose share is computed; others have
+    0. solid: (N,) bool, which targets probably exist. origin: (2,) metres, the sensor.
     """
     n = len(boxes)
     bearings, half_widths, ranges_m = np.empty(n), np.empty(n), np.empty(n)
     shares = np.zeros(n)
     for i in range(n):
         if wanted[i] or solid[i]:
-            dx, dy = boxes[i, 0] - eye[0], boxes[i, 1] - eye[1]
+            dx, dy = boxes[i, 0] - origin[0], boxes[i, 1] - origin[1]
             bearings[i], ranges_m[i] = np.arctan2(dy, dx), max(np.hypot(dx, dy), 1e-3)
             turn = boxes[i, 6] - bearings[i]
             width = boxes[i, 3] * abs(np.sin(turn)) + boxes[i, 4] * abs(np.cos(turn))
@@ -422,18 +424,23 @@ def hidden_shares(
 # drivers keep within a few m/s of each other over the distance in which they can react to each
 # other; the last two are round figures.
 AHEAD_M, ASIDE_M = 40.0, 3.0
-"""Standard deviations of the distance over which road users move alike: along and across a lane."""
-ALIKE_M_S = 2.0
-"""Standard deviation between the velocities of road users that move alike."""
+"""Standard deviations, along and across the heading, of the distance of a neighbour that moves
+alike."""
+ALIKE_M_S, ALIKE_SHARE = 2.0, 0.2
+"""Standard deviation between the velocities of road users that move alike. For the velocity of a
+neighbour across the heading it is the first plus this share of the speed along it."""
 USUAL_WEIGHT = 0.2
-"""Weight of the usual speed, relative to that of a neighbour at distance 0."""
+"""Weight of the usual speed of a category, relative to that of a neighbour at distance 0."""
 KNOWN_M_S = 2.0
-"""Only velocities with a smaller standard deviation are used to expect those of new targets."""
+"""Neighbours are targets whose velocity has a smaller standard deviation along each axis."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Neighbours(ArrayTable):
-    """Road users whose motion is known: positions (N, 2), velocities (N, 2), families (N,)."""
+    """Road users whose motion is known.
+
+    positions, velocities: (N, 2) metres and m/s. families: (N,) numbers of `Family`.
+    """
 
     positions: np.ndarray
     velocities: np.ndarray
@@ -441,9 +448,12 @@ class Neighbours(ArrayTable):
 
     @staticmethod
     def of(
-        targets: BernoulliTargets, eye: np.ndarray, ego_velocity: np.ndarray | None
+        targets: BernoulliTargets, origin: np.ndarray, ego_velocity: np.ndarray | None
     ) -> Neighbours:
-        """Return the targets whose velocity is known, and the ego vehicle."""
+        """Return the targets whose velocity is known, and the ego at the origin (2,).
+
+        ego_velocity: (2,) m/s in the frame of the targets; without it the ego is left out.
+        """
         means, covariances = targets.beliefs.means, targets.beliefs.covariances
         variances = np.maximum(covariances[:, 2, 2], covariances[:, 3, 3])
         neighbours = Neighbours(means[:, :2], means[:, 2:], FAMILIES[targets.categories])
@@ -451,7 +461,7 @@ class Neighbours(ArrayTable):
         if ego_velocity is None:
             return neighbours
         ego = FAMILIES[[Category.CAR]]
-        return neighbours.joined(Neighbours(eye[None], ego_velocity[None], ego))
+        return neighbours.joined(Neighbours(origin[None], ego_velocity[None], ego))
 
 
 def expected_velocities(
@@ -460,28 +470,28 @@ def expected_velocities(
     """Return (N, 2) means and (N, 2, 2) covariances of the velocities of new targets.
 
     A new target moves along its heading or, where the detector confused front and rear, against
-    it. How fast is a mixture: the usual speed, and the speed of each neighbour, which has more
-    weight in the same lane. Returned are the mean and the variance of the mixture.
+    it. Its speed is a mixture of the usual one and of those of neighbours, which have more weight
+    in the same lane. Mean and variance of the mixture are returned.
     """
-    kinds, yaws = new.categories, np.ascontiguousarray(new.boxes[:, 6])
+    categories, yaws = new.categories, np.ascontiguousarray(new.boxes[:, 6])
     headings = np.column_stack([np.cos(yaws), np.sin(yaws)])
-    front = traits.front[kinds]
+    front = traits.front[categories]
     weight, weighted_speed, weighted_square = _neighbour_speeds(
         new.boxes,
-        FAMILIES[kinds],
+        FAMILIES[categories],
         front,
         np.ascontiguousarray(neighbours.positions),
         np.ascontiguousarray(neighbours.velocities),
         neighbours.families,
     ).T
-    usual, total = (2 * front - 1) * traits.cruise_m_s[kinds], USUAL_WEIGHT + weight
+    usual, total = (2 * front - 1) * traits.cruise_m_s[categories], USUAL_WEIGHT + weight
     mean = (USUAL_WEIGHT * usual + weighted_speed) / total
-    # The second moment of the usual speed is the same, whatever the mean.
-    variance = USUAL_WEIGHT * (traits.speed_m_s[kinds] ** 2 + mean**2 - 2 * usual * mean)
+    # The root mean square of the usual speed is that of the traits, whatever its mean.
+    variance = USUAL_WEIGHT * (traits.speed_m_s[categories] ** 2 + mean**2 - 2 * usual * mean)
     variance += weight * (ALIKE_M_S**2 + mean**2) + weighted_square - 2 * mean * weighted_speed
     along = np.sqrt(variance / total)
-    skew = np.minimum(traits.yaw_rad[kinds] * new.growths, 1.0)
-    across = np.hypot(traits.aside_m_s[kinds], skew * np.hypot(mean, along))
+    skew = np.minimum(traits.yaw_rad[categories] * new.growths, 1.0)
+    across = np.hypot(traits.aside_m_s[categories], skew * np.hypot(mean, along))
     return Gaussians(mean[:, None] * headings, oriented_covariances(yaws, along, across))
 
 
@@ -494,7 +504,7 @@ def _neighbour_speeds(
     velocities: np.ndarray,
     neighbour_families: np.ndarray,
 ) -> np.ndarray:
-    """Return (N, 3) sums over neighbours of weights, and of weights times speeds and squares.
+    """Return (N, 3) sums over neighbours: of weights, weights * speeds and weights * speeds^2.
 
     Speeds are those along the headings of the N new targets.
 
@@ -510,7 +520,7 @@ def _neighbour_speeds(
             dx, dy = positions[j, 0] - boxes[i, 0], positions[j, 1] - boxes[i, 1]
             speed = c * velocities[j, 0] + s * velocities[j, 1]
             skew = c * velocities[j, 1] - s * velocities[j, 0]
-            skew /= ALIKE_M_S + 0.2 * abs(speed)
+            skew /= ALIKE_M_S + ALIKE_SHARE * abs(speed)
             ahead, aside = (c * dx + s * dy) / AHEAD_M, (c * dy - s * dx) / ASIDE_M
             weight = np.exp(-0.5 * (ahead**2 + aside**2 + skew**2))
             weight *= front[i] if speed > 0 else 1 - front[i]

@@ -1,4 +1,4 @@
-"""Headings of tracks that move: boxes show an axis, velocities show which of its ends is ahead."""
+"""Headings of moving tracks: boxes show an axis, velocities show which of its ends is the front."""
 
 from __future__ import annotations
 
@@ -9,17 +9,17 @@ import numpy as np
 from roadscope.core import Tracks
 from roadscope.core.pose import wrap_angle
 
-# Chosen by hand. Road users hardly reverse faster.
 MOVING_M_S = 1.0
-"""Up to this speed along its axis, m/s, a track may belong to a standing object."""
-SURE = 2.0
-"""Standard deviations by which that speed must differ from 0 to show a direction of travel."""
+"""A track shows a direction of travel above this speed along its axis; slower ones may stand or
+reverse. Chosen by hand."""
+LEAST_DEVIATIONS = 2.0
+"""Least ratio of that speed to its standard deviation. Chosen by hand."""
 
 
 def facing_ahead(tracks: Tracks, travels: np.ndarray | None = None) -> Tracks:
-    """Return tracks whose headings are turned by half a turn where they point against the travel.
+    """Return tracks with headings turned by half a turn where they point against the travel.
 
-    travels: (N, 2), what `travel_directions` returns for them; computed without it.
+    travels: (N, 2) as from `travel_directions`; None to compute them.
     """
     travels = travel_directions(tracks) if travels is None else travels
     against = (travels * _unit_vectors(tracks.yaws)).sum(axis=1) < 0
@@ -29,10 +29,10 @@ def facing_ahead(tracks: Tracks, travels: np.ndarray | None = None) -> Tracks:
 
 
 def travel_directions(tracks: Tracks, earlier: np.ndarray | None = None) -> np.ndarray:
-    """Return (N, 2) unit vectors along the axes of tracks, to the end towards which they travel.
+    """Return (N, 2) unit vectors along the axes of tracks in the direction of travel.
 
-    Where the speed along the axis is small or uncertain, they are the earlier ones, or 0; so they
-    are in frame `ego`, where velocities are relative to an ego that may move.
+    Where the speed along the axis is small or uncertain, they are those of `earlier`, or 0 without
+    it. The same holds for all tracks in frame `ego`, where velocities are relative to a moving ego.
     """
     if earlier is None:
         earlier = np.zeros((len(tracks), 2))
@@ -41,7 +41,8 @@ def travel_directions(tracks: Tracks, earlier: np.ndarray | None = None) -> np.n
     axes = _unit_vectors(tracks.yaws)
     speeds = (axes * tracks.velocities).sum(axis=1)
     variances = np.einsum("ni,nij,nj->n", axes, tracks.covariances[:, 2:, 2:], axes)
-    moving = np.abs(speeds) > np.maximum(MOVING_M_S, SURE * np.sqrt(np.maximum(variances, 0)))
+    deviations = np.sqrt(np.maximum(variances, 0))
+    moving = np.abs(speeds) > np.maximum(MOVING_M_S, LEAST_DEVIATIONS * deviations)
     return np.where(moving[:, None], np.sign(speeds)[:, None] * axes, earlier)
 
 

@@ -14,24 +14,25 @@ from roadscope.trackers._settings import check_shares
 from roadscope.trackers._tracklets import LifeCycle, Tracklets, TrackManager
 
 FLAT = np.array([1, 1, 0, 1, 1, 0, 1.0])
-"""1 for the components of a box (centre x y z, length width height, yaw) that bird's-eye view
-shows."""
+"""Factors that set z and height of a box (centre x y z, length width height, yaw) to 0."""
 UNIT_HEIGHT = np.array([0, 0, 0, 0, 0, 1, 0.0])
+"""Added to such boxes: with equal z and height the overlap in space is that in bird's-eye view."""
 CORNERS = np.array([[x, y, z] for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)])
 """(8, 3) corners of a box of size 1 around the origin."""
 
 
 class McTracker:
-    """Two associations one after the other, with a motion model of constant acceleration.
+    """Two assignments one after the other, with a motion model of constant acceleration.
 
-    From the paper: boxes are suppressed and cut off by score; pairs are assigned by the overlap of
-    rotated boxes in bird's-eye view, generalised and less the distance of centres (Ro_GDIoU); what
-    is left is assigned in a second view, where wrong depths do no harm; position, size and heading
-    are filtered separately.
+    From the paper: boxes are suppressed and cut off by score. Pairs are assigned by the generalised
+    IoU of rotated boxes in bird's-eye view, minus a term for the distance of centres (Ro_GDIoU).
+    What is left is assigned in a second view, in which errors of depth have little effect.
+    Position, size and heading are filtered separately.
 
     Our reading: the second view is that of the range image, azimuth and elevation around the ego,
-    for detections come without a camera; its overlap is IoU less the distance (DIoU). Sizes
-    and headings are those of the last detection: the published noise makes the filter follow it.
+    for detections come without a camera; its overlap is IoU minus a term for the distance (DIoU).
+    Sizes and headings are those of the last detection: with the published noise the filter's are
+    nearly the same.
     The noise of positions is ours, as the published one is per frame and in units of its own.
     """
 
@@ -53,9 +54,10 @@ class McTracker:
 
         most_overlap: IoU in space above which the detection of lower score is suppressed.
         least_score: detections with a lower score are ignored.
-        least, least_again: a pair must have a higher Ro_GDIoU than the first, and in the second
-            view a higher DIoU than the second, where 1 skips the second view. So do the authors
-            on KITTI, where depths are a LiDAR's; their value elsewhere is -0.3.
+        least: a pair must have a higher Ro_GDIoU.
+        least_again: a pair of the second view must have a higher DIoU. With 1 there is no second
+            view, as in the authors' settings for KITTI, where depths come from a LiDAR; elsewhere
+            they use -0.3.
         confirm_hits, coast_frames, shown_misses: see `LifeCycle`.
         position_m, speed_m_s: see `PositionFilter`.
         acceleration_walk: see `ConstantAcceleration`.
@@ -84,7 +86,7 @@ class McTracker:
         pairs = self._assigned(tracks, detections, tick.sensor_position)
         return self._manager.finish_tick(tick, tracks, detections, pairs)
 
-    def _assigned(self, tracks: Tracklets, detections: Detections, eye: np.ndarray) -> Pairs:
+    def _assigned(self, tracks: Tracklets, detections: Detections, origin: np.ndarray) -> Pairs:
         """Return pairs assigned in bird's-eye view, and of what is left those of the ego's view."""
         boxes, others = tracks.boxes, boxes_of(detections)
         near = birds_eye_pairs(boxes, others, self._least)
@@ -93,7 +95,7 @@ class McTracker:
         if self._least_again == 1:
             return rows, columns
         missed, free = unassigned(len(boxes), rows), unassigned(len(others), columns)
-        near = ego_view_pairs(boxes[missed], others[free], eye, self._least_again)
+        near = ego_view_pairs(boxes[missed], others[free], origin, self._least_again)
         near = near.within_families(tracks.categories[missed], detections.categories[free])
         i, j = assign_optimally(near, 1 - self._least_again)
         return np.concatenate([rows, missed[i]]), np.concatenate([columns, free[j]])
@@ -102,9 +104,9 @@ class McTracker:
 def birds_eye_pairs(boxes: np.ndarray, others: np.ndarray, least: float) -> CandidatePairs:
     """Return pairs of (N, 7) and (M, 7) boxes with a higher Ro_GDIoU; costs: 1 minus it.
 
-    Ro_GDIoU = IoU - (C - U) / C - c2 / d2 of rectangles: U is the area of both, C that of their
-    convex hull, c the distance of centres, d the greatest distance between corners. Both weights
-    of the paper are 1, as on KITTI.
+    Ro_GDIoU = IoU - (C - U) / C - c^2 / d^2 of rectangles: U is the area of their union, C that of
+    their convex hull, c the distance of centres, d the greatest distance between corners. Both
+    weights of the paper are 1, as on KITTI.
     """
     near = pairs_by_overlap(
         boxes * FLAT + UNIT_HEIGHT,
@@ -120,7 +122,7 @@ def birds_eye_pairs(boxes: np.ndarray, others: np.ndarray, least: float) -> Cand
 def _relative_distances(
     boxes: np.ndarray, others: np.ndarray, rows: np.ndarray, columns: np.ndarray
 ) -> np.ndarray:
-    """Return (P,) c2 / d2 of pairs."""
+    """Return (P,) c^2 / d^2 of pairs, as in `birds_eye_pairs`."""
     ratios, corners = np.empty(len(rows)), np.empty((8, 2))
     for k in range(len(rows)):
         for n in range(8):
@@ -143,16 +145,16 @@ def _relative_distances(
 
 
 def ego_view_pairs(
-    boxes: np.ndarray, others: np.ndarray, eye: np.ndarray, least: float
+    boxes: np.ndarray, others: np.ndarray, origin: np.ndarray, least: float
 ) -> CandidatePairs:
-    """Return pairs of boxes with a higher DIoU as seen from a sensor; costs: 1 minus it.
+    """Return pairs of (N, 7) and (M, 7) boxes with a higher DIoU for a sensor; costs: 1 - DIoU.
 
-    eye: (3,) position of the sensor.
+    origin: (3,) metres, the sensor.
 
-    DIoU = IoU - c2 / d2 of the rectangles of azimuth and elevation that boxes fill; d is the
-    diagonal of the rectangle around both.
+    DIoU = IoU - c^2 / d^2 of the rectangles of azimuth and elevation around boxes: c is the
+    distance of their centres, d the diagonal of the rectangle around both.
     """
-    (low, high), (other_low, other_high) = (_view_limits(each, eye) for each in (boxes, others))
+    (low, high), (other_low, other_high) = (_view_limits(each, origin) for each in (boxes, others))
     offsets = ((other_low + other_high) / 2)[None] - ((low + high) / 2)[:, None]
     offsets[..., 0] = wrap_angle(offsets[..., 0])
     half, other_half = ((high - low) / 2)[:, None], ((other_high - other_low) / 2)[None]
@@ -166,10 +168,13 @@ def ego_view_pairs(
     return CandidatePairs(diou.shape, rows, columns, 1 - diou[rows, columns])
 
 
-def _view_limits(boxes: np.ndarray, eye: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return (N, 2) least and greatest azimuth and elevation; azimuths may exceed half a turn."""
-    corners = _corners(boxes) - eye
-    centres = boxes[:, :3] - eye
+def _view_limits(boxes: np.ndarray, origin: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the least and the greatest azimuth and elevation of boxes, (N, 2) radians each.
+
+    Azimuths may exceed half a turn.
+    """
+    corners = _corners(boxes) - origin
+    centres = boxes[:, :3] - origin
     azimuth = np.arctan2(centres[:, 1], centres[:, 0])
     relative = np.arctan2(corners[..., 1], corners[..., 0]) - azimuth[:, None]
     range_m = np.hypot(corners[..., 0], corners[..., 1])
@@ -180,7 +185,7 @@ def _view_limits(boxes: np.ndarray, eye: np.ndarray) -> tuple[np.ndarray, np.nda
 
 
 def _corners(boxes: np.ndarray) -> np.ndarray:
-    """Return (N, 8, 3) corners."""
+    """Return the (N, 8, 3) corners of (N, 7) boxes."""
     local = CORNERS * boxes[:, None, 3:6]
     c, s = np.cos(boxes[:, 6, None]), np.sin(boxes[:, 6, None])
     turned = [c * local[..., 0] - s * local[..., 1], s * local[..., 0] + c * local[..., 1]]

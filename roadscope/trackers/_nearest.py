@@ -19,9 +19,9 @@ FRAMES = ("world", "ego")
 
 @dataclass(slots=True)
 class Track:
-    """A filter and the last detection.
+    """A filter and the last detection of one track.
 
-    detection: one row.
+    detection: the last one, a record of one row.
     hits: detections so far.
     misses: ticks since the last detection.
     """
@@ -34,10 +34,10 @@ class Track:
 
 
 class NearestTracker:
-    """Lu 2018's tracker: a detection that fits no filter starts one, a missed filter coasts.
+    """Lu 2018's tracker: each target has a filter, which coasts while it has no detection.
 
-    With `acceleration_m_s2` at 0 there is no process noise, as in the paper's eq. 8, and a filter
-    relies on its past more with every frame.
+    With `acceleration_m_s2` at 0 there is no process noise, as in the paper's eq. 8, so the gain
+    falls with every frame.
     """
 
     def __init__(
@@ -66,7 +66,7 @@ class NearestTracker:
         frame: `world` tracks in the world frame whenever the ego pose is known (velocities are not
             constant in the frame of a turning vehicle); `ego` tracks in the ego frame, as the
             paper does.
-        period_s: T of eq. 14 until two ticks are known; that of the LUX.
+        period_s: T of eq. 14 for tracks of the first tick; that of the LUX, 12.5 Hz.
         """
         check_positive(gate_m=gate_m, sigma_p_m=sigma_p_m, sigma_m_m=sigma_m_m, period_s=period_s)
         check_counts(1, confirm_hits=confirm_hits)
@@ -118,7 +118,7 @@ class NearestTracker:
             track.detection, track.hits, track.misses = detection, track.hits + 1, 0
 
     def _started(self, position: np.ndarray, detection: Detections, tick: TrackerTick) -> Track:
-        """Return a track with the ego's velocity, which is the paper's 0 in the ego frame."""
+        """Return a new track at the ego's velocity: relative to the ego that is the paper's 0."""
         velocity = np.zeros(2) if tick.ego_velocity is None else tick.ego_velocity
         period_s = tick.period_s or self._first_period_s
         kalman = ConstantVelocityFilter(self._noise, position, velocity, period_s)
@@ -183,9 +183,10 @@ PLANAR_ORDER = np.ix_([0, 2, 1, 3], [0, 2, 1, 3])
 class FilterNoise:
     """The noise of a filter.
 
-    sigma_p_m, sigma_m_m: standard deviations of a new position and of a measurement (below eq. 16).
-    acceleration_m_s2: standard deviation of a white acceleration, constant between two frames; 0 is
-        the paper's eq. 8, which has no process noise.
+    sigma_p_m, sigma_m_m: standard deviations of a new position and of a measurement (below eq. 15).
+        The paper calls the first that of the process noise, but uses it in eq. 14 only.
+    acceleration_m_s2: standard deviation of a random acceleration that is constant between two
+        frames; 0 is the paper's eq. 8, which has no process noise.
     """
 
     sigma_p_m: float
@@ -242,18 +243,18 @@ class ConstantVelocityFilter:
 
 @lru_cache(maxsize=8)
 def transition(T: float) -> np.ndarray:
-    """Return A (eq. 12)."""
+    """Return A, (4, 4), for a period T in seconds (eq. 12)."""
     return _for_both_axes(1.0, T, 0.0, 1.0)
 
 
 def initial_covariance(sigma_p: float, T: float) -> np.ndarray:
-    """Return P (eq. 14), which the paper calls the initial state of the matrix."""
+    """Return P, (4, 4), of a new filter (eq. 14); T: period in seconds."""
     return _for_both_axes(1.0, 1 / T, 1 / T, 2 / T**2) * sigma_p**2
 
 
 @lru_cache(maxsize=8)
 def process_noise(acceleration: float, T: float) -> np.ndarray:
-    """Return the covariance of a white acceleration, constant for one period; 0 as in the paper."""
+    """Return Q, (4, 4), of a random acceleration, m/s2, that is constant for one period T, s."""
     return _for_both_axes(T**4 / 4, T**3 / 2, T**3 / 2, T**2) * acceleration**2
 
 

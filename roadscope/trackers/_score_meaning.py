@@ -1,8 +1,8 @@
-"""What the scores of an unknown detector mean, learned from how long its detections go on.
+"""What the scores of an unknown detector mean, learned from the persistence of its detections.
 
-Right detections go on: the same object is detected again at the expected place. Clutter soon
-ends. So the share of detections with a score that go on says how many of them are right. Only the
-order of scores counts: no monotone transform of them changes anything.
+Right detections persist: the same object is detected again at the expected place. Clutter soon
+ends. So the share of detections with a score that persist shows how many of them are right. Only
+the order of scores counts: no monotone transform of them changes anything.
 """
 
 from __future__ import annotations
@@ -15,34 +15,38 @@ import numpy as np
 from roadscope.trackers._traits import SECTION_NUMBER, SECTIONS
 
 # Chosen by hand, and tried on half of the KITTI sequences that were learned from.
-FOLLOW_S = 0.5
-"""Detections go on if their target is detected in every tick of this time."""
+PERSISTENCE_S = 0.5
+"""Detections persist if their target is detected in every tick of this time."""
 SETTLED_S = 1.0
-"""Targets that were detected without a miss for this time are taken to be right."""
+"""Targets that were detected without a miss for this time are settled: they are taken to exist."""
 SETTLED_SHARE, SETTLED_WEIGHT = 0.8, 10.0
-"""Share of detections of such targets that go on before any was counted, and its weight."""
-REMEMBERED = 3000
-"""Detections of each section that the share rests on at most."""
-BLOCK, MOST_BLOCKS = 12, 24
-"""Least number of detections of similar score whose share is taken; most of such blocks."""
+"""Prior share of detections of settled targets that persist, and its weight in detections."""
+MOST_STORED = 3000
+"""Most detections of each section from which shares are computed."""
+LEAST_IN_BLOCK, MOST_BLOCKS = 12, 24
+"""Detections are sorted by score and cut into blocks, each of which has one share: least number of
+detections in a block, and most blocks."""
 PRIOR_SHARES, PRIOR_WEIGHT = (0.1, 0.9), 2.0
-"""Shares at the lowest and the highest score before any was counted; their weight in a block."""
+"""Prior shares at the lowest and the highest score, and their weight in detections of a block."""
 LIMITS = (0.02, 0.98)
-"""Probabilities that scores alone can give."""
+"""Least and greatest probability that a score alone gives."""
 TRIAL = (60, 600)
-"""Number of detections from which on, and up to which, scores may prove to be no probabilities."""
-LEAST_SETTLED, LEAST_OF_BEST = 0.7, 0.9
-"""Shares of detections of settled targets that go on, and of right ones in the third of highest
-scores, below which nothing is concluded: where a detector often misses, ends say little."""
-MOST_WRONG, MOST_WRONG_OF_ONE = 0.15, 1.0
-"""Difference, in a third of the detections by score, of mean score and share of right ones; of n
-detections the first plus the second over the root of n."""
+"""Numbers of detections from which on, and up to which, it is tested whether scores are
+probabilities."""
+LEAST_SETTLED, LEAST_RIGHT_AT_TOP = 0.7, 0.9
+"""Shares of detections of settled targets that persist, and of right ones in the third of highest
+scores, below which the test concludes nothing: if a detector often misses, right ones end, too."""
+MOST_OFF, MOST_OFF_OF_ONE = 0.15, 1.0
+"""Greatest difference, in a third of the detections by score, between the mean score and the share
+of right ones, for scores that are probabilities; of n detections it is the first plus the second
+divided by the root of n."""
 
 
 class PendingDetections(NamedTuple):
-    """Detections of one tick of which it is not known yet whether they go on.
+    """The N detections of one tick of which it is not known yet whether they persist.
 
-    ids: (N,) of their targets. settled: (N,) bool, whether these are taken to be right.
+    ids: (N,) of their targets. scores: (N,). sections: (N,) numbers of `SECTIONS`. settled: (N,)
+    bool, whether their targets are settled, see `SETTLED_S`.
     """
 
     stamp_s: float
@@ -53,7 +57,7 @@ class PendingDetections(NamedTuple):
 
 
 class ScoreMeaning:
-    """Learns with every tick with which probability a detection of a score is right."""
+    """Learns with every tick the probability that a detection of a score is right."""
 
     def __init__(self) -> None:
         self.reset()
@@ -62,7 +66,8 @@ class ScoreMeaning:
         """Forget all detections."""
         self._pending: deque[PendingDetections] = deque()
         self._scores = [np.empty(0)] * len(SECTIONS)
-        self._went_on = [np.empty(0)] * len(SECTIONS)
+        self._persisted = [np.empty(0)] * len(SECTIONS)
+        # Of settled targets: number of detections that persisted, and of all.
         self._settled = SETTLED_WEIGHT * np.array([SETTLED_SHARE, 1.0])
         self.contradicts_scores = False
         """Whether scores proved to be no probabilities that detections are right."""
@@ -76,37 +81,37 @@ class ScoreMeaning:
         sections, shares = SECTION_NUMBER[categories], np.empty(len(scores))
         for section in np.unique(sections).tolist():
             own = sections == section
-            waiting = [each.scores[each.sections == section] for each in self._pending]
-            everything = np.sort(np.concatenate([self._scores[section], *waiting, scores[own]]))
-            shares[own] = self._shares(section, everything, scores[own])
+            pending = [each.scores[each.sections == section] for each in self._pending]
+            all_scores = np.sort(np.concatenate([self._scores[section], *pending, scores[own]]))
+            shares[own] = self._shares(section, all_scores, scores[own])
         right: np.ndarray = np.clip(shares / self._settled_share, *LIMITS)
         return right
 
-    def _shares(self, section: int, everything: np.ndarray, scores: np.ndarray) -> np.ndarray:
-        """Return (N,) shares of detections like these that go on.
+    def _shares(self, section: int, all_scores: np.ndarray, scores: np.ndarray) -> np.ndarray:
+        """Return for (N,) scores the shares (N,) of such detections that persist.
 
-        everything: sorted scores, whose ranks are used.
+        all_scores: sorted, those among which ranks are computed.
         """
-        ranks = _middle_ranks(everything, scores)
+        ranks = _middle_ranks(all_scores, scores)
         order = np.argsort(self._scores[section], kind="stable")
         if not len(order):
             first: np.ndarray = np.interp(ranks, [0, 1], PRIOR_SHARES)
             return first
-        blocks = np.array_split(order, np.clip(len(order) // BLOCK, 1, MOST_BLOCKS))
-        own_ranks = _middle_ranks(everything, self._scores[section])
+        blocks = np.array_split(order, np.clip(len(order) // LEAST_IN_BLOCK, 1, MOST_BLOCKS))
+        own_ranks = _middle_ranks(all_scores, self._scores[section])
         knots = np.array([own_ranks[block].mean() for block in blocks])
         counts = np.array([len(block) for block in blocks]) + PRIOR_WEIGHT
-        shares_of_ties = _means_of_ties(self._scores[section], self._went_on[section])
-        went_on = np.array([shares_of_ties[block].sum() for block in blocks])
+        shares_of_ties = _means_of_ties(self._scores[section], self._persisted[section])
+        persisted = np.array([shares_of_ties[block].sum() for block in blocks])
         prior = np.interp(knots, [0, 1], PRIOR_SHARES)
-        pooled = rising((went_on + PRIOR_WEIGHT * prior) / counts, counts)
+        pooled = rising((persisted + PRIOR_WEIGHT * prior) / counts, counts)
         shares: np.ndarray = np.interp(ranks, knots, pooled)
         return shares
 
     def count(self, detected: PendingDetections, streaks_s: np.ndarray) -> None:
-        """Take the detections of a tick, and (N,) since when their targets were not missed."""
+        """Take N detections of a tick; streaks_s: (N,) seconds without a miss of their targets."""
         before = sum(map(len, self._scores))
-        while self._pending and detected.stamp_s - self._pending[0].stamp_s > FOLLOW_S - 1e-6:
+        while self._pending and detected.stamp_s - self._pending[0].stamp_s > PERSISTENCE_S - 1e-6:
             self._resolve(self._pending.popleft(), detected, streaks_s)
         self._pending.append(detected)
         if before <= TRIAL[1] and sum(map(len, self._scores)) >= TRIAL[0]:
@@ -114,38 +119,39 @@ class ScoreMeaning:
 
     def _are_wrong(self) -> bool:
         """Return whether scores, taken for probabilities, are far from the shares of right ones."""
-        scores, went_on = np.concatenate(self._scores), np.concatenate(self._went_on)
+        scores, persisted = np.concatenate(self._scores), np.concatenate(self._persisted)
         thirds = np.array_split(np.argsort(scores, kind="stable"), 3)
-        went_on = _means_of_ties(scores, went_on)
-        right = np.minimum([went_on[third].mean() / self._settled_share for third in thirds], 1)
+        persisted = _means_of_ties(scores, persisted)
+        right = np.minimum([persisted[third].mean() / self._settled_share for third in thirds], 1)
         means = [scores[third].mean() for third in thirds]
-        limit = MOST_WRONG + MOST_WRONG_OF_ONE / np.sqrt(len(scores) / 3)
-        sure = self._settled_share >= LEAST_SETTLED and right[-1] >= LEAST_OF_BEST
-        return bool(sure and (np.abs(right - means) > limit).any())
+        limit = MOST_OFF + MOST_OFF_OF_ONE / np.sqrt(len(scores) / 3)
+        conclusive = self._settled_share >= LEAST_SETTLED and right[-1] >= LEAST_RIGHT_AT_TOP
+        return bool(conclusive and (np.abs(right - means) > limit).any())
 
     def _resolve(
         self, old: PendingDetections, now: PendingDetections, streaks_s: np.ndarray
     ) -> None:
+        """Count which old detections persisted; streaks_s: (N,) of the detections now."""
         unbroken = now.ids[streaks_s > now.stamp_s - old.stamp_s - 1e-6]
-        went_on = np.isin(old.ids, unbroken)
-        self._settled += [went_on[old.settled].sum(), old.settled.sum()]
+        persisted = np.isin(old.ids, unbroken)
+        self._settled += [persisted[old.settled].sum(), old.settled.sum()]
         for section in np.unique(old.sections).tolist():
             own = old.sections == section
-            for store, new in ((self._scores, old.scores), (self._went_on, went_on)):
-                store[section] = np.append(store[section], new[own])[-REMEMBERED:]
+            for store, new in ((self._scores, old.scores), (self._persisted, persisted)):
+                store[section] = np.append(store[section], new[own])[-MOST_STORED:]
 
 
-def _middle_ranks(everything: np.ndarray, scores: np.ndarray) -> np.ndarray:
-    """Return (N,) ranks, 0 to 1, among sorted scores; equal scores have the same."""
-    below, upto = (np.searchsorted(everything, scores, side) for side in ("left", "right"))
-    ranks: np.ndarray = (below + upto) / (2 * len(everything))
+def _middle_ranks(all_scores: np.ndarray, scores: np.ndarray) -> np.ndarray:
+    """Return the ranks (N,), 0 to 1, of (N,) scores among sorted ones; equal scores share one."""
+    below, upto = (np.searchsorted(all_scores, scores, side) for side in ("left", "right"))
+    ranks: np.ndarray = (below + upto) / (2 * len(all_scores))
     return ranks
 
 
 def _means_of_ties(scores: np.ndarray, values: np.ndarray) -> np.ndarray:
-    """Return (N,) for each value the mean of the values with an equal score.
+    """Return for each of (N,) values the mean of the values with an equal score.
 
-    So it does not matter which of them are counted in which block.
+    With these means it does not matter which block gets which of several equal scores.
     """
     _, which, counts = np.unique(scores, return_inverse=True, return_counts=True)
     means: np.ndarray = (np.bincount(which, values) / counts)[which]
@@ -153,7 +159,10 @@ def _means_of_ties(scores: np.ndarray, values: np.ndarray) -> np.ndarray:
 
 
 def rising(values: np.ndarray, weights: np.ndarray) -> np.ndarray:
-    """Return the (N,) values that never fall and are nearest to these (pool adjacent violators)."""
+    """Return the (N,) values that never fall and fit (N,) values best, by weighted least squares.
+
+    This is isotonic regression by pooling adjacent violators.
+    """
     pools: list[tuple[float, float, int]] = []
     for value, weight in zip(values.tolist(), weights.tolist(), strict=True):
         pool = (value, weight, 1)

@@ -286,7 +286,7 @@ class TraitsChoice:
             if self.is_unknown and before < FEWEST_OFF <= self._most_of_section():
                 warnings.warn(
                     "nothing was learned of this detector: its scores are taken for probabilities "
-                    "(by existence, unless how long its detections go on contradicts that)",
+                    "(by the tracker existence until the persistence of detections contradicts it)",
                     UnknownDetectorWarning,
                     stacklevel=3,
                 )
