@@ -18,10 +18,11 @@ from roadscope.trackers._tracklets import LifeCycle, Tracklets
 
 
 class Ab3dmotTracker:
-    """Constants are the authors', for a frame that stands still if the ego pose is known.
+    """Tracks boxes at constant velocity and assigns detections by overlap in space.
 
-    The authors track in the sensor's frame. Their measurement noise is 1 m and 1 rad, so
-    covariances say little.
+    Constants are the authors'. They track in the sensor's frame; here it is the world frame if the
+    ego pose is known. Their measurement noise is 1 m and 1 rad, so covariances are no measure of
+    the errors.
     """
 
     def __init__(
@@ -73,22 +74,23 @@ class Ab3dmotTracker:
         return boxes_reported(self._tracks, self._life_cycle, tick)
 
 
-# The filter (section 3.2), which SimpleTrack uses, too.
+# The filter (section 3.2). SimpleTrack uses it, too.
 DIMENSIONS = 10
 """State x, y, z, yaw, length, width, height, vx, vy, vz; detections measure the first seven."""
 FRAME_S = 0.1
-"""The authors' noise is for each frame of KITTI; velocities here are per second."""
+"""Period of KITTI: the authors' velocities and noise are per frame, here they are per second."""
 FIRST_VARIANCES = np.array([10.0] * 7 + [1e4 / FRAME_S**2] * 3)
-"""Of a new state: those of velocities, per frame, are a thousand times those of the box."""
+"""Variances of a new state: those of velocities per frame are a thousand times those of the box."""
 VARIANCES_PER_FRAME = np.array([1.0] * 7 + [0.01 / FRAME_S**2] * 3)
-"""That one frame adds: Q."""
+"""Diagonal of Q for one frame."""
 H = np.eye(7, DIMENSIONS)
 R = np.eye(7)
 YAW = 3
+"""Column of the yaw in a state."""
 PLANAR_COLUMNS = np.array([0, 1, 7, 8])
-"""Of the state: x, y, vx, vy."""
+"""Columns of x, y, vx, vy in a state."""
 MEASURED_COLUMNS = np.array([0, 1, 2, 6, 3, 4, 5])
-"""From centre, length width height, yaw to the order of the state."""
+"""Columns of a box (centre, length width height, yaw) in the order of a state."""
 
 
 def boxes_started(first_id: int, detections: Detections) -> Tracklets:
@@ -110,8 +112,8 @@ def boxes_predicted(tracks: Tracklets, dt: float) -> Tracklets:
 def boxes_updated(tracks: Tracklets, rows: np.ndarray, detections: Detections) -> Tracklets:
     """Return tracks of which the rows of an index array got a detection each.
 
-    Front and rear are easily confused: where track and detection differ by more than a right
-    angle, the track is turned by half (section 3.4).
+    Detectors confuse front and rear: if track and detection differ by more than a right angle, the
+    track is turned by half a turn (section 3.4).
     """
     beliefs = tracks.beliefs.select(rows)
     means, measured = beliefs.means.copy(), boxes_of(detections)[:, MEASURED_COLUMNS]

@@ -1,4 +1,4 @@
-"""Which detection belongs to which track, for any costs: greedy or optimal."""
+"""Assignment of detections to tracks for any costs: greedy or optimal."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ Pairs = tuple[np.ndarray, np.ndarray]
 
 
 def unassigned(count: int, assigned: np.ndarray) -> np.ndarray:
-    """Return which of `count` rows or columns an index array does not name."""
+    """Return the numbers from 0 to `count` - 1 that are not in an index array, rising."""
     free = np.ones(count, bool)
     free[assigned] = False
     return np.flatnonzero(free)
@@ -24,26 +24,29 @@ def unassigned(count: int, assigned: np.ndarray) -> np.ndarray:
 def assign_greedily(costs: np.ndarray, gate: float) -> Pairs:
     """Return pairs of rows and columns, chosen one after the other, the cheapest first.
 
-    costs: (N, M); pairs whose costs reach the gate are impossible. Of equal costs the earlier row,
-        then the earlier column is chosen.
+    costs: (N, M). gate: pairs that cost this much or more are impossible. Of pairs of equal cost
+    that of the earlier row, then of the earlier column is chosen.
     """
     rows, columns = np.nonzero(costs < gate)
     order = np.argsort(costs[rows, columns], kind="stable")
-    return _first_come(rows[order], columns[order], len(costs))
+    return _first_of_each(rows[order], columns[order], len(costs))
 
 
 def assign_in_turn(candidates: CandidatePairs, turns: np.ndarray) -> Pairs:
-    """Return pairs in which each row in its turn takes its cheapest free column.
+    """Return pairs in which the rows, one after the other, take their cheapest free column.
 
-    turns: (N,) rows in the order of their turns. Of equal costs the earlier column is chosen.
+    turns: (N,) rows in this order. Of equal costs the earlier column is chosen.
     """
     turn_of_row = np.argsort(turns)
     order = np.lexsort([candidates.costs, turn_of_row[candidates.rows]])
-    return _first_come(candidates.rows[order], candidates.columns[order], len(turns))
+    return _first_of_each(candidates.rows[order], candidates.columns[order], len(turns))
 
 
-def _first_come(rows: np.ndarray, columns: np.ndarray, count: int) -> Pairs:
-    """Return those of sorted pairs whose row and column no earlier pair has, of `count` rows."""
+def _first_of_each(rows: np.ndarray, columns: np.ndarray, count: int) -> Pairs:
+    """Return those of sorted pairs whose row and column are in no earlier chosen pair.
+
+    count: number of rows.
+    """
     column_of_row = np.full(count, -1)
     taken: set[int] = set()
     for row, column in zip(rows.tolist(), columns.tolist(), strict=True):
@@ -62,7 +65,7 @@ def _pairs(column_of_row: np.ndarray) -> Pairs:
 def assign_optimally(candidates: CandidatePairs, gate: float) -> Pairs:
     """Return the pairs with the least total cost, where an unassigned row costs the gate.
 
-    Pairs whose costs reach the gate are impossible.
+    Pairs that cost as much as the gate or more are impossible.
     """
     near = candidates.where(candidates.costs < gate)
     rows, columns = np.ascontiguousarray(near.rows), np.ascontiguousarray(near.columns)
@@ -70,9 +73,9 @@ def assign_optimally(candidates: CandidatePairs, gate: float) -> Pairs:
 
 
 class AssignmentStage(NamedTuple):
-    """One stage of an assignment.
+    """One stage of an assignment in several stages.
 
-    rows, columns: (N,) and (M,) bool, which take part.
+    rows, columns: (N,) and (M,) bool, which take part in it.
     gate: as in `assign_optimally`.
     """
 
@@ -120,7 +123,7 @@ def _optimal_columns(
             index[own_rows[i]] = i
         for j in range(len(own_columns)):
             index[n + own_columns[j]] = j
-        # `least_total` wants at least as many columns as rows.
+        # `least_total` needs at least as many columns as rows.
         transposed = len(own_rows) > len(own_columns)
         if transposed:
             matrix = np.zeros((len(own_columns), len(own_rows)))
@@ -144,14 +147,15 @@ def _optimal_columns(
 def least_total(costs: np.ndarray) -> np.ndarray:
     """Return for each row of (N, M) costs, N at most M, its column in the cheapest assignment.
 
-    Rows join one by one along the shortest augmenting path (Jonker and Volgenant 1987).
+    Rows are added one by one along the shortest augmenting path (Jonker and Volgenant 1987). Prices
+    are the dual variables.
     """
     n, m = costs.shape
     row_price, column_price = np.zeros(n), np.zeros(m)
     row_of_column, previous_row = np.full(m, -1), np.empty(m, np.int64)
     column_of_row = np.full(n, -1)
     for new in range(n):
-        length = np.full(m, np.inf)
+        least_path_cost = np.full(m, np.inf)
         visited = np.zeros(m, np.bool_)
         row, end, reached = new, -1, 0.0
         while end < 0:
@@ -159,12 +163,12 @@ def least_total(costs: np.ndarray) -> np.ndarray:
             for j in range(m):
                 if visited[j]:
                     continue
-                detour = reached + costs[row, j] - row_price[row] - column_price[j]
-                if detour < length[j]:
-                    length[j], previous_row[j] = detour, row
-                if nearest < 0 or length[j] < length[nearest]:
+                path_cost = reached + costs[row, j] - row_price[row] - column_price[j]
+                if path_cost < least_path_cost[j]:
+                    least_path_cost[j], previous_row[j] = path_cost, row
+                if nearest < 0 or least_path_cost[j] < least_path_cost[nearest]:
                     nearest = j
-            reached = length[nearest]
+            reached = least_path_cost[nearest]
             visited[nearest] = True
             if row_of_column[nearest] < 0:
                 end = nearest
@@ -173,8 +177,8 @@ def least_total(costs: np.ndarray) -> np.ndarray:
         row_price[new] += reached
         for j in range(m):
             if visited[j] and j != end:
-                row_price[row_of_column[j]] += reached - length[j]
-                column_price[j] -= reached - length[j]
+                row_price[row_of_column[j]] += reached - least_path_cost[j]
+                column_price[j] -= reached - least_path_cost[j]
         row = -1
         while row != new:
             row = previous_row[end]
@@ -220,7 +224,7 @@ def components(rows: np.ndarray, columns: np.ndarray, n: int, m: int) -> tuple[n
 def sorted_by(labels: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
     """Return an index that sorts (K,) labels, and (count + 1,) where in it each label starts.
 
-    Labels are 0 to count - 1; what has -1 is left out.
+    Labels are 0 to count - 1; rows with the label -1 are left out.
     """
     starts = np.zeros(count + 1, np.int64)
     for label in labels:

@@ -1,8 +1,8 @@
-"""How targets appear, hide and leave, and what detections say of them; for JPDA and PMBM.
+"""Models of targets, which appear, hide and leave, and of their detections; for JPDA and PMBM.
 
 The state of a target is a Markov chain: it exists and is visible, exists and is hidden, or does not
-exist (Markov chain two of Musicki and Evans 2004). A missed detection says nothing of a hidden
-target, neither for nor against its existence.
+exist (Markov chain two of Musicki and Evans 2004). If a hidden target is not detected, this is no
+evidence against its existence.
 """
 
 from __future__ import annotations
@@ -24,11 +24,11 @@ from roadscope.trackers._ticks import TrackerTick
 from roadscope.trackers._traits import DetectorTraits, TraitsChoice, score_log_odds
 
 EXTREME_SCORE = 0.98
-"""No score counts for more than this, nor for less than one minus this; chosen by hand."""
+"""Scores are clipped to this, and to one minus this; chosen by hand."""
 FIRST_CLUTTER_M2 = 1e-4
 """Clutter density before anything was detected, per square metre and tick; chosen by hand."""
 FIRST_CLUTTER_WEIGHT_M2 = 2e4
-"""Weight of this density in the estimate, as area times ticks: it is worth two false detections."""
+"""Weight of this density in the estimate, as area times ticks: that of two false detections."""
 CELL_M = 10.0
 """Side of the grid cells around the ego that `ClutterDensity` counts; chosen by hand."""
 BASE_RATE_RANGE_M = 25.0
@@ -50,7 +50,7 @@ class Existence(ArrayTable):
 
     @staticmethod
     def of_detected(probability: np.ndarray) -> Existence:
-        """Return (N,) targets that were just detected, if they exist."""
+        """Return (N,) targets that are visible if they exist: they have just been detected."""
         return Existence(probability, np.zeros_like(probability))
 
     @property
@@ -60,7 +60,7 @@ class Existence(ArrayTable):
         return total
 
     def after_miss(self, detection: float) -> Existence:
-        """Return what a tick without a detection leaves.
+        """Return existence after a tick without a detection.
 
         detection: probability that a visible target is detected.
         """
@@ -122,10 +122,9 @@ class DetectionModel:
         return ratios
 
     def association_gains(self, scores: np.ndarray) -> np.ndarray:
-        """Return (M,) weights, in square metres, of detections as those of known targets.
+        """Return (M,) ratios, m2, of the weights of known targets to those of clutter or new ones.
 
-        They are relative to the weights as clutter or new targets; to be multiplied by the density
-        of the detected position.
+        They are to be multiplied by the probability density, 1/m2, of the detected position.
         """
         ratios = self.score_ratios(scores)
         gains: np.ndarray = ratios / (self.clutter_m2 + self.birth_m2 * self.detection * ratios)
@@ -147,10 +146,12 @@ class DetectionModel:
 
 @dataclass(slots=True)
 class ClutterDensity:
-    """The density of detections that never became a confirmed track.
+    """The density of false detections, those that never became a confirmed track.
 
-    Sensors see part of their surroundings only, so the area is that of all grid cells around the
-    ego with any detection so far.
+    A sensor covers only a part of its surroundings, so the area is that of all grid cells around
+    the ego with any detection so far.
+
+    count: false detections so far. area_m2: sum over ticks of the area. cells: these cells.
     """
 
     count: float = 0.0
@@ -173,15 +174,15 @@ class ClutterDensity:
         self.area_m2 += len(self.cells) * CELL_M**2
 
     def add_false_detections(self, count: int) -> None:
-        """Count detections, of this tick or earlier, that are held to be clutter."""
+        """Count detections, of this tick or earlier, that are taken for clutter."""
         self.count += count
 
 
 class ScoreCalibration:
     """Probabilities that detections are right, from their scores and the traits of the detector.
 
-    Traits give them for the share of right detections in training. Here they are converted to equal
-    numbers of targets and clutter.
+    Traits give probabilities for the share of right detections in training. Here they are converted
+    to those for equal numbers of right and false detections.
     """
 
     def __init__(self, traits: str) -> None:
@@ -196,7 +197,7 @@ class ScoreCalibration:
         self._base_log_odds = np.zeros(len(Category))
 
     def probabilities(self, tick: TrackerTick) -> np.ndarray:
-        """Return (M,) probabilities of being right if targets are as frequent as clutter."""
+        """Return (M,) probabilities that detections are right if half of them are."""
         odds, categories = score_log_odds(tick.detections.scores), tick.detections.categories
         traits = self._choice.update(odds, categories)
         if traits is not self._traits:
@@ -219,8 +220,8 @@ class BernoulliSettings:
     clutter_m2: false detections per square metre and tick; None estimates it while tracking.
     traits: what scores mean, see `ExistenceTracker`; but here scores of unknown detectors always
         are probabilities, also with `unscaled`.
-    confirm, drop: probabilities of existence from which on a track is confirmed, and below which
-        it is dropped or not even started.
+    confirm, drop: probability of existence from which on a track is confirmed, and probability
+        below which it is dropped or not started.
     shown_misses: see `LifeCycle`.
     position_m, speed_m_s: see `PositionFilter`.
     velocity_walk: see `ConstantVelocity`.
@@ -266,7 +267,7 @@ class BernoulliSettings:
 
 
 class AdaptiveModel:
-    """A detection model whose clutter density is estimated while tracking, unless it is given."""
+    """A detection model whose clutter density is estimated while tracking, unless it is known."""
 
     def __init__(self, model: DetectionModel, clutter_m2: float | None) -> None:
         """Take the model; clutter_m2: the density, or None to estimate it."""

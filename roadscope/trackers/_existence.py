@@ -32,7 +32,7 @@ from roadscope.trackers._traits import (
 MOST_LOG_ODDS = 9.0
 """Log odds of existence are limited to this, on both sides: those of a score of 0.9999."""
 MOST_DISTANCE = 12.0
-"""Squared Mahalanobis distances of positions are limited to this; 1 in 400 of right pairs has more."""
+"""Squared Mahalanobis distances of positions are limited to this; 1 right pair in 400 has more."""
 GATE_MARGIN_M = 0.5
 """Added to the distance that the top speed allows between two ticks. Chosen by hand."""
 DROP_LOG_ODDS = -4.0

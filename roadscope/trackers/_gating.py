@@ -103,7 +103,8 @@ def suppressed(detections: Detections, most_overlap: float) -> Detections:
 
     A detection is dropped if it overlaps one of its family that has a higher score and stays.
 
-    most_overlap: IoU in space above which two detections are one. Of equal scores the first stays.
+    most_overlap: IoU in space above which two detections are of one object. Of equal scores the
+        first stays.
     """
     boxes, categories = boxes_of(detections), detections.categories
     near = pairs_by_overlap(boxes, boxes, overlap="iou", least=most_overlap)
@@ -118,7 +119,10 @@ def suppressed(detections: Detections, most_overlap: float) -> Detections:
 
 
 def chi_square_gate(share: float, dimensions: int) -> float:
-    """Return the squared Mahalanobis distance that a share of right pairs does not exceed."""
+    """Return the squared Mahalanobis distance that a share of right pairs does not exceed.
+
+    share: between 0 and 1. dimensions: of the measurement.
+    """
     if not 0 < share < 1:
         raise ValueError(f"gate_share must lie between 0 and 1, got {share!r}")
     from scipy.special import gammaincinv
@@ -129,7 +133,10 @@ def chi_square_gate(share: float, dimensions: int) -> float:
 def pairs_by_distance(
     positions: np.ndarray, other_positions: np.ndarray, gates_m: np.ndarray
 ) -> CandidatePairs:
-    """Return pairs of (N, 2) and (M, 2) positions nearer than (N,) gates; costs are distances."""
+    """Return pairs of positions nearer than a gate; costs are distances.
+
+    positions: (N, 2) and other_positions: (M, 2), metres. gates_m: (N,).
+    """
     rows, columns = pairs_within_reach(
         positions, other_positions, np.column_stack([gates_m, gates_m])
     )
@@ -144,7 +151,8 @@ def pairs_by_likelihood(
 ) -> CandidatePairs:
     """Return pairs within a gate; costs are squared Mahalanobis distances in the plane.
 
-    expected: (N, 2); covariances: (N, 2, 2) of the innovations; measured: (M, 2).
+    expected: (N, 2) metres. covariances: (N, 2, 2) m2, of the innovations. measured: (M, 2) metres.
+    gate: squared Mahalanobis distance, see `chi_square_gate`.
     """
     # A pair beyond the gate along x or y alone is beyond it in the plane, too.
     reach = np.sqrt(gate * covariances[:, [0, 1], [0, 1]])

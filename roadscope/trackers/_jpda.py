@@ -40,7 +40,7 @@ class JpdaSettings(BernoulliSettings):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class JpdaTracks(ArrayTable):
-    """Tracks, their existence, and whether they were ever confirmed: (N,) bool."""
+    """N tracks, their probabilities of existence, and (N,) whether they were ever confirmed."""
 
     tracks: Tracklets
     existence: Existence
@@ -50,14 +50,14 @@ class JpdaTracks(ArrayTable):
 class JpdaTracker:
     """Every track is corrected by all detections in its gate, weighted by their probabilities.
 
-    Probabilities are marginals of joint events, exact up to `exact_limit`. Of events that differ
-    only in who has which detection, the likeliest counts (JPDA*, Blom and Bloem 2000). Clusters
-    that are too large for this, as 10 tracks with 9 detections are, get plain JPDA: all events
-    count. A greater `exact_limit` moves this border. Tracks are confirmed and dropped by their
-    probability of existence alone, which is also their score.
+    Probabilities are marginals of joint events, exact up to `exact_limit`. Of joint events with the
+    same tracks and the same detections, which differ in the pairs, only the likeliest counts
+    (JPDA*, Blom and Bloem 2000). In clusters that are too large for this, such as 10 tracks with 9
+    detections, all events count, as in JPDA; the limit is `exact_limit`. Tracks are confirmed and
+    dropped by their probability of existence alone, which is also their score.
 
-    The paper leaves open how tracks start. Here a detection starts a track unless it is most
-    likely that of a known one.
+    The paper does not say how tracks start. Here a detection starts a track unless it is assigned
+    to an existing one, see `one_to_one_pairs`.
     """
 
     weighed = True
@@ -89,9 +89,9 @@ class JpdaTracker:
         pairs = self._marginals(tracks, existence, detections, scores)
         free = np.clip(1 - np.bincount(pairs.columns, pairs.costs, len(detections)), 0, 1)
         existence = existence_after(existence, pairs, model.detection)
-        if_it_exists = pairs.with_costs(pairs.costs / existence.probability[pairs.rows])
+        given_existence = pairs.with_costs(pairs.costs / existence.probability[pairs.rows])
         positions = detections.centres[:, :2]
-        beliefs = mixture_moments(tracks.beliefs, positions, if_it_exists, self._filter.R)
+        beliefs = mixture_moments(tracks.beliefs, positions, given_existence, self._filter.R)
         rows, columns = one_to_one_pairs(pairs, free)
         tracks = replace(tracks, beliefs=beliefs)
         tracks = tracks.updated(rows, detections.select(columns), beliefs.select(rows))
@@ -109,7 +109,7 @@ class JpdaTracker:
     ) -> CandidatePairs:
         """Return pairs with their association probabilities (beta) in place of costs.
 
-        Weights are divided by those of free detections.
+        All weights are relative to that of a free detection, which is clutter or a new target.
         """
         model = self._model.current
         S = self._filter.innovation_covariances(tracks.beliefs)
@@ -159,10 +159,9 @@ class JpdaTracker:
 def existence_after(existence: Existence, pairs: CandidatePairs, detection: float) -> Existence:
     """Return existence, averaged over the joint events.
 
-    In an event in which a target has a detection it exists for certain; in the others it was
-    missed.
+    In an event in which a track has a detection its target exists; in the others it was missed.
 
-    pairs: with association probabilities for costs.
+    pairs: their costs are association probabilities. detection: see `Existence.after_miss`.
     """
     detected = np.clip(np.bincount(pairs.rows, pairs.costs, len(existence)), 0, 1)
     missed = existence.after_miss(detection)
@@ -226,9 +225,12 @@ def _mixture_moments(
 
 
 def one_to_one_pairs(pairs: CandidatePairs, free: np.ndarray) -> Pairs:
-    """Return the one-to-one pairs of tracks and detections with the greatest sum of marginals.
+    """Return the one-to-one pairs of tracks and detections of greatest total probability.
 
-    pairs: with marginals for costs. free: (M,) probabilities that a detection is of no track; a
-        pair must be likelier.
+    It is the sum of marginal probabilities, minus the probabilities that the detections are of no
+    track; each pair must be more probable than that.
+
+    pairs: their costs are marginal probabilities. free: (M,) probabilities that a detection is of
+        no track.
     """
     return assign_optimally(pairs.with_costs(free[pairs.columns] - pairs.costs), 0.0)

@@ -4,20 +4,20 @@ A joint event gives each track one detection or none and each detection one trac
 weight is the product over its pairs, its missed tracks and its free detections. Connected
 components of possible pairs, clusters, are independent of each other.
 
-The exact sum over all joint events of a cluster goes through the rows (tracks, or detections if
-that is less work). Between two rows it is enough to remember which columns are taken, of those
-columns that both an earlier and a later row may take; they are called open, and each has a bit of
-the state. All events with the same state share one weight (Efficient Hypothesis Management 2,
-Horridge and Maskell 2006), so the work doubles with each open column, not with each column.
+The exact sum over all joint events of a cluster is computed row by row (rows are tracks, or
+detections if that is less work). A column is open between two rows if both an earlier and a later
+row may take it. The state is the set of open columns that are taken; each open column has a bit of
+it. All events with the same state share one weight (Efficient Hypothesis Management 2, Horridge
+and Maskell 2006), so the work doubles with each open column, not with each column.
 
-The mean over joint events that differ only in who has which detection draws near tracks together,
-until they are one (coalescence). So of such events only the likeliest may count (JPDA*, Blom and
-Bloem 2000). This takes more work than the sum: up to 9 tracks and 9 detections, 8 and 10, or 2 and
-18 are within the limit. In larger clusters all events count.
+The mean over joint events with the same tracks and the same detections, which differ in the pairs,
+moves near tracks together until they coincide (coalescence). With JPDA* only the likeliest of such
+events counts (Blom and Bloem 2000). This takes more work than the sum: up to 9 tracks and 9
+detections, 8 and 10, or 2 and 18 are within the limit. In larger clusters all events count.
 
-Beyond a limit of work loopy belief propagation takes over (Williams and Lau 2014). In crowds of
-eight tracks and eight detections along a line the largest error of a marginal is 0.05 on average
-and 0.3 at most.
+Beyond a limit of work marginals are approximated by loopy belief propagation (Williams and Lau
+2014). In crowds of eight tracks and eight detections along a line the largest error of a marginal
+is 0.05 on average and 0.3 at most.
 """
 
 from __future__ import annotations
@@ -30,11 +30,12 @@ from roadscope.core.jit import compiled
 from roadscope.trackers._assignment import components, sorted_by
 
 EXACT_LIMIT = 2.0**21
-"""Multiplications that a cluster may take: 12 tracks and 12 detections, all pairs possible, take
-0.6 million, and one second has time for about 500 million."""
+"""Most multiplications for the exact marginals of a cluster. 12 tracks and 12 detections, all pairs
+possible, take 0.6 million; about 500 million take one second."""
 CONVERGED = 1e-9
-"""Largest relative change of any message in the last round of belief propagation."""
+"""Belief propagation ends when no message changes by a greater share of itself."""
 MOST_ROUNDS = 2000
+"""Most rounds of belief propagation. Both are chosen by hand."""
 
 
 @compiled()
@@ -53,7 +54,7 @@ def association_marginals(
     missed: (N,) weights of tracks without a detection. free: (M,) of detections without a track.
     limit: multiplications for a cluster, such as `EXACT_LIMIT`; inf is always exact, 0.0 never.
     pruned: whether of the joint events with the same tracks and the same detections, which differ
-        in who has which, only the likeliest counts. In a cluster where this takes more than the
+        in the pairs, only the likeliest counts. In a cluster where this takes more than the
         limit, all events count: with `EXACT_LIMIT` from 10 tracks and 9 detections on.
     At least one joint event must be possible.
     """
@@ -88,7 +89,7 @@ def association_marginals(
 def _cluster_marginals(
     pairs: np.ndarray, missed: np.ndarray, free: np.ndarray, limit: float, pruned: bool
 ) -> np.ndarray:
-    """Return (N, M) marginals of one cluster, with the least work."""
+    """Return (N, M) marginals of one cluster, by the method of least work within the limit."""
     permuted = min(pairs.shape) > 1
     if pruned and permuted and _pruned_work(pairs.shape[0], pairs.shape[1]) <= limit:
         return _pruned_marginals(pairs, missed, free)
@@ -108,8 +109,8 @@ def _cluster_marginals(
 def _pruned_work(n: int, m: int) -> float:
     """Return how many steps `_pruned_marginals` takes if all pairs are possible.
 
-    It looks at each set of rows with each set of columns. Of n + m over n of them the sets are
-    equally large: these have events, each with n + 2 m steps.
+    It checks each set of rows with each set of columns, 2^(n + m) of them. Two sets of equal size
+    have events: binomial (n + m over n) of them do, and each takes n + 2 m steps.
     """
     events = 1.0
     for k in range(1, n + 1):
@@ -121,8 +122,8 @@ def _pruned_work(n: int, m: int) -> float:
 def _pruned_marginals(pairs: np.ndarray, missed: np.ndarray, free: np.ndarray) -> np.ndarray:
     """Return (N, M) marginals over the likeliest event for each set of rows and set of columns.
 
-    Sets are numbers, one bit for each member. The likeliest event of a set of rows is that of the
-    set without its last row, and one column more.
+    A set is an integer with one bit for each member. The likeliest event of a set of rows extends
+    that of the set without its last row by a column for this row.
     """
     n, m = pairs.shape
     best = np.zeros((1 << n, 1 << m))
@@ -144,32 +145,32 @@ def _pruned_marginals(pairs: np.ndarray, missed: np.ndarray, free: np.ndarray) -
                         if weight > best[rows, columns | bit]:
                             best[rows, columns | bit] = weight
                             last[rows, columns | bit] = j
-        alone = 1.0
+        missed_weight = 1.0
         for i in range(n):
-            alone *= 1.0 if rows >> i & 1 else missed[i]
+            missed_weight *= 1.0 if rows >> i & 1 else missed[i]
         for columns in range(1 << m):
-            weight = best[rows, columns] * alone
+            weight = best[rows, columns] * missed_weight
             if weight == 0:
                 continue
             for j in range(m):
                 weight *= 1.0 if columns >> j & 1 else free[j]
             total += weight
-            left = columns
+            remaining = columns
             for i in range(n - 1, -1, -1):
                 if rows >> i & 1:
-                    chosen = last[rows & ((1 << (i + 1)) - 1), left]
+                    chosen = last[rows & ((1 << (i + 1)) - 1), remaining]
                     marginals[i, chosen] += weight
-                    left ^= 1 << chosen
+                    remaining ^= 1 << chosen
     return marginals / total
 
 
 class EliminationPlan(NamedTuple):
-    """How the rows of an (N, M) cluster are gone through.
+    """The order of the rows of an (N, M) cluster, and the bits of its columns in the state.
 
     order: (N,) rows.
     bit: (M,) the bit of each column while it is open.
-    last: (M,) the step after which it is open no longer.
-    bits: the number of bits.
+    last: (M,) the step of the last row that may take it.
+    bits: the number of bits of the state.
     """
 
     order: np.ndarray
@@ -180,7 +181,7 @@ class EliminationPlan(NamedTuple):
 
 @compiled()
 def _plan(pairs: np.ndarray) -> EliminationPlan:
-    """Return an order of rows that opens few columns at once: fewest more open columns next."""
+    """Return a plan with few open columns: each next row is the one that adds fewest of them."""
     n, m = pairs.shape
     order, done = np.empty(n, np.int64), np.zeros(n, np.bool_)
     bit, last = np.full(m, -1), np.full(m, -1)
@@ -224,7 +225,8 @@ def _exact_marginals(
 ) -> np.ndarray:
     """Return (N, M) marginals by sums over all joint events, forwards and backwards in the rows.
 
-    Arrays over states go in blocks: states that differ in one bit are one half block apart.
+    Arrays over states are handled in blocks of twice 2^bit: the first half of a block has the
+    states in which the column of this bit is free, the second half the same ones with it taken.
     """
     (n, m), states = pairs.shape, 1 << plan.bits
     forward = np.empty((n + 1, states))
@@ -242,7 +244,7 @@ def _exact_marginals(
                     for state in range(block, block + half):
                         after[state] = free[j] * after[state] + after[state + half]
                         after[state + half] = 0.0
-        # Only ratios within a step count; without this the weights of long chains overflow.
+        # Only ratios within a step matter; without the division products of many rows overflow.
         after /= after.max()
     backward, before = np.zeros(states), np.empty(states)
     backward[0] = 1.0
@@ -280,9 +282,10 @@ def _add_row(
     bit: np.ndarray,
     forwards: bool,
 ) -> None:
-    """Write into `after` the weights of states when one more row took a free column or none.
+    """Write into `after` the weights (S,) of states after one more row took a free column or none.
 
-    forwards: whether states go from free to taken, otherwise back.
+    weights: (S,) of states before. row: (M,) weights of the row's pairs. missed: its weight without
+    a column. bit: as in `EliminationPlan`. forwards: False to go back to the states before the row.
     """
     after[:] = missed * weights
     for j in range(len(row)):
@@ -330,7 +333,10 @@ def loopy_marginals(pairs: np.ndarray, missed: np.ndarray, free: np.ndarray) -> 
 
 @compiled()
 def _sums_of_others(values: np.ndarray) -> np.ndarray:
-    """Return for each value the sum of all others, without differences, which would cancel."""
+    """Return for each of (N,) values the sum of all others.
+
+    No value is subtracted from the total, because that would lose digits.
+    """
     others = np.zeros(len(values))
     total = 0.0
     for k in range(len(values)):

@@ -1,6 +1,7 @@
-"""The offline pass: smooths, fills, joins and weeds out the tracks of a finished episode.
+"""The offline pass over the tracks of a finished episode.
 
-Its tracks are not online: those of a frame depend on later frames.
+It joins fragments, fills gaps, smooths tracks and drops weak ones. Its tracks are not online: those
+of a frame depend on later frames.
 """
 
 from __future__ import annotations
@@ -22,13 +23,13 @@ from roadscope.trackers._motion import ConstantVelocity
 
 # Which fragments are joined; chosen by hand.
 GATE_SHARE = 0.99
-"""Share of right pairs of fragments that lie within the gate."""
+"""Share of pairs of fragments of one target that lie within the gate."""
 SIZE_RATIO = 1.5
-"""Bodies whose length, width or height differ by more are different bodies."""
+"""Fragments are not joined if their lengths, widths or heights differ by more than this factor."""
 MOST_DEVIATION_M = 2.0
 """Standard deviation of an expected position above which fragments are not joined."""
 LEAST_DETECTIONS = 3
-"""The velocity of a fragment with fewer detections is too uncertain."""
+"""Fragments with fewer detections are not joined: their velocity is too uncertain."""
 
 
 class ExistenceOfflineTracker(ExistenceTracker):
@@ -47,7 +48,7 @@ class ExistenceOfflineTracker(ExistenceTracker):
         self._noises: dict[float, TrackNoise] = {}
 
     def update(self, detections: Detections, ego_pose: Pose | None = None) -> Tracks:
-        """Return what the online tracker returns, and remember the noise that it assumes."""
+        """Return what the online tracker returns, and store the noise that it assumes."""
         tracks = super().update(detections, ego_pose)
         walks, drifts = self._targets.motion_noise(self._traits)
         offsets = tracks.covariances[:, :2, :2] - self._targets.beliefs.covariances[:, :2, :2]
@@ -69,10 +70,10 @@ class ExistenceOfflineTracker(ExistenceTracker):
 class OfflineRules:
     """Rules of the offline pass; round figures chosen by hand, for tracks of any tracker.
 
-    velocity_walk: m/s per root second, of tracks whose noise is not given. It lies between what was
+    velocity_walk: m/s per root second, of tracks whose noise is unknown. It lies between what was
         learned of cars (0.85) and of cyclists (0.67); pedestrians (0.28) are smoothed too little.
     fade_s: time constant of the average of heights and headings, to either side.
-    size_fade_s: time constant of the average of sizes, which do not change.
+    size_fade_s: the same for sizes, and for the vote between front and rear.
     longest_gap_s: longest time between two fragments that are joined.
     least_score: tracks with a lower mean score are dropped.
     least_detections: tracks with fewer detections are dropped.
@@ -91,7 +92,8 @@ class TrackNoise:
     """The noise of N tracks at one tick, (N, 2, 2) covariances each.
 
     walks, drifts: until the next tick, see `MotionNoise`.
-    offsets: m2, of the part of position errors that lasts, which no smoothing reduces.
+    offsets: m2, of the part of position errors that is correlated over time, so that smoothing
+        does not reduce it.
     """
 
     walks: np.ndarray
@@ -116,12 +118,13 @@ def offline_tracks(
     """Return tracks that are smoothed, filled, joined and scored as a whole, without weak ones.
 
     history: what a tracker reported, tick by tick, tentative tracks included, in one frame that
-        stands still; missed tracks must move at constant velocity.
-    noises: of each record the noise that the tracker assumed; None: that of
-        `OfflineRules.velocity_walk` for all, without lasting errors.
-    There are as many records as before. Tracks are confirmed where they have a detection and
-    coasting between; they begin with their first detection, if tentative then, and end with their
-    last.
+        stands still. Missed tracks must move at constant velocity.
+    noises: for each record the noise that the tracker assumed; None for that of
+        `OfflineRules.velocity_walk` without correlated errors.
+
+    Returns as many records as in the history. Tracks are confirmed at ticks with a detection and
+    coasting between them. They begin with their first detection, also if they were tentative then,
+    and end with their last one.
     """
     rules = rules or OfflineRules()
     if noises is None:
@@ -133,10 +136,10 @@ def offline_tracks(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TargetTrajectory:
-    """One target from its first to its last detection, K ticks without a hole.
+    """One target from its first to its last detection, K consecutive ticks.
 
     ticks: (K,) int64. stamps_s: (K,).
-    means, covariances: (K, 4) and (K, 4, 4) of x, y, vx, vy, without the lasting errors.
+    means, covariances: (K, 4) and (K, 4, 4) of x, y, vx, vy, without the correlated errors.
     walks, drifts, offsets: (K, 2, 2), see `TrackNoise`.
     heights, sizes, yaws, scores: (K,), (K, 3), (K,), (K,).
     detected: (K,) bool, whether there was a detection.
@@ -181,9 +184,9 @@ def _is_strong(trajectory: TargetTrajectory, rules: OfflineRules) -> bool:
 
 
 def trajectories(history: Sequence[Tracks], noises: Sequence[TrackNoise]) -> list[TargetTrajectory]:
-    """Return one trajectory for each id, until its last detection.
+    """Return one trajectory for each id, up to its last detection.
 
-    noises: of the tracks of each record.
+    noises: of the tracks of each record, in their order.
     """
     frames = {tracks.frame for tracks in history}
     if len(frames) > 1:
@@ -260,7 +263,7 @@ def _joined_fragments(
 
 
 def _may_be_one(early: TargetTrajectory, late: TargetTrajectory) -> bool:
-    """Return whether two fragments are of one category and size, and long enough to tell."""
+    """Return whether two fragments have one category, similar sizes and enough detections."""
     if early.category != late.category:
         return False
     if min(early.detected.sum(), late.detected.sum()) < LEAST_DETECTIONS:
@@ -270,7 +273,10 @@ def _may_be_one(early: TargetTrajectory, late: TargetTrajectory) -> bool:
 
 
 def _join_distance(early: TargetTrajectory, late: TargetTrajectory, gap_s: float) -> float:
-    """Return the squared Mahalanobis distance of the late start from where it is expected."""
+    """Return the squared Mahalanobis distance of the late fragment's start from its prediction.
+
+    It is inf if the prediction is too uncertain.
+    """
     mean, covariance = _predicted_after(early, -1, gap_s)
     offset = late.means[0, :2] - mean[:2]
     spread = covariance[:2, :2] + late.covariances[0, :2, :2] + late.offsets[0]
@@ -321,18 +327,18 @@ def _joined(early: TargetTrajectory, late: TargetTrajectory) -> TargetTrajectory
 
 
 def smoothed(trajectory: TargetTrajectory, rules: OfflineRules) -> TargetTrajectory:
-    """Return a trajectory in which every tick uses those after it, too; scores stay."""
+    """Return a trajectory in which every tick uses those after it, too; scores do not change."""
     means, covariances = smoothed_states(trajectory)
     weights = trajectory.detected.astype(float)
-    near = _averaging(trajectory.stamps_s, weights, rules.fade_s)
-    wide = _averaging(trajectory.stamps_s, weights, rules.size_fade_s)
+    short = _averaging(trajectory.stamps_s, weights, rules.fade_s)
+    long = _averaging(trajectory.stamps_s, weights, rules.size_fade_s)
     return replace(
         trajectory,
         means=means,
         covariances=covariances,
-        heights=near @ trajectory.heights,
-        sizes=wide @ trajectory.sizes,
-        yaws=_smoothed_headings(trajectory.yaws, near, wide),
+        heights=short @ trajectory.heights,
+        sizes=long @ trajectory.sizes,
+        yaws=_smoothed_headings(trajectory.yaws, short, long),
     )
 
 
@@ -354,17 +360,23 @@ def smoothed_states(trajectory: TargetTrajectory) -> tuple[np.ndarray, np.ndarra
 
 
 def _averaging(stamps_s: np.ndarray, weights: np.ndarray, fade_s: float) -> np.ndarray:
-    """Return (K, K) shares of each tick in the average of each, which fade to either side."""
+    """Return the (K, K) matrix of a moving average, whose weights fall by a factor e in `fade_s`.
+
+    weights: (K,) of the ticks.
+    """
     shares = np.exp(-np.abs(stamps_s[:, None] - stamps_s) / fade_s) * weights
     averaging: np.ndarray = shares / shares.sum(axis=1, keepdims=True)
     return averaging
 
 
-def _smoothed_headings(yaws: np.ndarray, near: np.ndarray, wide: np.ndarray) -> np.ndarray:
-    """Return (K,) headings: axes averaged over near ticks, fronts by a vote of a wider range."""
-    double = near @ np.column_stack([np.cos(2 * yaws), np.sin(2 * yaws)])
+def _smoothed_headings(yaws: np.ndarray, short: np.ndarray, long: np.ndarray) -> np.ndarray:
+    """Return (K,) headings: axes by a short average, the end that is the front by a long one.
+
+    yaws: (K,). short, long: (K, K) as from `_averaging`.
+    """
+    double = short @ np.column_stack([np.cos(2 * yaws), np.sin(2 * yaws)])
     axes = 0.5 * np.arctan2(double[:, 1], double[:, 0])
-    agreement = (wide * np.cos(yaws[None] - axes[:, None])).sum(axis=1)
+    agreement = (long * np.cos(yaws[None] - axes[:, None])).sum(axis=1)
     return wrap_angle(np.where(agreement < 0, axes + np.pi, axes))
 
 
@@ -378,6 +390,7 @@ def _by_tick(trajectories: Sequence[TargetTrajectory], history: Sequence[Tracks]
 
 
 def _record(rows: Sequence[tuple[TargetTrajectory, int]], like: Tracks) -> Tracks:
+    """Return the record of one tick, with frame and stamp of another; rows: trajectory and tick."""
     if not rows:
         return Tracks.empty(like.stamp_s, like.frame)
     means = np.array([t.means[k] for t, k in rows])

@@ -31,11 +31,11 @@ from roadscope.trackers._tracklets import Tracklets, track_states
 class PmbmSettings(BernoulliSettings):
     """Settings of the tracker.
 
-    hypotheses: greatest number for each cluster of targets that compete; HOTA with 10 and with 50
-        differed by less than 0.002 on validation seeds.
+    hypotheses: greatest number for each cluster of targets that compete for detections; HOTA with
+        10 and with 50 differed by less than 0.002 on validation seeds.
     least_share: a hypothesis is dropped if its weight is less than this share of the greatest.
-    The others: see `BernoulliSettings`. A hypothesis omits a target, new or old, whose probability
-    of existence is below `drop`.
+    The others: see `BernoulliSettings`. In a hypothesis, a target is dropped if its probability of
+    existence is below `drop`.
     """
 
     hypotheses: int = 10
@@ -47,21 +47,21 @@ class PmbmSettings(BernoulliSettings):
         check_counts(1, hypotheses=self.hypotheses)
 
     def limits(self) -> HypothesisLimits:
-        """Return how many hypotheses are kept."""
+        """Return the limits for pruning."""
         gap = -float(np.log(self.least_share)) if self.least_share > 0 else np.inf
         return HypothesisLimits(self.hypotheses, gap)
 
 
 class PmbmTracker:
-    """Keeps the likeliest global hypotheses of which detection is whose, since the first tick.
+    """Keeps the likeliest global hypotheses: assignments of all detections so far to targets.
 
     Undetected targets are a Poisson process with the same density everywhere, so every detection
-    may be of a new target or clutter. The best continuations of each hypothesis are kept (Murty
-    1968); targets that compete for no detection have hypotheses of their own. Visibility and
-    scores count as in `JpdaTracker`.
+    may be of a new target or clutter. The best continuations of each hypothesis are computed by
+    Murty's algorithm (1968). Clusters of targets that compete for detections have hypotheses of
+    their own. Visibility and scores are modelled as in `JpdaTracker`.
 
-    Reported are the targets of the likeliest hypothesis and, as tentative ones, those reported
-    earlier that are in some other hypothesis. Scores are probabilities of existence over all
+    The targets of the likeliest hypothesis are reported and, as tentative ones, targets that were
+    reported earlier and are in another hypothesis. Scores are probabilities of existence over all
     hypotheses.
     """
 
@@ -96,7 +96,10 @@ class PmbmTracker:
         return self._report(tick)
 
     def _false_detections(self, before: Mixture, detections: int) -> int:
-        """Return how many detections no target has, plus those of dropped tentative targets."""
+        """Return the number of detections without a target, and of those of dropped tentative ones.
+
+        before: the mixture before the tick. detections: the number of detections of the tick.
+        """
         mixture = self._mixture
         misses = mixture.bernoullis.tracks.misses[mixture.likeliest]
         detected = mixture.in_likeliest & (misses == 0)
@@ -117,7 +120,7 @@ class PmbmTracker:
     ) -> Continuations:
         """Return the best continuations of all hypotheses.
 
-        All weights are divided by those of detections that are new or clutter.
+        All weights are relative to that of a detection that is clutter or a new target.
         """
         tracks, existence = mixture.bernoullis.tracks, mixture.bernoullis.existence
         model, members = self._model.current, mixture.members
@@ -151,7 +154,7 @@ class PmbmTracker:
         detections: Detections,
         scores: np.ndarray,
     ) -> Mixture:
-        """Return the mixture with each needed local hypothesis once, those of new targets last."""
+        """Return the mixture with each local hypothesis that is used, those of new targets last."""
         choices = len(detections) + 1
         codes = continuations.local * choices + continuations.detection + 1
         distinct, local = np.unique(codes, return_inverse=True)
@@ -172,7 +175,7 @@ class PmbmTracker:
     def _branched(
         self, bernoullis: Bernoullis, detection: np.ndarray, detections: Detections
     ) -> Bernoullis:
-        """Return local hypotheses after a detection each, or after a miss where it is -1."""
+        """Return local hypotheses after one detection each; (L,) detection is -1 for a miss."""
         rows = np.flatnonzero(detection >= 0)
         own = detections.select(detection[rows])
         tracks = bernoullis.tracks
@@ -219,7 +222,7 @@ class ReportedTargets(ArrayTable):
     """What the tracker has reported of T targets.
 
     ids: (T,) int64.
-    shown, confirmed: (T,) bool, whether they were ever reported, and ever as confirmed.
+    shown, confirmed: (T,) bool, whether they were ever reported, and ever reported as confirmed.
     """
 
     ids: np.ndarray
@@ -248,9 +251,9 @@ class HypothesisMembers(ArrayTable):
         return len(self.local)
 
     def of(self, hypotheses: np.ndarray, count: int) -> HypothesisMembers:
-        """Return the entries of the hypotheses of an index array, numbered anew in its order.
+        """Return the entries of some hypotheses, which are numbered anew in the order of the index.
 
-        count: the number of hypotheses that there are.
+        hypotheses: index array. count: the number of all hypotheses.
         """
         number = np.full(count, -1)
         number[hypotheses] = np.arange(len(hypotheses))
@@ -293,7 +296,7 @@ class Mixture:
     def likeliest(self) -> np.ndarray:
         """(T,) the local hypothesis of each target in the likeliest hypothesis that has it."""
         rows = np.empty(len(self.reported.ids), np.int64)
-        # Of those written to one place the last one stays: that of the first hypothesis.
+        # Of several values for one target the last stays: that of the first, likeliest hypothesis.
         rows[self.members.target[::-1]] = self.members.local[::-1]
         return rows
 
@@ -307,9 +310,9 @@ class Mixture:
         return in_likeliest
 
     def pruned(self, drop: float, limits: HypothesisLimits) -> Mixture:
-        """Return the mixture without what is unlikely; equal hypotheses become one.
+        """Return the mixture without unlikely targets and hypotheses; equal hypotheses are merged.
 
-        drop: local hypotheses that exist with less than this probability are omitted.
+        drop: local hypotheses whose probability of existence is below this are dropped.
         limits: of the hypotheses of each cluster.
         """
         likely = self.bernoullis.existence.probability >= drop
@@ -323,8 +326,8 @@ class Mixture:
         starts, sizes = _extents(self.cluster[first])
         rank = np.arange(len(first)) - np.repeat(starts, sizes)
         best = np.repeat(weights[starts], sizes)
-        stays = (rank < limits.most) & (weights >= best - limits.gap)
-        weights, first = weights[stays], first[stays]
+        likeliest = (rank < limits.most) & (weights >= best - limits.gap)
+        weights, first = weights[likeliest], first[likeliest]
         cluster = self.cluster[first]
         if len(first):
             starts, sizes = _extents(cluster)
@@ -334,7 +337,7 @@ class Mixture:
         return pruned._split()._compact()
 
     def _split(self) -> Mixture:
-        """Give targets on which all hypotheses of their cluster agree clusters of their own."""
+        """Return the mixture in which targets on which all hypotheses agree have own clusters."""
         m, T = self.members, len(self.reported.ids)
         if not len(self.cluster):
             return self
@@ -346,7 +349,7 @@ class Mixture:
         needed = np.zeros(T, np.int64)
         needed[m.target] = cluster_size[m.hypothesis]
         agreed = (least == most) & (np.bincount(m.target, minlength=T) == needed)
-        # A cluster with one hypothesis ends: all of its targets are agreed on.
+        # A cluster with one hypothesis is split up: all of its targets are agreed on.
         ambiguous, settled = np.flatnonzero(cluster_size > 1), np.flatnonzero(agreed)
         disputed = m.select(~agreed[m.target]).of(ambiguous, len(self.cluster))
         new_rows = len(ambiguous) + np.arange(len(settled))
@@ -362,7 +365,7 @@ class Mixture:
         )
 
     def _compact(self) -> Mixture:
-        """Forget local hypotheses and targets that no hypothesis has."""
+        """Return the mixture without local hypotheses and targets that are in no hypothesis."""
         m = self.members
         targets = np.zeros(len(self.reported.ids), bool)
         locals_ = np.zeros(len(self.bernoullis), bool)
@@ -392,8 +395,8 @@ def _extents(cluster: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 def _signatures(cluster: np.ndarray, members: HypothesisMembers) -> np.ndarray:
     """Return (H,) uint64, equal for hypotheses of one cluster with equal members.
 
-    The sum of a hash of each member. Among a million different hypotheses, two have equal sums by
-    chance less than once in ten million ticks.
+    It is the sum of a hash of each member. Among a million different hypotheses, two have equal
+    sums by chance less than once in ten million ticks.
     """
     signatures = _hashed(2 * cluster)
     np.add.at(signatures, members.hypothesis, _hashed(2 * members.local + 1))

@@ -1,8 +1,8 @@
 """How global hypotheses continue: by the best assignments of targets and detections.
 
-Targets that compete for no detection, directly or through others, are in clusters of their own,
-each with its own hypotheses and weights (Reid 1979). Hypotheses of all targets at once would be
-the product of those of the clusters: no number of them would be enough.
+Targets that compete for a detection, directly or through others, form a cluster. Each cluster has
+its own hypotheses and weights (Reid 1979). Hypotheses of all targets together would be all
+combinations of those of the clusters, which are too many.
 """
 
 from __future__ import annotations
@@ -17,10 +17,10 @@ from roadscope.trackers._assignment import components, least_total, sorted_by
 
 
 class HypothesisLimits(NamedTuple):
-    """How many alternatives are kept.
+    """Which hypotheses of a cluster are not pruned.
 
     most: the greatest number.
-    gap: the greatest difference between the log weight of the best and that of another.
+    gap: the greatest difference between the log weight of the best hypothesis and that of another.
     """
 
     most: int
@@ -32,8 +32,8 @@ class Hypotheses(NamedTuple):
 
     cluster: (H,) int64, rising.
     log_weights: (H,).
-    hypothesis, target, local: (E,) int64, sorted by hypothesis: which target a hypothesis has, and
-        by which of its local hypotheses, that is, with which history of detections.
+    hypothesis, target, local: (E,) int64, sorted by hypothesis: each member is a target of a
+        hypothesis, with one of its local hypotheses, that is, with a history of detections.
     """
 
     cluster: np.ndarray
@@ -46,9 +46,9 @@ class Hypotheses(NamedTuple):
 class Continuations(NamedTuple):
     """`Hypotheses` after a tick, with F members.
 
-    local: (F,) the local hypothesis that a member had before; of new targets the number of
-        local hypotheses that there were.
-    detection: (F,) the detection that it got, or -1.
+    local: (F,) the local hypothesis of a member before the tick; for new targets L, the number
+        of local hypotheses before.
+    detection: (F,) the detection that the member gets, -1 for none.
     """
 
     cluster: np.ndarray
@@ -80,11 +80,11 @@ class Sizes(NamedTuple):
     detections: int
 
 
-class Block(NamedTuple):
+class ClusterContinuations(NamedTuple):
     """The k continuations of one cluster of t targets and m detections.
 
-    targets, detections: (t,) and (m,) their numbers.
-    local: (k, t) the local hypothesis that each target had, -1 for none.
+    targets, detections: (t,) and (m,) their numbers among all.
+    local: (k, t) the local hypothesis of each target before the tick, -1 for none.
     assigned: (k, t) index into `detections`, -1 for none.
     log_weights: (k,).
     """
@@ -100,11 +100,13 @@ class Block(NamedTuple):
 def continue_all(
     hypotheses: Hypotheses, pairs: PairCosts, sizes: Sizes, limits: HypothesisLimits
 ) -> Continuations:
-    """Return how the hypotheses of all clusters continue; clusters that now compete become one.
+    """Return the continuations of all clusters; clusters that compete for a detection are merged.
 
     limits: of the hypotheses of each cluster; the gap also limits the continuations of each
-        hypothesis. With T targets and L local hypotheses before, detection j, where no target gets
-        it, is the new target T + j with the local hypothesis L.
+        hypothesis.
+
+    With T targets and L local hypotheses before, a detection j that no target gets is the new
+    target T + j with the local hypothesis L.
     """
     T = sizes.targets
     clusters = hypotheses.cluster.max() + 1 if len(hypotheses.cluster) else 0
@@ -144,20 +146,21 @@ def continue_all(
             parents, assigned, after = continue_hypotheses(
                 number, log_weights, costs, limits.most, limits.gap
             )
-        blocks.append(Block(targets, detections, local[parents], assigned, after))
+        blocks.append(ClusterContinuations(targets, detections, local[parents], assigned, after))
         detection_index[detections] = -1
     for unclaimed in np.flatnonzero(component[T : T + sizes.detections] < 0):
         blocks.append(_unclaimed(int(unclaimed)))  # noqa: PERF401
-    return _listed_blocks(blocks, sizes)
+    return _joined_continuations(blocks, sizes)
 
 
 @compiled()
 def _competitors(
     hypotheses: Hypotheses, pairs: PairCosts, sizes: Sizes, clusters: int, gap: float
 ) -> tuple[np.ndarray, int]:
-    """Return `components`: rows are T targets, columns M detections and C clusters up to now.
+    """Return `components` of targets (rows) with M detections and C previous clusters (columns).
 
-    A target is joined with its clusters and with the detections that it may get.
+    A target is connected with its cluster and with the detections that it may get. gap: greatest
+    cost of such a pair.
     """
     target_of_local = np.zeros(sizes.locals, np.int64)
     target_of_local[hypotheses.local] = hypotheses.target
@@ -169,10 +172,12 @@ def _competitors(
 
 
 @compiled()
-def _unclaimed(detection: int) -> Block:
-    """Return the cluster of a detection that no target may have."""
+def _unclaimed(detection: int) -> ClusterContinuations:
+    """Return the continuation of a detection that no target may get: a new target."""
     none = np.empty((1, 0), np.int64)
-    return Block(np.empty(0, np.int64), np.full(1, detection), none, none, np.zeros(1))
+    return ClusterContinuations(
+        np.empty(0, np.int64), np.full(1, detection), none, none, np.zeros(1)
+    )
 
 
 @compiled()
@@ -184,12 +189,14 @@ def _cluster_costs(
     detections: int,
     gap: float,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the local hypotheses of a cluster, numbered from 0, and their costs up to the gap.
+    """Return the local hypotheses of a cluster, numbered anew from 0, and their costs.
 
-    local: (h, t) of its joint hypotheses, -1 for none.
+    local: (h, t) local hypotheses of the targets in each joint hypothesis, -1 for none.
     first_pair: (L + 1,) where the pairs of each local hypothesis start.
-    detection_index: (M,) of each detection in the cluster, -1 for those of others.
-    Returns (h, t) numbers in the order of `local`, -1 for none, and (l, m) costs.
+    detection_index: (M,) number of each detection within the cluster, -1 outside of it.
+    detections: the number m of detections in the cluster.
+    Returns (h, t) new numbers in the order of `local`, -1 for none, and (l, m) costs, inf beyond
+    the gap.
     """
     number_of = np.full(len(first_pair) - 1, -1)
     for h in range(local.shape[0]):
@@ -213,7 +220,7 @@ def _cluster_costs(
 
 
 @compiled()
-def _listed_blocks(blocks: list[Block], sizes: Sizes) -> Continuations:
+def _joined_continuations(blocks: list[ClusterContinuations], sizes: Sizes) -> Continuations:
     """Return the hypotheses of all clusters, each with the new targets of its cluster."""
     rows, most = 0, 0
     for block in blocks:
@@ -250,7 +257,10 @@ def _listed_blocks(blocks: list[Block], sizes: Sizes) -> Continuations:
 def _cheapest_sums(
     costs: np.ndarray, more_costs: np.ndarray, limits: HypothesisLimits
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the cheapest sums of a cost of each array: (K,) flat indices and (K,) rising sums."""
+    """Return the least sums of one cost of each array, within limits.
+
+    costs, more_costs: (A,) and (B,). Returns (K,) indices a * B + b, and (K,) rising sums.
+    """
     sums = np.empty(len(costs) * len(more_costs))
     for a in range(len(costs)):
         for b in range(len(more_costs)):
@@ -270,7 +280,11 @@ def _product(
     more_log_weights: np.ndarray,
     limits: HypothesisLimits,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the likeliest joint hypotheses of two clusters, (A, T) and (B, T) local ones."""
+    """Return the likeliest joint hypotheses (K, T) of two clusters, and log weights (K,).
+
+    local, more_local: (A, T) and (B, T) local hypotheses of the targets, -1 for those of the other
+    cluster. log_weights, more_log_weights: (A,) and (B,).
+    """
     order, costs = _cheapest_sums(-log_weights, -more_log_weights, limits)
     joint = np.empty((len(order), local.shape[1]), np.int64)
     for k in range(len(order)):
@@ -288,12 +302,14 @@ def continue_hypotheses(
     local: (H, T) the local hypothesis of each target, -1 for none.
     log_weights: (H,) of the hypotheses if nothing were detected, up to a constant.
     costs: (L, M) as in `PairCosts`, inf where impossible.
-    count: how many to look for in all; each hypothesis has its share by weight, at least one.
-    gap: greatest difference of a continuation from the likeliest of its hypothesis.
+    count: number of continuations of all hypotheses; each has a share of it in proportion to its
+        weight, at least one.
+    gap: greatest difference between the log weight of the likeliest continuation of a hypothesis
+        and that of another one.
 
     Returns (K,) the hypothesis of each, (K, T) detections or -1, and (K,) log weights.
-    Connected components of targets and detections are assigned one by one, and only once for all
-    hypotheses that agree on them.
+    Connected components of targets and detections are assigned one by one. Where several
+    hypotheses have the same local hypotheses in a component, it is assigned once for all of them.
     """
     H, T = local.shape
     shares = np.exp(log_weights - log_weights.max())
@@ -315,12 +331,12 @@ def continue_hypotheses(
                 part_assigned[h], part_totals[h] = best_assignments(part, count, gap)
             most = max(1, int(np.ceil(count * shares[h])))
             order, sums = _cheapest_sums(totals[h], part_totals[first], HypothesisLimits(most, gap))
-            ways = len(part_totals[first])
+            part_count = len(part_totals[first])
             joined = np.empty((len(order), T), np.int64)
             for k in range(len(order)):
-                joined[k] = assigned[h][order[k] // ways]
+                joined[k] = assigned[h][order[k] // part_count]
                 for i in range(len(targets)):
-                    j = part_assigned[first][order[k] % ways, i]
+                    j = part_assigned[first][order[k] % part_count, i]
                     joined[k, targets[i]] = detections[j] if j >= 0 else -1
             assigned[h], totals[h] = joined, sums
     size = 0
@@ -339,7 +355,7 @@ def continue_hypotheses(
 
 @compiled()
 def _least_costs(local: np.ndarray, costs: np.ndarray) -> np.ndarray:
-    """Return (T, M) costs of each target's cheapest local hypothesis."""
+    """Return (T, M) the least cost of any local hypothesis of each target."""
     least = np.full((local.shape[1], costs.shape[1]), np.inf)
     done = np.zeros(len(costs), np.bool_)
     for h in range(len(local)):
@@ -354,7 +370,10 @@ def _least_costs(local: np.ndarray, costs: np.ndarray) -> np.ndarray:
 
 @compiled()
 def _first_that_agrees(local: np.ndarray, targets: np.ndarray) -> np.ndarray:
-    """Return (H,) the first hypothesis with the same local hypotheses of some targets."""
+    """Return for each hypothesis, (H,), the first one with the same local hypotheses of targets.
+
+    targets: numbers of the targets that are compared.
+    """
     first = np.arange(len(local))
     for h in range(len(local)):
         for other in range(h):
@@ -373,10 +392,10 @@ def _first_that_agrees(local: np.ndarray, targets: np.ndarray) -> np.ndarray:
 def _part_costs(
     costs: np.ndarray, local: np.ndarray, targets: np.ndarray, detections: np.ndarray, gap: float
 ) -> np.ndarray:
-    """Return the costs of some targets and detections.
+    """Return the (t, m) costs of some targets and detections in one hypothesis, inf beyond the gap.
 
-    A pair that costs more than the gap is in no assignment within the gap, for without the pair
-    that assignment is cheaper.
+    An assignment with a pair that costs more than the gap exceeds the same assignment without this
+    pair by more than the gap, so it is not needed.
     """
     part = np.full((len(targets), len(detections)), np.inf)
     for i in range(len(targets)):
@@ -390,35 +409,34 @@ def _part_costs(
 
 @compiled()
 def best_assignments(costs: np.ndarray, count: int, gap: float) -> tuple[np.ndarray, np.ndarray]:
-    """Return the `count` cheapest assignments of (N, M) costs whose totals are near the least.
+    """Return the `count` cheapest assignments of (N, M) costs, within a gap (Murty 1968).
 
-    Being unassigned costs 0, for rows and columns alike; pairs may cost less or more, inf where
-    impossible (Murty 1968).
+    An unassigned row or column costs 0. A pair may cost less or more, and inf if it is impossible.
 
-    gap: by how much totals may exceed the least.
+    gap: greatest difference between a total and the least one.
     Returns (K, N) int64 columns, -1 where a row is unassigned, and (K,) rising totals.
     """
     n, m = costs.shape
     if n == 1:
         return _best_of_one_row(costs[0], HypothesisLimits(count, gap))
-    # Each row has a column of its own, for being unassigned; impossible pairs have a price that
-    # exceeds all differences of possible assignments.
-    price = 1.0
+    # Each row has a column of its own for being unassigned. Impossible pairs cost more than any two
+    # possible assignments differ.
+    impossible_cost = 1.0
     for i in range(n):
         for j in range(m):
             if costs[i, j] < np.inf:
-                price += abs(costs[i, j])
-    wide = np.full((n, m + n), price)
+                impossible_cost += abs(costs[i, j])
+    padded = np.full((n, m + n), impossible_cost)
     for i in range(n):
-        wide[i, m + i] = 0.0
+        padded[i, m + i] = 0.0
         for j in range(m):
             if costs[i, j] < np.inf:
-                wide[i, j] = costs[i, j]
+                padded[i, j] = costs[i, j]
     chosen = np.empty((1 + count * n, n), np.int64)
     barred = np.zeros((1 + count * n, m + n), np.bool_)
     fixed = np.zeros(1 + count * n, np.int64)
     totals = np.full(1 + count * n, np.inf)
-    totals[0] = _complete(wide, price, chosen[0], 0, barred[0])
+    totals[0] = _complete(padded, impossible_cost, chosen[0], 0, barred[0])
     size, worst = 1, totals[0] + gap
     columns, best_totals = np.empty((count, n), np.int64), np.empty(count)
     k = 0
@@ -428,13 +446,13 @@ def best_assignments(costs: np.ndarray, count: int, gap: float) -> tuple[np.ndar
             break
         columns[k], best_totals[k] = chosen[best], totals[best]
         k += 1
-        # All other assignments of this node differ first at one of its rows: a node for each.
+        # The other assignments of this node are divided by the first row in which they differ.
         for row in range(fixed[best], n):
             chosen[size] = chosen[best]
             barred[size] = barred[best] & (row == fixed[best])
             barred[size, chosen[best, row]] = True
             fixed[size] = row
-            totals[size] = _complete(wide, price, chosen[size], row, barred[size])
+            totals[size] = _complete(padded, impossible_cost, chosen[size], row, barred[size])
             if totals[size] <= worst:
                 size += 1
             else:
@@ -456,25 +474,26 @@ def _best_of_one_row(costs: np.ndarray, limits: HypothesisLimits) -> tuple[np.nd
 
 @compiled()
 def _complete(
-    wide: np.ndarray, price: float, chosen: np.ndarray, fixed: int, barred: np.ndarray
+    padded: np.ndarray, impossible_cost: float, chosen: np.ndarray, fixed: int, barred: np.ndarray
 ) -> float:
-    """Choose the cheapest columns of the rows from `fixed` on; return the total, inf if impossible.
+    """Write the cheapest columns of the rows from `fixed` on; return the total, inf if impossible.
 
-    barred: columns that the first of these rows must not have.
+    padded: (N, C) costs. impossible_cost: that of impossible pairs. chosen: (N,) columns of rows;
+    those before `fixed` are not changed. barred: (C,) bool, columns that row `fixed` must not have.
     """
-    n, m = wide.shape
-    left = wide[fixed:].copy()
+    n, m = padded.shape
+    remaining = padded[fixed:].copy()
     total = 0.0
     for i in range(fixed):
-        left[:, chosen[i]] = price
-        total += wide[i, chosen[i]]
+        remaining[:, chosen[i]] = impossible_cost
+        total += padded[i, chosen[i]]
     for j in range(m):
         if barred[j]:
-            left[0, j] = price
-    columns = least_total(left)
+            remaining[0, j] = impossible_cost
+    columns = least_total(remaining)
     for i in range(n - fixed):
-        if left[i, columns[i]] >= price:
+        if remaining[i, columns[i]] >= impossible_cost:
             return np.inf
         chosen[fixed + i] = columns[i]
-        total += left[i, columns[i]]
+        total += remaining[i, columns[i]]
     return total

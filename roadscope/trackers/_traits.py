@@ -135,7 +135,7 @@ class ScoreDistribution(Record):
 
 
 class KnownDetector(NamedTuple):
-    """All that a file of traits says of a detector."""
+    """The content of a file of traits."""
 
     traits: DetectorTraits
     scores: ScoreDistribution
@@ -213,30 +213,30 @@ def _trait(path: Path, data: dict[str, object], trait: str) -> np.ndarray:
 AUTO = "auto"
 UNKNOWN = "unknown"
 UNSCALED = "unscaled"
-"""Of an unknown detector whose scores are no probabilities: only their order counts."""
+"""Name for an unknown detector whose scores are no probabilities: only their order counts."""
 EDGES = np.concatenate([[-9.22], np.linspace(-9.16, 9.16, 25), [9.22]])
 """Of intervals of log odds; scores of 0 and of 1 have an interval each."""
 ROUNDING = 0.005
-"""By how much the lowest and the highest score may be off in a detector's file."""
+"""Rounding error, in log odds, of the lowest and the highest score in a detector's file."""
 OUTLIER_SHARE = 0.05
 """Share of log odds taken to be anywhere between the lowest and the highest of training."""
 CONCENTRATION = 30.0
-"""Scores that a detector's training counts for: scenes differ from training and from each other."""
+"""Weight, in scores, of a detector's training: scenes differ from training and from each other."""
 DECIDED = 20.0
 """Lead in log likelihood from which on the choice no longer changes."""
 # Chosen by hand: of PointRCNN on five of KITTI's sequences the first 100 scores of cars were off by
 # up to 0.22, and by 0.32 and more where half of each log odds was taken for the score.
 FEWEST, FEWEST_OFF = 30, 300
-"""Scores of a section below which neither those beyond training nor the shares are judged."""
+"""Least number of scores in a section for tests of scores beyond training, and of their shares."""
 MOST_OFF, MOST_OFF_OF_ONE = 0.32, 0.5
-"""Greatest difference of cumulative shares from those of training, of n scores: the first plus the
-second over the root of n."""
+"""Greatest difference of cumulative shares from those of training, for n scores: the first plus the
+second divided by the root of n."""
 MOST_BEYOND, MOST_BEYOND_SHARE = 2, 0.01
-"""Scores beyond all of training, of n: the first plus the second times n."""
+"""Greatest number of n scores beyond all those of training: the first plus the second times n."""
 
 
 class UnknownDetectorWarning(UserWarning):
-    """The scores are not those of a detector of which something was learned."""
+    """The scores are not those of a detector whose traits were learned."""
 
 
 class TraitsChoice:

@@ -53,5 +53,5 @@ class OfflineTracker(Tracker, Protocol):
 
 
 def is_offline(kind: Any) -> bool:
-    """Return whether a tracker's class is an offline one."""
+    """Return whether a tracker is an offline one; kind: its class, or an instance."""
     return bool(getattr(kind, "offline", False))
