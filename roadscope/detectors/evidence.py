@@ -1,4 +1,4 @@
-"""Features of a box in a scan, from which its score is computed."""
+"""Features of boxes in a scan, from which their scores are computed."""
 
 from __future__ import annotations
 
@@ -17,17 +17,17 @@ from roadscope.detectors.shape.recognition import Vehicle
 # Kernels: counts of the returns and of the rays in and around each box.
 
 CELL_M = 4.0
-"""Side of the cells into which returns are sorted."""
+"""Side of the cells into which returns are sorted; it changes the time only."""
 EDGE_M = 0.25
-"""Returns up to this far outside a box still belong to it, because of noise."""
+"""Returns up to this far outside a box still belong to it, because of noise. Chosen by hand."""
 DEEP_M = 0.5
-"""Returns at least this far inside every side of a box are deep within it."""
+"""Returns at least this far inside every side of a box are deep within it. Chosen by hand."""
 AROUND_M = 1.5
-"""Width of the neighbourhood around a box."""
+"""Width of the neighbourhood around a box. Chosen by hand."""
 FLOOR_M, LOW_M, DECK_M, CEILING_M = 0.12, 0.3, 0.8, 2.5
-"""Heights above the road. Below `FLOOR_M` returns are of the ground. Above `LOW_M` they are of
-something that stands. Below `DECK_M` a closed body has returns at its sides only. Above `CEILING_M`
-they are of crowns, buildings and lorries."""
+"""Heights above the road, chosen by hand. Below `FLOOR_M` returns are of the ground. Above `LOW_M`
+they are of an object. Below `DECK_M` a closed body has returns at its sides only. Above `CEILING_M`
+they are of tree crowns, buildings and lorries."""
 
 COUNTS = (
     "body",
@@ -105,10 +105,11 @@ def count_returns(
 
     body: returns within the box, between floor and ceiling. ground: returns of the ground deep
     within it. low: returns within it below the deck. deep: how many of these lie deep within it.
-    depth: their mean distance from the sides, metres. top, bottom: greatest and least height of the
-    body's returns, metres. levels: number of their beams. top_level: highest of their beams. above:
-    returns within the box above the ceiling. ends, sides: standing returns beyond its ends and
-    beside it. overhang: returns above the ceiling around it.
+    depth: mean distance of the low ones from the nearest side, at most `2 * DEEP_M`, metres. top,
+    bottom: greatest and least height of the body's returns, metres. levels: number of their beams.
+    top_level: the highest of their beams. above: returns within the box above the ceiling. ends,
+    sides: returns of objects in the neighbourhood, beyond the ends of the box and beside it.
+    overhang: returns above the ceiling in the neighbourhood.
 
     boxes, points (N, 3): metres and radians, ego frame. ring: (N,) int64, beams, lowest first.
     cells: result of `sort_to_cells` for the points.
@@ -178,8 +179,8 @@ def shares_of_rays(
 ) -> np.ndarray:
     """Return for each box shares of the columns towards it, and the number of those that hit it.
 
-    (B, 4): share of columns whose nearest return is before the box, share of those that hit it,
-    share of those that pass beyond it or have no return, and number of those that hit it.
+    (B, 4): share of columns whose nearest return is nearer than the box, share of those that hit
+    it, share of those that pass it or have no return, and number of those that hit it.
     boxes: (B, 5) as in `count_returns`. azimuths, ranges: (C,) radians, increasing, and metres, of
     the nearest return above the ground in each column, seen from the origin. origin: (2,) metres,
     the sensor. step: radians from column to column.
@@ -261,7 +262,26 @@ FEATURES = (
     "small",
     "weighed",
 )
-"""Names of the columns of `features`."""
+"""Names of the columns of `features`.
+
+log_returns, log_columns: logarithms of the number of the body's returns, and of one plus the number
+    of columns that hit the box.
+levels: number of beams with a return from the body.
+range_m: horizontal distance of the centre from the sensor.
+passing: share of the columns towards the box that pass it or have no return.
+top_m, bottom_m: greatest and least height of the body's returns.
+deep: share of the low returns that lie deep within the box; depth_m: their mean distance from the
+    nearest side.
+ground, ends, sides, above, overhang: counts of `count_returns`, as log(1 + 10 * count / body).
+log_residual: logarithm of the root mean square distance of the outline from the faces, metres.
+fit, weighed: the shape's log likelihood, and whether it has one (0 or 1).
+length_m, width_m: of the box.
+view: absolute sine of the angle between heading and line of sight; 1 for a body across it.
+top_level: whether the highest beam of the scan has a return from the body (0 or 1).
+top_share: greatest height over the height of the highest beam at the body's range.
+fill: number of returns over the product of beams and columns that hit the body.
+small: whether the category is a two-wheeler or a pedestrian (0 or 1).
+"""
 
 
 def boxes_of(vehicles: Sequence[Vehicle]) -> np.ndarray:
@@ -275,8 +295,8 @@ def features(
     """Return (B, F) `FEATURES` of the boxes of vehicles.
 
     cloud: the whole scan with its ground. height_m: height of the sensor above the ground. Counts
-    are divided by the number of the body's returns, so that they depend as little as possible on
-    range and number of beams. Logarithms are natural.
+    are divided by the number of the body's returns, so that they depend little on range and on
+    the number of beams. Logarithms are natural.
     """
     boxes = boxes_of(vehicles)
     if not len(boxes) or not len(cloud):
@@ -328,7 +348,7 @@ def _steepest(cloud: Cloud, height_m: float) -> float:
 
 
 def _without_copies(cloud: Cloud) -> Cloud:
-    """Return the cloud with one of equal returns; it is sorted, so equal ones are neighbours."""
+    """Return the cloud without copies of returns; it is sorted, so equal returns are neighbours."""
     same = (np.diff(cloud.column) == 0) & (np.diff(cloud.ring) == 0)
     rows = np.flatnonzero(same)
     copies = rows[(cloud.points[rows + 1] == cloud.points[rows]).all(axis=1)] + 1

@@ -1,4 +1,4 @@
-"""The nearest return in every direction: it may hide a part of a body beyond its outline."""
+"""The nearest return in every direction, which may hide a part of a body beyond its outline."""
 
 from __future__ import annotations
 
@@ -18,7 +18,10 @@ deviations of the LUX's range noise to either side."""
 
 
 class HorizonArrays(NamedTuple):
-    """A `Horizon` for kernels. ends: right and left end of its view, infinite for a full turn."""
+    """A `Horizon` for kernels.
+
+    ends: right and left end of the field of view, radians, infinite for a full turn.
+    """
 
     azimuths: np.ndarray
     ranges: np.ndarray
@@ -28,7 +31,7 @@ class HorizonArrays(NamedTuple):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Horizon:
-    """The nearest returns above the ground around the sensor, one for each column.
+    """The nearest return above the ground in each column of a scan that has one.
 
     azimuths: (C,) radians; ranges: (C,) metres of the nearest return above the ground.
     step: radians from column to column.
@@ -47,8 +50,8 @@ class Horizon:
         """Return the horizon of a scan.
 
         standing: (N,) mask of returns above the ground.
-        view: right and left end of the field of view, radians. If returns lie outside, the sensor
-            sees a full turn.
+        view: right and left end of the field of view, radians. If returns lie outside, the field of
+            view is taken to be a full turn.
         """
         rows = np.flatnonzero(standing)
         rows = rows[order_by(cloud.column[rows])]
@@ -61,35 +64,35 @@ class Horizon:
         return Horizon(azimuths, ranges[nearest], step, view if limited else None, cloud.origin)
 
     def hides_beyond(self, point: np.ndarray, side: int) -> bool:
-        """Return whether a surface may go on unseen beyond a (2,) point.
+        """Return whether a surface may continue, hidden, beyond a (2,) point.
 
-        It may where the field of view ends and where something nearer stands. side: 1 for the left
+        It may at an end of the field of view, and next to a nearer return. side: 1 for the left
         of the point, -1 for the right.
         """
-        return bool(_hides(point, side, self.origin, self.around))
+        return bool(_hides(point, side, self.origin, self.arrays))
 
     def hides(self, outline: np.ndarray) -> tuple[bool, bool]:
         """Return `hides_beyond` to the right of the first and to the left of the last point.
 
         outline: (M, 2) metres, M at least 1.
         """
-        right, left = _hides_ends(outline, self.origin, self.around)
+        right, left = _hides_ends(outline, self.origin, self.arrays)
         return bool(right), bool(left)
 
     @property
-    def around(self) -> HorizonArrays:
-        """The horizon as kernels take it."""
+    def arrays(self) -> HorizonArrays:
+        """The horizon as a record of arrays for kernels."""
         right, left = self.view or (-np.inf, np.inf)
         return HorizonArrays(self.azimuths, self.ranges, self.step, (right, left))
 
 
 def _sweep(cloud: Cloud, view: Bounds) -> tuple[float, bool]:
-    """Return radians from column to column, and whether all returns lie inside the view."""
+    """Return the radians from column to column, and whether all returns lie inside the view."""
     order = order_by(cloud.column)
     first = cloud.select(order[starts_of(cloud.column[order])[:-1]])
     step = _step(first.azimuths, first.column)
     limit = view.high - (view.low + view.high) / 2 + step
-    # One return of each column usually shows a full turn; only otherwise all returns are checked.
+    # One return of each column is usually enough to show a full turn; all are checked otherwise.
     limited = all(_farthest(part, view) <= limit for part in (first, cloud))
     return step, limited
 
@@ -108,29 +111,29 @@ def _step(azimuths: np.ndarray, columns: np.ndarray) -> float:
 
 @compiled()
 def _hides_ends(
-    outline: np.ndarray, origin: np.ndarray, around: HorizonArrays
+    outline: np.ndarray, origin: np.ndarray, horizon: HorizonArrays
 ) -> tuple[bool, bool]:
-    return _hides(outline[0], -1, origin, around), _hides(outline[-1], 1, origin, around)
+    return _hides(outline[0], -1, origin, horizon), _hides(outline[-1], 1, origin, horizon)
 
 
 @compiled()
-def _hides(point: np.ndarray, side: int, origin: np.ndarray, around: HorizonArrays) -> bool:
-    """Return whether a surface may go on unseen beyond a (2,) point on one side.
+def _hides(point: np.ndarray, side: int, origin: np.ndarray, horizon: HorizonArrays) -> bool:
+    """Return `Horizon.hides_beyond`: at an end of the view, or next to a nearer return.
 
-    It may where the view ends, and where a return one or two columns beside the point is nearer.
+    Next to it are returns one or two columns beside the point.
     """
-    step, azimuths = around.step, around.azimuths
+    step, azimuths = horizon.step, horizon.azimuths
     x, y = point[0] - origin[0], point[1] - origin[1]
     azimuth, reach = np.arctan2(y, x), np.hypot(x, y)
-    end = around.ends[(side + 1) // 2]
+    end = horizon.ends[(side + 1) // 2]
     if np.isfinite(end):
-        left = (end - azimuth + np.pi) % (2 * np.pi) - np.pi
-        if abs(left) < 1.5 * step:
+        to_end = (end - azimuth + np.pi) % (2 * np.pi) - np.pi
+        if abs(to_end) < 1.5 * step:
             return True
     for row in range(len(azimuths)):
         off = abs(azimuths[row] - azimuth)
-        # Divisions are slow, and most columns are far away either way around.
-        if min(off, 2 * np.pi - off) > 3 * step or around.ranges[row] >= reach - NEARER_M:
+        # This test has no division, which is slow, and rules out most columns.
+        if min(off, 2 * np.pi - off) > 3 * step or horizon.ranges[row] >= reach - NEARER_M:
             continue
         turn = ((azimuths[row] - azimuth + np.pi) % (2 * np.pi) - np.pi) * side
         if 0.5 * step < turn < 2.5 * step:

@@ -14,7 +14,8 @@ from roadscope.detectors.horizon import Horizon
 from roadscope.detectors.shape.recognition import Vehicle
 
 # --------------------------------------------------------------------------------------------------
-# Weights of the score model: constant, and for every feature its knots and log odds.
+# Weights of the score model: constant, and for every feature its knots and log odds. They were
+# fitted by `research.detector_scores clusters` of the repository.
 
 CONSTANT = -10.312
 CURVES: dict[str, tuple[tuple[float, ...], tuple[float, ...]]] = {

@@ -13,7 +13,7 @@ from roadscope.detectors.sorting import order_by, order_within, starts_of
 INCIDENCE_RAD = np.radians(10.0)
 """Smallest angle between a beam and a surface that is allowed for, as in the paper."""
 MAX_STEPS = 3.5
-"""Most columns between linked neighbours of a beam: two lost returns are bridged, not more."""
+"""Linked neighbours of a beam are less than so many columns apart: two lost returns are bridged."""
 
 
 def cluster_breakpoint(cloud: Cloud, *, range_noise_m: float = 0.1) -> np.ndarray:
@@ -44,11 +44,11 @@ def cluster_breakpoint(cloud: Cloud, *, range_noise_m: float = 0.1) -> np.ndarra
 
 
 def reach(ranges: np.ndarray, steps: np.ndarray) -> np.ndarray:
-    """Return the spacing, (N,) metres, of two returns at the smallest incidence.
+    """Return the spacing, (N,) metres, of two returns of a face at the smallest incidence.
 
-    ranges: (N,) metres, of the nearer one. steps: (N,) radians between the two.
+    ranges: (N,) metres, of the nearer return. steps: (N,) radians between the two beams.
     """
-    # The spacing grows without bound as the step approaches the incidence angle.
+    # At a step of the incidence angle the spacing would be infinite.
     steps = np.minimum(steps, 0.9 * INCIDENCE_RAD)
     spacing: np.ndarray = ranges * np.sin(steps) / np.sin(INCIDENCE_RAD - steps)
     return spacing
@@ -61,7 +61,7 @@ def _resolution(steps: np.ndarray, columns: np.ndarray) -> float:
 
 
 def _along_rings(ring: np.ndarray, azimuths: np.ndarray) -> np.ndarray:
-    """Return pairs of neighbouring returns of a beam, the last and the first one too, (2, P)."""
+    """Return pairs of neighbouring returns of a beam, also of its last and first one, (2, P)."""
     order = order_by(ring)
     starts = starts_of(ring[order])
     order = order[order_within(azimuths[order], starts)]

@@ -87,8 +87,8 @@ class SquareCells(NamedTuple):
 
     points: (N, 2) cell by cell. starts: (C + 1,) int64, where each cell begins in them, and N.
     near, counts: (C, 24) and (C,) int64, the other cells that may have points within the radius of
-    a cell's points; the first `counts[c]` entries of row c are valid. low, high: (C, 2) bounds of
-    the points of a cell.
+    a cell's points, and their number: the first `counts[c]` entries of row c are valid. low, high:
+    (C, 2) bounds of the points of a cell.
     """
 
     points: np.ndarray
@@ -101,7 +101,7 @@ class SquareCells(NamedTuple):
 
 def _sorted_cells(points: np.ndarray, radius: float) -> tuple[np.ndarray, SquareCells]:
     """Return the order of (N, 2) points by cell, then by row, and the cells."""
-    # A little less than the true side: rounding must not put two points of a cell too far apart.
+    # A little less than the true side, so that rounding keeps two points of a cell in the radius.
     side = radius / np.sqrt(2) * (1 - 1e-9)
     x, y = ((axis - axis.min()) / side for axis in points.T)
     column, row = x.astype(np.int64), y.astype(np.int64)
@@ -132,7 +132,7 @@ def _near_cells(cells: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     for c in range(size):
         for step in range(width):
             x, y = cells[c, 0] + step - SPAN, cells[c, 1] - SPAN
-            # Cells are sorted, so the first one that is near enough only ever moves on.
+            # Cells are sorted, so the first near cell of the next cell is no earlier one.
             head = heads[step]
             while head < size and (
                 cells[head, 0] < x or (cells[head, 0] == x and cells[head, 1] < y)
@@ -170,7 +170,7 @@ def _core_points(cells: SquareCells, limit: float, min_points: int) -> np.ndarra
 
 @compiled()
 def _joined_cells(cells: SquareCells, core: np.ndarray, limit: float) -> np.ndarray:
-    """Join cells whose core points are within the radius; return the root of each one's set, (C,).
+    """Join cells whose core points are within the radius; return the root of each cell's set, (C,).
 
     core: (N,) bool. limit: the radius squared.
     """

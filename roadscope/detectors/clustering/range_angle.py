@@ -15,14 +15,16 @@ SPACINGS = 2.0
 """Links are so many spacings long. Neighbours on a face across the beam are one spacing apart, so
 one lost return is bridged."""
 UPRIGHT = 0.05
-"""Two returns of a column whose ranges differ by less than this share lie on an upright face."""
+"""Two returns of a column whose ranges differ by less than this share lie on an upright face.
+Chosen by hand."""
 MOST_SECTORS = 4096
-HAIR = 1e-9
+"""Most sectors of a full turn; it limits the time for scans with very short links."""
+ROUNDING_SHARE = 1e-9
 """Cells are wider than half of the longest link by this share, because of rounding."""
 TURN_ERROR = 2e-5
 """Greatest error of the fast arc tangent that chooses a return's sector, radians."""
-BESIDE = 2
-"""A link spans at most so many cells in range and in angle."""
+CELLS_PER_LINK = 2
+"""Two linked returns lie at most so many cells apart, in range and in angle."""
 
 
 def cluster_range_angle(
@@ -47,9 +49,9 @@ def cluster_range_angle(
     `eps_m` at every range, as printed.
 
     The paper grows a cluster from a seed, then from the farthest returns in six directions, until
-    no return satisfies eq. 1 any more. That gives the linked components, whichever seeds are taken
-    first. The angle limits links, not clusters: a cluster goes on as long as returns follow one
-    another. Zhang 2022's odometry limits clusters too.
+    no return satisfies eq. 1 any more. That gives the connected components of links, in whatever
+    order seeds are taken. The angle limits links, not clusters: a cluster may be wider. In the
+    odometry of Zhang 2022 it limits clusters, too.
     """
     for name, value in (("eps_m", eps_m), ("angle_deg", angle_deg), ("min_points", min_points)):
         if not 0 < value < np.inf:
@@ -71,14 +73,17 @@ def cluster_range_angle(
 def spacing(cloud: Cloud) -> float:
     """Return the angle in radians between neighbouring beams or columns, whichever is wider.
 
-    It is estimated from the returns: neither the cloud nor the paper's input names the beams.
+    It is estimated from the returns, because a cloud does not state the directions of the beams.
     """
     return float(_spacing(cloud.points, cloud.ring, cloud.column, cloud.origin))
 
 
 @compiled()
 def _spacing(points: np.ndarray, ring: np.ndarray, column: np.ndarray, origin: np.ndarray) -> float:
-    """Return the greater of two medians: of angles between beams and between columns."""
+    """Return the greater of two medians: of angles between beams and of angles between columns.
+
+    Angles between beams are measured on upright faces.
+    """
     rises, steps = np.empty(len(ring)), np.empty(len(ring))
     upright, turns, azimuth, first_of_column = 0, 0, 0.0, -1
     here = 0.0
@@ -155,7 +160,7 @@ def _link_rule(cloud: Cloud, eps_m: float, angle: float, *, reach: float) -> Lin
     """Return the rule for a cloud; its angle is no wider than the longest link needs."""
     x, y = (cloud.points[:, :2] - cloud.origin).T
     nearest = max(float(np.sqrt((x * x + y * y).min())), eps_m)
-    # Beyond this angle even the nearest return is out of reach; the 1e-9 allow for rounding.
+    # No link spans a greater angle, not even at the nearest return; 1e-9 allows for rounding.
     share = eps_m / nearest + reach
     widest = np.pi if share >= 1.0 else 1e-9 + float(np.arcsin(share))
     within = min(angle, widest)
@@ -165,14 +170,14 @@ def _link_rule(cloud: Cloud, eps_m: float, angle: float, *, reach: float) -> Lin
 def linked_sets(
     points: np.ndarray, origin: np.ndarray, ring: np.ndarray, rule: LinkRule
 ) -> np.ndarray:
-    """Return for each of (N, 3) points the first row, (N,) int64, of its linked set.
+    """Return for each of (N, 3) points the first row, (N,) int64, of its set of linked points.
 
-    Points are in the order of the sweep. Neighbours in the sweep are linked first: after that most
-    cells are one set, and returns of one set need not be compared.
+    Points are in the order of the sweep. Neighbours in the sweep are linked first: then most cells
+    are in one set, and returns of one set need not be compared.
     """
-    wide = (rule.angle + 2 * TURN_ERROR) / BESIDE * (1 + HAIR)
+    wide = (rule.angle + 2 * TURN_ERROR) / CELLS_PER_LINK * (1 + ROUNDING_SHARE)
     sectors = int(min(2 * np.pi / wide, MOST_SECTORS))
-    sectors = sectors if sectors > 2 * BESIDE else 1
+    sectors = sectors if sectors > 2 * CELLS_PER_LINK else 1
     ranges, sector, shell = _places(points, origin, sectors, rule)
     swept = SweptReturns(points, origin, ranges)
     parents = _linked_neighbours(swept, ring, rule)
@@ -193,9 +198,9 @@ def _places(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return range in metres, sector and shell of each point, (N,).
 
-    Sectors are half as wide as the greatest angle, shells half as wide as the greatest distance.
-    This distance grows with range, so ranges are counted in it: the integral of dr / (eps + reach
-    r).
+    Sectors are half as wide as the greatest angle of a link, shells half as deep as its greatest
+    length. This length grows with range, so ranges are counted in links: the number of links from
+    the axis to r is the integral of dr / (eps + reach r).
     """
     size = len(points)
     ranges = np.empty(size)
@@ -203,14 +208,14 @@ def _places(
     for row in range(size):
         x, y = points[row, 0] - origin[0], points[row, 1] - origin[1]
         ranges[row] = np.sqrt(x * x + y * y)
-        behind = int((quick_azimuth(x, y) / (2 * np.pi) + 0.5) * sectors)
-        sector[row] = behind if behind < sectors else 0
-        limits = ranges[row] / rule.eps_m
+        number = int((quick_azimuth(x, y) / (2 * np.pi) + 0.5) * sectors)
+        sector[row] = number if number < sectors else 0
+        links = ranges[row] / rule.eps_m
         if rule.reach > 0:
-            grown = rule.reach * limits
+            grown = rule.reach * links
             # log takes half the time of log1p, which only small numbers need.
-            limits = (np.log(1.0 + grown) if grown > 1e-3 else np.log1p(grown)) / rule.reach
-        shell[row] = int(BESIDE * limits * (1 - HAIR))
+            links = (np.log(1.0 + grown) if grown > 1e-3 else np.log1p(grown)) / rule.reach
+        shell[row] = int(CELLS_PER_LINK * links * (1 - ROUNDING_SHARE))
     return ranges, sector, shell
 
 
@@ -218,7 +223,7 @@ def _places(
 def quick_azimuth(x: float, y: float) -> float:
     """Return arctan2 of y and x, radians, with an error below 1.2e-5.
 
-    It is a polynomial of Hastings (Abramowitz and Stegun, 4.4.47).
+    It is a polynomial by Hastings (Abramowitz and Stegun, 4.4.47).
     """
     wide, high = abs(x), abs(y)
     most = max(wide, high)
@@ -265,15 +270,15 @@ def _link_cells(
             _link_pair(swept, parents, cells, cell, cell, False, rule)
             whole[cell] = _is_one_set(parents, cells, cell)
     begin = np.searchsorted(sector, np.arange(cells.sectors + 1))
-    around = BESIDE if cells.sectors > 1 else 0
+    around = CELLS_PER_LINK if cells.sectors > 1 else 0
     for cell in range(size):
         for shift in range(around + 1):
             beside = (sector[cell] + shift) % cells.sectors
             other, end = cell + 1, begin[beside + 1]
             if shift > 0:
                 other = begin[beside]
-                other += np.searchsorted(shell[other:end], shell[cell] - BESIDE)
-            while other < end and shell[other] <= shell[cell] + BESIDE:
+                other += np.searchsorted(shell[other:end], shell[cell] - CELLS_PER_LINK)
+            while other < end and shell[other] <= shell[cell] + CELLS_PER_LINK:
                 one_link = whole[cell] and whole[other]
                 _link_pair(swept, parents, cells, cell, other, one_link, rule)
                 other += 1

@@ -8,7 +8,7 @@ from roadscope.core.jit import compiled
 from roadscope.detectors.cloud import Cloud
 
 MOST_CELLS = 4_000_000
-"""A grid with more cells (1000 m square at half a metre) is not stored; its cells are sorted."""
+"""Larger grids (1000 m square at half a metre) are not stored; their occupied cells are sorted."""
 
 
 def grid_above_ground(
@@ -23,13 +23,14 @@ def grid_above_ground(
 
     Returns (N,) bool, true for returns that are kept.
 
-    Li 2021 keeps the cells whose highest and lowest return differ by more than a threshold
-    (`span_m`). With four layers 0.8 deg apart a cell often has returns of one layer only, far away
-    always, and then its span is meaningless. So the calibration decides too: every return more than
-    `clear_m` above the plane on which the wheels stand is kept. A lower return is kept if the span
-    of its cell exceeds the threshold and if the return is at least half of `span_m` above the lower
-    of that plane and the cell's bottom. Returns above `ceiling_m` (crowns, bridges, upper floors)
-    do not tell a footprint and are dropped.
+    Li 2021 keeps the cells of `cell_m` whose highest and lowest return differ by more than a
+    threshold (`span_m`). With four layers 0.8 deg apart a cell often has returns of one layer only,
+    and always far away; then its span is meaningless. So the calibration is used, too: every return
+    more than `clear_m` above the plane on which the wheels stand is kept. A lower return is kept if
+    the span of its cell exceeds the threshold and if the return is more than half of `span_m` above
+    the lower one of that plane and the cell's lowest return. Returns above `ceiling_m` (tree
+    crowns, bridges, upper floors) do not show a footprint and are dropped. The paper prints no
+    values; the defaults are chosen by hand.
     """
     heights = cloud.points[:, 2]
     lowest, highest = _cell_spans(cloud.points, cell_m)

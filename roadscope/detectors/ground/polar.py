@@ -16,8 +16,8 @@ from roadscope.detectors.cloud import Cloud
 MOST_BINS = 4096
 """The last bin of a segment takes all returns that lie beyond it too."""
 LEAST_PROTOTYPES = 3
-"""A line of the ground needs so many measured prototypes: any two lie on a line, even two of one
-bumper."""
+"""A line of the ground needs so many measured prototypes: any two points lie on a line, even two of
+one bumper."""
 
 
 class PolarRule(NamedTuple):
@@ -67,7 +67,8 @@ def polar_above_ground(
     plane on which the wheels stand is the ground until the first line is found. So the rule also
     works with a blind near zone, and with four layers of which two meet the ground. Not only the
     first prototype of a line but also the second lies near the line before it; otherwise a roof and
-    the ground under the sensor would make a ramp. Whatever lies below a line is ground too.
+    the ground under the sensor would form a ramp. Whatever lies below a line is ground, too. The
+    defaults are chosen by hand.
     """
     if not len(cloud):
         return np.zeros(0, bool)
@@ -158,11 +159,14 @@ def _segment_lines(
 ) -> int:
     """Fill first and last bin, slope and offset of a segment's lines; return how many there are.
 
-    Algorithm 1 of the paper. The points of a line have one bin each, so their ranges differ.
+    Algorithm 1 of the paper. Each point of a line is in another bin, so their ranges differ.
+
+    ranges, heights: (B,) metres, prototypes of the segment, inf for none. ends, lines: (B + 2, 2),
+    filled in.
     """
     ends[0], lines[0] = 0, 0.0
-    # 1 while the points of the line include the ground under the sensor, else 0.
-    count, first, foot = 1, 0, 1
+    # under_sensor: 1 while the points of the line include the ground under the sensor, else 0.
+    count, first, under_sensor = 1, 0, 1
     # How many points the line has, and the sums of r, z, r^2, rz and z^2 over them.
     size, sum_r, sum_z, sum_rr, sum_rz, sum_zz = 1.0, 0.0, 0.0, 0.0, 0.0, 0.0
     for b in range(len(ranges)):
@@ -183,11 +187,11 @@ def _segment_lines(
             high = abs(slope) <= rule.flat_slope and abs(offset) > rule.intercept_m
             if steep or high or off > rule.residual_m:
                 size, sum_r, sum_z, sum_rr, sum_rz, sum_zz = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
-                foot = 0
+                under_sensor = 0
                 continue
-            if n >= LEAST_PROTOTYPES + foot:
+            if n >= LEAST_PROTOTYPES + under_sensor:
                 # A line that includes the ground under the sensor replaces the wheels' plane.
-                count += n == LEAST_PROTOTYPES and not foot
+                count += n == LEAST_PROTOTYPES and not under_sensor
                 ends[count - 1, 0], ends[count - 1, 1] = first, b
                 lines[count - 1, 0], lines[count - 1, 1] = slope, offset
         elif abs(z - lines[count - 1, 0] * r - lines[count - 1, 1]) <= rule.resume_m:

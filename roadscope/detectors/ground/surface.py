@@ -1,4 +1,4 @@
-"""The height of the ground around the sensor, estimated outwards from the vehicle."""
+"""The height of the ground around the sensor, estimated outwards from the ego."""
 
 from __future__ import annotations
 
@@ -11,28 +11,33 @@ from roadscope.core.jit import compiled
 from roadscope.detectors.cloud import Cloud
 
 SECTORS = 120
-"""Sectors around the sensor, 3 degrees each: a car ahead at 30 m fills one, its sides are free."""
+"""Sectors around the sensor, 3 degrees each: a car ahead at 30 m fills one, its neighbours are
+free."""
 FIRST_M, BIN_M, GROWTH, BINS = 2.0, 0.7, 0.035, 72
-"""Sectors are cut into bins of range: where the first begins, the least length of one, and its
-length as a share of range; the last ends at about 110 m."""
+"""Sectors are cut into `BINS` bins of range: where the first begins, the least length of a bin, and
+its length as a share of range; the last ends at about 110 m. Chosen by hand."""
 FLAT_M, STANDING_M = 0.12, 1.2
-"""Most returns of a bin that shows ground lie within the first of its lowest one, not between
-both: those are a face. What is higher (crowns) says nothing."""
+"""A bin shows no ground if more returns lie between both heights above its lowest return than below
+the first: those are of an upright face. Higher ones, of tree crowns, do not count. Chosen by
+hand."""
 
 
 class GroundRule(NamedTuple):
     """What is assumed of roads and of the mounting; chosen by hand on simulated roads.
 
-    height_m, tilt: standard deviations of the believed height and, in radians, of pitch and roll
-        against the ground near the vehicle; `slope` is what the plane fitted to it leaves.
-    bend: variance of the change of slope a metre; 0.0004 is 2.6 degrees in 5 m.
+    height_m, tilt: standard deviations of the calibrated height and, in radians, of the calibrated
+        pitch and roll against the ground near the ego. slope: of the slope of the ground against
+        the plane that is fitted there.
+    bend: variance of the slope that is added per metre; 0.0004 is 2.6 degrees in 5 m.
     steepest: greatest slope, that of banks beside the road.
     noise_m: standard deviation of the lowest return of a bin from the ground.
-    gate: standard deviations within which a return is taken for ground, beyond twice `noise_m`.
-    kerb_m, across: standard deviation between the heights of neighbours, and what it grows by
-        with the distance between them.
-    gap_m: where the ground is less certain than this, a sector alone is not believed: its
-        neighbours must agree, to `lean_m` and within `leap_m` beyond twice `noise_m`.
+    gate: a return is taken for ground within so many standard deviations plus twice `noise_m`.
+    kerb_m, across: standard deviation between the heights of neighbouring sectors at distance 0,
+        and its growth with the distance between them.
+    gap_m: where the standard deviation of the ground exceeds this, the neighbours decide. lean_m:
+        standard deviation of the height on which they agree, and of the slope if the estimate is
+        replaced. leap_m: greatest distance of that height from the estimate, beyond twice
+        `noise_m`.
     """
 
     height_m: float = 0.15
@@ -50,16 +55,17 @@ class GroundRule(NamedTuple):
 
 
 RULE = GroundRule()
-BESIDE, BELIEVED = 4, 3
-"""Neighbours on either side that a sector is compared with, and how many bins at least show ground
-where it is uncertain; in a gap it is more than half of them."""
+SIDE_SECTORS, LEAST_SHOWING = 4, 3
+"""A sector is compared with so many on either side. Where the ground is uncertain, at least
+`LEAST_SHOWING` of these nine must show ground; beyond `gap_m` more than half of them."""
 FLAT_GROUND_M, UNEVEN_GROUND_M = 0.1, 0.25
-"""Ground nearer than the first to the plane on which the wheels stand is taken for that plane, as
-calibrated; between the two the estimate takes over."""
+"""Where the estimate is nearer than the first to the calibrated plane on which the wheels stand,
+that plane is used. Beyond the second the estimate is used, between both a weighted mean. Chosen by
+hand."""
 LEAST_BEAMS, LEAST_SECTORS, LEAST_BINS = 8, 12, 3.0
-"""A sensor of fewer beams, as the LUX of four layers, sees the road at one or two ranges: too
-little for an estimate. So is ground in fewer sectors, or in fewer bins of them on average.
-Scans without beam numbers have only the number 0; the first rule is not for them."""
+"""With fewer beams, such as the four layers of the LUX, the road has returns at one or two ranges
+only, too few for an estimate. Ground in fewer sectors, or in fewer bins of a sector on average, is
+too little, too. In scans without beam numbers all are 0; the first rule does not hold for them."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -77,10 +83,11 @@ class GroundSurface:
     def of(cloud: Cloud, rule: GroundRule = RULE) -> GroundSurface:
         """Estimate the ground of a whole scan.
 
-        A plane is fitted to the ground near the vehicle, starting at the calibrated one. From
-        there a front of sectors grows outwards: in each a Kalman filter over range follows height
-        and slope of the lowest returns, and takes what it does not see from its neighbours. So
-        the ground may rise, fall and lean, and cars and walls are passed by.
+        A plane is fitted to the ground near the ego, beginning with the calibrated one. From there
+        the estimate proceeds outwards, bin by bin in all sectors: in each sector a Kalman filter
+        over range estimates height and slope from the lowest returns, and from the neighbouring
+        sectors where it has none. So the ground may rise, fall and lean, and lowest returns of
+        cars and walls are left out.
         """
         if not len(cloud) or 0 < cloud.ring.max() < LEAST_BEAMS - 1:
             return GroundSurface(None, cloud.origin)
@@ -169,22 +176,22 @@ GATES_M = (1.0, 0.5, 0.3, 0.2, 0.15, 0.15)
 def _near_plane(ranges: np.ndarray, lows: np.ndarray, rule: GroundRule) -> np.ndarray:
     """Return height at the sensor and slopes along x and y of the ground near the vehicle, (3,).
 
-    Bins count by robust least squares; the calibrated plane counts as a measurement of it.
+    Robust least squares over bins; the calibrated plane is the prior.
     """
     s, b = np.nonzero((ranges < NEAR_M) & (lows < np.inf))
     reach, z = ranges[s, b], lows[s, b]
-    turn = (s + 0.5) / SECTORS * 2 * np.pi - np.pi
-    rows = np.column_stack([np.ones(len(s)), reach * np.cos(turn), reach * np.sin(turn)])
+    azimuth = (s + 0.5) / SECTORS * 2 * np.pi - np.pi
+    rows = np.column_stack([np.ones(len(s)), reach * np.cos(azimuth), reach * np.sin(azimuth)])
     weight = np.array([rule.height_m, rule.tilt, rule.tilt]) ** -2.0
     plane = np.zeros(3)
     for gate_m in GATES_M:
         off = z - rows @ plane
         near = np.abs(off) < gate_m
-        # Bins near each other err alike: a hundred of them count as one that is ten times as good.
-        share = 1.0 / (rule.noise_m**2 * max(near.sum() / 100.0, 1.0))
+        # Errors of near bins are correlated, so all bins together weigh at most as much as 100.
+        bin_weight = 1.0 / (rule.noise_m**2 * max(near.sum() / 100.0, 1.0))
         chosen = rows[near]
-        normal = np.diag(weight) + share * chosen.T @ chosen
-        plane = np.linalg.solve(normal, share * chosen.T @ z[near])
+        normal = np.diag(weight) + bin_weight * chosen.T @ chosen
+        plane = np.linalg.solve(normal, bin_weight * chosen.T @ z[near])
     return plane
 
 
@@ -192,15 +199,18 @@ def _near_plane(ranges: np.ndarray, lows: np.ndarray, rule: GroundRule) -> np.nd
 def _front(
     ranges: np.ndarray, lows: np.ndarray, plane: np.ndarray, rule: GroundRule
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the height of the ground at the middles of bins, (S, B), and which showed it."""
+    """Return the heights of the ground at the middles of bins, (S, B), and which bins showed it.
+
+    ranges, lows: (S, B) as from `_lowest`. plane: (3,) as from `_near_plane`.
+    """
     heights, accepted = np.empty((SECTORS, BINS)), np.zeros((SECTORS, BINS), np.bool_)
     # Height and slope of each sector, and their covariance.
     state, var = np.empty((SECTORS, 2)), np.empty((SECTORS, 3))
-    off, before, spread = np.empty((3, SECTORS))
-    beside = np.empty(2 * BESIDE + 1)
+    off, predicted, spread = np.empty((3, SECTORS))
+    beside = np.empty(2 * SIDE_SECTORS + 1)
     for s in range(SECTORS):
-        turn = (s + 0.5) / SECTORS * 2 * np.pi - np.pi
-        slope = plane[1] * np.cos(turn) + plane[2] * np.sin(turn)
+        azimuth = (s + 0.5) / SECTORS * 2 * np.pi - np.pi
+        slope = plane[1] * np.cos(azimuth) + plane[2] * np.sin(azimuth)
         state[s, 0], state[s, 1] = plane[0] + slope * MIDDLES_M[0], slope
         var[s, 0], var[s, 1], var[s, 2] = rule.noise_m**2, 0.0, rule.slope**2
     for b in range(BINS):
@@ -210,35 +220,35 @@ def _front(
             var[s, 0] += step * (2 * var[s, 1] + step * var[s, 2]) + rule.bend * step**3 / 3
             var[s, 1] += step * var[s, 2] + rule.bend * step**2 / 2
             var[s, 2] += rule.bend * step
-        before[:], spread[:] = state[:, 0], var[:, 0]
-        aside = rule.kerb_m**2 + (MIDDLES_M[b] * 2 * np.pi / SECTORS * rule.across) ** 2
+        predicted[:], spread[:] = state[:, 0], var[:, 0]
+        beside_variance = rule.kerb_m**2 + (MIDDLES_M[b] * 2 * np.pi / SECTORS * rule.across) ** 2
         for s in range(SECTORS):
             for side in (-1, 1):
                 n = (s + side) % SECTORS
-                _update(state[s], var[s], 0.0, before[n], spread[n] + aside)
+                _update(state[s], var[s], 0.0, predicted[n], spread[n] + beside_variance)
             # It is inf or nan where the bin shows no ground; neither is less than inf.
             off[s] = lows[s, b] - state[s, 0] - (ranges[s, b] - MIDDLES_M[b]) * state[s, 1]
         for s in range(SECTORS):
             count = _neighbours(off, s, beside)
             near, unsure = 2 * rule.noise_m, np.sqrt(var[s, 0])
-            continues = unsure < near or (unsure < rule.gap_m and count >= BELIEVED)
-            if not continues and count > BESIDE:
-                # What most neighbours see: a car fills a third of them.
+            continues = unsure < near or (unsure < rule.gap_m and count >= LEAST_SHOWING)
+            if not continues and count > SIDE_SECTORS:
+                # Two thirds of the neighbours are not lower: bodies are higher than the ground.
                 common = beside[count // 3]
                 gate = near + min(rule.gate * unsure, rule.leap_m)
                 if common < -gate:
-                    # Nothing returns from below the ground: what was followed was none.
-                    turn = (s + 0.5) / SECTORS * 2 * np.pi - np.pi
+                    # No return comes from below the ground, so the estimate was not the ground.
+                    azimuth = (s + 0.5) / SECTORS * 2 * np.pi - np.pi
                     state[s, 0] += common
-                    state[s, 1] = plane[1] * np.cos(turn) + plane[2] * np.sin(turn)
+                    state[s, 1] = plane[1] * np.cos(azimuth) + plane[2] * np.sin(azimuth)
                     var[s, 0], var[s, 1], var[s, 2] = rule.lean_m**2, 0.0, rule.lean_m**2
                 elif common < gate:
                     _update(state[s], var[s], 0.0, state[s, 0] + common, rule.lean_m**2)
                 continues = common < gate
             if continues and off[s] < np.inf:
                 ahead = ranges[s, b] - MIDDLES_M[b]
-                left = lows[s, b] - state[s, 0] - ahead * state[s, 1]
-                if abs(left) < near + rule.gate * np.sqrt(var[s, 0]):
+                residual = lows[s, b] - state[s, 0] - ahead * state[s, 1]
+                if abs(residual) < near + rule.gate * np.sqrt(var[s, 0]):
                     _update(state[s], var[s], ahead, lows[s, b], rule.noise_m**2)
                     accepted[s, b] = True
             state[s, 1] = min(max(state[s, 1], -rule.steepest), rule.steepest)
@@ -248,12 +258,12 @@ def _front(
 
 @compiled()
 def _neighbours(off: np.ndarray, s: int, beside: np.ndarray) -> int:
-    """Sort the values of a sector and of its neighbours that show ground into `beside`.
+    """Write the values of a sector and of its neighbours, rising, into `beside`; return how many.
 
-    off: (S,) metres; inf or nan where there is no ground. Returns how many there are.
+    off: (S,) metres; those that are inf or nan, where a sector shows no ground, are left out.
     """
     count = 0
-    for n in range(s - BESIDE, s + BESIDE + 1):
+    for n in range(s - SIDE_SECTORS, s + SIDE_SECTORS + 1):
         value = off[n % SECTORS]
         if value < np.inf:
             k = count
@@ -267,29 +277,36 @@ def _neighbours(off: np.ndarray, s: int, beside: np.ndarray) -> int:
 
 @compiled()
 def _update(state: np.ndarray, var: np.ndarray, ahead: float, height: float, noise: float) -> None:
-    """Update height and slope by a height measured that far ahead, with that variance."""
+    """Update a Kalman filter of height and slope by a height measured `ahead` metres farther.
+
+    state: (2,) height and slope. var: (3,) variance of the height, covariance, variance of the
+    slope. noise: variance of the measured height.
+    """
     to_height = var[0] + ahead * var[1]
     to_slope = var[1] + ahead * var[2]
     total = to_height + ahead * to_slope + noise
-    gain, turn = to_height / total, to_slope / total
-    off = height - state[0] - ahead * state[1]
-    state[0] += gain * off
-    state[1] += turn * off
+    height_gain, slope_gain = to_height / total, to_slope / total
+    residual = height - state[0] - ahead * state[1]
+    state[0] += height_gain * residual
+    state[1] += slope_gain * residual
     var[0], var[1], var[2] = (
-        var[0] - gain * to_height,
-        var[1] - gain * to_slope,
-        var[2] - turn * to_slope,
+        var[0] - height_gain * to_height,
+        var[1] - height_gain * to_slope,
+        var[2] - slope_gain * to_slope,
     )
 
 
 @compiled()
 def _between(heights: np.ndarray, sector: np.ndarray, place: np.ndarray) -> np.ndarray:
-    """Interpolate (S, B) heights at returns, (N,), between sectors and between bins."""
-    found = np.empty(len(sector))
+    """Return (S, B) heights at returns, (N,), interpolated between sectors and between bins.
+
+    sector, place: (N,) as from `_polar`.
+    """
+    below = np.empty(len(sector))
     for i in range(len(sector)):
-        turn, b = sector[i] - 0.5, min(int(place[i]), BINS - 2)
-        s = int(np.floor(turn))
-        u, v, near, far = turn - s, place[i] - b, s % SECTORS, (s + 1) % SECTORS
+        middle, b = sector[i] - 0.5, min(int(place[i]), BINS - 2)
+        s = int(np.floor(middle))
+        u, v, near, far = middle - s, place[i] - b, s % SECTORS, (s + 1) % SECTORS
         one = heights[near, b] * (1 - v) + heights[near, b + 1] * v
-        found[i] = one * (1 - u) + u * (heights[far, b] * (1 - v) + heights[far, b + 1] * v)
-    return found
+        below[i] = one * (1 - u) + u * (heights[far, b] * (1 - v) + heights[far, b + 1] * v)
+    return below
