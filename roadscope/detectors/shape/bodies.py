@@ -1,12 +1,12 @@
-"""The sizes of road users: the prior that completes a body of which only a part was measured.
+"""The sizes of road users: the prior by which a body is completed if only a part was measured.
 
 The figures are means and standard deviations over the outer dimensions that makers publish, without
 mirrors: small to large cars, small and large vans, rigid trucks of 6 to 9 m, rigid and articulated
 trucks at the length that Directive 96/53/EC allows, city buses, and two-wheelers with their riders.
 
 Shares sum to one. They are our guess at mixed European traffic, not statistics. Only their ratios
-count, and only where sizes leave a doubt: if a body is twice as common, that outweighs 1.2 standard
-deviations of one dimension.
+matter, and only if several bodies fit: one that is twice as common, but 1.2 standard deviations off
+in one dimension, is as likely as one that fits exactly.
 """
 
 from __future__ import annotations

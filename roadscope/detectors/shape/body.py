@@ -19,23 +19,25 @@ from roadscope.detectors.shape.l_shape import vehicles_by_l_shape
 from roadscope.detectors.shape.recognition import Vehicle
 
 SLACKS_M = (0.15, 0.05, 0.02, 0.0, 0.0)
-"""Added, in successive rounds, to the noise of ranges and to the width of edges, see `descend`."""
-MOVED_M = 2.0
-"""A fit that ends farther than this from the L-shape has diverged; then the L-shape is returned."""
+"""Added, in successive iterations, to the noise of ranges and to the width of edges, see
+`descend`."""
+MOST_MOVED_M = 2.0
+"""A fit that ends farther than this from the L-shape has diverged; then the L-shape is returned.
+Chosen by hand."""
 MOST_POINTS = 32
-"""Most points of an outline that are used."""
-BESIDE = 3
-"""Columns beyond either end of the outline whose rays are used."""
+"""Most points of an outline that are used; more take more time. Chosen by hand."""
+COLUMNS_BESIDE = 3
+"""Columns beyond either end of the outline whose rays are used. Chosen by hand."""
 NOISE_M = (0.02, 0.15)
-"""The estimated noise of an outline is clipped to these bounds."""
+"""Bounds to which the estimated noise of an outline is clipped: those of data sheets and more."""
 
 
 def vehicles_by_body(cluster: Cluster, horizon: Horizon) -> list[Vehicle]:
     """Return the road users of a cluster, cars to buses fitted as bodies with rounded corners.
 
-    The search-based L-shape decides which kind of road user it is; the sizes of that kind are the
-    prior of length and width. Rays that pass beside the ends of the outline bound the body; rays
-    that end nearer do not.
+    The kind of road user is that of the searched L-shape; the sizes of that kind are the prior of
+    length and width. Rays that pass beside the ends of the outline bound the body; rays that end
+    nearer do not.
     """
     vehicles = vehicles_by_l_shape(cluster, horizon)
     if len(vehicles) != 1 or vehicles[0].category not in BOX_SHAPED or len(cluster.outline) < 3:
@@ -54,7 +56,7 @@ def _fitted(vehicle: Vehicle, cluster: Cluster, horizon: Horizon) -> Vehicle:
     ends = descend(problem, starts, SLACKS_M, around=0)
     state = problem.states(ends.vectors[[ends.costs.argmin()]])[0]
     x, y, yaw = state[:3].tolist()
-    if not math.dist((x, y), vehicle.centre) < MOVED_M:
+    if not math.dist((x, y), vehicle.centre) < MOST_MOVED_M:
         return vehicle
     size = (*model.sizes(state), vehicle.size[2])
     return replace(vehicle, centre=(x, y), size=size, yaw=math.atan(math.tan(yaw)))
@@ -69,15 +71,15 @@ def outline_rays(outline: np.ndarray, origin: np.ndarray, horizon: Horizon) -> B
     offsets = outline[:: -(-len(outline) // MOST_POINTS)] - origin
     reach, azimuths = np.hypot(*offsets.T), np.arctan2(offsets[:, 1], offsets[:, 0])
     noise_m = _noise(reach)
-    steps = horizon.step * np.arange(1, BESIDE + 1)
+    steps = horizon.step * np.arange(1, COLUMNS_BESIDE + 1)
     ends = np.arctan2(*(outline[[0, -1]] - origin).T[::-1])
     beside = np.concatenate([ends[0] - steps, ends[1] + steps])
     if horizon.view is not None:
         right, left = horizon.view
         beside = beside[wrap_angle(beside - right) <= wrap_angle(left - right)]
-    past = np.array([_reach_towards(azimuth, horizon) for azimuth in beside])
-    kinds = np.where(np.isfinite(past), PASSED, EMPTY)
-    azimuths, reach = np.append(azimuths, beside), np.append(reach, past)
+    reach_beside = np.array([_reach_towards(azimuth, horizon) for azimuth in beside])
+    kinds = np.where(np.isfinite(reach_beside), PASSED, EMPTY)
+    azimuths, reach = np.append(azimuths, beside), np.append(reach, reach_beside)
     count = len(reach)
     return BodyRays(
         np.tile([*origin, 1.0], (count, 1)),
@@ -100,9 +102,9 @@ def _reach_towards(azimuth: float, horizon: Horizon) -> float:
 
 
 def _noise(reach: np.ndarray) -> float:
-    """Return the noise of ranges along an outline, from each one's offset from its neighbours.
+    """Return the standard deviation, metres, of the noise of (M,) ranges along an outline.
 
-    reach: (M,) metres. Returns a standard deviation in metres.
+    It is estimated from the offset of each range from the mean of its two neighbours.
     """
     if len(reach) < 3:
         return NOISE_M[1]

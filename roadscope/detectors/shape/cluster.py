@@ -1,4 +1,4 @@
-"""Returns that belong together, and the outline that they show to the sensor."""
+"""Clusters of returns, and their outlines as the sensor measures them."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from roadscope.detectors.cloud import Cloud
 from roadscope.detectors.sorting import order_by, order_within, starts_of
 
 # --------------------------------------------------------------------------------------------------
-# The outline that a cluster shows to the sensor.
+# The outline of a cluster.
 
 DEPTH_M = 0.6
 """Returns up to this far behind the nearest one of a column may lie on the same face: three
@@ -27,8 +27,8 @@ def contours(cloud: Cloud, labels: np.ndarray) -> list[np.ndarray]:
     labels: (N,) int64, negative for none. Outlines are in metres, ego frame, by rising label,
     from right to left as the sensor sees them.
 
-    The paper's points are (x, y) in the order of the scan, and it does not say how the four layers
-    are joined. Here a column gives one point, at the median range of the cluster's returns on the
+    Lu 2018 takes points (x, y) in the order of the scan and does not say how the four layers are
+    combined. Here a column gives one point, at the median range of the cluster's returns on the
     face nearest to the sensor. What is behind that face, such as a windscreen or a roof, is no part
     of the outline.
     """
@@ -126,7 +126,7 @@ def clusters(cloud: Cloud, labels: np.ndarray) -> Iterator[Cluster]:
 
 @compiled()
 def diagonal(points: np.ndarray) -> float:
-    """Return the diagonal of the upright box seen from above around points (N, 2 or 3), N > 0."""
+    """Return the diagonal of the box, along x and y, around points (N, 2 or 3), N at least 1."""
     x, y = points[0, 0], points[0, 1]
     left, right, low, high = x, x, y, y
     for i in range(1, len(points)):

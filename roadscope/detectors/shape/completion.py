@@ -1,4 +1,4 @@
-"""Completes a cluster to a whole body, given its heading and the faces turned to the sensor."""
+"""Completes a cluster to a whole body, from a heading and the faces turned to the sensor."""
 
 from __future__ import annotations
 
@@ -20,8 +20,9 @@ from roadscope.detectors.shape.recognition import Vehicle
 # The bodies in a cluster; one that holds several is cut where its outline jumps.
 
 MIN_POINTS = 3
+"""Least number of returns of a road user."""
 LEAST_M = 0.25
-"""Least diagonal of a cluster: a thin post is no road user."""
+"""Least diagonal of a cluster: a thin post is no road user. Chosen by hand."""
 FIT_MIN = -18.0
 """Least log likelihood of the best kind of body; far below that of any road user in our scans."""
 JUMP_M = 0.6
@@ -31,7 +32,7 @@ RAGGED_M = 0.3
 """Greatest root mean square distance of an outline from its faces; above it the outline is probably
 that of two bodies. It is three times the range noise of the LUX."""
 CUTS = 3
-"""A cluster is cut in two, and its parts again, at most so often."""
+"""A cluster is cut in two, its parts are cut again, and so on, at most so often."""
 
 Fit = Callable[[Cluster, Horizon], Vehicle | None]
 """Returns the road user that fits a cluster, None if none does."""
@@ -40,8 +41,8 @@ Fit = Callable[[Cluster, Horizon], Vehicle | None]
 def bodies_in(cluster: Cluster, horizon: Horizon, fit: Fit, *, cuts: int = CUTS) -> list[Vehicle]:
     """Return the road user that fits a cluster, or those that fit its parts.
 
-    The cluster is cut where no road user fits, or where the outline does not follow the faces of
-    the one that fits best.
+    The cluster is cut if no road user fits, or if the outline departs from the faces of the one
+    that fits best.
     """
     vehicle = fit(cluster, horizon) if is_body_sized(cluster) else None
     if vehicle is not None and vehicle.residual_m <= RAGGED_M:
@@ -150,30 +151,38 @@ FACE_M = 0.4
 """Outline points up to this far behind the nearest one belong to a face: range noise, and corners
 of 0.35 m."""
 SLACK_M = 0.1
-"""Standard deviation of an edge, besides the spacing of the returns: noise and round corners."""
+"""Standard deviation of an edge, besides the spacing of the returns: noise and round corners.
+Chosen by hand."""
 LOST, GRAZING = 0.1, 0.2
-"""Probability that the far end of a face has no returns, and how it grows at grazing incidence,
-where too little light comes back: the excess over `LOST` falls by a factor e for each `GRAZING` of
-the cosine of incidence."""
+"""The far part of a side has no returns with the probability LOST + (1 - LOST) exp(-c / GRAZING),
+where c is the cosine of incidence: at grazing incidence too little light comes back. Chosen by
+hand."""
 CORNER_M, NO_FACE = 0.5, 0.6
 """If less than `CORNER_M` of a side is visible, which a round corner and noise can show of any
-side, the probability is at least `NO_FACE` that the rest of the side has no returns."""
-UNSEEN = 0.25
-"""Density, per metre, of the visible length of a side whose far part has no returns."""
+side, this probability is at least `NO_FACE`. Chosen by hand."""
+PARTIAL_DENSITY = 0.25
+"""Probability density, 1/m, of the visible length of a side whose far part has no returns. Chosen
+by hand."""
+MOST_SPACING_M = 5.0
+"""Greatest spacing of returns along a side. Chosen by hand."""
+SPACING_SHARE = 0.3
+"""Standard deviation of an end between two beams, as a share of their spacing: that of a uniform
+distribution is 12^-1/2."""
 LEVELS = 5
-"""With at least so many beams on a body, its highest return tells its height."""
+"""With returns of at least so many beams on a body, the highest one shows its height. Chosen by
+hand."""
 CLIPPED_M = 2.2
-"""A highest return above this only bounds the height from below: ground removal drops higher
-ones."""
+"""A highest return above this only bounds the height from below, because ground removal drops
+higher ones."""
 
 
 class BodySide(NamedTuple):
     """A body along one of its axes; coordinates along the axis in metres.
 
-    low, high: lowest and highest return. facing: side that faces the sensor, -1 for the low one, 1
-    for the high one, 0 if the sensor is in between. face: coordinate of that side. sensor:
-    coordinate of the sensor. open_low, open_high: whether a part of the body may be hidden beyond
-    the low and the high end.
+    low, high: least and greatest coordinate of a return. facing: end that faces the sensor, -1 for
+    the low one, 1 for the high one, 0 if the sensor is in between. face: coordinate of the face at
+    that end. sensor: coordinate of the sensor. open_low, open_high: whether a part of the body may
+    be hidden beyond the low and the high end.
     """
 
     low: float
@@ -239,9 +248,9 @@ def _top_and_gap(points: np.ndarray, ring: np.ndarray) -> tuple[float, float]:
 
 @compiled()
 def _visible_sides(shown: ShownCluster, yaw: float) -> tuple[BodySide, BodySide, float]:
-    """Return a body along its heading and across it, and the misfit of the outline.
+    """Return a cluster's body along a heading, across it, and the misfit of the outline.
 
-    The misfit is the root mean square distance of the outline from the faces, metres.
+    The misfit is the root mean square distance of the outline from the nearer face, metres.
     """
     cos, sin = np.cos(yaw), np.sin(yaw)
     one, other = _side_along(shown, cos, sin), _side_along(shown, -sin, cos)
@@ -255,7 +264,7 @@ def _visible_sides(shown: ShownCluster, yaw: float) -> tuple[BodySide, BodySide,
         if shown.hidden_left if end else shown.hidden_right:
             x, y = outline[-end]
             u, v = x * cos + y * sin, y * cos - x * sin
-            # If the outline ends on a face across one axis, its body goes on along the other axis.
+            # If the outline ends on a face across one axis, its body may continue along the other.
             if _distance(one, u) <= _distance(other, v):
                 open_other[1 if v > (other.low + other.high) / 2 else 0] = True
             else:
@@ -317,13 +326,13 @@ def _likeliest_body(
         mean, spread = bodies.means[b], bodies.spreads[b]
         slack = np.sqrt(spread[2] * spread[2] + SLACK_M * SLACK_M)
         if gap < 0.0:
-            high = np.log(max(0.5 * math.erfc((top - mean[2]) / slack * 0.70710678), 1e-300))
+            height_fit = np.log(max(0.5 * math.erfc((top - mean[2]) / slack * 0.70710678), 1e-300))
         else:
             variance = slack * slack + gap * gap / 12.0
             off = top + 0.5 * gap - mean[2]
-            high = -0.5 * off * off / variance - 0.5 * np.log(variance)
+            height_fit = -0.5 * off * off / variance - 0.5 * np.log(variance)
         for along in range(2):
-            total = bodies.log_shares[b] + high
+            total = bodies.log_shares[b] + height_fit
             total += _side_fits(one, other, step, mean[along], spread[along])[0]
             total += _side_fits(other, one, step, mean[1 - along], spread[1 - along])[0]
             if total > best:
@@ -350,9 +359,9 @@ def _side_fits(
 ) -> tuple[float, float]:
     """Return the log likelihood of the visible extent along an axis, and the expected extent.
 
-    The visible extent is either the whole one, less up to a spacing of returns, or any part of it.
-    other: the other axis. step: radians from column to column. mean, spread: prior mean and
-    standard deviation of the extent, metres.
+    Either the whole extent is visible, except for up to one spacing of returns at each far end, or
+    any part of it is. other: the other axis. step: radians from column to column. mean, spread:
+    prior mean and standard deviation of the extent, metres.
     """
     across = abs(other.face - other.sensor) if other.facing != 0.0 else 0.0
     if side.facing == 0.0:
@@ -363,29 +372,29 @@ def _side_fits(
         far = abs(side.face - side.sensor) + visible
     reach = np.sqrt(far * far + across * across)
     hidden = side.open_low or side.open_high
-    part, spacing = 1.0, 0.0
-    # Something in front may cut a side anywhere; at grazing incidence any part may have no returns.
-    cut_density = 1.0 / max(mean, 0.5) if hidden else UNSEEN
+    partial, spacing = 1.0, 0.0
+    # Behind a nearer object, and at grazing incidence, the returns of a side may end anywhere.
+    density = 1.0 / max(mean, 0.5) if hidden else PARTIAL_DENSITY
     if not hidden and across > 0.0:
         cosine = across / reach
-        spacing = min(reach * step / max(cosine, 1e-3), 5.0)
-        part = LOST + (1.0 - LOST) * np.exp(-cosine / GRAZING)
+        spacing = min(reach * step / max(cosine, 1e-3), MOST_SPACING_M)
+        partial = LOST + (1.0 - LOST) * np.exp(-cosine / GRAZING)
         if side.facing != 0.0 and visible < CORNER_M:
-            part = max(part, NO_FACE)
+            partial = max(partial, NO_FACE)
     ends = 2.0 if side.facing == 0.0 else 1.0
     whole = visible + 0.5 * ends * spacing
-    error = 0.3 * ends * spacing + SLACK_M
+    error = SPACING_SHARE * ends * spacing + SLACK_M
     variance = error * error + spread * spread
-    closed = (1.0 - part) * np.exp(-0.5 * (whole - mean) ** 2 / variance) / np.sqrt(variance)
-    closed *= 0.39894228
+    by_whole = (1.0 - partial) * np.exp(-0.5 * (whole - mean) ** 2 / variance) / np.sqrt(variance)
+    by_whole *= 0.39894228
     slack = np.sqrt(spread * spread + SLACK_M * SLACK_M)
     z = (visible - mean) / slack
     beyond = 0.5 * math.erfc(z * 0.70710678)
-    started = part * beyond * cut_density
+    by_part = partial * beyond * density
     from_whole = (whole * spread * spread + mean * error * error) / variance
-    # Mean of a normal that is known to lie above what is visible.
+    # Mean of the prior on the condition that the extent exceeds the visible one.
     tail = 0.39894228 * np.exp(-0.5 * z * z) / max(beyond, 1e-12)
     from_part = max(mean + slack * tail, visible) if z < 6.0 else visible
-    weight = closed / max(closed + started, 1e-300)
+    weight = by_whole / max(by_whole + by_part, 1e-300)
     extent = weight * from_whole + (1.0 - weight) * from_part
-    return np.log(max(closed + started, 1e-300)), max(extent, 0.9 * visible)
+    return np.log(max(by_whole + by_part, 1e-300)), max(extent, 0.9 * visible)

@@ -23,14 +23,15 @@ AREA, CLOSENESS, VARIANCE = 0, 1, 2
 Criterion = Literal["area", "closeness", "variance"]
 CRITERIA: dict[Criterion, int] = {"area": AREA, "closeness": CLOSENESS, "variance": VARIANCE}
 COARSE, FINE = 60, 6
-"""Headings that are tried over a right angle, and then to either side of the best one."""
+"""Number of headings that are tried over a right angle, and then to either side of the best one."""
 EQUAL = 1e-9
-"""Values with a smaller relative difference are equal but for the order of a sum."""
+"""Relative difference below which values are equal: they differ by the rounding of sums only."""
 NEAR_M = 0.05
 """Points nearer to a side than this count as on it; the paper has 0.01 m, less than any noise."""
 MOST_INDEPENDENT, LEAST_M = 30, 0.03
-"""An outline counts as at most so many independent measurements, with at least so much noise."""
-MOST = 96
+"""An outline counts as at most so many independent measurements, whose standard deviation is at
+least the second. Chosen by hand."""
+MOST_POINTS = 96
 """Most outline points that are used; more of them do not improve the heading."""
 
 
@@ -65,20 +66,20 @@ def _by_l_shape(cluster: Cluster, horizon: Horizon, *, criterion: int) -> Vehicl
 
 
 def _thinned(outline: np.ndarray) -> np.ndarray:
-    """Return at most about `MOST` points of an outline, the same ones from either end."""
+    """Return about `MOST_POINTS` points of an outline, the same ones if it is reversed."""
     count = len(outline)
-    if count <= MOST:
+    if count <= MOST_POINTS:
         return outline
-    rows = np.arange(0, (count + 1) // 2, -(-count // MOST))
+    rows = np.arange(0, (count + 1) // 2, -(-count // MOST_POINTS))
     thinned: np.ndarray = outline[np.unique(np.concatenate([rows, count - 1 - rows]))]
     return thinned
 
 
 def _misfit(vehicle: Vehicle) -> float:
-    """Return the negative log likelihood of the body and of an outline of unknown noise.
+    """Return the negative log likelihood of the body and of its outline, whose noise is unknown.
 
-    The search may tilt a single noisy face until it looks like two. So the heading of the outline's
-    line is the other candidate.
+    It decides between two headings, because the search may rotate a single noisy face until two
+    sides fit it. The other heading is that of the line through the outline.
     """
     count = min(vehicle.points, MOST_INDEPENDENT)
     return count * math.log(max(vehicle.residual_m, LEAST_M)) - vehicle.fit
@@ -100,12 +101,12 @@ def searched_heading(points: np.ndarray, criterion: int, near_m: float) -> float
     first, second = np.empty(len(points)), np.empty(len(points))
     step, values = 0.5 * np.pi / COARSE, np.empty(COARSE)
     for i in range(COARSE):
-        values[i] = _suits(points, i * step, criterion, near_m, first, second)
+        values[i] = _criterion_value(points, i * step, criterion, near_m, first, second)
     centre = step * _middle_of_best(values, True)
     fine, values = step / FINE, np.empty(2 * FINE + 1)
     for i in range(len(values)):
         heading = centre + (i - FINE) * fine
-        values[i] = _suits(points, heading, criterion, near_m, first, second)
+        values[i] = _criterion_value(points, heading, criterion, near_m, first, second)
     return (centre + fine * (_middle_of_best(values, False) - FINE)) % (0.5 * np.pi)
 
 
@@ -128,7 +129,7 @@ def _middle_of_best(values: np.ndarray, around: bool) -> float:
 
 
 @compiled()
-def _suits(
+def _criterion_value(
     points: np.ndarray,
     heading: float,
     criterion: int,
@@ -164,7 +165,7 @@ def _suits(
 
 @compiled()
 def _fill_distances(points: np.ndarray, x: float, y: float, out: np.ndarray) -> None:
-    """Fill in distances along the axis (x, y) from that end which is nearer to the points."""
+    """Write the distances of (M, 2) points, along the axis (x, y), from the end nearer to most."""
     low, high = np.inf, -np.inf
     for i in range(len(points)):
         out[i] = points[i, 0] * x + points[i, 1] * y

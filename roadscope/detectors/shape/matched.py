@@ -16,7 +16,8 @@ from roadscope.detectors.shape.recognition import Vehicle
 LEAST = 8
 """With fewer returns the filter is no better than the minimum-area rectangle."""
 STEP_DEG = 2.0
-"""Twice the paper's step: a parabola through the scores gives the angle between two steps."""
+"""Step of headings, twice that of `fit_single`: a parabola through the scores gives the heading
+between two steps."""
 
 
 def vehicles_by_matched_filter(

@@ -1,7 +1,7 @@
 """Vehicles from straight lines of an outline.
 
-The lines come from an iterative end point fit, IEPF (Lu 2018, section 2.2). The rules by which
-lines become the faces of a vehicle, and give its position, are ours.
+The lines come from an iterative end point fit, IEPF (Lu 2018, section 2.2). The rules by which they
+become the faces of a vehicle and give its position are ours; their constants are chosen by hand.
 """
 
 from __future__ import annotations
@@ -73,9 +73,10 @@ class Segment:
 class Faces(NamedTuple):
     """When pieces of an outline can be the faces of one body.
 
-    gap_m: points farther apart than this lie on two bodies. join_m: pieces are one face up to this
-    root mean square distance from one line. least_m: least diagonal of a body's outline. points:
-    least number of points; those that two pieces share count twice. lines: most lines.
+    gap_m: neighbouring points farther apart than this lie on two bodies. join_m: pieces are one
+    face if the root mean square distance of their points from one line is at most this. least_m:
+    least diagonal of a body's outline. points: least number of points; those that two pieces share
+    count twice. lines: greatest number of lines.
     """
 
     gap_m: float
@@ -121,8 +122,9 @@ def split_ends(points: np.ndarray, split_m: float) -> np.ndarray:
 def face_ends(points: np.ndarray, ends: np.ndarray, rule: Faces) -> np.ndarray:
     """Return (K, 3) int64: body, first and last point of the lines of each possible body.
 
-    points: (N, 2) of an outline. ends: (S, 2) of its pieces. An outline is cut where it jumps. Then
-    neighbouring pieces on one line are joined, because noise at the end of a chord is no corner.
+    points: (N, 2) metres, of an outline. ends: (S, 2) of its pieces, as from `split_ends`. The
+    outline is cut where it jumps. Then neighbouring pieces on one line are joined: they were split
+    only because of noise at the end of a chord.
     """
     pieces = _cut(points, ends, rule.gap_m)
     out, count, first = np.empty((len(pieces), 3), np.int64), 0, 0
@@ -151,7 +153,7 @@ def face_ends(points: np.ndarray, ends: np.ndarray, rule: Faces) -> np.ndarray:
 
 @compiled()
 def _cut(points: np.ndarray, ends: np.ndarray, gap_m: float) -> np.ndarray:
-    """Return (K, 3) chain, first and last point of pieces, cut where the outline jumps."""
+    """Return (K, 3) chain, first and last point of pieces; a new chain begins at each jump."""
     out = np.empty((len(ends) + len(points), 3), np.int64)
     count, chain = 0, 0
     for s in range(len(ends)):
@@ -190,18 +192,19 @@ def _off_line(points: np.ndarray, first: int, last: int) -> float:
 GAP_M = 1.2
 """Neighbouring outline points farther apart lie on two bodies."""
 MIN_POINTS = 3
+"""Least number of outline points of a vehicle."""
 MAX_SEGMENTS = 3
-"""Two faces and the rounded corner between them."""
+"""Most segments of a vehicle: two faces and the rounded corner between them."""
 JOIN_M = 0.15
 """Neighbouring segments are one face when all their points lie this near to one line (root mean
 square): range noise, and the rounded corners that end a face."""
 CORNER_M = 0.8
 """A piece shorter than this may be a rounded corner, which may have any angle."""
 SQUARE_RAD = np.radians(25.0)
-"""Greatest angle of two faces from parallel or perpendicular."""
-SEEN_MIN_M, WIDTH_MAX_M, LENGTH_MAX_M = 1.2, 2.8, 18.0
-"""Least length of the longer side of a body that is wholly visible, width of the widest face with
-mirrors and noise, and length of the longest lorry."""
+"""Greatest departure of two faces from parallel or perpendicular."""
+LENGTH_MIN_M, WIDTH_MAX_M, LENGTH_MAX_M = 1.2, 2.8, 18.0
+"""Least length of the longer side of a wholly visible body, greatest width of a vehicle, with
+mirrors and noise, and greatest length, that of a lorry."""
 HALF_FACE_M = 0.92
 """Least visible length of a body of which a part may be hidden: half the width of a typical car."""
 FACES = Faces(GAP_M, JOIN_M, HALF_FACE_M, MIN_POINTS, MAX_SEGMENTS)
@@ -219,8 +222,8 @@ class Vehicle:
 
     centre: x, y in metres, ego frame; size: length, width, height in metres; yaw: radians.
     residual_m: root mean square distance of the outline from its lines.
-    points: outline points behind it.
-    fit: log likelihood of the visible part under the prior of sizes, 0 where it is not computed.
+    points: number of the outline points from which it is recognised.
+    fit: log likelihood of the visible extents under the prior of sizes, 0 where it is not computed.
     """
 
     centre: tuple[float, float]
@@ -235,7 +238,7 @@ class Vehicle:
 def vehicles_by_lines(cluster: Cluster, horizon: Horizon, *, split_m: float = 0.3) -> list[Vehicle]:
     """Return the vehicles whose faces are the lines of a cluster's outline (Lu 2018, 2.2)."""
     outline = cluster.outline
-    # No part of it would be larger. Most clusters end here, for example drops of fog.
+    # Parts of it are no larger. Most clusters, such as drops of fog, are rejected here.
     if len(outline) < MIN_POINTS or diagonal(outline) < HALF_FACE_M:
         return []
     return recognise(outline, split_ends(outline, split_m), horizon)
@@ -280,13 +283,14 @@ def _vehicle(chain: list[Segment], horizon: Horizon) -> Vehicle | None:
     axes = (along, _left_of(along))
     sides = [SideExtent.of(points, axis, ends, horizon.origin) for axis in axes]
     length, width = (side.visible_m for side in sides)
-    least = HALF_FACE_M if ends else SEEN_MIN_M
+    least = HALF_FACE_M if ends else LENGTH_MIN_M
     if max(length, width) < least or length > LENGTH_MAX_M or width > WIDTH_MAX_M:
         return None
     if any(side.open == (True, True) for side in sides):
         return None
     category, size = _size(length, width)
-    # A front or rear is visible wholly or hardly at all; the far part of a flank has few returns.
+    # A front or rear is either wholly visible or hardly at all; the far part of a flank may have no
+    # returns.
     x = sides[0].centre(size[0], whole=False)
     y = sides[1].centre(size[1], whole=width > size[1] / 2)
     centre = x * along + y * _left_of(along)
@@ -305,8 +309,8 @@ def _vehicle(chain: list[Segment], horizon: Horizon) -> Vehicle | None:
 class SideExtent:
     """The visible extent of a body along one of its axes.
 
-    low, high: coordinates of its ends. sensor: coordinate of the sensor. All are in metres. open:
-    whether a part of the body may be hidden beyond the low and the high end.
+    low, high: coordinates of the outline's ends along the axis. sensor: that of the sensor. All are
+    in metres. open: whether a part of the body may be hidden beyond the low and the high end.
     """
 
     low: float
@@ -338,7 +342,9 @@ class SideExtent:
         """Return the coordinate of the centre of a body of this extent, metres.
 
         With one open end the hidden part is beyond it. Otherwise the body is centred on its visible
-        part, if that is the whole side, or else begins at the end next to the sensor.
+        part if that is the whole side; if not, it begins at the end next to the sensor.
+
+        whole: whether the visible part is the whole side.
         """
         if self.open[0] != self.open[1]:
             return self.high - extent / 2 if self.open[0] else self.low + extent / 2
@@ -354,7 +360,7 @@ def _square(line: Segment, main: Segment) -> bool:
 
 
 def _open_ends(lines: list[Segment], horizon: Horizon) -> list[np.ndarray]:
-    """Return unit vectors that point out of the open ends: more of the body may be hidden there."""
+    """Return unit vectors that point out of the open ends, beyond which more may be hidden."""
     ends = []
     for side, end, ordered in ((-1, 0, lines), (1, -1, lines[::-1])):
         # A rounded corner does not have the direction of the face at whose end it is.
@@ -374,13 +380,14 @@ def _length_axis(main: Segment, points: np.ndarray, is_open: bool) -> np.ndarray
     axis = main.direction
     across = float(np.ptp(points @ _left_of(axis)))
     if main.length <= WIDTH_MAX_M:
-        undecided = is_open or across >= SEEN_MIN_M
+        undecided = is_open or across >= LENGTH_MIN_M
         if not undecided or abs(axis[0]) < abs(axis[1]):
             axis = _left_of(axis)
     return -axis if axis[0] < 0 or (axis[0] == 0 and axis[1] < 0) else axis
 
 
 def _left_of(axis: np.ndarray) -> np.ndarray:
+    """Return a (2,) axis turned by 90 degrees to the left."""
     return np.array([-axis[1], axis[0]])
 
 
