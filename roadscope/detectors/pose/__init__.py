@@ -22,7 +22,7 @@ __all__ = [
 ]
 
 _PARTS = {
-    "body_fit": "TURN_SD likely_answers with_glass",
+    "body_fit": "TURN_SD likely_modes with_glass",
     "body_likelihood": "EXACTLY_DRAWN ROUGHLY_DRAWN ray_fits",
     "body_model": "GLASS MOTION RADIUS VALUES fill_outlines new_outlines part_of",
     "body_rays": "BodyRays EMPTY HIT PASSED body_scan",

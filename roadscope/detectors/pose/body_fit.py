@@ -33,17 +33,19 @@ NEAR_SLACKS_M = (0.04, 0.01, 0.005, 0.0)
 """Added to the noise in successive rounds of the second search, see `descend`."""
 COARSE_RAYS, FINE_RAYS = 60, 400
 """Rays of the first and of the second search."""
-CLOSE = 15.0
-"""A search is continued if it costs at most this much more than the best one."""
+MOST_EXTRA_COST = 15.0
+"""The result of a search is used if its cost exceeds the least one by at most this; chosen by
+hand."""
 SAME_STEPS = 3.0
-"""Two results of a search are the same if all their values differ by at most so many steps."""
+"""Two results of a search are the same if all values differ by at most so many `STEPS`; chosen by
+hand."""
 WRONG_HEADING = 1e3
-"""Added to the cost of a heading that is known to be wrong."""
+"""Added to the cost of a heading that is known to be wrong; chosen by hand."""
 VELOCITY_SD, TURN_SD = 1.0, 0.7
-"""Prior standard deviations of the speed that a tracker reports, m/s, and of the turn rate, which
-nobody reports, rad/s. They matter because a vehicle is measured up to half a sweep from the
+"""Prior standard deviations of the speed that a tracker reports, m/s, and of the turn rate, rad/s,
+which no tracker reports. They matter because a vehicle is measured up to half a sweep from the
 stamp."""
-QUARTER_TURN, ALONG = 0.0, math.cos(math.radians(50.0))
+COS_QUARTER_TURN, COS_ALONG = 0.0, math.cos(math.radians(50.0))
 """Least cosine of the angle between heading and course: if the course is known up to a quarter
 turn, and if it comes from a velocity well above its standard deviation."""
 
@@ -60,8 +62,8 @@ class BodyCourse(NamedTuple):
     speed: float | None = None
 
 
-class Answer(NamedTuple):
-    """One of several likely results: its posterior, and the logarithm of its weight."""
+class PoseMode(NamedTuple):
+    """One mode of the posterior, and the logarithm of its weight."""
 
     log_weight: float
     posterior: Posterior
@@ -71,8 +73,8 @@ class Answer(NamedTuple):
 class BodyFit:
     """Fits a body of roughly known size to the rays of one scan.
 
-    spec: the LiDAR, for its beam directions, noise and detection limit. model: the body.
-    tolerance: how exactly the body has its model's shape, `ROUGHLY_DRAWN` or `EXACTLY_DRAWN`.
+    spec: the LiDAR: its beam directions, noise and detection limit. model: the body. tolerance: how
+    exactly the body has the shape of its model, `ROUGHLY_DRAWN` or `EXACTLY_DRAWN`.
     """
 
     spec: LidarSpec
@@ -100,13 +102,13 @@ class BodyFit:
         """
         if towards is not None and not math.isfinite(towards):
             raise ValueError(f"towards must be a finite heading in radians, got {towards!r}")
-        course = None if towards is None else BodyCourse(towards, QUARTER_TURN)
+        course = None if towards is None else BodyCourse(towards, COS_QUARTER_TURN)
         if velocity is not None:
             x, y = checked_velocity("velocity", velocity)
             speed = math.hypot(x, y)
             if course is None:
                 is_sure = speed > 3.0 * VELOCITY_SD
-                course = BodyCourse(math.atan2(y, x), ALONG if is_sure else QUARTER_TURN)
+                course = BodyCourse(math.atan2(y, x), COS_ALONG if is_sure else COS_QUARTER_TURN)
             course = course._replace(speed=speed if rolling else None)
         body = body_scan(
             self.spec,
@@ -120,13 +122,13 @@ class BodyFit:
         if body.returns == 0:
             return None
         body = replace(body, rays=with_glass(self.model, body.rays))
-        problem, answers = self._answers(body, course)
-        return pose_of(answers, problem)
+        problem, modes = self._modes(body, course)
+        return pose_of(modes, problem)
 
-    def _answers(
+    def _modes(
         self, body: BodyScan, course: BodyCourse | None
-    ) -> tuple[BodyProblem, list[Answer]]:
-        """Return the problem of one scan and its likely answers."""
+    ) -> tuple[BodyProblem, list[PoseMode]]:
+        """Return the problem of one scan and the likely modes of its posterior."""
         speed, velocity, centre = None, np.zeros(2), np.zeros(VALUES)
         if course is not None and course.speed is not None:
             speed = centre[SPEED] = course.speed
@@ -151,7 +153,7 @@ class BodyFit:
             cost = WRONG_HEADING * (np.cos(off) < course.least_cosine)
             return cost if speed is None else cost + (speed * np.sin(off) / VELOCITY_SD) ** 2
 
-        return problem, likely_answers(problem, starts, heading_cost)
+        return problem, likely_modes(problem, starts, heading_cost)
 
 
 def with_glass(model: BodyModel, rays: BodyRays) -> BodyRays:
@@ -169,15 +171,15 @@ def with_glass(model: BodyModel, rays: BodyRays) -> BodyRays:
     return rays._replace(need=np.where(is_glass, GLASS * rays.need, rays.need))
 
 
-def likely_answers(
+def likely_modes(
     problem: BodyProblem,
     starts: np.ndarray,
     state_cost: Callable[[np.ndarray], np.ndarray],
     *,
     slacks_m: tuple[float, ...] = SLACKS_M,
     coarse_rays: int = COARSE_RAYS,
-) -> list[Answer]:
-    """Return up to three posteriors, one for each likely result of a problem.
+) -> list[PoseMode]:
+    """Return up to three likely modes of the posterior of a problem.
 
     starts: (S, D) vectors from which the search begins, first with few rays. state_cost: the prior
     cost of states (K, 11), which is added to that of the rays. slacks_m: as in `descend`, for the
@@ -191,35 +193,36 @@ def likely_answers(
     rough = searched(problem.thinned(coarse_rays), starts, slacks_m)
     likely = rough.vectors[_likely_ends(rough, problem)]
     fine = searched(problem.thinned(FINE_RAYS), likely, NEAR_SLACKS_M)
-    answers = []
+    modes = []
     for k in _likely_ends(fine, problem):
         sampled = posterior(problem, fine.vectors[k], fine.covariances[k])
         cost = float(state_cost(problem.states(sampled.mean[None]))[0])
-        answers.append(Answer(sampled.evidence - 0.5 * cost, sampled))
-    return answers
+        modes.append(PoseMode(sampled.evidence - 0.5 * cost, sampled))
+    return modes
 
 
 def _likely_ends(ends: Descent, problem: BodyProblem) -> list[int]:
-    """Return the rows of the best different ends of a search, at most three; see `CLOSE`."""
+    """Return the rows of the best different ends of a search, at most three."""
     chosen: list[int] = []
     for k in np.argsort(ends.costs):
         steps = np.abs(ends.vectors[chosen] - ends.vectors[k]) / STEPS[problem.free]
-        if ends.costs[k] <= ends.costs.min() + CLOSE and (steps > SAME_STEPS).any(axis=1).all():
+        differs = (steps > SAME_STEPS).any(axis=1).all()
+        if ends.costs[k] <= ends.costs.min() + MOST_EXTRA_COST and differs:
             chosen.append(int(k))
     return chosen[:3]
 
 
-def pose_of(answers: Sequence[Answer], problem: BodyProblem) -> VehiclePose:
-    """Return the mean of the likeliest posterior; its score is the logarithm of the evidence.
+def pose_of(modes: Sequence[PoseMode], problem: BodyProblem) -> VehiclePose:
+    """Return the mean of the likeliest mode; its score is the logarithm of the evidence.
 
-    The covariance is that of all results around this mean, weighted by their probability: a vehicle
-    that is seen from the side may face either way, with another centre. Headings that differ by
+    The covariance is that of all modes around this mean, weighted by their probability: a vehicle
+    of which a flank is visible may face either way, with another centre. Headings that differ by
     half a turn count as equal.
     """
-    best = max(answers, key=lambda answer: answer.log_weight)
+    best = max(modes, key=lambda mode: mode.log_weight)
     mean = best.posterior.mean
     total, spread = 0.0, np.zeros((3, 3))
-    for log_weight, other in answers:
+    for log_weight, other in modes:
         if other is best.posterior or other.reached:
             off = other.mean[:3] - mean[:3]
             off[2] = axis_difference(off[2], 0.0)

@@ -25,8 +25,8 @@ STEPS = np.array([0.01, 0.01, 0.003, 0.05, 0.02, 0.05, 0.2, 0.2, 0.2, 0.2, 0.2])
 """Finite-difference step of each value of a state (m, rad, m/s, ...), about its standard deviation;
 chosen by hand."""
 SLACKS_M = (0.25, 0.15, 0.08, 0.04, 0.02, 0.01, 0.005, 0.0)
-"""Added to noise and edges in successive iterations: at first all rays matter, later the near
-ones."""
+"""Added to noise and to the width of edges in successive iterations: at first all rays have an
+effect, later those near the body's surface and edges; chosen by hand."""
 STEP_FRACTIONS = np.array([1.0, 0.5, 0.2, 0.0])
 """Fractions of a step that are tried."""
 EXTRA_CANDIDATES, EXTRA_SPREAD_SD = 8, 1.5
@@ -38,10 +38,10 @@ LOOSE_STEPS = 30.0
 """At a slack of 1 m, a value that the rays hardly determine moves by about so many of its steps."""
 WIDER = 2.0
 """Samples are drawn with the covariance of the last estimate times this: the posterior of one scan
-has corners that narrower samples miss (with 1.3 the covariance was a twentieth too small)."""
-FEW, FLATTER = 0.1, 0.85
-"""Least effective share of a round's samples; with less, the weights are flattened by powers of
-`FLATTER`."""
+has corners that narrower samples miss (with 1.3 the covariance was 5 % too small)."""
+LEAST_EFFECTIVE, FLATTER = 0.1, 0.85
+"""Least effective share of a round's samples; with less, the weights are raised to a power below 1,
+the greatest one of 1, `FLATTER`, `FLATTER` squared and so on that is enough."""
 QUADRATIC_SD, QUADRATIC_ERROR = 2.5, 0.3
 """A ray is quadratic if its log-likelihood departs from its quadratic form by at most
 `QUADRATIC_ERROR` at `QUADRATIC_SD` standard deviations along each principal axis."""
@@ -274,7 +274,7 @@ def posterior(problem: BodyProblem, vector: np.ndarray, covariance: np.ndarray) 
         normals = normal_points(count, len(mean))[turn % SETS]
         samples = mean + normals @ root.T
         ratios = near.log_density(samples) + 0.5 * (normals * normals).sum(axis=1)
-        power = _flattening(ratios, FEW * count)
+        power = _flattening(ratios, LEAST_EFFECTIVE * count)
         weights = np.exp(power * (ratios - ratios.max()))
         evidence = np.log(weights.mean()) + power * ratios.max() + np.log(np.diag(root)).sum()
         weights /= weights.sum()
@@ -290,7 +290,7 @@ def posterior(problem: BodyProblem, vector: np.ndarray, covariance: np.ndarray) 
             break
         was_reached = power == 1.0
     if not is_bound and power < 1.0:
-        # The samples are still on their way, so their mean is not that of the posterior.
+        # The samples have not reached the posterior, so their mean is not the one of it.
         covariance, mean = covariance + np.outer(mean - vector, mean - vector), vector
     # The error of so few evenly spread samples, measured against 20 times as many.
     covariance = covariance * (effective + 1.0) / max(effective - 1.0, 1.0)

@@ -68,14 +68,14 @@ class Placement(NamedTuple):
 class Line(NamedTuple):
     """One line of the pair.
 
-    x, y: its unit vector. offset: coordinate of the points' origin along it, metres. leads_away:
+    x, y: its unit vector. offset: coordinate of the points' origin along it, metres. points_away:
     whether it points away from the sensor.
     """
 
     x: float
     y: float
     offset: float
-    leads_away: bool
+    points_away: bool
 
 
 @compiled()
@@ -119,7 +119,7 @@ def axis_response(
     taps /= taps.sum() * len(points)
     # The line is turned so that the near edge comes first, and moved by half the extent, so that
     # a near edge in a bin means a centre in this bin. Each return is shared by two bins.
-    scale = (1.0 if line.leads_away else -1.0) / bin_m
+    scale = (1.0 if line.points_away else -1.0) / bin_m
     shift = scale * line.offset + 0.5 * extent / bin_m + half
     counts = np.zeros(bins)
     for i in range(len(points)):
@@ -143,7 +143,7 @@ def axis_response(
         last, after = min(i + whole, bins - 1), min(i + whole + 1, bins - 1)
         inside = (1.0 - part) * before[last] + part * before[after] - before[i]
         response[i] = edge * density[i] + plateau * inside - settings.alpha * (1.0 - inside)
-    return response if line.leads_away else response[::-1].copy()
+    return response if line.points_away else response[::-1].copy()
 
 
 @compiled()

@@ -22,8 +22,8 @@ from roadscope.detectors.pose.filter_kernels import FilterSettings, Frames, free
 Template = Literal["echo", "extent", "plateau"]
 POWERS: dict[Template, int] = {"echo": 2, "extent": 1, "plateau": 0}
 TIE = 1e-3
-"""Responses that differ by less are equal: a side that is wholly visible fits anywhere in its
-slack."""
+"""Responses that differ by less are equal: a template longer than the visible part of a side fits
+equally well at several positions. Chosen by hand."""
 MOVING_M_S = 1.0
 """Above this speed the direction of motion decides which end is the front; chosen by hand."""
 
@@ -33,7 +33,7 @@ class FilterOptions(TypedDict, total=False):
 
     sigma_m: standard deviation of the smoothed edges, twice the range noise. alpha: penalty of a
     return outside the body. bin_m, step_deg: steps of positions and angles. search_deg: range of
-    angles; the paper has 90 deg, which cannot tell length from width, so the default is 180 deg.
+    angles; with the paper's 90 deg length and width are confused, so the default is 180 deg.
     template: with "extent" the share of returns of a face is its extent times the cosine of
     incidence; with "echo" it is the extent times the square of the cosine, because echoes fade with
     incidence; "plateau" has no near edge, which is the paper's step function taken literally.

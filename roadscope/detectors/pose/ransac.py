@@ -35,12 +35,13 @@ def fit_ransac(
     trials: int = 100,
     long_side: LongSide = "size",
 ) -> VehiclePose:
-    """Return the rectangle of known size at the line, or corner, that most returns agree with.
+    """Return the rectangle of known size at the line, or corner, with most inliers.
 
     points_xy: (N, 2) metres, returns of one vehicle, at least one. origin: (2,) metres, the sensor
-    in the same frame. inlier_m: greatest distance of an inlier from a face, three times the range
-    noise. trials: number of pairs of returns that are tried. yaw points away from the sensor. The
-    score is the share of the returns on the two faces.
+    in the same frame. rng: draws the pairs. length_m, width_m: size of the vehicle. inlier_m:
+    greatest distance of an inlier from a face, three times the range noise. trials: number of pairs
+    of returns that are tried. yaw points away from the sensor. The score is the share of the
+    returns on the two faces.
 
     Zhang 2017 refers to Morris 2008 and gives no numbers. Here the line with most inliers is one
     face. The other face is the perpendicular line with most inliers behind one of its ends. With
@@ -55,7 +56,7 @@ def fit_ransac(
     points = by_range(points, place)
     pairs = rng.integers(0, len(points), (2, int(trials)))
     sides = Sides(float(length_m), float(width_m), long_side == "main")
-    x, y, angle, share = agreed(points, place, pairs, float(inlier_m), sides)
+    x, y, angle, share = fitted_rectangle(points, place, pairs, float(inlier_m), sides)
     yaw = pointing_away(angle, points.mean(axis=0) - place)
     return VehiclePose(x, y, yaw, length_m, width_m, score=share)
 
@@ -65,7 +66,7 @@ def fit_ransac(
 
 
 class Sides(NamedTuple):
-    """Length and width of the body, metres. flank: the first face is always the long side."""
+    """Length and width of the body, metres. flank: whether the first face must be the long side."""
 
     length: float
     width: float
@@ -73,41 +74,44 @@ class Sides(NamedTuple):
 
 
 @compiled()
-def agreed(
-    points: np.ndarray, place: np.ndarray, pairs: np.ndarray, inlier_m: float, sides: Sides
+def fitted_rectangle(
+    points: np.ndarray, origin: np.ndarray, pairs: np.ndarray, inlier_m: float, sides: Sides
 ) -> tuple[float, float, float, float]:
     """Return x, y of the centre, direction of the long side in radians, and share of inliers.
 
-    points: (N, 2) metres, sorted by `by_range`. place: (2,) metres, the sensor. pairs: (2, T) rows
-    of points through which lines are tried.
+    points: (N, 2) metres, sorted by `by_range`. origin: (2,) metres, the sensor. pairs: (2, T) rows
+    of points, through each two of which a line is tried.
     """
     mean = _mean(points)
-    axis, held = best_line(points, place, pairs, inlier_m)
-    axis, corner, second = with_corner(points, axis, held, place, inlier_m)
+    axis, inliers = best_line(points, origin, pairs, inlier_m)
+    axis, corner, second = with_corner(points, axis, inliers, origin, inlier_m)
     normal = np.array([-axis[1], axis[0]])
-    first = points[held]
+    first = points[inliers]
     depth = float(np.median(_along(first, mean, normal)))
     along = _along(first, mean, axis)
     low, high = along.min(), along.max()
-    seen = high - low
-    is_flank = sides.flank or abs(seen - sides.length) < abs(seen - sides.width)
+    visible = high - low
+    is_flank = sides.flank or abs(visible - sides.length) < abs(visible - sides.width)
     extent, other = (sides.length, sides.width) if is_flank else (sides.width, sides.length)
     if np.isnan(corner):
         middle = (low + high) / 2
     else:
         middle = corner + math.copysign(extent / 2, np.median(along) - corner)
-    sight = (mean[0] - place[0]) * normal[0] + (mean[1] - place[1]) * normal[1]
+    sight = (mean[0] - origin[0]) * normal[0] + (mean[1] - origin[1]) * normal[1]
     across = depth + math.copysign(other / 2, sight)
     x = mean[0] + middle * axis[0] + across * normal[0]
     y = mean[1] + middle * axis[1] + across * normal[1]
     heading = axis if is_flank else normal
-    return x, y, math.atan2(heading[1], heading[0]), (held | second).sum() / len(points)
+    return x, y, math.atan2(heading[1], heading[0]), (inliers | second).sum() / len(points)
 
 
 @compiled()
-def by_range(points: np.ndarray, place: np.ndarray) -> np.ndarray:
-    """Return the points by range, then side, so that their order does not decide the pairs."""
-    sights = points - place
+def by_range(points: np.ndarray, origin: np.ndarray) -> np.ndarray:
+    """Return the points by range, then side, so that pairs do not depend on their order.
+
+    points: (N, 2) and origin: (2,), the sensor, metres.
+    """
+    sights = points - origin
     middle = _mean(sights)
     # Rounded to micrometres, so that a rotated scene has the same order.
     sides = np.rint(1e6 * (middle[0] * sights[:, 1] - middle[1] * sights[:, 0]))
@@ -118,9 +122,9 @@ def by_range(points: np.ndarray, place: np.ndarray) -> np.ndarray:
 
 @compiled()
 def best_line(
-    points: np.ndarray, place: np.ndarray, pairs: np.ndarray, inlier_m: float
+    points: np.ndarray, origin: np.ndarray, pairs: np.ndarray, inlier_m: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the (2,) direction of the line with most points and the (N,) mask of those."""
+    """Return the (2,) direction of the line with most inliers, and the (N,) mask of the inliers."""
     most, best, line = -1, np.zeros(3), np.empty(3)
     for t in range(pairs.shape[1]):
         start, end = points[pairs[0, t]], points[pairs[1, t]]
@@ -130,20 +134,20 @@ def best_line(
             continue
         line[0], line[1] = x / length, y / length
         line[2] = start[1] * line[0] - start[0] * line[1]
-        count = _near(points, line, inlier_m)
+        count = _count_near(points, line, inlier_m)
         if count > most:
             most = count
             best[:] = line
     if most < 0:
-        return _square(points, place), np.ones(len(points), np.bool_)
-    held = np.empty(len(points), np.bool_)
+        return _across_sight(points, origin), np.ones(len(points), np.bool_)
+    inliers = np.empty(len(points), np.bool_)
     for i in range(len(points)):
-        held[i] = abs(points[i, 1] * best[0] - points[i, 0] * best[1] - best[2]) <= inlier_m
-    return _direction(*_scatter(points[held])), held
+        inliers[i] = abs(points[i, 1] * best[0] - points[i, 0] * best[1] - best[2]) <= inlier_m
+    return _direction(*_scatter(points[inliers])), inliers
 
 
 @compiled(borrowing=True)
-def _near(points: np.ndarray, line: np.ndarray, inlier_m: float) -> int:
+def _count_near(points: np.ndarray, line: np.ndarray, inlier_m: float) -> int:
     """Count the points within a distance of a line: its (2,) direction, then its offset."""
     count, x, y, offset = 0, line[0], line[1], line[2]
     for i in range(len(points)):
@@ -152,29 +156,31 @@ def _near(points: np.ndarray, line: np.ndarray, inlier_m: float) -> int:
 
 
 @compiled()
-def _square(points: np.ndarray, place: np.ndarray) -> np.ndarray:
+def _across_sight(points: np.ndarray, origin: np.ndarray) -> np.ndarray:
     """Return the direction across the line of sight, for points that determine no line."""
-    sight = _mean(points) - place
+    sight = _mean(points) - origin
     away = math.hypot(sight[0], sight[1])
     return np.array([-sight[1] / away, sight[0] / away]) if away > 0.0 else np.array([1.0, 0.0])
 
 
 @compiled()
 def with_corner(
-    points: np.ndarray, axis: np.ndarray, held: np.ndarray, place: np.ndarray, inlier_m: float
+    points: np.ndarray, axis: np.ndarray, inliers: np.ndarray, origin: np.ndarray, inlier_m: float
 ) -> tuple[np.ndarray, float, np.ndarray]:
     """Find a second face behind an end of the first.
 
-    Returns the direction fitted to both, where the corner lies along it from the points' mean
-    (nan without one), and the (N,) mask of the second face.
+    Returns the direction fitted to both, the coordinate of the corner along it from the points'
+    mean (nan without a corner), and the (N,) mask of the second face.
+
+    axis: (2,) direction of the first face. inliers: (N,) bool, the points on it.
     """
     none = np.zeros(len(points), np.bool_)
-    mean, first, normal = _mean(points), points[held], np.array([-axis[1], axis[0]])
-    side = (mean[0] - place[0]) * normal[0] + (mean[1] - place[1]) * normal[1]
+    mean, first, normal = _mean(points), points[inliers], np.array([-axis[1], axis[0]])
+    side = (mean[0] - origin[0]) * normal[0] + (mean[1] - origin[1]) * normal[1]
     depths, along = _along(points, _mean(first), normal), _along(points, mean, axis)
-    low, high = along[held].min() + inlier_m, along[held].max() - inlier_m
+    low, high = along[inliers].min() + inlier_m, along[inliers].max() - inlier_m
     # Returns between the ends are above the face, for example of a rear window above a boot.
-    behind = ~held & (depths * side > 0.0) & ((along < low) | (along > high))
+    behind = ~inliers & (depths * side > 0.0) & ((along < low) | (along > high))
     if behind.sum() < CORNER_POINTS:
         return axis, np.nan, none
     places = along[behind]
@@ -195,6 +201,7 @@ def with_corner(
 
 @compiled()
 def _mean(points: np.ndarray) -> np.ndarray:
+    """Return the (2,) mean of points."""
     out = np.zeros(2)
     for i in range(len(points)):
         out[0], out[1] = out[0] + points[i, 0], out[1] + points[i, 1]
@@ -212,6 +219,7 @@ def _along(points: np.ndarray, start: np.ndarray, axis: np.ndarray) -> np.ndarra
 
 @compiled()
 def _scatter(points: np.ndarray) -> tuple[float, float, float]:
+    """Return the sums of squares xx, xy, yy of points about their mean."""
     mean, xx, xy, yy = _mean(points), 0.0, 0.0, 0.0
     for i in range(len(points)):
         x, y = points[i, 0] - mean[0], points[i, 1] - mean[1]

@@ -13,8 +13,8 @@ import numpy as np
 from roadscope.core import LidarScan, Pose, wrap_angle
 from roadscope.detectors.pose.body_fit import (
     TURN_SD,
-    Answer,
-    likely_answers,
+    PoseMode,
+    likely_modes,
     pose_of,
     with_glass,
 )
@@ -39,20 +39,23 @@ COARSE_RAYS = 150
 """Rays of the first search in a window."""
 NEAR_SLACKS_M = (0.06, 0.02, 0.0)
 """Added to the noise in the rounds of a search that begins at the last result, see `descend`."""
-LONG = 3
-"""With at least so many scans in the window, the last result, moved on, is nearly right."""
+LEAST_WINDOW = 3
+"""Least number of scans in the window with which the prediction from the last result is nearly
+right."""
 FITTING_SD = 2.0
 """A result of a search from the last result is accepted if its cost is at most so many standard
 deviations above the mean cost."""
-WORSE = 1.1
-"""After a search with new guesses there is no other one until the cost grows by this factor."""
+WORSE_FACTOR = 1.1
+"""After a search from new guesses there is no other one until the cost has grown by this factor.
+Chosen by hand."""
 ENOUGH_RETURNS = 3
 """With so many returns a single scan gives a good first guess."""
 TURN_RATES = (-2 * TURN_SD, 0.0, 2 * TURN_SD)
 """Turn rates of first guesses, rad/s."""
 SLOW_M_S, BACKWARD_SD = 1.0, 0.3
-"""Below `SLOW_M_S` a vehicle's motion does not tell its front from its rear, so both headings are
-tried. `BACKWARD_SD`: standard deviation, m/s, of the speed of vehicles that go backwards."""
+"""Below `SLOW_M_S` the motion of a vehicle does not show which end is the front, so both headings
+are tried. `BACKWARD_SD`: standard deviation, m/s, of the speed of vehicles that go backwards.
+Chosen by hand."""
 
 
 class _WindowScan(NamedTuple):
@@ -66,8 +69,8 @@ class _WindowScan(NamedTuple):
 class Smoother:
     """Fits one motion of constant turn rate and nearly constant speed to the last scans.
 
-    It joins the likelihoods of all scans, not their poses, so even a scan with a single return
-    contributes. The sensor may move.
+    It multiplies the likelihoods of all scans instead of averaging their poses, so even a scan with
+    a single return contributes. The sensor may move.
     """
 
     def __init__(
@@ -151,25 +154,25 @@ class Smoother:
         if at < 0:
             return None
         stamp_s = self._window[at].stamp_s
-        problem, answers = self._problem(stamp_s), []
-        answers_from = partial(
-            likely_answers, problem, state_cost=_backward_cost, coarse_rays=COARSE_RAYS
+        problem, modes = self._problem(stamp_s), []
+        modes_from = partial(
+            likely_modes, problem, state_cost=_backward_cost, coarse_rays=COARSE_RAYS
         )
         if len(self._last_state):
             starts = _moved(self._last_state, stamp_s - self._last_stamp_s)[:, problem.free]
-            slacks_m = NEAR_SLACKS_M if len(self._window) >= LONG else SLACKS_M
-            answers = answers_from(starts, slacks_m=slacks_m)
+            slacks_m = NEAR_SLACKS_M if len(self._window) >= LEAST_WINDOW else SLACKS_M
+            modes = modes_from(starts, slacks_m=slacks_m)
         # The mean of so many squared standard normal residuals is 1, with this deviation.
         bound = 1.0 + FITTING_SD * np.sqrt(2 / max(problem.hits, 1))
-        if not answers or _cost(problem, answers) > max(bound, WORSE * self._guessed_cost):
+        if not modes or _cost(problem, modes) > max(bound, WORSE_FACTOR * self._guessed_cost):
             starts = self._guesses(stamp_s)
-            answers += answers_from(starts[:, problem.free]) if len(starts) else []
-            if not answers:
+            modes += modes_from(starts[:, problem.free]) if len(starts) else []
+            if not modes:
                 return None
-            self._guessed_cost = _cost(problem, answers)
+            self._guessed_cost = _cost(problem, modes)
         self._last_stamp_s = stamp_s
-        self._last_state = problem.states(_best(answers).mean[None])[0]
-        return pose_of(answers, problem)
+        self._last_state = problem.states(_best(modes).mean[None])[0]
+        return pose_of(modes, problem)
 
     def _problem(self, stamp_s: float) -> BodyProblem:
         """Return the problem of the whole window, with a stamp as reference time."""
@@ -205,13 +208,13 @@ class Smoother:
         return np.array(states)
 
 
-def _best(answers: Sequence[Answer]) -> Posterior:
-    return max(answers, key=lambda answer: answer.log_weight).posterior
+def _best(modes: Sequence[PoseMode]) -> Posterior:
+    return max(modes, key=lambda mode: mode.log_weight).posterior
 
 
-def _cost(problem: BodyProblem, answers: Sequence[Answer]) -> float:
+def _cost(problem: BodyProblem, modes: Sequence[PoseMode]) -> float:
     """Return the cost of the best result, divided by the number of returns."""
-    return float(problem.cost(_best(answers).mean)) / max(problem.hits, 1)
+    return float(problem.cost(_best(modes).mean)) / max(problem.hits, 1)
 
 
 def _moved(last: np.ndarray, span_s: float) -> np.ndarray:

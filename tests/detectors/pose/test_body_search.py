@@ -8,7 +8,7 @@ from roadscope.detectors.pose import (
     EXACTLY_DRAWN,
     BodyProblem,
     body_scan,
-    likely_answers,
+    likely_modes,
     split_rays,
     with_glass,
 )
@@ -49,15 +49,15 @@ def test_a_far_car_is_anywhere_between_two_rays(seed, k):
     """No return bounds it from aside: the end of the search says little of the posterior."""
     problem, truth = far_problem(seed, k)
     start = np.append(truth, 0.0)[None]
-    (answer, *_) = likely_answers(problem, start, lambda states: np.zeros(len(states)))
+    (mode, *_) = likely_modes(problem, start, lambda states: np.zeros(len(states)))
     mean, covariance, evidence = slow_posterior(problem, np.append(truth, 0.0))
     sd = np.sqrt(np.diag(covariance))
-    assert answer.posterior.reached
-    assert (np.abs(answer.posterior.mean - mean) < 0.35 * sd).all()
-    found_sd = np.sqrt(np.diag(answer.posterior.covariance))
+    assert mode.posterior.reached
+    assert (np.abs(mode.posterior.mean - mean) < 0.35 * sd).all()
+    found_sd = np.sqrt(np.diag(mode.posterior.covariance))
     assert (found_sd < 1.35 * sd).all()
     assert (sd < 1.35 * found_sd).all()
-    assert answer.posterior.evidence == pytest.approx(evidence, abs=0.5)
+    assert mode.posterior.evidence == pytest.approx(evidence, abs=0.5)
 
 
 def test_a_form_stands_for_the_quadratic_rays_where_they_were_tried():
@@ -67,8 +67,8 @@ def test_a_form_stands_for_the_quadratic_rays_where_they_were_tried():
     free = np.append(np.arange(3), model.uncertain)
     problem = BodyProblem(scan.rays, model, free, EXACTLY_DRAWN)
     start = np.append(sweep.truth, 0.0)[None]
-    (answer, *_) = likely_answers(problem, start, lambda states: np.zeros(len(states)))
-    mean, covariance = answer.posterior.mean, answer.posterior.covariance
+    (mode, *_) = likely_modes(problem, start, lambda states: np.zeros(len(states)))
+    mean, covariance = mode.posterior.mean, mode.posterior.covariance
     split = split_rays(problem, mean, covariance)
     assert len(split.problem.rays.slope) < 0.5 * len(problem.rays.slope)
     rng = np.random.default_rng(0)
