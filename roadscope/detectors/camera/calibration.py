@@ -1,4 +1,4 @@
-"""How likely a box is right, by its traits."""
+"""The probability that a box is right, from its traits."""
 
 from __future__ import annotations
 
@@ -25,12 +25,12 @@ def _heat_alone() -> np.ndarray:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class BoxCalibration(Record):
-    """A logistic curve (Platt 1999) for each family, of traits and products of two of them.
+    """A logistic model (Platt 1999) for each family, of traits and products of two of them.
 
-    The default takes the heat alone, as log odds from -4 to 4.
+    By default the probability is that of the heat alone, with log odds from -4 to 4.
 
     middles, spreads: (9,) mean and standard deviation of each trait.
-    weights: (3, 55), of vehicles, cyclists, pedestrians, for the `terms` of traits.
+    weights: (3, 55) of the `terms` of traits, for vehicles, cyclists and pedestrians.
     """
 
     middles: np.ndarray = field(default_factory=lambda: np.zeros(len(TRAITS)))

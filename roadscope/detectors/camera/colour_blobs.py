@@ -7,8 +7,9 @@ import numpy as np
 from roadscope.core import CameraImage, Category, Frame, ImageDetections, RecordError
 from roadscope.detectors.camera.detector import no_detections
 
+# All constants are chosen by hand.
 SQUARE = 4
-"""Side of the squares over which pixels are averaged."""
+"""Side of the squares, in pixels, over which colours are averaged."""
 LEAST_SQUARES = 6
 """Least number of squares of a blob."""
 TALL = 1.6

@@ -18,28 +18,28 @@ from roadscope.core.record import Record
 
 @compiled()
 def distinct(boxes: np.ndarray, families: np.ndarray, most_iou: float) -> np.ndarray:
-    """Return the (K,) rows of boxes that no better box of their family covers.
+    """Return the (K,) rows of boxes that overlap no better box of their family too much.
 
     Greedy non-maximum suppression. boxes: (N, 4) float64, pixels, sorted by falling score.
     families: (N,) int64. most_iou: greatest intersection over union with a better box.
     """
-    kept = np.empty(len(boxes), np.int64)
+    rows = np.empty(len(boxes), np.int64)
     count = 0
     for i in range(len(boxes)):
         free = True
-        for other in kept[:count]:
+        for other in rows[:count]:
             if families[other] == families[i] and iou(boxes[other], boxes[i]) > most_iou:
                 free = False
                 break
         if free:
-            kept[count] = i
+            rows[count] = i
             count += 1
-    return kept[:count].copy()
+    return rows[:count].copy()
 
 
 @compiled(borrowing=True)
 def iou(one: np.ndarray, other: np.ndarray) -> float:
-    """Return the intersection over union of two boxes, (4,) each, 0 if both are empty."""
+    """Return the intersection over union of two boxes, (4,) each, 0 if they do not overlap."""
     width = min(one[2], other[2]) - max(one[0], other[0])
     height = min(one[3], other[3]) - max(one[1], other[1])
     if width <= 0 or height <= 0:
@@ -50,7 +50,7 @@ def iou(one: np.ndarray, other: np.ndarray) -> float:
 
 
 # --------------------------------------------------------------------------------------------------
-# Traits of a box, from which its score is computed: boxes around it, and outputs that agree.
+# Traits of a box, from which its score is computed: other boxes near it, and outputs that agree.
 
 TRAITS = (
     "heat",
@@ -74,9 +74,9 @@ agreeing: logarithm of one plus the sum of the probabilities of all outputs that
 agreement: mean overlap of these outputs with the box, weighted by probability.
 """
 VOTING_IOU = 0.65
-"""Outputs whose boxes overlap more are averaged."""
+"""Outputs whose boxes overlap a box by more are averaged with it. Chosen by hand."""
 AGREEING_IOU = 0.5
-"""Outputs whose boxes overlap more agree."""
+"""Outputs whose boxes overlap a box by more agree with it. Chosen by hand."""
 
 
 class Answers(NamedTuple):
@@ -148,7 +148,7 @@ STRIDE = 2
 """Pixels from one output to the next."""
 FINE = 2
 """A position of the last layer has 2 x 2 outputs, so that people side by side, who are a few pixels
-wide, have different ones."""
+wide, have different outputs."""
 UNIT_PX = 4.0
 """The network gives distances as logarithms, in this unit."""
 LARGEST = 6.0
@@ -156,9 +156,10 @@ LARGEST = 6.0
 FLOOR = -2.5
 """Log odds of the heat below which an output is ignored: hardly any of these is right."""
 MOST = 2000
-"""Most boxes of an image; those of greatest heat are used."""
+"""Most boxes of an image; those of greatest heat are used. Chosen by hand."""
 SAME_IOU = 0.75
-"""Boxes of a family that overlap more are the same object; for others the score decides."""
+"""Boxes of a family that overlap more are of the same object; for others the score decides. Chosen
+by hand."""
 FIRST_CATEGORIES = (Category.CAR, Category.CYCLIST, Category.PEDESTRIAN)
 """The first category of each family; the network's log odds choose among those of vehicles."""
 

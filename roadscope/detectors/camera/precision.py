@@ -10,6 +10,7 @@ from typing import Any
 AUTO = "auto"
 PRECISIONS = (AUTO, "float32", "bfloat16")
 PROCESSOR = Path("/proc/cpuinfo")
+"""Where Linux lists what the processor can do."""
 
 
 def has_bfloat16(device: str) -> bool:

@@ -9,22 +9,23 @@ import numpy as np
 from roadscope.core.jit import compiled
 
 TURNS = 12
-"""Headings that are tried over half a turn. At most 7.5 degrees off, a car still fits into the
-box."""
-BATCH, AFAR_M = 8, 1e6
-"""Bounds are computed for so many cells at a time; cells at this distance fill up the last
-batch."""
+"""Number of headings that are tried over half a turn. They are at most 7.5 degrees off; a car still
+fits into the box then."""
+BATCH, PADDING_M = 8, 1e6
+"""Bounds are computed for so many cells at a time; the last batch is padded with cells at this
+distance."""
 STRIDE = 3
-"""Cells from one position of the box to the next."""
+"""Cells from one position of the box to the next. Chosen by hand."""
 BINS, BIN_M = 24, 0.4
 """Number and width of the bins about a box's centre, across the line of sight and along it."""
 GAP_BINS, DEEP_BINS = 2, 5
 """A gap of so many empty bins, across or along the line of sight, separates two bodies. A body may
 have a gap along the line of sight between its boot and the rear window."""
-HAIR = 1e-9
+ROUNDING = 1e-9
 """Sums of evidence that differ by less are equal but for the order in which they were added."""
-KEPT_SHARE = 0.7
-"""Least share of its evidence that a box has without the cells of better boxes."""
+LEAST_OWN_SHARE = 0.7
+"""Least share of its evidence that a box must have without the cells of better boxes. Chosen by
+hand."""
 X, Y, YAW, SCORE, RIGHT, LEFT, NEAR, FAR = range(8)
 """Columns of boxes, metres and radians: centre, heading, evidence. Then the extent of the body in
 the box from the centre: to the right and to the left across the line of sight, near and far along
@@ -32,10 +33,10 @@ it."""
 
 
 class BoxSides(NamedTuple):
-    """Sides of the box in metres.
+    """Half sides of the box and widths of the collar around it, metres.
 
     The collar lies beyond the ends and beside the flanks of the box. Only evidence against motion
-    counts in it: a piece of a wall that goes on beyond the box is no vehicle.
+    counts in it: a piece of a wall that extends beyond the box is no vehicle.
     """
 
     half_length: float
@@ -173,7 +174,7 @@ def slide(grid: EvidenceGrid, sides: BoxSides, least: float) -> np.ndarray:
 
 @compiled()
 def _reachable(grid: EvidenceGrid, reach: int) -> np.ndarray:
-    """Return the region of interest: whether each position of the box has evidence of motion near.
+    """Return the region of interest: whether evidence of motion is near each position of the box.
 
     reach: cells from the centre of the box to its end.
     """
@@ -235,7 +236,7 @@ def _fill_near(
         slots[1, count] = min(max(int(deep / BIN_M + BINS / 2), 0), BINS - 1)
         bound += max(weight, 0.0) if far <= inner else 0.0
         count += 1
-    offsets[:2, count : count + BATCH], offsets[2, count : count + BATCH] = AFAR_M, 0.0
+    offsets[:2, count : count + BATCH], offsets[2, count : count + BATCH] = PADDING_M, 0.0
     return count, bound
 
 
@@ -252,7 +253,7 @@ def _fill_best_turn(
     for _ in range(TURNS):
         turn = int(bounds.argmax())
         # The bound is a sum in another order.
-        if bounds[turn] + HAIR < least or bounds[turn] <= box[SCORE] + HAIR:
+        if bounds[turn] + ROUNDING < least or bounds[turn] <= box[SCORE] + ROUNDING:
             break
         bounds[turn] = -np.inf
         score = _evidence(near, cells, turn, sides, max(box[SCORE], least))
@@ -343,8 +344,9 @@ def _best_run(bins: np.ndarray, gap: int) -> tuple[float, float, float]:
 def suppress(boxes: np.ndarray, grid: EvidenceGrid, sides: BoxSides, least: float) -> np.ndarray:
     """Return the rows of boxes that stay, best first.
 
-    A box stays if it has `least` evidence, and the share `KEPT_SHARE` of its own, without the cells
-    of better boxes. boxes: (B, 8), sorted by falling score; the rest as in `slide`.
+    A box stays if it has `least` evidence, and the share `LEAST_OWN_SHARE` of all its evidence,
+    without the cells of better boxes. boxes: (B, 8), sorted by falling score; the rest as in
+    `slide`.
     """
     cells = len(grid.places)
     taken, rows = np.zeros(cells, np.bool_), np.empty(cells, np.int64)
@@ -353,10 +355,10 @@ def suppress(boxes: np.ndarray, grid: EvidenceGrid, sides: BoxSides, least: floa
         first, last = _columns(boxes[b, X], sides.half_length + sides.half_width, grid)
         n = fill_rows(rows, grid.places[first:last], boxes[b], grid.origin, sides)
         rows[:n] += first
-        left = boxes[b, SCORE]
+        own_evidence = boxes[b, SCORE]
         for row in rows[:n]:
-            left -= grid.weights[row] if taken[row] else 0.0
-        if left < max(least, KEPT_SHARE * boxes[b, SCORE]):
+            own_evidence -= grid.weights[row] if taken[row] else 0.0
+        if own_evidence < max(least, LEAST_OWN_SHARE * boxes[b, SCORE]):
             continue
         for row in rows[:n]:
             taken[row] = True
@@ -371,8 +373,8 @@ def fill_rows(
 ) -> int:
     """Write the rows of the points that belong to the body in a box; return how many.
 
-    rows: (N,) int64. points: (N, 2 or 3) metres. box: (8,). origin: (2,) metres, the sensor. All
-    are in one frame.
+    rows: (N,) int64, filled in. points: (N, 2 or 3) metres. box: (8,), columns from `X` to `FAR`.
+    origin: (2,) metres, the sensor. All are in one frame.
     """
     x, y = box[X], box[Y]
     cos, sin = np.cos(box[YAW]), np.sin(box[YAW])

@@ -31,30 +31,34 @@ from roadscope.detectors.moving.view import (
 from roadscope.detectors.shape.bodies import LONGEST_M, WIDEST_M
 
 # --------------------------------------------------------------------------------------------------
-# Moving vehicles out of a scan (Zhang 2017, section 1): temporal cue, geometric cue, box model.
+# Candidates: evidence of motion and the boxes that hold it.
 
 LOW_M, HIGH_M = 0.3, 2.8
 """Heights above the road of the returns in which motion is searched: above the ground, below
-bridges and most of a tree's crown."""
+bridges and most of a tree's crown. Chosen by hand."""
 SILL_M = 0.15
-"""Least height of the returns of a vehicle that was found: far away a single beam hits its lower
-half."""
+"""Least height of the other returns of a candidate: far away a single beam hits its lower half.
+Chosen by hand."""
 REACH_M = 120.0
-"""Returns farther away along x or y, ego frame, are not used."""
+"""Returns farther away along x or y, ego frame, are not used. Chosen by hand."""
 SIDES = BoxSides(2.7, 1.3, 0.75, 0.75)
-"""Holds a car that is half a stride of the search off its centre and half a step off its
-heading."""
+"""Such a box holds a car whose centre is off by half a stride of the search, and whose heading is
+off by half a step."""
 CELL_M, SLAB_M = 0.25, 0.3
-"""Sides of the voxels, across and in height, of which one return each is used: a flank nearby has
-thousands of returns."""
+"""Sides of voxels, in x and y and in height. One return of each is used, because a flank nearby has
+thousands of returns. Chosen by hand."""
 RULE = BoxRule(SIDES, CELL_M, limit=3.0, least=3.0)
-"""The least evidence is that of three returns in places through which rays went before."""
+"""The least evidence is that of three cells with weak evidence, see `motion`. Chosen by hand."""
 NEIGHBOUR_M = 0.6
-"""Side of the cells of `height_spans`: returns up to two sides apart count as one object."""
+"""Side of the cells of `height_spans`: returns up to two sides apart count as one object. Chosen by
+hand."""
 MIN_VIEWS = 2
+"""Least number of earlier scans."""
 MIN_POINTS = 3
+"""Least number of returns of a candidate."""
 UNCOUNTED_FREE = 1
-"""So many scans that show a place free are not counted: a ray may have missed something thin."""
+"""So many scans that show a place free are not counted: a ray may have missed a thin object. Chosen
+by hand."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -109,10 +113,10 @@ def _at_vehicle_height(view: View) -> np.ndarray:
 def motion(points: np.ndarray, earlier: Sequence[EarlierView]) -> np.ndarray:
     """Return (N,) evidence that each of the places (N, 3), ego frame now, holds something moving.
 
-    Temporal cue: where an earlier scan has a return too, the return is background. Where its rays
-    went through the place, the object must have moved there since. A scan without a ray to the
-    place says nothing. A place where no scan has a return is weak evidence of motion. Values lie
-    between -4.5 and 6.
+    Temporal cue: where an earlier scan has a return, too, the return is background. Where its rays
+    passed through the place, the object must have moved there since. A scan without a ray to the
+    place counts for neither. A place where no scan has a return is weak evidence of motion, 1.
+    Values lie between -4.5 and 6; the factors are chosen by hand.
     """
     counts, heights = np.zeros((2, len(points)), np.int64), height_spans(points, NEIGHBOUR_M)
     for then in earlier:
@@ -170,11 +174,12 @@ def _candidate(now: View, rows: np.ndarray, box: np.ndarray) -> Candidate:
 # From the part of a body in a box to all of its returns: compiled.
 
 LINK_M = 1.0
-"""Gaps between parts of one body are at most this long; cars in a queue keep longer gaps."""
+"""Gaps between parts of one body are at most this long; cars in a queue keep longer gaps. Chosen by
+hand."""
 CAR_M = (5.6, 2.7)
-"""Greatest length and width of a car, with noise on either side."""
+"""Greatest length and width of a car, with noise on either side. Chosen by hand."""
 TALL_M = 1.75
-"""A body longer or wider than a car is at least this high."""
+"""A body longer or wider than a car is at least this high. Chosen by hand."""
 
 
 @compiled()

@@ -18,19 +18,21 @@ from roadscope.detectors.shape.bodies import BODIES, Body
 # --------------------------------------------------------------------------------------------------
 # Which candidates of successive scans are one vehicle.
 
-KEPT = 4
-"""Sightings of a vehicle that are remembered."""
-MISSED = 2
-"""Scans in a row without the vehicle after which it is forgotten."""
+MOST_SIGHTINGS = 4
+"""Most sightings of a vehicle that are stored; the oldest ones are dropped. Chosen by hand."""
+MOST_MISSED = 2
+"""A vehicle that is missed in more scans in a row than this is dropped. Chosen by hand."""
 FASTEST_M_S = 45.0
+"""Gate of a vehicle with one sighting: it has moved at most at this speed. Chosen by hand."""
 NEAR_M = 2.0
-"""Gate around the predicted position of a vehicle: its visible part changes."""
+"""Gate around the predicted position of a vehicle: its visible part changes. Chosen by hand."""
 FACE_M = 1.0
-"""A vehicle's position is the mean of its returns down to this depth behind the nearest one."""
+"""A vehicle's position is the mean of its returns down to this depth behind the nearest one. Chosen
+by hand."""
 SLOWEST_M_S = 1.5
-"""An object slower than this does not move: a new part of it has come into view."""
-SURE = 3
-"""Least number of sightings from which the speed is used."""
+"""An object slower than this does not move: a new part of it has become visible. Chosen by hand."""
+LEAST_SIGHTINGS = 3
+"""Least number of sightings with which the speed is used. Chosen by hand."""
 
 
 @compiled()
@@ -106,8 +108,8 @@ class Sighting:
     def at_stamp(self, velocity: np.ndarray, most: int) -> np.ndarray:
         """Return at most `most` points, (N, 2), moved to where they were at the stamp.
 
-        velocity: (2,) m/s, of the body. Without this, a body across the seam of the sweep, measured
-        at its beginning and at its end, would be torn apart.
+        velocity: (2,) m/s, of the body. Without this, a body that is measured when the sweep begins
+        and again when it ends would have two parts in different positions.
         """
         step = -(-len(self.points) // most)
         moved = self.candidate.times_s[::step, None] * velocity
@@ -126,9 +128,9 @@ class Sighting:
 class Chain:
     """The latest sightings of one vehicle.
 
-    sightings: oldest first. count: how many there were, with those that are forgotten. times: (K,)
-    seconds, when each was measured. positions: (K, 2) metres. velocity: (2,) m/s, zero after one
-    sighting. All are in the drive's frame.
+    sightings: oldest first. count: how many there were, dropped ones included. times: (K,) seconds,
+    when each was measured. positions: (K, 2) metres. velocity: (2,) m/s, zero after one sighting.
+    All are in the drive's frame, which is fixed to the road.
     """
 
     def __init__(self) -> None:
@@ -137,8 +139,8 @@ class Chain:
         self.times, self.positions, self.velocity = np.empty(0), np.empty((0, 2)), np.zeros(2)
 
     def add(self, sighting: Sighting) -> None:
-        """Append a sighting and forget the oldest beyond `KEPT`."""
-        self.sightings = [*self.sightings, sighting][-KEPT:]
+        """Append a sighting and drop the oldest beyond `MOST_SIGHTINGS`."""
+        self.sightings = [*self.sightings, sighting][-MOST_SIGHTINGS:]
         self.count += 1
         self.times = np.array([s.measured_s for s in self.sightings])
         self.positions = np.array([s.position for s in self.sightings])
@@ -146,8 +148,8 @@ class Chain:
 
     @property
     def moves(self) -> bool:
-        """Whether there are several sightings and, once its speed is known, it is fast enough."""
-        if len(self.sightings) < SURE:
+        """Whether there are several sightings and, with `LEAST_SIGHTINGS`, it is fast enough."""
+        if len(self.sightings) < LEAST_SIGHTINGS:
             return len(self.sightings) > 1
         return math.hypot(*self.velocity.tolist()) >= SLOWEST_M_S
 
@@ -168,7 +170,7 @@ class Links:
                 free_chains.remove(row)
                 free.remove(column)
         stamps = sorted({s.stamp_s for c in self.chains for s in c.sightings} | {stamp_s})
-        oldest_s = stamps[-min(len(stamps), MISSED + 1)]
+        oldest_s = stamps[-min(len(stamps), MOST_MISSED + 1)]
         recent = [c for c in self.chains if c.sightings[-1].stamp_s >= oldest_s]
         self.chains = recent + [_new_chain(sightings[column]) for column in free]
 
@@ -209,8 +211,8 @@ LIMITS_M = np.array(
 )
 """(B, 3) length, width and height, two standard deviations above the means of each kind of body."""
 RIDER_M = 1.3
-"""A rider on a two-wheeler is higher than this, a corner of a car lower."""
-TURNS = np.radians(np.arange(-24.0, 25.0, 4.0))
+"""A rider on a two-wheeler is higher than this, a corner of a car lower. Chosen by hand."""
+OFFSETS = np.radians(np.arange(-24.0, 25.0, 4.0))
 """Angles between a body's heading and its direction of motion that are tried, radians."""
 
 
@@ -223,7 +225,7 @@ class BodySize(NamedTuple):
 
 
 def usual(chains: Sequence[Chain]) -> list[tuple[Body, BodySize]]:
-    """Return for each chain the first kind of body that is as large as its returns, and its size.
+    """Return for each chain the first kind of body in `TRIED` that holds its returns, and its size.
 
     Two-wheelers come first, but only for returns as high as a rider: a part of a car that is as
     narrow is lower.
@@ -260,7 +262,7 @@ def _extents(chains: Sequence[Chain]) -> np.ndarray:
     x, y = x - times_s * velocity_x, y - times_s * velocity_y
     towards = [math.atan2(v_y, v_x) for _, (v_x, v_y) in sightings]
     cos, sin = (
-        np.repeat([[f(yaw + turn) for yaw in towards] for turn in TURNS.tolist()], counts, axis=1)
+        np.repeat([[f(yaw + turn) for yaw in towards] for turn in OFFSETS.tolist()], counts, axis=1)
         for f in (math.cos, math.sin)
     )
     long, wide = (

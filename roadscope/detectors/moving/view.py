@@ -1,4 +1,4 @@
-"""Scans of the last second, corrected for the ego's motion, and what they show of a place."""
+"""Scans of the last second, corrected for the ego's motion, and whether they show a place free."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from roadscope.core.record import Record
 class PolarImage(NamedTuple):
     """The range image of a scan and the directions of its rays, for kernels.
 
-    ranges: (R, C) float32, metres, by beam and column, nan where nothing came back.
+    ranges: (R, C) float32, metres, by beam and column, nan without a return.
     slopes: (R,) float64, increasing, tangent of each beam's elevation, lidar frame.
     azimuth, step: of column 0 and from column to column, radians, lidar frame.
     column_times_s: (C,) float64, seconds after the stamp.
@@ -41,7 +41,7 @@ class View(Record):
     """The points of a scan, its range image and the directions of its rays.
 
     points: (N, 3) float64, metres, ego frame at the stamp, corrected for the sensor's motion during
-        the sweep: what stands still is where it stands.
+        the sweep, so that points of static objects are where these stand.
     times_s: (N,) float64, seconds after the stamp.
     image: (R, C) float32, metres, range of the nearest return by beam and column; nan for none.
     slopes: (R,) float64, increasing, tangent of each beam's elevation.
@@ -132,7 +132,7 @@ def imaged(
 def tabulate(
     points: np.ndarray, ring: np.ndarray, column: np.ndarray, times_s: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Return range image, slope by ring, azimuth and time by column; nan where nothing came back.
+    """Return range image, slope by ring, azimuth and time by column; nan without a return.
 
     points: (N, 3) metres, lidar frame. ring, column: (N,) from 0 up. times_s: (N,) float64,
     seconds after the stamp. Returns the image (R, C) float32, metres; slopes (R,), tangents of
@@ -257,23 +257,23 @@ def carried(points: np.ndarray, matrix: np.ndarray) -> np.ndarray:
 
 
 # --------------------------------------------------------------------------------------------------
-# What scans show of places.
+# Whether scans show places free or occupied.
 
 OCCUPIED_M = 0.5
-"""A return this near in range says that the place was occupied. It allows for three standard
-deviations of range noise in both scans, for slanted surfaces, and for one second of odometry
-error."""
+"""If the range of a return differs from that of a place by less than this, the place was occupied.
+It allows for three standard deviations of range noise in both scans, for slanted surfaces, and for
+one second of odometry error."""
 BEYOND_M = 1.0
-"""A return this much farther says that the place was free."""
+"""If the range of a return is this much greater, the place was free. Chosen by hand."""
 PASS_M = 0.1
 """Rays that pass at most this much above or below the visible part of an object show whether it was
 there. More would be wrong for a guard rail, which is low and thin: rays between two beams miss it,
 and the place where a beam hits it moves along with the sensor, as a vehicle would."""
 BODY_LOW_M, BODY_HIGH_M = 0.8, 1.2
-"""Heights at which any vehicle stops a ray."""
+"""Heights above the road at which any vehicle stops a ray. Chosen by hand."""
 BEHIND_M = 5.5
-"""What a ray hits this far behind a place is not the same vehicle, even if it went over a
-bonnet."""
+"""A return this far behind a place is not of the same vehicle, even if the ray passed over its
+bonnet. Chosen by hand."""
 
 
 @compiled()
@@ -351,8 +351,8 @@ def count_free_and_occupied(
                 if abs(measured - reach) < OCCUPIED_M:
                     occupied = True
                 elif relevant:
-                    # No return means that the ray hit nothing within its reach. A ray that ends
-                    # before the place says that it may be hidden: then it does not count as free.
+                    # Without a return the ray hit nothing within its reach. Behind a ray that ends
+                    # nearer the place may be hidden: then it does not count as free.
                     beyond = np.isnan(measured) or measured > reach + BEYOND_M
                     free_rays += 1 if beyond else -99
         counts[0, i] += 1 if free_rays >= 3 and not occupied else 0
@@ -361,7 +361,7 @@ def count_free_and_occupied(
 
 @compiled()
 def is_seen_through(points: np.ndarray, image: PolarImage) -> np.ndarray:
-    """Return (N,) whether a ray crosses a place at a body's height above the road and goes on.
+    """Return (N,) whether a ray passes a place at the height of a body and hits nothing there.
 
     points: (N, 3) metres, the scan's ego frame. No vehicle stands at such a place.
     """
@@ -410,7 +410,8 @@ def _ray_to(point: np.ndarray, image: PolarImage) -> tuple[int, float, float, fl
 # The scans of the last second, each with the transform from now to then.
 
 AGES_S = (0.1, 0.2, 0.3, 0.5, 0.7, 1.0)
-"""Ages of earlier scans: a slow car leaves its place late, a fast one is soon far away."""
+"""Ages of the earlier scans that are used: a slow car leaves its place late, a fast one is soon far
+away. Chosen by hand."""
 SLACK_S = 0.05
 """Greatest difference of a scan's age from one of `AGES_S`."""
 
@@ -428,12 +429,12 @@ class EarlierView:
 
 
 class Memory:
-    """Keeps the scans of the last second, and the estimated pose of the ego at each.
+    """Stores the scans of the last second, and the estimated pose of the ego at each.
 
-    A frame without an estimate of the ego's motion means that the sensor stood still since the last
-    one, as a sensor by the road does. On a moving sensor without odometry the roadside then appears
-    to move. The first frame of a drive has no estimate either: its scan is corrected again when the
-    second frame tells the ego's speed.
+    In a frame without an estimate of the ego's motion the sensor is taken to have stood still since
+    the last frame, as a sensor by the road does. On a moving sensor without odometry the roadside
+    then appears to move. The first frame of a drive has no estimate either: its scan is corrected
+    again when the motion to the second frame is known.
     """
 
     def __init__(self) -> None:
@@ -444,7 +445,7 @@ class Memory:
         self.now: View | None = None
         self.stamp_s = float("nan")
         self.drive_from_ego = Pose.identity()
-        self._kept: list[tuple[float, View, Pose]] = []
+        self._earlier: list[tuple[float, View, Pose]] = []
         self._first: tuple[LidarScan, Pose] | None = None
 
     def add(self, frame: Frame) -> None:
@@ -453,25 +454,25 @@ class Memory:
             self.reset()
         motion = frame.previous_from_ego
         twist = _twist(motion, frame.stamp_s - self.stamp_s)
-        self._keep(twist)
+        self._store(twist)
         self.stamp_s, self.now = frame.stamp_s, None
         if motion is not None:
             self.drive_from_ego = self.drive_from_ego @ motion
         if frame.lidar is not None:
             mount = frame.calibration.pose(frame.lidar.sensor)
             self.now = View.of(frame.lidar, mount, twist)
-            self._first = (frame.lidar, mount) if motion is None and not self._kept else None
+            self._first = (frame.lidar, mount) if motion is None and not self._earlier else None
 
     def earlier_views(self) -> list[EarlierView]:
         """Return the earlier scans nearest to `AGES_S`, the youngest first."""
-        ages_s = np.array([self.stamp_s - stamp_s for stamp_s, _, _ in self._kept])
+        ages_s = np.array([self.stamp_s - stamp_s for stamp_s, _, _ in self._earlier])
         if not len(ages_s):
             return []
         nearest = [int(np.abs(ages_s - age_s).argmin()) for age_s in AGES_S]
         rows = [r for r, a in zip(nearest, AGES_S, strict=True) if abs(ages_s[r] - a) < SLACK_S]
         if not rows:
             return []
-        earlier = [self._kept[row] for row in dict.fromkeys(rows)]
+        earlier = [self._earlier[row] for row in dict.fromkeys(rows)]
         drive_from_then = [pose.matrix for _, _, pose in earlier]
         transforms = np.linalg.inv(drive_from_then) @ self.drive_from_ego.matrix
         return [
@@ -479,14 +480,14 @@ class Memory:
             for (stamp_s, view, _), then_from_now in zip(earlier, transforms, strict=True)
         ]
 
-    def _keep(self, twist: np.ndarray) -> None:
+    def _store(self, twist: np.ndarray) -> None:
         """Add the last scan to the earlier ones, and drop those that are too old."""
         if self.now is None:
             return
         now = self.now if self._first is None else View.of(*self._first, twist)
-        self._kept.insert(0, (self.stamp_s, now, self.drive_from_ego))
+        self._earlier.insert(0, (self.stamp_s, now, self.drive_from_ego))
         oldest_s = self.stamp_s - AGES_S[-1] - SLACK_S
-        self._kept = [earlier for earlier in self._kept if earlier[0] >= oldest_s]
+        self._earlier = [earlier for earlier in self._earlier if earlier[0] >= oldest_s]
 
 
 def _twist(previous_from_now: Pose | None, elapsed_s: float) -> np.ndarray:
