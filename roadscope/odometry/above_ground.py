@@ -12,20 +12,22 @@ from roadscope.detectors.cloud import Cloud
 from roadscope.detectors.ground import polar_above_ground
 
 BOUNDS_M = (0.5, 120.0)
-"""Least and greatest range of the returns that are used."""
+"""Least and greatest range of the returns that are used, metres. Chosen by hand."""
 ARRAYS = ("points", "intensity", "ring", "column", "time_offset_s")
 
 NEAR_M, DEEPEST_M = 20.0, 5.0
-"""The ground is looked for up to this range, and down to this depth below the sensor."""
+"""The ground is searched within the first in range, and down to the second below the sensor. Chosen
+by hand."""
 BIN_M = 0.05
-"""Thickness of the layers in which returns are counted."""
+"""Thickness of the layers in which returns are counted. Chosen by hand."""
 LEAST = 0.02
-"""Least share of these returns in the fullest two adjacent layers; else no ground is visible."""
+"""The ground is visible if at least this share of the counted returns is in two adjacent layers.
+Chosen by hand."""
 
 
 @compiled()
 def sensor_height(points: np.ndarray) -> float:
-    """Return the height in metres; nan without visible ground.
+    """Return the height of the LiDAR above the ground, metres; nan without visible ground.
 
     points: (N, 3) metres, lidar frame, z up to within a few degrees. The ground is the lowest
     pair of adjacent layers with at least half as many returns as the fullest pair.
@@ -48,7 +50,7 @@ def sensor_height(points: np.ndarray) -> float:
     for back in range(bins):
         b = bins - 1 - back
         if 2 * (counts[b] + counts[b + 1]) >= most:
-            # The fuller of this pair and the next one above: the ground is thicker than a bin.
+            # Returns of the ground fill more than a layer: the pair above may have more of them.
             if b > 0 and counts[b - 1] > counts[b + 1]:
                 b -= 1
             mean: float = -(sums[b] + sums[b + 1]) / (counts[b] + counts[b + 1])

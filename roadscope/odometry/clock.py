@@ -8,25 +8,24 @@ from dataclasses import dataclass
 from statistics import median
 
 GAP_PERIODS = 2.5
-"""Least number of periods between two scans that counts as a gap: one lost scan is none, since
-speeds hardly change in 0.2 s."""
+"""Two scans are separated by a gap if more than so many periods lie between them. One lost scan is
+no gap, since speeds hardly change in 0.2 s."""
 
 PERIODS = 9
-"""The usual period is the median of this many, so that a gap or a wrong stamp does not change
-it."""
+"""The usual period is the median of the last so many: a gap or a wrong stamp does not change it."""
 
 RESTART = 3
-"""After this many stamps in a row that are not later than the last good one, the clock was
-reset."""
+"""After so many stamps in a row that are not later than the last one in order, the clock is assumed
+to have been reset."""
 
 
 @dataclass(frozen=True, slots=True)
 class ScanTick:
     """The time of one scan.
 
-    elapsed_s: since the last scan in order; 0 for the first, and for one that is out of order.
+    elapsed_s: time since the last scan in order; 0 for the first, and for one out of order.
     reason: what is wrong with the stamp, or empty.
-    in_order: whether the stamp is later than all before.
+    in_order: whether the stamp is later than all earlier ones since the clock was reset.
     """
 
     elapsed_s: float
@@ -35,9 +34,10 @@ class ScanTick:
 
 
 class Clock:
-    """Computes elapsed times from the stamps of scans, and finds gaps and steps back.
+    """Computes elapsed times from the stamps of scans, and detects gaps and resets.
 
-    If a clock that was reset soon continues as before, only a few stamps were wrong.
+    If stamps soon after a reset continue as before it, the clock was not reset: a few stamps were
+    wrong.
     """
 
     def __init__(self) -> None:
@@ -73,6 +73,6 @@ class Clock:
             self._old_clock_s = math.inf
             return ScanTick(since_s, "the clock is again where it was before")
         self._periods_s.append(elapsed_s)
-        # The old clock would have advanced by the same time.
+        # Without the reset the clock would have advanced by the same time.
         self._old_clock_s += elapsed_s
         return ScanTick(elapsed_s, f"no scan for {elapsed_s:.3g} s" if is_gap else "")

@@ -8,16 +8,20 @@ from roadscope.core import ImuSamples, LidarScan, OdometryEstimate, Pose
 from roadscope.odometry.clock import Clock, ScanTick
 from roadscope.odometry.estimates import estimate, propagated_covariance
 from roadscope.odometry.imu_buffer import NO_SAMPLES, ImuBuffer
+from roadscope.odometry.inertial.filter import GRAVITY_M_S2
 from roadscope.odometry.rigid import exp_so3, inverse, orthonormal
 
 REST_S = 1.0
-"""Longest time at the start over which samples are averaged while they are constant."""
+"""Longest time at the start over which samples are averaged while they are constant. Chosen by
+hand."""
 REST_RATE_RAD_S, REST_FORCE_M_S2 = 0.02, 0.15
-"""Changes of the means since the first scan below which samples count as constant."""
+"""Samples count as constant while the mean rate and force of each interval differ from those since
+the start by at most this along each axis. Chosen by hand."""
 RATE_RAD_SQRT_S, FORCE_M_S_SQRT_S = 2.4e-4, 2.3e-3
-"""Noise densities of an ADIS16448, for the covariance."""
+"""Noise densities of an ADIS16448 by its data sheet, for the covariance: rad/s and m/s2 per root
+hertz."""
 RATE_BIAS_RAD_S, FORCE_BIAS_M_S2 = 1e-3, 0.03
-"""Standard deviations of the biases after a rest."""
+"""Standard deviations of the biases after a rest. Chosen by hand."""
 
 
 class DeadReckoningOdometry:
@@ -25,8 +29,8 @@ class DeadReckoningOdometry:
 
     While samples are constant after the start they are averaged: their mean rate is the gyro's
     bias, their mean force is gravity plus the accelerometer's bias. An IMU does not measure speed,
-    so a drive that begins at speed is treated as one from rest. Without samples the speed is kept
-    and the estimate is degraded.
+    so a drive that begins at speed is treated as one from rest. Without samples the speed is
+    assumed to be constant, and the estimate is degraded.
     """
 
     def __init__(self) -> None:
@@ -72,7 +76,7 @@ class DeadReckoningOdometry:
         return tick.reason if covered else NO_SAMPLES
 
     def _still_at_rest(self, lengths: np.ndarray, rates: np.ndarray, forces: np.ndarray) -> bool:
-        """Add an interval of constant samples to the means; False from the first motion on."""
+        """Add an interval to the means while samples are constant; return whether they are."""
         elapsed_s = float(lengths.sum())
         mean = lengths @ np.hstack([rates, forces]) / elapsed_s
         means = self._sums / self._rested_s if self._rested_s else mean
@@ -87,15 +91,15 @@ class DeadReckoningOdometry:
         return self._at_rest
 
     def _integrate(self, lengths: np.ndarray, rates: np.ndarray, forces: np.ndarray) -> None:
-        """Integrate position and velocity of the IMU, with forces turned into the start frame."""
+        """Integrate position and velocity of the IMU, with forces rotated to the start frame."""
         assert self._gravity is not None
-        rotation, at, speed = self._pose[:3, :3], self._position, self._velocity
+        rotation, position, velocity = self._pose[:3, :3], self._position, self._velocity
         for length_s, rate, force in zip(lengths, rates - self._bias, forces, strict=True):
             turned = rotation @ exp_so3(rate * length_s)
-            pushed = (rotation + turned) / 2 @ force - self._gravity
-            at = at + speed * length_s + pushed * length_s**2 / 2
-            speed, rotation = speed + pushed * length_s, turned
-        self._position, self._velocity = at, speed
+            acceleration = (rotation + turned) / 2 @ force - self._gravity
+            position = position + velocity * length_s + acceleration * length_s**2 / 2
+            velocity, rotation = velocity + acceleration * length_s, turned
+        self._position, self._velocity = position, velocity
         self._set_pose(rotation)
 
     def _set_pose(self, rotation: np.ndarray) -> None:
@@ -108,7 +112,7 @@ class DeadReckoningOdometry:
         """Return the (6, 6) covariance of the last motion by biases and noise since the start."""
         t = self._moving_s
         turned = RATE_BIAS_RAD_S * t + RATE_RAD_SQRT_S * np.sqrt(t)
-        tilted = 9.81 * turned
+        tilted = GRAVITY_M_S2 * turned
         speed = (FORCE_BIAS_M_S2 + tilted) * t + FORCE_M_S_SQRT_S * np.sqrt(t)
         turn = RATE_BIAS_RAD_S * elapsed_s + RATE_RAD_SQRT_S * np.sqrt(elapsed_s)
         spread: np.ndarray = np.diag([(speed * elapsed_s) ** 2] * 3 + [turn**2] * 3)

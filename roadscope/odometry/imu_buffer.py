@@ -7,16 +7,19 @@ import numpy as np
 from roadscope.core import ImuSamples, Pose
 
 BUFFER_S = 3.0
-"""Samples of at least this time are stored. A step back by more is a reset of the clock."""
+"""Samples of at least this time are stored. A stamp that is earlier by more means that the clock
+was reset. Chosen by hand."""
 GAP_S = 0.03
-"""Longest time without a sample that is no gap: a dozen samples at 400 Hz, three at 100 Hz."""
+"""Samples farther apart than this have a gap between them: 12 periods at 400 Hz, 3 at 100 Hz.
+Chosen by hand."""
 NO_SAMPLES = "no inertial samples"
 
 
 class ImuBuffer:
-    """Stores samples of the last seconds along the LiDAR's axes; only finite ones are stored.
+    """Stores the finite samples of the last seconds, rotated to the LiDAR's axes.
 
-    stamps_s: (K,) increasing. rates: (K, 3) rad/s. forces: (K, 3) m/s^2, at the IMU.
+    stamps_s: (K,) increasing. rates: (K, 3) rad/s. forces: (K, 3) m/s^2, specific force at the
+        position of the IMU.
     """
 
     def __init__(self, lidar_from_imu: Pose | None) -> None:
@@ -58,9 +61,9 @@ class ImuBuffer:
         return bool(np.diff(marks).max() <= GAP_S)
 
     def missing_samples(self, stamp_s: float, elapsed_s: float) -> str:
-        """Return a reason if samples are missing before a stamp, else nothing.
+        """Return a reason if samples are missing before a stamp, otherwise an empty text.
 
-        If there never were samples, there is no inertial unit and none are missing.
+        If there never were samples, there is no inertial unit, and none are missing.
         """
         covered = not elapsed_s or self.covers(stamp_s - elapsed_s, stamp_s)
         return "" if covered or not self._has_samples else NO_SAMPLES

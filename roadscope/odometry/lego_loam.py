@@ -1,8 +1,8 @@
 """Lightweight and ground-optimised LiDAR odometry and mapping (Shan and Englot 2018).
 
 T. Shan and B. Englot, "LeGO-LOAM: lightweight and ground-optimized lidar odometry and mapping on
-variable terrain", IROS 2018. Written from the paper. If there is an IMU, it predicts
-each motion as in `zhang2022`, so that the two differ only in their use of scans.
+variable terrain", IROS 2018. Written from the paper. If there is an IMU, each motion is predicted
+from its samples as in `zhang2022`, so that both differ only in their use of scans.
 """
 
 from __future__ import annotations
@@ -20,11 +20,11 @@ from roadscope.odometry.scatter import excessive_noise
 
 
 class LegoLoamOdometry:
-    """Ground planes give height, roll and pitch from scan to scan, edges the rest; a map refines.
+    """Matches ground planes for height, roll and pitch, edges for the rest, then scans with a map.
 
-    min_points: smaller objects are dropped. map_every: scans between two matches with the map; five
-        is the paper's 2 Hz. reach_m: radius of the map. loop: whether loops are closed, which
-        corrects all earlier keyframes; the estimated pose then leaps.
+    min_points: objects with fewer returns are dropped. map_every: scans between two matches with
+        the map; five is the paper's 2 Hz. reach_m: radius of the map, metres. loop: whether loops
+        are closed, which corrects all earlier keyframes; the estimated pose then jumps.
     """
 
     def __init__(

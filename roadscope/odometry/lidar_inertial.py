@@ -36,38 +36,44 @@ from roadscope.odometry.voxels.matching import ScanMatch
 from roadscope.odometry.voxels.sweep import ThinnedScan
 
 USUAL_UNIT = "adis16448"
+"""The inertial unit whose noise is assumed by default."""
 LEAST_POINTS = 60
-"""Least number of points for a match, also of those that lie on known surfaces."""
+"""Least number of points for a match, and of those that lie on surfaces of the map. Chosen by
+hand."""
 LEAST_AGREEMENT = 0.3
 """Least share of the points on surfaces that must agree with them. Chosen by hand."""
 SUFFICIENT_INFORMATION, SUFFICIENT_AGREEMENT = 1.0, 0.5
-"""Mean information of a point about the forward motion, 1/m^2, that is sufficient: 2 and more on
-streets, less in platoons, tunnels and between barriers. With less information, at least half of
-the points must agree: they do in all but 4 of 1500 scans of validation seeds, and in none where
-everything moves along."""
+"""Sufficient mean information of a point about the forward motion, 1/m^2. It is 2 and more on
+streets, less in platoons, in tunnels and between barriers. With less information, at least the
+second, a share of the points, must agree with the map: they do in all but 4 of 1500 scans of
+validation seeds, and in no scan in which all objects move along with the sensor."""
 VAGUE_M_S = 0.5
-"""Largest standard deviation of a speed that is not degraded."""
+"""An estimate is degraded if the standard deviation of its speed is greater. Chosen by hand."""
 GUESS_M_S, GUESS_RAD_S = 10.0, 0.1
 """Standard deviations of speed and turn rate while the speed is unknown. Chosen by hand."""
 SPEED_UNKNOWN = "too few fixtures determine the speed"
+"""Fixtures are static objects beside the road."""
 SCANS_IN_MAP = 10.0
-"""Consecutive scans are matched with nearly the same scans in the map, about so many. So only this
-part of the variance of a pose on the map is new from scan to scan."""
+"""Consecutive scans are matched with nearly the same scans in the map, about so many, so their
+errors are nearly the same. The variance of a pose on the map, divided by this, is the part that is
+new in a scan. Chosen by hand."""
 LOST = 5
-"""After this many rejected scans in a row everything is started again."""
+"""After this many rejected scans in a row filter and map are started again. Chosen by hand."""
 SLIP = 10
-"""Tyres may slip during so many scans in a row; then a wheel speed is accepted however far off."""
+"""Tyres may slip during so many scans in a row. Later a wheel speed is accepted, however different
+from the predicted one. Chosen by hand."""
 
 
 class LidarInertialOdometry:
     """Error-state Kalman filter on inertial samples, corrected by each scan on a map of surfaces.
 
-    The first scans determine the speed: static objects in them coincide at it. From then on the
-    inertial prediction is so precise that traffic which moves along cannot pull the pose with it.
-    Returns at places that earlier beams passed have moved there. Returns at places that something
-    at the same range hid before may be of that thing, which moves along with the sensor. Both are
-    dynamic and left out. The filter follows Xu 2022 (FAST-LIO2); map, speed search and the
-    detection of dynamic returns are ours. Without an IMU the prediction has constant velocity.
+    The first scans determine the speed: that at which their static objects coincide. From then on
+    the inertial prediction is so precise that traffic which moves along with the sensor cannot
+    displace the pose. A return at a place through which earlier beams passed is of an object that
+    has moved there. A return at a place that was hidden by an object at the same range may be of
+    this object, which then moves along with the sensor. Both are dynamic and left out. The filter
+    follows Xu 2022 (FAST-LIO2); map, speed search and the detection of dynamic returns are ours.
+    Without an IMU the prediction has constant velocity.
     """
 
     def __init__(
@@ -82,8 +88,8 @@ class LidarInertialOdometry:
     ) -> None:
         """Store the settings.
 
-        match_m, insert_m: edges of the cubes from which one return is matched, or added to the
-            map; indoors, where there are few cubes, smaller ones are matched.
+        match_m, insert_m: edges of the cubes of which one return each is matched, or added to the
+            map, metres; indoors, where there are few cubes, those for matching are smaller.
         reach_m: radius of the map. drop_dynamic: leave out dynamic returns, and those that
             contradict a surface of the map.
         imu: the unit whose noise is expected, a name of `envs.sensors.imu_spec.IMUS`.
@@ -198,7 +204,7 @@ class LidarInertialOdometry:
             return moving, problem
         scan_match = track.matched(sweep, points, moving)
         problem = _reason_to_reject(scan_match)
-        # While fixtures confirm the speed, it is the traffic that does not agree.
+        # While fixtures confirm the speed, the points that do not agree are of traffic.
         fits = not problem or rolled or self._check.confirmed(scan.stamp_s)
         if not rolled and track.twist()[0] < self._integrated_speed.least_m_s:
             problem, fits = "the speed is below the integrated acceleration", False
@@ -207,7 +213,7 @@ class LidarInertialOdometry:
             track.update_by_match(scan_match)
             self._update_rest(track, interval, scan.stamp_s)
             track.add_to_map(sweep, points, moving)
-            # There is no traffic in a room.
+            # In a room there is no traffic that could mislead the speed.
             self._speed_known |= sweep.close
             if not rolled:
                 problem = self._check_by_fixtures(track, scan) or problem
@@ -235,9 +241,10 @@ class LidarInertialOdometry:
         return rolled
 
     def _update_rest(self, track: InertialTrack, interval: ImuInterval, now_s: float) -> None:
-        """Correct a sensor at rest; at the end of a rest, return to a state that surely was one.
+        """Correct a sensor at rest; at the end, go back to the last state that surely was at rest.
 
-        Steady braking has samples as constant as rest, but then the sensor was recently faster.
+        In steady braking samples are as constant as at rest, but the sensor was faster shortly
+        before.
         """
         slow = now_s >= self._last_fast_s + WINDOW_S
         means = measured_rest(self._imu, now_s, self.noise) if slow else None
@@ -274,7 +281,7 @@ class LidarInertialOdometry:
         if self._check.contradicts(
             off_m_s, track.speed_deviation_m_s(max(spread_m_s, ROUGHLY_M_S))
         ):
-            # The error of the speed was learned as a slope of the road.
+            # The filter has taken the error of the speed for a slope, which changes gravity.
             self._misfits, self._trust_gravity = LOST, False
             return "fixtures beside the road repeatedly show another speed"
         track.correct_speed(off_m_s, spread_m_s)
@@ -309,13 +316,13 @@ def _reason_to_reject(scan_match: ScanMatch) -> str:
 
 
 def _reason_of_vague_speed(track: InertialTrack) -> str:
-    """Return a reason if the speed is too uncertain, else nothing."""
+    """Return a reason if the speed is too uncertain, else an empty text."""
     off_m_s = float(np.sqrt(np.linalg.eigvalsh(track.state.covariance[SPEED, SPEED])[-1]))
     return f"the speed may be {off_m_s:.2g} m/s off" if off_m_s > VAGUE_M_S else ""
 
 
 def _reason_of_missing_information(track: InertialTrack, scan_match: ScanMatch) -> str:
-    """Return a reason if the points do not determine the forward motion, else nothing."""
+    """Return a reason if the points do not determine the forward motion, else an empty text."""
     ahead = track.state.pose[:3, 0]
     information = float(ahead @ scan_match.information[:3, :3] @ ahead)
     if (

@@ -1,4 +1,4 @@
-"""An odometry of a LiDAR that need not be mounted with its x axis ahead."""
+"""An odometry for a LiDAR that need not be mounted with its x axis ahead."""
 
 from __future__ import annotations
 
@@ -32,18 +32,18 @@ from roadscope.odometry.travel import (
 )
 from roadscope.odometry.voxel_map import VoxelMapOdometry
 
-EVERY = 6
+STRIDE = 6
 """Scans from window to window: half a window."""
 WINDOWS = 2
 """Number of consecutive windows that have to agree on the direction. Chosen by hand."""
-KEPT = 40
-"""Most scans that are kept until the direction is known; the odometry then begins with the first of
-them. Chosen by hand: the direction of a driving LiDAR is known before."""
+MOST_SCANS = 40
+"""Most scans that are stored until the direction is known; the odometry then begins with the first
+of them. Chosen by hand: while a LiDAR drives, its direction is known after fewer scans."""
 UNKNOWN = "the direction of travel is not known yet"
 
 
 class Measured(NamedTuple):
-    """A scan with the samples that came with it, and the pose that was estimated then."""
+    """A scan with its samples, and the pose that `voxel-map` estimated for it."""
 
     scan: LidarScan
     imu: ImuSamples | None
@@ -68,9 +68,10 @@ class ScanList:
 class MountedOdometry:
     """Gives scans with x ahead to an odometry, and returns its poses in the LiDAR's own axes.
 
-    Odometries look for the first speed along x, and most take x for ahead ever after. A LiDAR that
-    is mounted otherwise needs its mounting, or scans show the direction of travel: until they do,
-    poses are those of `voxel-map` and degraded, and the odometry then begins with the scans so far.
+    Odometries search the first speed along x, and most assume afterwards, too, that x points ahead.
+    For another mounting the rotation has to be known, or it is estimated: scans show the direction
+    of travel. Until they do, poses are those of `voxel-map` and degraded; then the odometry begins
+    with the stored scans.
     """
 
     def __init__(
@@ -78,9 +79,10 @@ class MountedOdometry:
     ) -> None:
         """Store the settings.
 
-        odometry: a spec, or an odometry. ahead_from_lidar: brings the LiDAR's axes to x ahead, y
-            left, z up; only its rotation counts. None: z points up, and scans show the direction of
-            travel; a LiDAR that drives backwards all the time counts as mounted backwards.
+        odometry: a spec, or an odometry.
+        ahead_from_lidar: transform from the LiDAR's axes to x ahead, y left, z up; only its
+            rotation is used. None: z points up, and the direction of travel is estimated; a LiDAR
+            that always drives backwards is taken to be mounted backwards.
         """
         self._odometry = ODOMETRIES.make(odometry) if isinstance(odometry, str) else odometry
         self._mounting = None
@@ -95,7 +97,7 @@ class MountedOdometry:
         self._turn: Pose | None = None
         self._rough = VoxelMapOdometry()
         self._rough.reset(lidar_from_imu)
-        self._recent = deque[Measured](maxlen=KEPT)
+        self._recent = deque[Measured](maxlen=MOST_SCANS)
         self._directions: list[float | None] = []
         self._count = 0
         self._wheels: WheelSamples | None = None
@@ -114,7 +116,7 @@ class MountedOdometry:
         rough = self._rough.update(scan, imu)
         self._recent.append(Measured(scan, imu, wheels, rough))
         self._count += 1
-        if self._count > STEPS and self._count % EVERY == 0:
+        if self._count > STEPS and self._count % STRIDE == 0:
             azimuth = self._direction()
             if azimuth is not None:
                 return self._begin_with_recent(Pose.from_euler(0, 0, 0, yaw=-azimuth))
@@ -125,7 +127,7 @@ class MountedOdometry:
         scans = ScanList([each.scan for each in self._recent][-STEPS - 1 :])
         for guess in GUESSES_RAD:
             window = matched_window(scans, 0, guess)
-            if window:  # Without a direction it is slow or stands.
+            if window:  # If it has no direction, the LiDAR is slow or stands.
                 self._directions.append(window_direction(window))
                 break
         else:
@@ -140,7 +142,7 @@ class MountedOdometry:
         self._odometry.reset(turn @ (mounting or Pose.identity()) if needed else None)
 
     def _begin_with_recent(self, turn: Pose) -> OdometryEstimate:
-        """Begin with the scans that are kept, the first of which has the pose so far."""
+        """Begin with the stored scans, the first of which has the pose estimated so far."""
         self._start = self._recent[0].rough
         self._begin(turn)
         recent, self._recent = self._recent, deque(maxlen=0)

@@ -9,18 +9,19 @@ from roadscope.core.jit import compiled
 from roadscope.detectors.sorting import median_of
 
 LARGEST_NOISE_M = 0.15
-"""Largest range noise; data sheets state 0.02 to 0.03 m, and 0.1 m for a LUX."""
+"""Greatest plausible range noise; data sheets state 0.02 to 0.03 m, and 0.1 m for a LUX."""
 LEAST_TRIPLES = 200
-"""Least number of second differences for an estimate."""
-ENOUGH = 4000
-"""Approximate number of used returns: those of every second ring, or third, and so on."""
+"""Least number of second differences for an estimate. Chosen by hand."""
+USED_RETURNS = 4000
+"""About so many returns are used: those of every second ring, or third, and so on. Chosen by
+hand."""
 MEDIAN_OF_NORMAL = np.sqrt(6.0) * 0.6745
 """Median of absolute second differences of independent normal errors, in standard deviations of
 these errors."""
 
 
 def excessive_noise(scan: LidarScan) -> str:
-    """Return a reason if ranges have far more noise than those of LiDARs, else nothing.
+    """Return a reason if ranges have more noise than a LiDAR's, otherwise an empty text.
 
     Most returns lie on surfaces that extend over three columns, with almost linear ranges: the
     median of second differences along the rings measures the noise.
@@ -31,7 +32,8 @@ def excessive_noise(scan: LidarScan) -> str:
 
 def range_noise_m(scan: LidarScan) -> float:
     """Return the standard deviation of a scan's ranges, metres; 0 for too few returns."""
-    bends = _second_differences(scan.points, scan.ring, scan.column, max(1, len(scan) // ENOUGH))
+    every = max(1, len(scan) // USED_RETURNS)
+    bends = _second_differences(scan.points, scan.ring, scan.column, every)
     return median_of(bends) / MEDIAN_OF_NORMAL if len(bends) >= LEAST_TRIPLES else 0.0
 
 

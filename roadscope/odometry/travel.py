@@ -1,4 +1,4 @@
-"""The direction of travel in a LiDAR's own axes: its x axis need not point ahead."""
+"""The direction of travel in a LiDAR's own axes, whose x axis need not point ahead."""
 
 from __future__ import annotations
 
@@ -14,22 +14,23 @@ from roadscope.odometry.voxel_map import VoxelMapOdometry
 STEPS = 11
 """Steps from scan to scan in a window in which scans are matched."""
 SETTLING = 3
-"""Steps of a window after which scan matching knows the speed."""
+"""Steps of a window after which the speed of scan matching has converged."""
 PLACES = 8
-"""Greatest number of windows in which the direction of travel is looked for."""
+"""Greatest number of windows in a recording that are tried. Chosen by hand."""
 GUESSES_RAD = (0.0, np.pi / 2, -np.pi / 2)
 """Directions that are tried one after the other: `voxel-map` looks for the first speed along x, and
 finds it if the direction is wrong by 45 degrees, or by 180."""
 WINDOWS = 3
-"""Number of windows that have to agree on the direction."""
+"""Number of windows that have to agree on the direction. Chosen by hand."""
 LEAST_M = 3.0
 """Least distance driven in a window. On validation drives of 15 scenarios, matches that moving
 objects mislead have up to 1.3 m, and those of 3 m and more are within 13 degrees of the true
 direction."""
 AGREEMENT_RAD = np.deg2rad(20.0)
-"""Windows agree within this, and the x axis points ahead within this: a bend turns by 13."""
+"""Directions agree if they differ from their mean by at most this; in a bend they differ by 13
+degrees. The x axis points ahead if the direction of travel differs from it by less than this."""
 SQUARE_RAD = np.deg2rad(15.0)
-"""A direction this near to a right angle is taken for it."""
+"""A direction this near to a multiple of 90 degrees is replaced by it. Chosen by hand."""
 
 
 class RecordedScans(Protocol):
@@ -45,10 +46,10 @@ class RecordedScans(Protocol):
 def matched_window(
     recorded: RecordedScans, start: int, guess: float = 0.0
 ) -> list[OdometryEstimate]:
-    """Return the estimates of `voxel-map` in a window once it knows the speed, without an IMU.
+    """Return the estimates of `voxel-map`, without an IMU, in a window after `SETTLING` steps.
 
-    start: number of its first scan. guess: azimuth of the direction of travel, radians. Empty where
-    scans do not determine the motion.
+    It is empty where scans do not determine the motion. start: number of the window's first scan.
+    guess: assumed azimuth of the direction of travel, radians.
     """
     turn, odometry = Pose.from_euler(0, 0, 0, yaw=-guess), VoxelMapOdometry()
     scans = recorded.part(start, start + STEPS + 1)
@@ -77,7 +78,7 @@ def direction_of_travel(recorded: RecordedScans) -> float | None:
             directions += [] if direction is None else [direction]
             if len(directions) == WINDOWS:
                 return agreed_direction(directions)
-        if matched >= WINDOWS:  # Scans can be matched, so it is slow or stands.
+        if matched >= WINDOWS:  # Scans can be matched, so the LiDAR is slow or stands.
             return None
     return None
 
@@ -98,19 +99,19 @@ def window_direction(estimates: Sequence[OdometryEstimate]) -> float | None:
     moved = first.inverse() @ last
     if np.linalg.norm(moved.translation[:2]) < LEAST_M:
         return None
-    # The chord of a bend lies half way between the first and the last direction.
+    # In a bend the direction of the chord is the mean of the first and the last direction.
     return float(np.arctan2(moved.translation[1], moved.translation[0])) - moved.yaw / 2
 
 
 def turned_scan(scan: LidarScan, rotation: np.ndarray) -> LidarScan:
-    """Return a scan in turned axes, (3, 3)."""
+    """Return a scan whose points are rotated; rotation: (3, 3)."""
     return replace(scan, points=(scan.points @ rotation.T).astype(np.float32))
 
 
 def turned_back(estimate: OdometryEstimate, turn: Pose) -> OdometryEstimate:
-    """Return an estimate of turned scans in the axes of the LiDAR.
+    """Return an estimate that was made from rotated scans in the axes of the LiDAR.
 
-    turn: maps the LiDAR's axes into those of the scans; it has no translation.
+    turn: rotation from the LiDAR's axes to those of the scans, without translation.
     """
     both = np.kron(np.eye(2), turn.rotation)
     covariance = both.T @ estimate.covariance @ both

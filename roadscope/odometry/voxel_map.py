@@ -18,33 +18,38 @@ from roadscope.odometry.voxels.matching import PosePrior, ScanMatch, best_match,
 from roadscope.odometry.voxels.surfaces import VoxelMap
 
 BOUNDS_M = (1.5, 120.0)
-"""Nearer is the own vehicle; farther, beams are too far apart for surfaces."""
+"""Least and greatest range of the points that are used: nearer ones are of the own vehicle; between
+farther ones the beams are too far apart for surfaces. Chosen by hand."""
 LEAST_POINTS = 60
-"""Least number of points for a match, also of those that lie on known surfaces."""
+"""Least number of points for a match, and of those that lie on surfaces of the map. Chosen by
+hand."""
 LEAST_AGREEMENT = 0.3
 """Least share of the points on surfaces that must agree with them. Chosen by hand."""
 WEAKEST_M = 0.2
-"""A pose with a larger standard deviation in some direction is replaced by the prediction."""
+"""A pose with a larger standard deviation in some direction is replaced by the prediction. Chosen
+by hand."""
 LOST = 5
-"""After this many rejected scans in a row the map is started again."""
+"""After this many rejected scans in a row the map is started again. Chosen by hand."""
 SPEEDS_M_S = tuple(range(-4, 49, 2))
-"""Speeds along x that are tried if the speed is unknown; the slowest of equal ones is used."""
+"""Speeds along x that are tried if the speed is unknown; of equal ones the slowest is used."""
 ACCELERATION_M_S2, TURNING_RAD_S2 = 8.0, 2.0
 """Limits that vehicles do not exceed for long; hard braking on a dry road is 8 m/s^2."""
 GYRO_RAD_S = 0.01
-"""Standard deviation of a gyro's mean rate: its bias before it is learned."""
+"""Standard deviation of a gyro's mean rate: its bias before it is estimated. Chosen by hand."""
 BIAS_GAIN = 0.05
-"""Share of a rate's error by which the bias is corrected in a step."""
+"""Share of the difference between gyro and match by which the bias is corrected with each scan.
+Chosen by hand."""
 SIMILAR = 50.0
-"""Number of returns that count as one, against the prediction and in the covariance: errors of
-neighbours and of traffic are correlated."""
+"""So many returns have the weight of one independent measurement, relative to the prediction and in
+the covariance, because errors of neighbours and of traffic are correlated. Chosen by hand."""
 
 
 @dataclass(slots=True)
 class TimedPoints:
-    """Thinned points of a scan, (N, 3) at their own times, and (N,) times after the stamp.
+    """Thinned points of a scan.
 
-    few: rows that are matched; all are added to the map.
+    points: (N, 3) metres, the sensor's frame at each point's own time. times_s: (N,) seconds after
+        the stamp. few: (K,) rows of the points that are matched; all are added to the map.
     """
 
     points: np.ndarray
@@ -52,7 +57,10 @@ class TimedPoints:
     few: np.ndarray
 
     def at_stamp(self, twist: np.ndarray, rows: np.ndarray | slice) -> np.ndarray:
-        """Return the points of rows in the sensor's frame at the stamp, for a twist."""
+        """Return some points, (K, 3), in the sensor's frame at the stamp.
+
+        twist: (6,) m/s and rad/s, constant during the sweep.
+        """
         return deskewed(self.points[rows], self.times_s[rows], twist)
 
 
@@ -64,8 +72,8 @@ class VoxelMapOdometry:
 
     memory: `map` keeps the surfaces of all scans within `reach_m`, metres; `scan` keeps those of
         the last one only.
-    match_m, insert_m: edges, in metres, of the cubes from which one return is matched, or added to
-        the map.
+    match_m, insert_m: edges of the cubes of which one return each is matched, or added to the map,
+        metres.
     """
 
     def __init__(

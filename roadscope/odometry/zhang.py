@@ -54,18 +54,20 @@ class PreviousScan:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DynamicThreshold:
-    """How far a cluster's centre moves, at least, if the cluster is dynamic (eq. 4).
+    """How far the centre of a cluster must have moved for the cluster to be dynamic (eq. 4).
 
     The paper states no threshold. It is `still_m`, plus `still_m_s` times the time between the
     scans, plus `view` times the ego motion, and at least `sampled` times the range.
 
+    still_m, still_m_s: metres, and metres per second.
     view: share of the ego motion that is added. The visible part of a wall moves with the sensor,
-        and its centre too if the wall is one cluster. None: 1 where the angle bounds only links, so
-        that walls are whole, else 0. With 1, objects slower than the sensor are not dynamic.
-    sampled: beams diverge, so that a far object has other returns in every scan. A centre rises or
-        falls by half the gap between two beams as soon as one of them misses the object: for a
+        and so does its centre if the wall is one cluster. None: 1 if the angle bounds only links,
+        so that walls are whole, otherwise 0. With 1, objects slower than the sensor are not
+        dynamic.
+    sampled: share of the range. Beams diverge, so a far object has other returns in every scan. If
+        one beam misses it, its centre rises or falls by half the distance between two beams: for a
         VLP-16 that is 1.7 % of the range.
-    dimensions: in which the motion is measured: 3 as in eq. 4, or 2, seen from above.
+    dimensions: those in which the motion is measured: 3 as in eq. 4, or 2, x and y.
     """
 
     still_m: float = 0.05
@@ -95,15 +97,15 @@ class ZhangSettings:
         the paper drops the parts of walls that are visible in only one of the scans. With columns
         of a degree such clusters have too few features, and the method fails.
     threshold: of the motion of dynamic clusters, see `DynamicThreshold`.
-    guarded: whether the prediction is doubted if it makes more than a third of all returns
-        dynamic; then all features are matched, of any cluster. So is the first motion, before
-        which the speed is unknown. Neither is in the paper.
+    guarded: whether the prediction is rejected if it makes more than `LARGEST_DYNAMIC_SHARE` of all
+        returns dynamic. Then all features are matched, regardless of clusters. The same is done for
+        the first motion, before which the speed is unknown. Neither is in the paper.
     roughness: eq. 6 among neighbours on the ring or, as printed, in the whole cluster.
     drop_dynamic, same_cluster: the paper's two additions to LOAM, which can be switched off.
     map_every, loop: scans between two matches with LeGO-LOAM's map, 0 for none, and whether loops
-        are closed. Section 2 goes from scan to scan. Section 3 speaks of SLAM, and says that both
-        systems end near the truth because LeGO-LOAM closes loops: the authors may have put their
-        method in front of LeGO-LOAM's map.
+        are closed. Section 2 describes scan-to-scan matching. Section 3 speaks of SLAM, and says
+        that both systems end near the truth because LeGO-LOAM closes loops: the authors may have
+        combined their method with LeGO-LOAM's map.
     """
 
     clustering: Clustering = field(default_factory=Clustering)
@@ -126,7 +128,7 @@ class ZhangSettings:
 
 
 class ZhangOdometry:
-    """Matches edges and planes from scan to scan, cluster by cluster, without what moves."""
+    """Matches edges and planes from scan to scan, cluster by cluster, without dynamic clusters."""
 
     def __init__(self, settings: ZhangSettings = ZhangSettings()) -> None:
         view = settings.threshold.view

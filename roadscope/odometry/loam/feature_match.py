@@ -16,8 +16,8 @@ from roadscope.odometry.rigid import inverse, log_se3, orthonormal
 # The nearest point of a ring, searched from its azimuth.
 
 NONE = -1
-HAIR = 1e-12
-"""Margin for rounding of the angles within which a point may be nearer, radians."""
+ROUNDING_RAD = 1e-12
+"""Added to the angles within which a point may be nearer, because of rounding, radians."""
 
 
 class RingTable(NamedTuple):
@@ -132,7 +132,7 @@ def _angle_within(most: float, square: float) -> float:
     """
     if most >= square:
         return np.inf
-    return float(np.arcsin(np.sqrt(most / square)) + HAIR)
+    return float(np.arcsin(np.sqrt(most / square)) + ROUNDING_RAD)
 
 
 # --------------------------------------------------------------------------------------------------
@@ -145,7 +145,12 @@ SLIM = 0.05
 
 
 class Pairs(NamedTuple):
-    """Pairs of K points: points, anchors (K, 3) metres, axes (K, 2, 3)."""
+    """K points, each paired with a line or a plane.
+
+    points: (K, 3) metres, in the frame now. anchors: (K, 3) metres, a point of each line or plane,
+    frame before. axes: (K, 2, 3) unit vectors along which the distance is measured: two across a
+    line, or the normal of a plane and zeros.
+    """
 
     points: np.ndarray
     anchors: np.ndarray
@@ -161,10 +166,11 @@ def lines_of(
     matrix: np.ndarray,
     reach_m: float,
 ) -> Pairs:
-    """Pair edges with lines through the nearest edge and the nearest on a ring beside its own.
+    """Pair edges with lines (eq. 7) through the nearest edge and the nearest one of another ring.
 
-    points: (N, 3), labels: (N,), negative for any, rings: (N,). matrix: (4, 4)
-    `before_from_now`. reach_m: search radius.
+    points: (N, 3) metres. labels: (N,) of the edges that may be nearest, negative for any. rings:
+    (N,). table: the edges of the scan before. matrix: (4, 4) `before_from_now`. reach_m: search
+    radius.
     """
     matched, anchors, axes = _empty_pairs(len(points))
     count, place, most = 0, np.empty(3), reach_m * reach_m
@@ -190,10 +196,11 @@ def planes_of(
     matrix: np.ndarray,
     reach_m: float,
 ) -> Pairs:
-    """Pair points with planes through the nearest, another of its ring and one of a ring beside.
+    """Pair points with planes (eq. 8) through the nearest point, another of its ring and a third.
 
-    As `lines_of`. The printed numerator of eq. 8 lacks its cross product: a distance from a
-    plane is meant (Zhang and Singh 2017, eq. 3).
+    The third is the nearest one of another ring. Arguments as in `lines_of`. The printed numerator
+    of eq. 8 lacks its cross product: a distance from a plane is meant (Zhang and Singh 2017, eq.
+    3).
     """
     matched, anchors, axes = _empty_pairs(len(points))
     count, place, most = 0, np.empty(3), reach_m * reach_m
@@ -269,13 +276,15 @@ def _cross(a: np.ndarray, b: np.ndarray, out: np.ndarray) -> None:
 # Levenberg and Marquardt's method on distances from lines and planes (Zhang 2022, eq. 9-10).
 
 STEPS = 4
-"""Steps between two searches for neighbours."""
+"""Steps between two searches for neighbours. Chosen by hand."""
 FIRST_LAMBDA, SHRUNK, RAISED = 1e-4, 0.3, 10.0
-"""First damping, and its factors after a step that lowers the cost and after one that does not."""
+"""First damping, and its factors after a step that lowers the cost and after one that does not.
+Chosen by hand."""
 TUKEY = 4.685
-"""Robust deviations beyond which a pair has no weight: the bisquare's for 95 % efficiency."""
+"""Robust standard deviations beyond which a pair has no weight in the last search: those of the
+bisquare with 95 % efficiency."""
 DEVIATION = 1.4826
-"""Standard deviation over the median of absolute values (normal distribution)."""
+"""Ratio of the standard deviation to the median of absolute values of a normal distribution."""
 FLOOR = 1e-9
 """Added to the diagonal, so that unknowns without any pair stay unchanged."""
 
@@ -404,11 +413,11 @@ ALL = (True,) * 6
 MOST_SEARCHES = 15
 """Most searches for neighbours."""
 SHIFT_M, TURN_RAD = 1e-4, 1e-5
-"""Smaller steps end the search; they are far below the accuracy of two scans."""
+"""The search ends with a smaller step: these are far below the accuracy of a match."""
 WIDER = (16.0, 16.0, 8.0, 4.0, 2.0, 1.0)
 """Factor of the width of the bisquare, from search to search."""
 NOISE_M = 0.02
-"""Least standard deviation of a feature: the range noise of a return."""
+"""Least robust standard deviation of distances: the range noise of a return."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
