@@ -336,7 +336,7 @@ class ReappearanceShare:
 class Reappearances:
     """Shares of missed targets, and of new ones, that are detected again.
 
-    New ones must be detected again within `SOON_S`: without a limit dense clutter would be.
+    New ones must be detected again within `SOON_S`, for later dense clutter would be, too.
     """
 
     missed: ReappearanceShare = field(default_factory=ReappearanceShare)

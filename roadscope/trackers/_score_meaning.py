@@ -36,7 +36,7 @@ probabilities."""
 LEAST_SETTLED, LEAST_RIGHT_AT_TOP = 0.7, 0.9
 """Shares of detections of settled targets that persist, and of right ones in the third of highest
 scores, below which the test concludes nothing: if a detector often misses, right ones end, too."""
-MOST_OFF, MOST_OFF_OF_ONE = 0.15, 1.0
+MOST_DIFFERENCE, MOST_DIFFERENCE_OF_ONE = 0.15, 1.0
 """Greatest difference, in a third of the detections by score, between the mean score and the share
 of right ones, for scores that are probabilities; of n detections it is the first plus the second
 divided by the root of n."""
@@ -124,7 +124,7 @@ class ScoreMeaning:
         persisted = _means_of_ties(scores, persisted)
         right = np.minimum([persisted[third].mean() / self._settled_share for third in thirds], 1)
         means = [scores[third].mean() for third in thirds]
-        limit = MOST_OFF + MOST_OFF_OF_ONE / np.sqrt(len(scores) / 3)
+        limit = MOST_DIFFERENCE + MOST_DIFFERENCE_OF_ONE / np.sqrt(len(scores) / 3)
         conclusive = self._settled_share >= LEAST_SETTLED and right[-1] >= LEAST_RIGHT_AT_TOP
         return bool(conclusive and (np.abs(right - means) > limit).any())
 

@@ -85,9 +85,9 @@ class GroundSurface:
 
         A plane is fitted to the ground near the ego, beginning with the calibrated one. From there
         the estimate proceeds outwards, bin by bin in all sectors: in each sector a Kalman filter
-        over range estimates height and slope from the lowest returns, and from the neighbouring
-        sectors where it has none. So the ground may rise, fall and lean, and lowest returns of
-        cars and walls are left out.
+        over range estimates height and slope from the lowest returns and from the neighbouring
+        sectors. So the ground may rise, fall and lean, and lowest returns of cars and walls are
+        left out.
         """
         if not len(cloud) or 0 < cloud.ring.max() < LEAST_BEAMS - 1:
             return GroundSurface(None, cloud.origin)

@@ -1,4 +1,4 @@
-"""Scans of the last second, corrected for the ego's motion, and whether they show a place free."""
+"""Scans of the last second, corrected for the ego's motion, and which places they show free."""
 
 from __future__ import annotations
 
@@ -351,8 +351,8 @@ def count_free_and_occupied(
                 if abs(measured - reach) < OCCUPIED_M:
                     occupied = True
                 elif relevant:
-                    # Without a return the ray hit nothing within its reach. Behind a ray that ends
-                    # nearer the place may be hidden: then it does not count as free.
+                    # Without a return the ray hit nothing within its reach. If a nearer return may
+                    # hide the place, it does not count as free.
                     beyond = np.isnan(measured) or measured > reach + BEYOND_M
                     free_rays += 1 if beyond else -99
         counts[0, i] += 1 if free_rays >= 3 and not occupied else 0

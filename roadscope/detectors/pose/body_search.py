@@ -290,7 +290,7 @@ def posterior(problem: BodyProblem, vector: np.ndarray, covariance: np.ndarray) 
             break
         was_reached = power == 1.0
     if not is_bound and power < 1.0:
-        # The samples have not reached the posterior, so their mean is not the one of it.
+        # The samples have not reached the posterior, so their mean is not its mean.
         covariance, mean = covariance + np.outer(mean - vector, mean - vector), vector
     # The error of so few evenly spread samples, measured against 20 times as many.
     covariance = covariance * (effective + 1.0) / max(effective - 1.0, 1.0)
