@@ -147,9 +147,12 @@ def _ring_ends(
     Directions are not unit vectors. Elevations are means over the returns of the last column.
     """
     directions, sides = [], []
+    # From the middle of the target, which may lie across an azimuth of 180 degrees.
+    middle_x, middle_y = points[:, :2].mean(axis=0)
     for one in np.unique(ring):
         members = np.flatnonzero(ring == one)
-        azimuths = np.arctan2(points[members, 1], points[members, 0])
+        x, y = points[members, 0], points[members, 1]
+        azimuths = np.arctan2(middle_x * y - middle_y * x, middle_x * x + middle_y * y)
         for side in (-1.0, 1.0):
             last = members[(side * azimuths).argmax()]
             x, y, z = points[members[column[members] == column[last]]].mean(axis=0)

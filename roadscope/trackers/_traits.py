@@ -142,6 +142,7 @@ class KnownDetector(NamedTuple):
 
 
 OF_ANY_SIGN = ("score_offset", "score_per_m", "seen_gain", "back", "back_per_m", "seen_once")
+SHARES = ("returned", "born")
 TRAITS = tuple(field.name for field in fields(DetectorTraits))
 SCORE_EDGE = 1e-4
 """Scores are taken to be no nearer to 0 or 1 than this, where scores of five digits end."""
@@ -204,6 +205,11 @@ def _trait(path: Path, data: dict[str, object], trait: str) -> np.ndarray:
             wanted = "a number" if trait in OF_ANY_SIGN else "a positive number"
             raise ValueError(
                 f"{path}: expected {wanted} as {trait} in [{SECTION_OF[category]}], got {value!r}"
+            )
+        if trait in SHARES and value >= 1:
+            raise ValueError(
+                f"{path}: expected a share below 1 as {trait} in [{SECTION_OF[category]}], got "
+                f"{value!r}"
             )
         values.append(float(value))
     return np.array(values)

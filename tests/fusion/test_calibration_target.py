@@ -52,6 +52,16 @@ def test_corners_from_returns(yaw: float, noise_m: float) -> None:
     assert np.linalg.norm(found - truth, axis=1).max() < (0.01 if noise_m == 0 else 0.02)
 
 
+@pytest.mark.parametrize("turn_deg", [90.0, 173.0, 180.0])
+def test_corners_turn_with_the_target(turn_deg: float) -> None:
+    points, ring, column = returns(0.5, np.radians(0.1), 0.0)
+    c, s = np.cos(np.radians(turn_deg)), np.sin(np.radians(turn_deg))
+    turned = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+    found = corners_in_scans(points @ turned.T, ring, column, TARGET, np.radians(0.1))
+    truth, _, _ = placed(0.5)
+    assert np.linalg.norm(found - truth @ turned.T, axis=1).max() < 0.01
+
+
 def test_too_few_rings_are_refused() -> None:
     points, ring, column = returns(0.0, np.radians(0.1), 0.0)
     low = ring <= ring.min() + 1

@@ -126,6 +126,15 @@ def test_the_number_of_scores_is_checked(tmp_path, count):
         read_detector(str(tmp_path / "mine.toml"))
 
 
+def test_a_share_below_one_is_wanted(tmp_path):
+    lines = (FOLDER / "unknown.toml").read_text("utf-8").splitlines()
+    changed = ["born = 1.0" if line.startswith("born =") else line for line in lines]
+    path = tmp_path / "mine.toml"
+    path.write_text("\n".join(changed), "utf-8")
+    with pytest.raises(ValueError, match=r"below 1 as born in \[car\], got 1.0"):
+        read_detector(str(path))
+
+
 def test_missing_traits_are_named(tmp_path):
     with pytest.raises(ValueError, match="kitti-pointrcnn, roadscope, unknown, unscaled"):
         make("existence", traits="mine")
