@@ -5,6 +5,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import chain, islice
 from pathlib import Path
 from typing import Any
 
@@ -408,4 +409,6 @@ def _first_calls(run_plan: RunPlan) -> Sequence[Node | Job]:
         if not job.missing and not any(spec.isolated for spec in plugins_of(job.answers))
     ]
     traffic = Episode(suite.scenarios[0], suite.seeds[0], "", FIRST_DURATION_S)
-    return [TrafficNode.of(traffic), *jobs]
+    # From both ends: the first and the last jobs are of different boards and kernels.
+    both_ends = chain.from_iterable(zip(jobs, reversed(jobs), strict=True))
+    return [TrafficNode.of(traffic), *islice(both_ends, len(jobs))]
