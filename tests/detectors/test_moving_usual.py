@@ -16,7 +16,7 @@ from roadscope.detectors.moving import (
     Sighting,
     usual,
 )
-from roadscope.detectors.moving.links import TURNS
+from roadscope.detectors.moving.links import OFFSETS
 
 
 def chain(length, width, height, count=3, seed=0):
@@ -37,7 +37,7 @@ def chain(length, width, height, count=3, seed=0):
 def slow_spans(points, times_s, velocity):
     places = points[:, :2] - times_s[:, None] * velocity
     towards, best = np.arctan2(velocity[1], velocity[0]), (np.inf, 0.0, 0.0)
-    for turn in towards + TURNS:
+    for turn in towards + OFFSETS:
         u = np.cos(turn) * places[:, 0] + np.sin(turn) * places[:, 1]
         v = np.cos(turn) * places[:, 1] - np.sin(turn) * places[:, 0]
         along, across = np.ptp(u), np.ptp(v)
