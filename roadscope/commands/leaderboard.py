@@ -156,7 +156,7 @@ def leaderboard(
     loaded = loaded if seeds is None else _with_fewer_seeds(loaded, seeds)
     boards = chosen_boards(loaded, None if board is None else [board])
     loaded = _with_detections(loaded, boards, detections) if detections else loaded
-    _check_tracks(tracks, kitti or mot)
+    _check_tracks(tracks, kitti or mot, boards)
     if calibration is not None:
         _boards_for("--calibration", boards, lambda each: each.uses_calibration)
     for each in by or ():
@@ -413,16 +413,19 @@ def _boards_for(option: str, boards: Sequence[Board], uses: Callable[[Board], bo
     return using
 
 
-def _check_tracks(tracks: Path | None, recorded: Path | None) -> None:
+def _check_tracks(tracks: Path | None, recorded: Path | None, boards: Sequence[Board]) -> None:
     """Refuse a folder for tracks that nothing would be written to, before anything runs."""
     from roadscope.benchmarks.cache import usable_folder
+    from roadscope.benchmarks.kinds import TRACKER
 
-    if tracks is not None and recorded is None:
+    if tracks is None:
+        return
+    if recorded is None:
         raise ValueError(
             "--tracks writes tracks of recorded data: name its folder with --kitti or --mot"
         )
-    if tracks is not None:
-        usable_folder(tracks)
+    _boards_for("--tracks", boards, lambda each: each.kind.name == TRACKER.name)
+    usable_folder(tracks)
 
 
 def _complain_of_failures(results: Results) -> None:

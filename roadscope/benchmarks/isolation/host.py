@@ -114,9 +114,6 @@ class PluginHandle(Protocol):
     def call(self, method: str, *arguments: Any) -> Timed:
         """Call a method and return its answer and time; `PluginError` if it fails."""
 
-    def has(self, method: str) -> bool:
-        """Return whether it has a public method of this name."""
-
 
 @contextmanager
 def open_plugin(
@@ -243,9 +240,6 @@ class _InProcess:
         self._plugin = self._guarded(spec.make)
         self.traits = traits_of(type(self._plugin), spec.arguments, self._plugin)
 
-    def has(self, method: str) -> bool:
-        return method in self.traits.methods
-
     def call(self, method: str, *arguments: Any) -> Timed:
         function = self._guarded(getattr, self._plugin, method)
         wall_s, processor_s = time.perf_counter(), time.process_time()
@@ -319,9 +313,6 @@ class _Isolated:
         with data, watch:
             files = [data.fileno(), self._buffer, watch.fileno()]
             self._guard = self._supervisor.open(request, files)
-
-    def has(self, method: str) -> bool:
-        return method in self.traits.methods
 
     def load(self) -> Traits:
         """Wait until the plug-in is loaded and made."""

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from toy_kitti import FRAMES, write_kitti
+from toy_kitti_scans import write_objects
 from typer.testing import CliRunner
 
 from roadscope import leaderboard
@@ -109,3 +110,12 @@ def test_wrong_options_are_named_before_anything_runs(options, folder, tmp_path,
     assert said in str(caught)
     with pytest.raises(FolderError, match="a file is in the way"):
         save_tracks(jobs_of(folder, "nearest"), tmp_path / "file")
+
+
+def test_a_board_without_trackers_writes_no_tracks(tmp_path):
+    scans = write_objects(tmp_path / "scans")
+    command = ["leaderboard", "detection", "--kitti", str(scans), "--tracks", str(tmp_path / "t")]
+    caught = CliRunner().invoke(app, command).exception
+    assert isinstance(caught, ValueError)
+    assert "--tracks is for the board tracking, not" in str(caught)
+    assert not (tmp_path / "t").exists()
