@@ -90,6 +90,11 @@ class Episode:
         }
 
 
+def traffic_of(episode: Episode) -> Episode:
+    """Return the episode without what its traffic does not depend on."""
+    return Episode(episode.scenario, episode.seed, "", episode.duration_s)
+
+
 def timeline_path(episode: Episode) -> Path:
     """Return where the traffic of an episode is kept."""
     key = fingerprint(episode.traffic_spec())

@@ -71,6 +71,11 @@ class Node(ABC):
         values = (getattr(self, each.name) for each in fields(self))
         return tuple(value for value in values if isinstance(value, Node))
 
+    def plugins(self) -> Iterator[Spec]:
+        """Yield the resolved specs of the plug-ins that compute it; none for an oracle."""
+        values = (getattr(self, each.name) for each in fields(self))
+        return (value for value in values if isinstance(value, Spec) and value.target)
+
     @cached_property
     def key(self) -> str:
         """The hash that names its file."""
@@ -339,10 +344,7 @@ class KeptFiles:
 
 def plugins_of(node: Node) -> Iterator[Spec]:
     """Yield the resolved specs of all plug-ins that compute a node and its sources."""
-    for each in _with_sources(node):
-        values = [getattr(each, field.name) for field in fields(each)]
-        yield from (value for value in values if isinstance(value, Spec))
-        yield from chain.from_iterable(v.plugins() for v in values if hasattr(v, "plugins"))
+    return chain.from_iterable(each.plugins() for each in _with_sources(node))
 
 
 def _with_sources(node: Node) -> Iterator[Node]:

@@ -56,11 +56,13 @@ class CameraNoise:
     def __post_init__(self) -> None:
         for name in ("miss", "hidden", "confused"):
             value = getattr(self, name)
-            if not (isinstance(value, int | float) and 0 <= value < 1):
+            if not (isinstance(value, int | float | np.integer | np.floating) and 0 <= value < 1):
                 raise ValueError(f"{name} must be at least 0 and below 1, got {value!r}")
         for name in ("half_px", "steepness", "clutter", "box", "gap"):
             value = getattr(self, name)
-            if not (isinstance(value, int | float) and 0 <= value < np.inf):
+            if not (
+                isinstance(value, int | float | np.integer | np.floating) and 0 <= value < np.inf
+            ):
                 raise ValueError(f"{name} must be 0 or more, got {value!r}")
         if not self.half_px:
             raise ValueError(f"half_px must be above 0, got {self.half_px!r}")

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from roadscope.benchmarks.episode import Episode, timeline_of
+from roadscope.benchmarks.episode import Episode, timeline_of, traffic_of
 from roadscope.benchmarks.metrics.image_labels import ParkedBoxes
 from roadscope.core import Pose, Truth
 from roadscope.core.projection import Projection
@@ -37,8 +37,7 @@ def parked_centres(episode: Episode, owners: Iterable[int]) -> np.ndarray:
     numbers = sorted(owners)
     if not numbers:
         return np.empty((0, 2))
-    traffic = Episode(episode.scenario, episode.seed, "", episode.duration_s)
-    return _centres_of(_last_scenery(traffic), numbers)
+    return _centres_of(_last_scenery(traffic_of(episode)), numbers)
 
 
 def parked_centres_on(timeline: Timeline, seed: int, owners: Iterable[int]) -> np.ndarray:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import chain, islice
 from pathlib import Path
@@ -37,7 +37,7 @@ from roadscope.benchmarks.suite_files import SUITES, load_suite
 from roadscope.benchmarks.workers import WorkerSettings
 from roadscope.core import Spec, SpecError
 from roadscope.core.config import ConfigError
-from roadscope.core.kernel_files import count_kernels
+from roadscope.core.kernel_files import nothing_is_compiled
 
 DATABASE = "results.sqlite"
 FIRST_SCENARIO = "cut-ins"
@@ -135,7 +135,7 @@ def leaderboard(
         limits = replace(limits, episode_s=deadline_s)
     folder = cache_dir() if out_dir is None else Path(out_dir)
     options = RunOptions(limits, trust, sandbox, fresh, hidden=(folder,))
-    nothing_compiled = count_kernels() == 0
+    compile_first = workers.share_kernels and nothing_is_compiled()
     with options.probing():
         run_plan = plan(
             _suite(suite, kitti, mot, boards, lidar_height_m, notice),
@@ -151,16 +151,16 @@ def leaderboard(
             notice(text)
     board_names = [board.name for board in run_plan.boards]
     conditions = manifest(run_plan.suite, jobs, board_names, calibration_file)
-    compile_first = nothing_compiled and workers.compile_together
-    first_calls = _first_calls(run_plan) if compile_first else ()
     if out_dir is not None:
         check_targets(usable_folder(out_dir), label_of(conditions))
     with Store(folder / DATABASE) as store:
         outcomes = _outcomes(
-            store, run_plan, conditions, workers, options, progress or silent, first_calls
+            store, run_plan, conditions, workers, options, progress or silent, compile_first
         )
         results = gather(run_plan.jobs, outcomes, conditions)
-        results = replace(results, agreements=agreements(results, run_plan, store.outcomes))
+        with options.probing():
+            compared = agreements(results, run_plan, store.outcomes)
+        results = replace(results, agreements=compared)
     results = save_logs(results, folder)
     if out_dir is not None:
         save_all(results, folder)
@@ -338,7 +338,7 @@ def _outcomes(
     workers: WorkerSettings,
     options: RunOptions,
     progress: Progress,
-    first_calls: Sequence[Node | Job],
+    compile_first: bool,
 ) -> dict[str, Outcome]:
     """Compute the outcomes that the store does not have; write each as it comes."""
     number = store.begin(conditions)
@@ -367,8 +367,12 @@ def _outcomes(
             not_stored.append(str(error))
 
     wanted = {job.key: job for job in run_plan.jobs if job.key not in done}
+    first_calls: Sequence[Node | Job] = ()
     if wanted:
         read_recordings(run_plan)
+        if compile_first and not run_plan.suite.recorded:
+            with options.probing():
+                first_calls = _first_calls(run_plan, wanted.values())
     run_jobs(
         list(wanted.values()),
         write,
@@ -383,32 +387,50 @@ def _outcomes(
     return done
 
 
-def _first_calls(run_plan: RunPlan) -> Sequence[Node | Job]:
-    """Return short computations that compile the kernels of a run.
+def _first_calls(run_plan: RunPlan, wanted: Collection[Job]) -> list[Node | Job]:
+    """Return short computations that compile the kernels of the wanted jobs.
 
     In the run itself all workers begin with traffic, then all need the ray caster, and wait for the
     one that compiles it. Here one begins with traffic and the others with scans of a scenario that
-    is scripted.
+    is scripted. Plug-ins of others are not called. Some small files stay in the cache folder.
     """
+    from roadscope.envs.traffic.scenarios import find
+
     suite = run_plan.suite
-    if suite.recorded:
+    simulated = [name for name in suite.scenarios if not find(name).scripted]
+    entries = {(job.board.name, job.entry) for job in wanted}
+    jobs: list[Job] = []
+    for board in run_plan.boards:
+        scenarios = [FIRST_SCENARIO] if board.takes_scripted else simulated[:1]
+        if scenarios and (specs := run_plan.entries.get(board.name)):
+            short = _shortened(suite, scenarios[0])
+            jobs += board.jobs(short, specs, JobOptions(marks=False))
+    jobs = [
+        job
+        for job in jobs
+        if (job.board.name, job.entry) in entries
+        and not job.missing
+        and not any(spec.isolated for spec in plugins_of(job.answers))
+    ]
+    if not jobs:
         return []
-    short = replace(
+    traffic = [
+        TrafficNode.of(Episode(name, suite.seeds[0], suite.rig, FIRST_DURATION_S))
+        for name in simulated[:1]
+    ]
+    # From both ends: the first and the last jobs are of different boards and kernels.
+    both_ends = chain.from_iterable(zip(jobs, reversed(jobs), strict=True))
+    return [*traffic, *islice(both_ends, len(jobs))]
+
+
+def _shortened(suite: Suite, scenario: str) -> Suite:
+    """Return a suite with one short episode."""
+    return replace(
         suite,
-        scenarios=(FIRST_SCENARIO,),
+        scenarios=(scenario,),
         seeds=suite.seeds[:1],
         duration_s=FIRST_DURATION_S,
         weathers=suite.weathers[:1],
         lights=suite.lights[:1],
         faults=suite.faults[:1],
     )
-    jobs = [
-        job
-        for board in run_plan.boards
-        for job in board.jobs(short, run_plan.entries.get(board.name, ()), JobOptions(marks=False))
-        if not job.missing and not any(spec.isolated for spec in plugins_of(job.answers))
-    ]
-    traffic = Episode(suite.scenarios[0], suite.seeds[0], "", FIRST_DURATION_S)
-    # From both ends: the first and the last jobs are of different boards and kernels.
-    both_ends = chain.from_iterable(zip(jobs, reversed(jobs), strict=True))
-    return [TrafficNode.of(traffic), *islice(both_ends, len(jobs))]

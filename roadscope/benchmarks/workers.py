@@ -95,7 +95,7 @@ class WorkerSettings:
     address: str | None = None
 
     @property
-    def compile_together(self) -> bool:
+    def share_kernels(self) -> bool:
         """Whether there are several workers that use one folder of compiled kernels."""
         return self.jobs != 1 and self.address is None
 

@@ -26,6 +26,11 @@ def kernel_folders() -> tuple[Path, ...]:
     return (Path(named),) if named else (PACKAGE_FOLDER, user_folder())
 
 
+def nothing_is_compiled() -> bool:
+    """Return whether no machine code is kept yet, though functions are compiled when called."""
+    return os.environ.get("NUMBA_DISABLE_JIT", "0") == "0" and count_kernels() == 0
+
+
 def count_kernels() -> int:
     """Return how many pieces of machine code are kept."""
     return sum(1 for folder in kernel_folders() for _ in folder.rglob("*.nbc"))

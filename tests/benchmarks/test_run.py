@@ -88,16 +88,17 @@ def test_the_first_run_on_an_installation_compiles_before_it_begins(
     short = suite.with_settings("tracking", detectors=("oracle",))
     boards = []
     for compiled in (False, True):
-        stages: list[str] = []
+        calls: list[tuple[str, int, int]] = []
         found = leaderboard(
             short,
             boards=["tracking"],
             jobs=2,
             fresh=True,
-            progress=lambda stage, *_, stages=stages: stages.append(stage),
+            progress=lambda *call, calls=calls: calls.append(call),
         )
-        assert (stages[0] == FIRST_CALLS) == (not compiled)
-        assert FIRST_CALLS not in stages[1:] or not compiled
+        of_first = [call for call in calls if call[0] == FIRST_CALLS]
+        assert of_first == ([] if compiled else [(FIRST_CALLS, 0, 1), (FIRST_CALLS, 1, 1)])
+        assert calls[: len(of_first)] == of_first
         assert found.failures == ()
         boards.append(without_times(found))
     assert boards[0] == boards[1]

@@ -135,6 +135,8 @@ class Board(ABC):
     """Metrics of the inputs of entries that may predict how well these do."""
     predicted: Sequence[str] = ()
     """Metrics of how well entries do, which `predictors` may predict."""
+    takes_scripted: bool = True
+    """Whether it can use scenarios whose traffic is scripted."""
     default_suite: str = "quick"
     """The suite of a run without `--suite`."""
     sample: str = "seeds"

@@ -111,6 +111,7 @@ class DrivingBoard(Board):
     predictors = PERCEPTION
     predicted = ("reward", "collided", "phantom_braking")
     default_suite = "driving"
+    takes_scripted = False
 
     def suite_checks(self, suite: Suite) -> list[SuiteCheck]:
         """Return the checks of drivers, scenarios and stacks."""

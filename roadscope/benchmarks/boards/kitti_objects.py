@@ -299,9 +299,9 @@ def _job(
 
 
 def _joined(times: Sequence[CallTimes]) -> CallTimes:
-    """Return the times of all calls but the first of each drive, which may load or compile things.
+    """Return the times of all calls, but for the first call of each drive after the first drive.
 
-    The first call of the first drive stays, because `call_cost` leaves it out.
+    A first call may load or compile things; that of the first drive is left out by `call_cost`.
     """
     kept = [
         each.select(np.arange(number > 0, len(each.wall_ms))) for number, each in enumerate(times)

@@ -142,6 +142,11 @@ class DriveNode(Node):
         """Return what the drive depends on."""
         return {**super().content(), "loop": code_hash(CLOSED_LOOP)}
 
+    def plugins(self) -> Iterator[Spec]:
+        """Yield the driver and the plug-ins of the stack."""
+        yield self.driver
+        yield from self.stack.plugins()
+
     def sources(self) -> tuple[Node, ...]:
         """Return the recorded traffic: the report reads the lanes from it."""
         return (TrafficNode.of(self.episode),)

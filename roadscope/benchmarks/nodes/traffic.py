@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from roadscope.benchmarks.episode import Episode, record_timeline, timeline_path
+from roadscope.benchmarks.episode import Episode, record_timeline, timeline_path, traffic_of
 from roadscope.benchmarks.graph import Node
 from roadscope.benchmarks.loop import RunOptions
 from roadscope.envs.traffic.timeline import Timeline
@@ -27,7 +27,7 @@ class TrafficNode(Node):
     @staticmethod
     def of(episode: Episode) -> TrafficNode:
         """Return the node of an episode's traffic."""
-        return TrafficNode(Episode(episode.scenario, episode.seed, "", episode.duration_s))
+        return TrafficNode(traffic_of(episode))
 
     def content(self) -> Mapping[str, Any]:
         """Return what the traffic depends on."""

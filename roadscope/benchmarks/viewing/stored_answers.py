@@ -42,8 +42,8 @@ from roadscope.core import RecordError, Truth
 from roadscope.envs.traffic.timeline import Timeline
 
 STORED_NODES = (TrackNode, DetectionNode, FusionNode, ImageNode, PoseNode)
-"""Nodes whose answers are shown, one for each folder of files: the others in these folders have
-the same records."""
+"""Nodes whose answers are shown, one for each folder of files. Other nodes that write to one of
+these folders use the same record."""
 MOST_NAMED = 8
 """Most possible values that an error names."""
 
@@ -84,10 +84,10 @@ def view_of_results(folder: Path | str, choice: EpisodeChoice) -> EpisodeView:
     """
     place = Path(folder)
     results, job = _chosen([run.results for run in read_runs(place)], choice)
-    if job.board == DrivingBoard.name:
+    if _is_drive(job):
         raise StoredAnswersError(
             f"{_named(job)} is a drive, which no view shows; its worst moments are in the page of "
-            "roadscope report. Choose another board with --board"
+            "roadscope report"
         )
     spec = _score_spec(place, job)
     content = spec["answers"]
@@ -163,20 +163,26 @@ def _notes(
 
 
 def _chosen(runs: Sequence[Results], choice: EpisodeChoice) -> tuple[Results, JobScores]:
-    """Return the job that is shown, and its results."""
+    """Return the job that is shown, and its results; a drive only if there is nothing else."""
+    possible = []
     for results in runs:
         fitting = [job for job in results.jobs if choice.allows(job) and job.reason is None]
         for board in results.boards():
             for entry in results.entries(board):
                 own = [job for job in fitting if (job.board, job.entry) == (board, entry)]
-                if own:
-                    return results, own[0]
+                possible += [(results, job) for job in own[:1]]
+    if possible:
+        return min(possible, key=lambda pair: _is_drive(pair[1]))
     jobs = [job for results in runs for job in results.jobs]
     if choice == EpisodeChoice():
         raise StoredAnswersError("every entry failed in every episode")
     raise StoredAnswersError(
         f"no episode with {_wanted(choice)} but failed ones; {_possible(jobs, choice)}"
     )
+
+
+def _is_drive(job: JobScores) -> bool:
+    return job.board == DrivingBoard.name
 
 
 def _wanted(choice: EpisodeChoice) -> str:

@@ -18,8 +18,8 @@ from roadscope.envs.traffic.road_users import DRIVER, WALKER
 CUT_IN_GAP_M = Bounds(6.0, 16.0)
 """Gap from the ego's front to the rear of a driver that cuts in."""
 FREE_BEHIND_M, FREE_AHEAD_M = 3.0, 5.0
-"""A driver cuts in only if nobody but the ego is on the ego's lane within these distances of its
-rear and its front."""
+"""A driver cuts in only if nobody but the ego is on the ego's lane within these distances of that
+driver's rear and front."""
 MOST_CLOSING_M_S = 2.5
 """Drivers cut in only if the ego approaches them at no more than this speed."""
 SLOWER_M_S = Bounds(1.0, 4.0)
