@@ -406,14 +406,15 @@ def varying_masses(plugin, answer):
 
 
 def written_later(plugin, answer):
-    """Change what was answered after it was."""
+    """Change what was answered once the next call shows that the answer has arrived."""
+    call = plugin.calls
 
     def spoil():
-        for _ in range(10):
-            time.sleep(0.03)
-            for value in values_of(answer).values():
-                if isinstance(value, np.ndarray):
-                    value.fill(1)
+        while plugin.calls == call:
+            time.sleep(0.001)
+        for value in values_of(answer).values():
+            if isinstance(value, np.ndarray):
+                value.fill(1)
 
     threading.Thread(target=spoil, daemon=True).start()
     return answer
