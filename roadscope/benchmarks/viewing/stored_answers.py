@@ -177,7 +177,7 @@ def _chosen(runs: Sequence[Results], choice: EpisodeChoice) -> tuple[Results, Jo
     if choice == EpisodeChoice():
         raise StoredAnswersError("every entry failed in every episode")
     raise StoredAnswersError(
-        f"no episode with {_wanted(choice)} but failed ones; {_possible(jobs, choice)}"
+        f"no episode that did not fail has {_wanted(choice)}; {_possible(jobs, choice)}"
     )
 
 
@@ -198,7 +198,7 @@ def _possible(jobs: Sequence[JobScores], choice: EpisodeChoice) -> str:
             values = list(dict.fromkeys(str(getattr(job, name)) for job in jobs))
             more = f" and {len(values) - MOST_NAMED} more" if len(values) > MOST_NAMED else ""
             texts.append(f"{name}: {', '.join(values[:MOST_NAMED])}{more}")
-    return "there are " + "; ".join(texts)
+    return f"the results have {'; '.join(texts)}"
 
 
 def _named(job: JobScores) -> str:
