@@ -607,6 +607,7 @@ def say_process(plugin, answer):
 
 
 def kill_worker(plugin, answer):
-    """End the run's own process that asked."""
+    """End the run's own process that asked; a sandbox shows another process in its place."""
     psutil.Process().parents()[2].kill()
-    time.sleep(LONG_S)
+    time.sleep(2.0)
+    raise FoundError("the worker's end did not end this process")
