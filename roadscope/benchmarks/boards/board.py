@@ -139,6 +139,8 @@ class Board(ABC):
     """Whether it can use scenarios whose traffic is scripted."""
     default_suite: str = "quick"
     """The suite of a run without `--suite`."""
+    unviewable: str = ""
+    """Why `roadscope view` cannot show its answers, as `NAME is ...`; empty: it can."""
     sample: str = "seeds"
     """What intervals are computed over, in words."""
 

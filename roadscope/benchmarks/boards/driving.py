@@ -111,6 +111,9 @@ class DrivingBoard(Board):
     predictors = PERCEPTION
     predicted = ("reward", "collided", "phantom_braking")
     default_suite = "driving"
+    unviewable = (
+        "a drive, which no view shows; its worst moments are in the page of roadscope report"
+    )
     takes_scripted = False
 
     def suite_checks(self, suite: Suite) -> list[SuiteCheck]:

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, TypeVar
 
-from roadscope.benchmarks.boards.driving import DrivingBoard
+from roadscope.benchmarks.boards import board_named
 from roadscope.benchmarks.cache import cache_dir, read_kept
 from roadscope.benchmarks.eligibility import Eligibility
 from roadscope.benchmarks.episode import Episode, sensed
@@ -84,11 +84,8 @@ def view_of_results(folder: Path | str, choice: EpisodeChoice) -> EpisodeView:
     """
     place = Path(folder)
     results, job = _chosen([run.results for run in read_runs(place)], choice)
-    if _is_drive(job):
-        raise StoredAnswersError(
-            f"{_named(job)} is a drive, which no view shows; its worst moments are in the page of "
-            "roadscope report"
-        )
+    if why := board_named(job.board).unviewable:
+        raise StoredAnswersError(f"{_named(job)} is {why}")
     spec = _score_spec(place, job)
     content = spec["answers"]
     if isinstance(content.get("parts"), list):
@@ -163,7 +160,7 @@ def _notes(
 
 
 def _chosen(runs: Sequence[Results], choice: EpisodeChoice) -> tuple[Results, JobScores]:
-    """Return the job that is shown, and its results; a drive only if there is nothing else."""
+    """Return the job that is shown, and its results; one that no view shows comes last."""
     possible = []
     for results in runs:
         fitting = [job for job in results.jobs if choice.allows(job) and job.reason is None]
@@ -172,17 +169,13 @@ def _chosen(runs: Sequence[Results], choice: EpisodeChoice) -> tuple[Results, Jo
                 own = [job for job in fitting if (job.board, job.entry) == (board, entry)]
                 possible += [(results, job) for job in own[:1]]
     if possible:
-        return min(possible, key=lambda pair: _is_drive(pair[1]))
+        return min(possible, key=lambda pair: bool(board_named(pair[1].board).unviewable))
     jobs = [job for results in runs for job in results.jobs]
     if choice == EpisodeChoice():
         raise StoredAnswersError("every entry failed in every episode")
     raise StoredAnswersError(
         f"no episode that did not fail has {_wanted(choice)}; {_possible(jobs, choice)}"
     )
-
-
-def _is_drive(job: JobScores) -> bool:
-    return job.board == DrivingBoard.name
 
 
 def _wanted(choice: EpisodeChoice) -> str:

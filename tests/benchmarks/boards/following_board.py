@@ -126,6 +126,7 @@ class FollowingBoard(Board):
     breakdowns = tuple(Breakdown(by) for by in CONDITIONS)
     by_condition = ("least_gap",)
     shown_parts = (Column("least_gap", "least gap m"),)
+    unviewable = "a drive behind a car, which no view shows"
 
     def jobs(self, suite: Suite, entries: Sequence[Spec], options: JobOptions) -> list[Job]:
         """Return every driver on all episodes."""

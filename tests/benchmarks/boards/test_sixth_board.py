@@ -195,3 +195,14 @@ def test_the_command_line_knows_the_board(home: Path) -> None:
     assert whole.returncode == 0, whole.stderr
     assert "following board" in whole.stdout
     assert "answers" in does(home, "cache", "clear").stdout
+
+
+@pytest.mark.slow
+def test_what_reads_results_knows_the_board(home: Path, first) -> None:
+    page = does(home, "report", "out")
+    assert page.returncode == 0, page.stderr
+    assert "least gap" in (home / "out/report.html").read_text()
+    pytest.importorskip("rerun", reason="rerun-sdk is not installed")
+    shown = does(home, "view", "out", "--save", "drive.rrd")
+    assert shown.returncode == 1
+    assert "is a drive behind a car, which no view shows" in shown.stderr
