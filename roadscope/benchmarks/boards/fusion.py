@@ -36,6 +36,7 @@ from roadscope.benchmarks.references import (
     check_image_source,
     detection_source,
     image_source,
+    is_noise,
 )
 from roadscope.benchmarks.suite import BoardSettings, Names, Positive, Suite
 from roadscope.core import Spec, SpecError
@@ -180,7 +181,7 @@ class FusionBoard(Board):
             "pixels, 12 high, less than nine tenths hidden. They get the detections of "
             f"{lidar} with those of {camera}."
         )
-        if any(name.startswith("noisy-camera") for name in settings.camera):
+        if any(is_noise(image_source(name)) for name in settings.camera):
             text += " noisy-camera is an imitation made from truth."
         return text
 
