@@ -102,7 +102,7 @@ def run_episode(
     assert isinstance(detections, EpisodeDetections)
     report("detection", 1, 1)
     report("tracking", 0, 1)
-    node = track_node(tracker_spec, detector, episode, rule)
+    node = track_node(tracker_spec, source, episode, rule)
     poses = ego_poses = None
     if node.ego is not None:
         stamps_s = [truth.stamp_s for truth in detections.truths]

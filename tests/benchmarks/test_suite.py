@@ -268,6 +268,26 @@ def test_a_class_has_the_kind_that_it_declares_or_the_only_one_that_fits(tmp_pat
         plan(suite, [f"{path}:Drives"], boards=["tracking"])
 
 
+def test_no_spec_is_parsed_again_for_more_episodes(monkeypatch: pytest.MonkeyPatch) -> None:
+    parse, texts = Spec.parse, Counter[str]()
+
+    def counted(text: str) -> Spec:
+        texts[text] += 1
+        return parse(text)
+
+    monkeypatch.setattr(Spec, "parse", staticmethod(counted))
+    counts = []
+    for seeds in (1, 5):
+        texts.clear()
+        suite = parse_suite(TINY.replace("seeds = 2", f"seeds = {seeds}"), "x")
+        jobs = plan(suite, ["gnn?ego=none"]).jobs
+        counts.append((len(jobs), dict(texts)))
+    (few, before), (many, after) = counts
+    assert many > few
+    assert after == before
+    assert {"pag", "nearest", "gnn?ego=none"} <= set(after)
+
+
 def test_wrong_entries_are_refused_before_anything_runs() -> None:
     suite = parse_suite(TINY, "x")
     with pytest.raises(SpecError, match="gate_m"):

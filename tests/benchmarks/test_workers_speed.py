@@ -9,7 +9,15 @@ from multiprocessing import get_context
 
 import pytest
 
-from roadscope.benchmarks import Eligibility, Episode, Job, RunOptions, WorkerSettings, open_workers
+from roadscope.benchmarks import (
+    Eligibility,
+    Episode,
+    Job,
+    RunOptions,
+    WorkerSettings,
+    detection_source,
+    open_workers,
+)
 from roadscope.benchmarks.boards import BOARDS, track_node
 from roadscope.trackers import TRACKERS
 
@@ -87,7 +95,7 @@ def test_a_small_job_costs_no_more_in_a_worker() -> None:
         BOARDS["tracking"],
         "nearest",
         episode,
-        track_node(tracker, "noisy", episode, rule),
+        track_node(tracker, detection_source("noisy"), episode, rule),
         settings=rule,
     )
     with get_context("spawn").Pool(2) as plain:

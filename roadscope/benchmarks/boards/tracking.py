@@ -202,13 +202,14 @@ class TrackingBoard(Board):
             raise SpecError(
                 f"suite {suite.title} names no tracking.detectors whose detections trackers get"
             )
+        sources = {name: detection_source(name) for name in settings.detectors}
         alone = settings.detectors == (ORACLE,)
         trackers = with_each_ego(entries, settings.egos)
         missing = {tracker: missing_requirement(tracker) for tracker in trackers}
         tuned = {
-            (tracker, detector): _training(tracker, detector, suite)
+            (tracker, detector): _training(tracker, source, suite)
             for tracker in filter(is_tuned, trackers)
-            for detector in settings.detectors
+            for detector, source in sources.items()
         }
         return [
             Job(
@@ -216,7 +217,7 @@ class TrackingBoard(Board):
                 str(tracker) if detector != ORACLE or alone else f"{tracker} on {detector}",
                 episode,
                 _with_threshold(
-                    track_node(tracker, detector, episode, suite.eligibility),
+                    track_node(tracker, source, episode, suite.eligibility),
                     suite.eligibility,
                     tuned.get((tracker, detector)),
                 ),
@@ -226,7 +227,7 @@ class TrackingBoard(Board):
                 missing=missing[tracker],
             )
             for episode in episodes(suite)
-            for detector in settings.detectors
+            for detector, source in sources.items()
             for tracker in trackers
         ]
 
@@ -279,7 +280,7 @@ Training = tuple[tuple[HotaNode, ...], ...]
 """HOTA of each episode at each threshold."""
 
 
-def _training(tracker: Spec, detector: str, suite: Suite) -> Training:
+def _training(tracker: Spec, source: Spec, suite: Suite) -> Training:
     """Return HOTA on train seeds, by which the threshold of a tracker is chosen.
 
     There are as many of them as the suite has seeds, and none is a seed of the suite.
@@ -288,8 +289,7 @@ def _training(tracker: Spec, detector: str, suite: Suite) -> Training:
     train = replace(suite, seeds=tuple(unranked[: len(suite.seeds)]))
     rule = suite.eligibility
     return tuple(
-        hota_nodes(track_node(tracker, detector, episode, rule), rule)
-        for episode in episodes(train)
+        hota_nodes(track_node(tracker, source, episode, rule), rule) for episode in episodes(train)
     )
 
 
@@ -302,9 +302,9 @@ def _with_threshold(
     return TunedNode(tuple(each.tracks for each in hota_nodes(node, rule)), training)
 
 
-def track_node(tracker: Spec, detector: str, episode: Episode, rule: Eligibility) -> TrackNode:
-    """Return the node of a tracker on the detections of a detector."""
-    detections: Node = detection_node(detection_source(detector), episode, rule)
+def track_node(tracker: Spec, source: Spec, episode: Episode, rule: Eligibility) -> TrackNode:
+    """Return the node of a tracker on the detections of a `references.detection_source`."""
+    detections: Node = detection_node(source, episode, rule)
     if tracker.ego is None:
         return TrackNode(tracker, detections)
     if str(tracker.ego) == NO_POSES:

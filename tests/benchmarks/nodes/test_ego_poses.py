@@ -17,6 +17,7 @@ from roadscope.benchmarks import (
     Job,
     RunOptions,
     SuiteError,
+    detection_source,
     load_suite,
     parse_suite,
     pose_source,
@@ -245,7 +246,9 @@ def test_what_an_odometry_does_wrong_is_its_reason(tmp_path) -> None:
 
 def test_the_key_of_tracks_knows_who_says_the_poses() -> None:
     def key(text: str) -> str:
-        return track_node(TRACKERS.resolve(text), "noisy", EPISODE, Eligibility()).key
+        return track_node(
+            TRACKERS.resolve(text), detection_source("noisy"), EPISODE, Eligibility()
+        ).key
 
     specs = ["gnn", "gnn?ego=none", "gnn?ego=voxel-map", "gnn?ego=voxel-map?voxel_m=0.7"]
     assert len(set(map(key, specs))) == len(specs)

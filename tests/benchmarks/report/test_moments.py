@@ -14,6 +14,7 @@ from roadscope.benchmarks import (
     EpisodeTracks,
     Job,
     RunOptions,
+    detection_source,
     timeline_of,
     write_kept,
 )
@@ -89,7 +90,9 @@ def kept_in_a_folder(tmp_path, monkeypatch) -> None:
 @pytest.fixture
 def tracked() -> tuple[Job, Results]:
     board = BOARDS["tracking"]
-    node = track_node(board.check_entry(Spec.parse("nearest")), "pag", EPISODE, RULE)
+    node = track_node(
+        board.check_entry(Spec.parse("nearest")), detection_source("pag"), EPISODE, RULE
+    )
     job = Job(board, "nearest", EPISODE, node, inputs="pag", settings=RULE)
     boxes = [answer(frame) for frame in range(FRAMES)]
     tracks = tuple(Tracks.of(each, np.array(numbers)) for each, numbers in boxes)
