@@ -26,19 +26,20 @@ OFFERING = (
     *(f"roadscope.{name}" for name in ("metrics", "formats", "testing", *ROOMS)),
 )
 """Modules whose `__all__` is public."""
-NOT_YET: tuple[str, ...] = ()
-"""Names in the table whose modules do not exist yet; empty it as they come."""
 LAZY = ("roadscope", *(f"roadscope.{name}" for name in ROOMS))
 
 
 def offered(module: str) -> list[str]:
-    names = importlib.import_module(module).__all__
-    return [name for name in names if (module, name) not in [("roadscope", n) for n in NOT_YET]]
+    return list(importlib.import_module(module).__all__)
 
 
 def recorded() -> str:
-    """Describe all public names: signatures, the methods of classes, members of enumerations."""
+    """Describe all public names: signatures, the methods of classes, members of enumerations.
+
+    The methods of registries stand under the first one.
+    """
     places: dict[int, str] = {}
+    described_types: set[type] = set()
     lines = []
     for module in OFFERING:
         lines += ["", module]
@@ -49,6 +50,10 @@ def recorded() -> str:
                 lines.append(f"  {name} = {known}")
             elif not inspect.ismodule(value):
                 lines += [wrapped(f"  {line}") for line in described(name, value)]
+                kind = type(value)
+                if kind.__module__.startswith("roadscope.") and kind not in described_types:
+                    described_types.add(kind)
+                    lines += [wrapped(f"  {line}") for line in methods_of(kind)]
     return "\n".join(lines).lstrip() + "\n"
 
 
@@ -63,13 +68,17 @@ def described(name: str, value: Any) -> Iterator[str]:
     elif inspect.isclass(value):
         plain = issubclass(value, Exception) or getattr(value, "_is_protocol", False)
         yield f"class {name}{'' if plain else inspect.signature(value)}"
-        for method, member in sorted(vars(value).items()):
-            if not method.startswith("_"):
-                yield from (f"  .{line}" for line in of_class(method, member))
+        yield from methods_of(value)
     elif callable(value) and hasattr(value, "__name__"):
         yield f"{name}{inspect.signature(value)}"
     else:
         yield f"{name}: {type(value).__name__}"
+
+
+def methods_of(kind: type) -> Iterator[str]:
+    for name, member in sorted(vars(kind).items()):
+        if not name.startswith("_"):
+            yield from (f"  .{line}" for line in of_class(name, member))
 
 
 def of_class(name: str, member: Any) -> Iterator[str]:
@@ -135,7 +144,7 @@ def test_names_are_listed_and_others_refused(module: str) -> None:
 
 
 def private_imports(source: str) -> list[str]:
-    """Return what a text imports from the package that is not public."""
+    """Return what a text imports or takes from the package that is not public."""
     found = []
     for node in ast.walk(ast.parse(source)):
         if isinstance(node, ast.Import):
@@ -145,6 +154,11 @@ def private_imports(source: str) -> list[str]:
             public = node.module in OFFERING
             names = importlib.import_module(str(node.module)).__all__ if public else []
             found += [f"{node.module}:{a.name}" for a in node.names if a.name not in names]
+        elif isinstance(node, ast.Attribute):
+            module, name = ast.unparse(node.value), node.attr
+            if module in OFFERING and not name.startswith("__"):
+                public = name in importlib.import_module(module).__all__
+                found += [] if public else [f"{module}.{name}"]
     return found
 
 
@@ -172,6 +186,8 @@ def test_private_imports_are_noticed() -> None:
     assert private_imports("from roadscope.trackers import kalman") == ["roadscope.trackers:kalman"]
     assert private_imports("import roadscope.core.pose, numpy") == ["roadscope.core.pose"]
     assert private_imports("from roadscope import Pose, metrics\nimport roadscope.metrics") == []
+    taken = "import roadscope\nroadscope.trackers.kalman(roadscope.Pose.identity())\n"
+    assert private_imports(taken) == ["roadscope.trackers.kalman"]
 
 
 if __name__ == "__main__":
