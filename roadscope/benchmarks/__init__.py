@@ -86,7 +86,7 @@ _PARTS = {
     "run": "RunError agreements plan",
     "run_pictures": "RunPictures",
     "sensor_pairs": "SensorPair sense_pairs",
-    "sources": "package source_hash",
+    "sources": "distribution_version package source_hash",
     "store": "LOG_LENGTH Outcome Store StoreError StoredJob",
     "submit": "SubmitError submit_kitti submit_mot",
     "suite": "SPLITS Positive SuiteError check_names",

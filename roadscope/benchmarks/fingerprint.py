@@ -17,8 +17,6 @@ from roadscope.benchmarks.sources import DATA_KINDS, package, source_hash
 from roadscope.core.spec import ORACLE, Spec
 
 PACKAGE = Path(__file__).resolve().parents[1]
-LIBRARIES = ("highway-env", "numpy", "scipy", "numba", "filterpy")
-"""Libraries whose versions may change a score."""
 RECORDING = "roadscope.envs.traffic.scenarios"
 """The module that records traffic; it names the builders of scenarios as text."""
 SENSING = (
@@ -40,6 +38,7 @@ def fingerprint(value: Any) -> str:
 def code_hash(*modules: str, root: Path = PACKAGE) -> str:
     """Hash the syntax trees and data of modules and of all modules that they import.
 
+    The versions of `NUMERICAL_LIBRARIES` that these import count too.
     modules: dotted names, such as `roadscope.envs.traffic.scenarios`. root: folder of the package.
     Comments, docstrings, positions and imports for type checkers alone do not count.
     """
@@ -48,6 +47,8 @@ def code_hash(*modules: str, root: Path = PACKAGE) -> str:
     digest = sha256()
     for name in names:
         digest.update(f"{name} {sources.source(name).digest}\n".encode())
+    for library in sorted({each for name in names for each in sources.source(name).libraries}):
+        digest.update(f"{library} {package_version(library)}\n".encode())
     for path in sources.data_files(names):
         content = sha256(path.read_bytes()).hexdigest()
         digest.update(f"{path.relative_to(sources.root).as_posix()} {content}\n".encode())
@@ -60,7 +61,7 @@ def package_hash() -> str:
 
 
 def timeline_hash(scenario: str = "") -> str:
-    """Hash the code that records traffic and the versions of libraries that it calls.
+    """Hash the code that records traffic.
 
     scenario: whose traffic; empty: all scenarios. The code of sensors does not count.
     """
@@ -68,7 +69,7 @@ def timeline_hash(scenario: str = "") -> str:
 
     scenarios = [find(scenario)] if scenario else list(SCENARIOS.values())
     builders = {each.builder.partition(":")[0] for each in scenarios}
-    return fingerprint([code_hash(RECORDING, *sorted(builders)), library_versions()])
+    return code_hash(RECORDING, *sorted(builders))
 
 
 def sensing_hash(scenario: str = "") -> str:
@@ -106,11 +107,6 @@ def _is_file(text: str) -> bool:
         return Path(text).is_file()
     except (OSError, ValueError):
         return False
-
-
-def library_versions() -> list[str]:
-    """Return the installed versions of `LIBRARIES`."""
-    return [package_version(name) for name in LIBRARIES]
 
 
 @cache

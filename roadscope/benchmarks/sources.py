@@ -7,11 +7,11 @@ from __future__ import annotations
 
 import ast
 import sys
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator
 from contextlib import suppress
 from functools import cache, lru_cache
 from hashlib import sha256
-from importlib.metadata import packages_distributions, version
+from importlib.metadata import PackageNotFoundError, packages_distributions, version
 from importlib.util import resolve_name
 from pathlib import Path
 
@@ -22,7 +22,9 @@ from roadscope.core.loading import SpecError, file_of
 
 DATA_KINDS = (".toml", ".json", ".npz", ".safetensors")
 """Endings of data files that results depend on, beside the sources."""
-FORMAT = 3
+NUMERICAL_LIBRARIES = frozenset({"filterpy", "highway_env", "numba", "numpy", "scipy", "torch"})
+"""Packages of others whose versions may change a score."""
+FORMAT = 4
 """Version of the index; increased when `Source` or what its digest covers changes."""
 REMEMBERED_SOURCES = 256
 """Most contents of plug-ins' files whose digests and imports a process remembers."""
@@ -45,6 +47,7 @@ class Source(msgspec.Struct, frozen=True, array_like=True):
     digest: of the syntax tree without comments, docstrings, positions and what only type
         checkers read.
     imports: from the same package, inside functions too.
+    libraries: those of `NUMERICAL_LIBRARIES` that it imports.
     bound: names that the top level binds.
     offered: imports for type checkers in a module with a `__getattr__` of its own, which loads
         them on use.
@@ -57,6 +60,7 @@ class Source(msgspec.Struct, frozen=True, array_like=True):
     size: int
     digest: str
     imports: tuple[Import, ...]
+    libraries: tuple[str, ...]
     bound: tuple[str, ...]
     offered: tuple[Import, ...]
     texts: tuple[str, ...]
@@ -202,6 +206,7 @@ def _parse(path: Path, module: str) -> Source:
         state.st_size,
         digest=_digest(tree),
         imports=tuple(dict.fromkeys(each for node in nodes for each in _imports(node, place))),
+        libraries=tuple(sorted(NUMERICAL_LIBRARIES & _imported_packages(tree))),
         bound=tuple(sorted(bound)),
         offered=tuple(dict.fromkeys(offered)) if "__getattr__" in bound else (),
         texts=tuple(dict.fromkeys(text for text in texts if not set(text) & set(" \n"))),
@@ -294,17 +299,31 @@ def source_hash(target: str) -> str:
     """Hash the sources of a plug-in, `module:Class` or `path/file.py:Class`: 16 hex digits.
 
     These are its file and the files beside it that it imports; in a package, all files of the
-    package and the version of its distribution. Of each file the syntax tree is hashed, without
-    comments and docstrings. Files are read; nothing is imported.
+    package and the version of its distribution; also the versions of all packages that these files
+    import. Of each file the syntax tree is hashed, without comments and docstrings. Files are read;
+    nothing is imported.
     """
     place, _, name = target.rpartition(":")
     file = file_of(place)
     if file is None:
         raise SpecError(f"no file or module {place}")
-    digest = sha256(f"{_distribution_version(place)} {name}".encode())
     folder = _package_of(file.resolve())
-    for each in sorted(folder.rglob("*.py")) if folder else _source_files(file):
-        digest.update(_digest_of_bytes(each.read_bytes()).encode() + b"\0")
+    contents = [
+        each.read_bytes()
+        for each in (sorted(folder.rglob("*.py")) if folder else _source_files(file))
+    ]
+    packages = {top for content in contents for top in _imported_by(content)}
+    if not place.endswith(".py"):
+        packages.add(place.partition(".")[0])
+    beside = file.parent
+    versions = [
+        distribution_version(top)
+        for top in sorted(packages - {"roadscope", *sys.stdlib_module_names})
+        if not (beside / f"{top}.py").is_file() and not (beside / top).is_dir()
+    ]
+    digest = sha256(f"{name} {versions}".encode())
+    for content in contents:
+        digest.update(_digest_of_bytes(content).encode() + b"\0")
     return digest.hexdigest()[:16]
 
 
@@ -333,7 +352,7 @@ def _source_files(file: Path) -> list[Path]:
         if source_file in files:
             continue
         files.add(source_file)
-        for top in _imported_beside(source_file.read_bytes()):
+        for top in _imported_by(source_file.read_bytes()):
             module = source_file.parent / f"{top}.py"
             package_folder = source_file.parent / top
             pending += [module] if module.is_file() else package_folder.rglob("*.py")
@@ -341,12 +360,16 @@ def _source_files(file: Path) -> list[Path]:
 
 
 @lru_cache(REMEMBERED_SOURCES)
-def _imported_beside(content: bytes) -> frozenset[str]:
+def _imported_by(content: bytes) -> frozenset[str]:
     """Return the first parts of the names of all modules that a source imports, if it has any."""
     try:
-        tree = ast.parse(content)
+        return _imported_packages(ast.parse(content))
     except (SyntaxError, ValueError):
         return frozenset()
+
+
+def _imported_packages(tree: ast.AST) -> frozenset[str]:
+    """Return the first parts of the names of all modules that a syntax tree imports."""
     names: list[str] = []
     for node in ast.walk(tree):
         if isinstance(node, ast.Import):
@@ -356,12 +379,14 @@ def _imported_beside(content: bytes) -> frozenset[str]:
     return frozenset(name.partition(".")[0] for name in names)
 
 
-def _distribution_version(module: str) -> str:
-    names = _distributions().get(module.partition(".")[0], [])
-    return ",".join(f"{name}={version(name)}" for name in sorted(set(names)))
-
-
 @cache
-def _distributions() -> Mapping[str, list[str]]:
-    """Return the distributions of each package; cached, as reading takes a third of a second."""
-    return packages_distributions()
+def distribution_version(top: str) -> str:
+    """Return the versions of the distributions that a package belongs to; empty if of none.
+
+    top: name of the package as it is imported. Those whose distribution has another name need the
+    list of all distributions, which takes a third of a second to read.
+    """
+    with suppress(PackageNotFoundError):
+        return version(top)
+    names = sorted(set(packages_distributions().get(top, [])))
+    return ",".join(f"{name}={version(name)}" for name in names)

@@ -156,6 +156,21 @@ def hash_of(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> HashOf:
     return hashed
 
 
+def test_the_version_of_a_library_counts_where_it_is_used(
+    hash_of: HashOf, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    uses = {"late.py": "import filterpy\n\nLATE = 6\n"}
+    before = [hash_of(module, uses) for module in ("top", "middle")]
+    info = tmp_path / "filterpy-99.0.dist-info"
+    info.mkdir()
+    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: filterpy\nVersion: 99.0\n")
+    monkeypatch.syspath_prepend(tmp_path)
+    package_version.cache_clear()
+    after = [hash_of(module, uses) for module in ("top", "middle")]
+    package_version.cache_clear()
+    assert [a == b for a, b in zip(before, after, strict=True)] == [False, True]
+
+
 REWORDED = """
 # A comment.
 from mini.middle import twice

@@ -4,7 +4,7 @@ from pathlib import Path
 import pytest
 
 from roadscope import Spec
-from roadscope.benchmarks import plugin_hash, source_hash
+from roadscope.benchmarks import distribution_version, plugin_hash, source_hash
 from roadscope.core import NotInstalledError, Registry, Requirement, SpecError
 from roadscope.trackers import TRACKERS
 
@@ -122,6 +122,27 @@ def test_a_helper_beside_the_plug_in_counts_as_its_source(
     assert source_hash(f"{path}:Mine") == before
     (tmp_path / "helper_of_mine.py").write_text("K = 2\n")
     assert source_hash(f"{path}:Mine") != before
+
+
+@pytest.mark.parametrize("distribution", ["lib_of_others", "another-name"])
+def test_the_version_of_an_imported_package_counts(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, distribution: str
+) -> None:
+    path = tmp_path / "mine.py"
+    path.write_text("import lib_of_others\n\n\nclass Mine:\n    pass\n")
+    hashes = [source_hash(f"{path}:Mine")]
+    for version in ("1.0", "1.1"):
+        site = tmp_path / version
+        info = site / f"{distribution.replace('-', '_')}-{version}.dist-info"
+        info.mkdir(parents=True)
+        (info / "METADATA").write_text(
+            f"Metadata-Version: 2.1\nName: {distribution}\nVersion: {version}\n"
+        )
+        (info / "top_level.txt").write_text("lib_of_others\n")
+        monkeypatch.syspath_prepend(site)
+        distribution_version.cache_clear()
+        hashes.append(source_hash(f"{path}:Mine"))
+    assert len(set(hashes)) == 3
 
 
 def test_comments_and_docstrings_of_a_plug_in_do_not_count(tmp_path: Path) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import TYPE_CHECKING, Any
@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from roadscope.benchmarks.episode import Episode
-from roadscope.benchmarks.fingerprint import package_version
 from roadscope.benchmarks.graph import Node
 from roadscope.benchmarks.images import (
     camera_of,
@@ -59,10 +58,6 @@ class ImageNode(Node):
     stage = "images"
     folder = "image-detections"
     record = EpisodeImageDetections
-
-    def content(self) -> Mapping[str, Any]:
-        """Return what the detections depend on, also the version of torch."""
-        return {**super().content(), "torch": package_version("torch")}
 
     def sources(self) -> tuple[Node, ...]:
         """Return the traffic."""

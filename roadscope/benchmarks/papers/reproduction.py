@@ -12,7 +12,7 @@ from typing import BinaryIO, NamedTuple
 import numpy as np
 
 from roadscope.benchmarks.cache import cache_dir, read_or_make
-from roadscope.benchmarks.fingerprint import fingerprint, library_versions, package_hash
+from roadscope.benchmarks.fingerprint import fingerprint, package_hash
 from roadscope.benchmarks.workers import in_parallel
 
 YES_OR_NO = "yes or no"
@@ -266,7 +266,7 @@ def measure_part(part: PartOfSeed) -> Figures:
 
 def kept_path(paper: str, *what: object) -> Path:
     """Return where something that today's code measured for a paper is kept."""
-    code = fingerprint([package_hash(), library_versions(), *what])
+    code = fingerprint([package_hash(), *what])
     return cache_dir() / "papers" / f"{paper}-{code}.cache"
 
 
