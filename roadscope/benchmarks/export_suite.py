@@ -15,6 +15,7 @@ import numpy as np
 
 from roadscope import __version__
 from roadscope.benchmarks.boards.board import episodes as episodes_of
+from roadscope.benchmarks.boards.camera import CameraBoard, CameraSettings
 from roadscope.benchmarks.boards.odometry import OdometryBoard, OdometrySettings
 from roadscope.benchmarks.boards.tracking import TrackingBoard, TrackingSettings
 from roadscope.benchmarks.cache import (
@@ -40,6 +41,7 @@ from roadscope.benchmarks.formats.kitti_labels import (
 )
 from roadscope.benchmarks.formats.tracking_rows import ImageSize
 from roadscope.benchmarks.formats.trajectories import trajectory_text
+from roadscope.benchmarks.images import image_rows, pictures
 from roadscope.benchmarks.nodes.detections import DetectionNode, true_boxes
 from roadscope.benchmarks.progress import Progress, silent
 from roadscope.benchmarks.references import detection_source, made_from_truth
@@ -47,6 +49,7 @@ from roadscope.benchmarks.suite import SPLITS, Suite, check_names
 from roadscope.benchmarks.suite_files import load_suite
 from roadscope.core import (
     Calibration,
+    CameraImage,
     Category,
     Detections,
     Family,
@@ -62,6 +65,8 @@ from roadscope.envs.sensors.rig import Rig
 
 MANIFEST = "manifest.json"
 RIG_FILE = "rig.toml"
+CAMERA_IMAGES = "camera_images"
+"""The folder with the images of the camera board, which are not taken at the stamps of scans."""
 FORMAT = 1
 TRUTH_COLUMNS = (
     "frame, stamp_s, id, category, x_m, y_m, z_m, length_m, width_m, height_m, yaw_rad, vx_m_s, "
@@ -114,6 +119,7 @@ class Manifest(msgspec.Struct, frozen=True, kw_only=True):
     """The settings of an exported folder, from which its truth can be made again.
 
     rig: a name, or the file `rig.toml` in the folder.
+    camera_every_s: seconds from one image of the camera board to the next; 0: none are written.
     detections: the detectors whose boxes are written, each in a folder `det_NAME`.
     """
 
@@ -129,6 +135,7 @@ class Manifest(msgspec.Struct, frozen=True, kw_only=True):
     odometry_lengths_m: tuple[float, ...]
     detections: tuple[str, ...]
     sequences: tuple[ExportedSequence, ...]
+    camera_every_s: float = 0.0
 
     @property
     def eligibility(self) -> Eligibility:
@@ -294,6 +301,8 @@ def _narrowed(suite: Suite, seeds: int | None, scenarios: Sequence[str] | None) 
 
 
 def _manifest(suite: Suite, with_truth: bool, detections: Sequence[str] | None) -> Manifest:
+    from roadscope.envs.sensors.rigs import rig as rig_of
+
     tested = SPLITS["test"] if not with_truth else ()
     sequences = tuple(
         ExportedSequence(
@@ -308,6 +317,7 @@ def _manifest(suite: Suite, with_truth: bool, detections: Sequence[str] | None) 
         for number, episode in enumerate(episodes_of(suite))
     )
     hidden = not all(sequence.truth for sequence in sequences)
+    every_s = suite.settings(CameraBoard.name, CameraSettings).every_s
     public = suite.settings(TrackingBoard.name, TrackingSettings).detectors
     sources = {name: detection_source(name) for name in detections or public}
     true = [name for name, source in sources.items() if hidden and made_from_truth(source)]
@@ -331,6 +341,7 @@ def _manifest(suite: Suite, with_truth: bool, detections: Sequence[str] | None) 
         odometry_lengths_m=suite.settings(OdometryBoard.name, OdometrySettings).lengths_m,
         detections=tuple(dict.fromkeys(detections)),
         sequences=sequences,
+        camera_every_s=every_s if rig_of(suite.rig).camera else 0.0,
     )
 
 
@@ -364,14 +375,16 @@ def _amount(suite: Suite, manifest: Manifest) -> tuple[int, int]:
     from roadscope.envs.traffic.scenarios import find
 
     rig = rig_of(suite.rig)
-    spec, scans = rig.lidar.spec, 0
+    spec, scans, images = rig.lidar.spec, 0, 0
     for sequence in manifest.sequences:
         length_s = suite.duration_s or find(sequence.scenario).duration_s
         scans += max(int((length_s - rig.lidar.stamp_s(0)) / spec.period_s) + 1, 0)
+        if manifest.camera_every_s:
+            images += int(length_s / manifest.camera_every_s) + 1
     size = scans * len(spec.elevations) * spec.columns * POINT_BYTES
     if rig.camera is not None:
         pinhole = rig.camera.spec.pinhole
-        size += int(scans * pinhole.width * pinhole.height * 3 * PNG_SHARE)
+        size += int((scans + images) * pinhole.width * pinhole.height * 3 * PNG_SHARE)
     return scans, size
 
 
@@ -400,6 +413,8 @@ def _write_sequence(
     files.write_inertial(frames)
     files.write_stamps_and_poses()
     pixels = files.write_images(episode) if rig.camera else None
+    if manifest.camera_every_s:
+        files.write_camera_images(episode, manifest.camera_every_s)
     if sequence.truth:
         files.write_truth(pixels, rig.lidar.ego_from_lidar)
     for detector in manifest.detections:
@@ -464,16 +479,17 @@ class _SequenceFiles:
 
     def write_images(self, episode: Episode) -> list[np.ndarray]:
         """Write an image at the stamp of each scan; return the pixels of each object in each."""
-        from matplotlib.image import imsave
-
         sensing, timeline, pixels = sensing_of(episode), timeline_of(episode), []
         for number, truth in enumerate(self.truths):
             frame, image_truth = sensing.sense_image_at(timeline, truth.stamp_s)
             pixels.append(image_truth.visible_pixels)
-            if frame.camera is not None:
-                path = self.folder / "image_02" / self.name / f"{number:06d}.png"
-                write_atomically(path, partial(imsave, arr=frame.camera.pixels, format="png"))
+            self._write_image("image_02", number, frame.camera)
         return pixels
+
+    def write_camera_images(self, episode: Episode, every_s: float) -> None:
+        """Write the images of the camera board, by their numbers. every_s: as of the board."""
+        for picture in pictures(episode, tuple(image_rows(episode, every_s))):
+            self._write_image(CAMERA_IMAGES, picture.index, picture.frame.camera)
 
     def write_truth(self, pixels: Sequence[np.ndarray] | None, ego_from_lidar: Pose) -> None:
         """Write labels of what is visible in image or scan, all truth, and the LiDAR's true poses.
@@ -508,6 +524,14 @@ class _SequenceFiles:
 
     def _path(self, kind: str, ending: str = "txt") -> Path:
         return self.folder / kind / f"{self.name}.{ending}"
+
+    def _write_image(self, kind: str, number: int, image: CameraImage | None) -> None:
+        """Write an image, if it is not lost."""
+        from matplotlib.image import imsave
+
+        if image is not None:
+            path = self.folder / kind / self.name / f"{number:06d}.png"
+            write_atomically(path, partial(imsave, arr=image.pixels, format="png"))
 
     def _write_numbers(self, kind: str, rows: np.ndarray, header: str) -> None:
         save = partial(np.savetxt, X=rows, fmt="%.9f", delimiter=",", header=header, comments="")
@@ -550,7 +574,7 @@ def _save_manifest(folder: Path, manifest: Manifest) -> None:
 
 
 def _readme(manifest: Manifest) -> str:
-    rows = []
+    rows, every_s = [], manifest.camera_every_s
     for s in manifest.sequences:
         condition, truth = manifest.episode(s, Path()).condition, "yes" if s.truth else "no"
         rows.append(f"| {s.name} | {s.scenario} | {s.seed} | {condition} | {truth} |")
@@ -559,6 +583,7 @@ def _readme(manifest: Manifest) -> str:
         title=f"{manifest.suite} v{manifest.suite_version}",
         version=manifest.roadscope,
         rig=manifest.rig,
+        images=f"one every {every_s:g} s" if every_s else "none without a camera",
         detections=", ".join(map(detections_folder, manifest.detections)) or "none",
         columns=TRUTH_COLUMNS,
         sequences="\n".join(rows),

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import warnings
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -12,7 +12,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from roadscope.benchmarks.boards.board import CONDITIONS
+from roadscope.benchmarks.boards.camera import CameraBoard, image_scores
 from roadscope.benchmarks.boards.detection import detection_parts, detection_scores
+from roadscope.benchmarks.boards.fusion import FusionBoard
 from roadscope.benchmarks.compare import check_comparable, read_run
 from roadscope.benchmarks.episode import Episode, sensed, sensing_of
 from roadscope.benchmarks.export_suite import (
@@ -32,12 +34,14 @@ from roadscope.benchmarks.formats.kitti_labels import (
 )
 from roadscope.benchmarks.formats.kitti_sequence import KittiFolder
 from roadscope.benchmarks.formats.table import FormatError, visible
+from roadscope.benchmarks.formats.tracking_rows import logistic
 from roadscope.benchmarks.formats.trajectories import read_any_trajectory
 from roadscope.benchmarks.metrics import METRIC_VERSION
 from roadscope.benchmarks.metrics.odometry import by_distance, score_odometry, score_standing
 from roadscope.benchmarks.metrics.score import Score
 from roadscope.benchmarks.metrics.tracking import score_alphas, score_tracks
 from roadscope.benchmarks.metrics.trajectory_errors import Trajectories
+from roadscope.benchmarks.nodes.images import ImageNode
 from roadscope.benchmarks.parked import parked_among
 from roadscope.benchmarks.progress import Progress, silent
 from roadscope.benchmarks.recorded.combined import SUFFIXES
@@ -45,11 +49,16 @@ from roadscope.benchmarks.recorded.mot import MOT, MotRecording, mot_suite
 from roadscope.benchmarks.recorded.recording import Recording, recordings_of
 from roadscope.benchmarks.recorded.result_files import kitti_result_scores, score_mot_results
 from roadscope.benchmarks.recorded.suite import KITTI
-from roadscope.benchmarks.records import EpisodeDetections
+from roadscope.benchmarks.records import EpisodeDetections, EpisodeImageDetections
+from roadscope.benchmarks.references import image_source
 from roadscope.benchmarks.results import JobScores, Results, results_of
 from roadscope.benchmarks.results.job_scores import JobName
-from roadscope.core import Category, Detections, Pose, Tracks, Truth
+from roadscope.core import Category, Detections, ImageDetections, Pose, Tracks, Truth
+from roadscope.core.spec import ORACLE
 
+NO_FUSIONS = (
+    "results of fusions cannot be scored: KITTI's rows do not say which sensor detected an object"
+)
 OWN = "own detections"
 """Shown as the input of a submitted tracker, unless the user names a detector."""
 NOT_IN_FILES = (
@@ -140,7 +149,7 @@ def submit(
     inputs: str = OWN,
     progress: Progress = silent,
 ) -> Submission:
-    """Score results on an exported suite: of detectors, trackers and odometries.
+    """Score results on an exported suite: of detectors, camera detectors, trackers and odometries.
 
     folder: of the results. suite: the exported folder; `folder` if left out.
     name: of the entry; that of the folder if left out.
@@ -149,16 +158,26 @@ def submit(
     `detection/SEQ/FRAME.txt` are KITTI object results, a file for each scan, named like its
     `velodyne` file. `tracking/SEQ.txt` are KITTI tracking results. Boxes are 3-D, in the camera
     frame of `calib`. `odometry/SEQ.txt` are poses of the LiDAR, x ahead, 12 numbers a line as KITTI
-    has them, a line for each scan, or TUM's with stamps. The truth is made again from the suite's
-    seeds. A sequence without a file counts as failed; a malformed file raises `FormatError`.
+    has them, a line for each scan, or TUM's with stamps. `camera/SEQ/FRAME.txt` are KITTI object
+    results with boxes in the image, a file for each image in `camera_images`. The truth is made
+    again from the suite's seeds. A sequence without a file counts as failed; a malformed file
+    raises `FormatError`.
+
+    Results of fusions cannot be scored. The fusion board matches what the camera detected in the
+    image and the rest in space, but a row of KITTI's does not say which sensor detected the object,
+    nor a distance without a 3-D box; and fusions get detections in images, which are not exported.
     """
     place, exported = Path(folder), Path(folder if suite is None else suite)
     _check_folder(place)
     manifest = read_manifest(exported)
+    if (place / FusionBoard.name).is_dir():
+        raise SubmitError(f"{place / FusionBoard.name}: {NO_FUSIONS}")
     boards = [board for board in RESULT_KINDS if (place / board.name).is_dir()]
     if not boards:
         wanted = " or ".join(f"{board.name}/SEQ{board.ending}" for board in RESULT_KINDS)
         raise SubmitError(f"{place}: expected {wanted}, got none of them")
+    if (place / CameraBoard.name).is_dir():
+        _check_images(manifest, exported)
     for board in boards:
         _check_names(place / board.name, [s.name for s in manifest.sequences], board.ending)
     episodes = []
@@ -260,6 +279,19 @@ def _check_names(folder: Path, sequences: Sequence[str], ending: str = ".txt") -
         raise SubmitError(f"{folder}: expected results {shown}; got {got}")
 
 
+def _check_images(manifest: Manifest, exported: Path) -> None:
+    """Raise `SubmitError` for a suite that was exported without images of the camera board."""
+    from roadscope.envs.sensors.rigs import rig as rig_of
+
+    if manifest.camera_every_s:
+        return
+    rig = rig_of(manifest.episode(manifest.sequences[0], exported).rig)
+    reason = f"its rig, {rig.name}, has no camera"
+    if rig.camera is not None:
+        reason = f"roadscope {manifest.roadscope} exported it: export the suite again"
+    raise SubmitError(f"{exported}: no images of the camera board; {reason}")
+
+
 def _recorded(about: Recording, scores: Mapping[str, Score] | None) -> JobScores:
     return JobScores(
         about.board,
@@ -336,6 +368,12 @@ def _odometry_scores(path: Path, true: TrueSequence) -> dict[str, Score]:
     }
 
 
+def _camera_scores(folder: Path, true: TrueSequence) -> dict[str, Score]:
+    node = ImageNode(image_source(ORACLE), true.episode, true.manifest.camera_every_s)
+    oracle: EpisodeImageDetections = node.read()
+    return image_scores(read_image_results(folder, oracle), true.episode)
+
+
 class ResultKind(NamedTuple):
     """Results that are scored on one board of an exported suite.
 
@@ -354,17 +392,42 @@ RESULT_KINDS = (
     ResultKind("detection", _detection_scores, ending=""),
     ResultKind("tracking", _tracking_scores, gets_detections=True),
     ResultKind("odometry", _odometry_scores),
+    ResultKind(CameraBoard.name, _camera_scores, ending=""),
 )
 
 
 def read_object_results(folder: Path, true: TrueSequence) -> list[Detections]:
     """Read KITTI object results, a file for each scan, as detections in the world."""
-    names = [f"{number:06d}" for number in range(len(true.truths))]
+    rows = _object_rows(folder, range(len(true.truths)))
+    return _boxes(list(rows), list(rows.values()), true)
+
+
+def read_image_results(folder: Path, oracle: EpisodeImageDetections) -> EpisodeImageDetections:
+    """Read KITTI object results, a file for each image that is not lost, as detections in images.
+
+    oracle: the true boxes, in whose place the results are returned.
+    """
+    detections = list(oracle.detections)
+    numbers = {row: k for k, row in enumerate(oracle.rows.tolist()) if detections[k] is not None}
+    rows = _object_rows(folder, list(numbers))
+    shares = _are_shares(rows.values())
+    for (path, own), k in zip(rows.items(), numbers.values(), strict=True):
+        if not own.in_image.all():
+            raise FormatError(f"{path}: expected boxes in the image, got a row without")
+        scores = own.scores if shares else logistic(own.scores)
+        stamp_s = oracle.truths[k].stamp_s
+        detections[k] = ImageDetections(own.boxes, _categories(own), scores, stamp_s)
+    return replace(oracle, detections=tuple(detections))
+
+
+def _object_rows(folder: Path, numbers: Sequence[int]) -> dict[Path, KittiObjects]:
+    """Read the KITTI object results with these numbers, by their files."""
+    names = [f"{number:06d}" for number in numbers]
     _check_names(folder, names)
     paths = [folder / f"{name}.txt" for name in names]
-    rows = [read_kitti_object_results(path, number) for number, path in enumerate(paths)]
+    rows = [read_kitti_object_results(p, n) for p, n in zip(paths, numbers, strict=True)]
     counted = [each.select(each.types != KittiType.DONT_CARE) for each in rows]
-    return _boxes(paths, counted, true)
+    return dict(zip(paths, counted, strict=True))
 
 
 def read_tracks(path: Path, true: TrueSequence) -> list[Tracks]:
@@ -388,16 +451,24 @@ def _boxes(
 
     If any score is outside 0 to 1, all scores are mapped by the logistic function.
     """
-    shares = all(bool(((r.scores >= 0) & (r.scores <= 1)).all()) for r in frames)
+    shares = _are_shares(frames)
     detections = []
     for path, rows, truth in zip(paths, frames, true.truths, strict=True):
         if not rows.has_3d_box.all():
             raise FormatError(f"{path}: expected 3-D boxes in the camera frame, got a row without")
         boxes = detections_from_rows(rows, Category.CAR, stamp_s=truth.stamp_s, normalized=shares)
-        categories = [CATEGORY_OF[KittiType(kind)] for kind in rows.types]
-        boxes = replace(boxes, categories=np.array(categories, np.int8))
+        boxes = replace(boxes, categories=_categories(rows))
         detections.append(boxes.moved(true.view.turned(truth.world_from_ego), "world"))
     return detections
+
+
+def _are_shares(frames: Iterable[KittiObjects]) -> bool:
+    """Return whether all scores are from 0 to 1 already."""
+    return all(bool(((r.scores >= 0) & (r.scores <= 1)).all()) for r in frames)
+
+
+def _categories(rows: KittiObjects) -> np.ndarray:
+    return np.array([CATEGORY_OF[KittiType(kind)] for kind in rows.types], np.int8)
 
 
 def read_lidar_poses(path: Path, stamps_s: np.ndarray, arrived: Sequence[int]) -> list[Pose]:

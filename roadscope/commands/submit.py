@@ -18,7 +18,8 @@ if TYPE_CHECKING:
 Folder = Annotated[
     Path,
     typer.Argument(
-        help="tracking/SEQ.txt, odometry/SEQ.txt, detection/SEQ/FRAME.txt; or SEQ.txt",
+        help="tracking/SEQ.txt, odometry/SEQ.txt, detection/SEQ/FRAME.txt, camera/SEQ/FRAME.txt; "
+        "or SEQ.txt",
         metavar="DIR",
     ),
 ]
@@ -56,8 +57,8 @@ def submit(
     """Score results of another program by the rules of a suite's board.
 
     Tracks are in KITTI's format with boxes in space (with --mot in MOTChallenge's), detections in
-    KITTI's, a file for each scan, poses of the LiDAR in KITTI's or TUM's. roadscope compare reads
-    the JSON.
+    KITTI's, a file for each scan or image, poses of the LiDAR in KITTI's or TUM's. The JSON is for
+    roadscope compare.
 
     Exit status: 1 if a file is malformed or a sequence has no results.
     """

@@ -23,16 +23,31 @@ from roadscope.benchmarks import (
     submit_kitti,
     submit_mot,
 )
-from roadscope.benchmarks.boards import detection_parts, detection_scores
+from roadscope.benchmarks.boards import (
+    JobOptions,
+    board_named,
+    detection_parts,
+    detection_scores,
+)
 from roadscope.benchmarks.compare import compare
 from roadscope.benchmarks.export_suite import export_suite
-from roadscope.benchmarks.formats import trajectory_text
+from roadscope.benchmarks.formats import read_image, trajectory_text
 from roadscope.benchmarks.metrics import Trajectories, score_odometry
 from roadscope.benchmarks.metrics.tracking import score_tracks
 from roadscope.benchmarks.nodes import DetectionNode
 from roadscope.benchmarks.results import JobScores
 from roadscope.benchmarks.submit import submit
-from roadscope.core import Category, Detections, Tracks, wrap_angle
+from roadscope.core import (
+    Calibration,
+    CameraImage,
+    Category,
+    Detections,
+    Frame,
+    Spec,
+    Tracks,
+    wrap_angle,
+)
+from roadscope.detectors.camera import CAMERA_DETECTORS
 from roadscope.envs.sensors.rigs import rig
 from roadscope.formats import (
     FormatError,
@@ -302,6 +317,143 @@ def test_the_oracle_gets_its_own_scores_back(exported, tmp_path, episode) -> Non
     (folder / "000003.txt").write_text("Car 0 0 0 0 0 9 9 -1 -1 -1 1 2 3 0 0.5\n")
     with pytest.raises(FormatError, match=r"000003\.txt.*3-D"):
         submit(tmp_path / "mine", suite=exported)
+
+
+IMAGES = """
+name = "images"
+version = 1
+rig = "wide"
+scenarios = ["street"]
+faults = ["clear", "blackout:4"]
+seeds = 1
+duration_s = 0.8
+[camera]
+every_s = 0.2
+"""
+TYPES = {
+    Category.CAR: "Car",
+    Category.VAN: "Van",
+    Category.TRUCK: "Truck",
+    Category.BUS: "Tram",
+    Category.MOTORCYCLE: "Misc",
+    Category.CYCLIST: "Cyclist",
+    Category.PEDESTRIAN: "Pedestrian",
+}
+
+
+@pytest.fixture(scope="module")
+def exported_images(tmp_path_factory) -> Path:
+    folder = tmp_path_factory.mktemp("images") / "exported"
+    return export_suite(plan_export(suite_of(IMAGES), folder, detections=()))
+
+
+def write_image_results(folder: Path, found, gain: float = 1.0) -> None:
+    """Write boxes in images, by the number of the image, as KITTI object results.
+
+    gain: factor of the scores. Numbers have all digits; nothing is known in space.
+    """
+    folder.mkdir(parents=True)
+    for number, boxes in found.items():
+        lines = [
+            f"{TYPES[Category(category)]} -1 -1 -10 {' '.join(map(repr, box))} "
+            f"-1 -1 -1 -1000 -1000 -1000 -10 {gain * score!r}\n"
+            for category, box, score in zip(
+                boxes.categories.tolist(), boxes.boxes.tolist(), boxes.scores.tolist(), strict=True
+            )
+        ]
+        (folder / f"{number:06d}.txt").write_text("".join(lines))
+
+
+def camera_answers(entry: str):
+    """Return the answers of an entry of the camera board, and its scores without times of calls."""
+    board, options = board_named("camera"), RunOptions()
+    spec = board.check_entry(Spec.parse(entry))
+    for job in board.jobs(suite_of(IMAGES), [spec], JobOptions(marks=False)):
+        answers = job.answers.read(options)
+        scores = board.score(job, answers, options)
+        yield answers, {name: score for name, score in scores.items() if "_ms" not in name}
+
+
+def test_results_on_exported_images_have_the_scores_of_an_entry(exported_images, tmp_path) -> None:
+    detector, numbers = CAMERA_DETECTORS.make("colour-blobs"), []
+    for sequence in ("0000", "0001"):
+        detector.reset()
+        found = {}
+        for path in sorted((exported_images / "camera_images" / sequence).glob("*.png")):
+            image = CameraImage(read_image(path), np.eye(3), 0.0, "camera")
+            found[int(path.stem)] = detector.detect(Frame(0.0, Calibration(), camera=image))
+        write_image_results(tmp_path / "camera" / sequence, found)
+        numbers.append(list(found))
+    # Of 20 images a second, every fourth is used. The second sequence lost some.
+    assert numbers[0] == [0, 4, 8, 12]
+    assert 0 < len(numbers[1]) < 4
+    own = submit(tmp_path, suite=exported_images).episodes
+    assert [(e.board, e.condition, e.reason) for e in own] == [
+        ("camera", "clear", None),
+        ("camera", "blackout:4", None),
+    ]
+    for episode, (_, wanted) in zip(own, camera_answers("colour-blobs"), strict=True):
+        assert_same_scores(episode.scores, wanted)
+    assert own[0].scores["false_alarms"].value > 0
+
+
+def assert_same_scores(found, wanted) -> None:
+    assert found.keys() == wanted.keys()
+    for metric, score in wanted.items():
+        assert repr(found[metric]) == repr(score), metric
+
+
+def test_scores_of_results_in_images_are_mapped_to_0_to_1(exported_images, tmp_path) -> None:
+    expected = []
+    for sequence, (answers, wanted) in enumerate(camera_answers("noisy-camera")):
+        rows = zip(answers.rows.tolist(), answers.detections, strict=True)
+        found = {row: boxes for row, boxes in rows if boxes is not None}
+        for name, gain in (("mine", 1.0), ("unscaled", 9.0)):
+            write_image_results(tmp_path / name / "camera" / f"{sequence:04d}", found, gain)
+        expected.append(wanted)
+    mine, unscaled = (
+        submit(tmp_path / name, suite=exported_images).episodes for name in ("mine", "unscaled")
+    )
+    for own, other, wanted in zip(mine, unscaled, expected, strict=True):
+        assert_same_scores(own.scores, wanted)
+        assert 0 < own.scores["ap50"].value < 1
+        # The logistic function keeps their order.
+        assert other.scores["ap50"] == own.scores["ap50"]
+
+
+def test_bad_results_in_images_are_refused(exported, exported_images, tmp_path) -> None:
+    folder = tmp_path / "camera" / "0000"
+    (answers, _), *_ = camera_answers("noisy-camera")
+    write_image_results(folder, dict(zip(answers.rows.tolist(), answers.detections, strict=True)))
+    missing = submit(tmp_path, suite=exported_images).episodes[1]
+    assert missing.reason == "no result file camera/0001"
+    (folder / "000004.txt").write_text("Car -1 -1 -10 -1 -1 -1 -1 1.5 1.8 4 1 2 9 0 0.5\n")
+    with pytest.raises(FormatError, match=r"000004\.txt.*boxes in the image"):
+        submit(tmp_path, suite=exported_images)
+    (folder / "000004.txt").unlink()
+    with pytest.raises(FormatError, match=r"000004\.txt"):
+        submit(tmp_path, suite=exported_images)
+    (folder / "000004.txt").write_text("")
+    (folder / "000007.txt").write_text("")
+    with pytest.raises(SubmitError, match=r"000007\.txt"):
+        submit(tmp_path, suite=exported_images)
+    with pytest.raises(SubmitError, match=r"vlp16-imu, has no camera"):
+        submit(tmp_path, suite=exported)
+
+
+def test_exports_without_images_of_the_camera_board_are_refused(exported_images, tmp_path) -> None:
+    content = json.loads((exported_images / "manifest.json").read_text())
+    del content["camera_every_s"]
+    (tmp_path / "manifest.json").write_text(json.dumps(content))
+    (tmp_path / "camera").mkdir()
+    with pytest.raises(SubmitError, match="export the suite again"):
+        submit(tmp_path)
+
+
+def test_results_of_fusions_are_refused(exported_images, tmp_path) -> None:
+    (tmp_path / "fusion" / "0000").mkdir(parents=True)
+    with pytest.raises(SubmitError, match="which sensor"):
+        submit(tmp_path, suite=exported_images)
 
 
 def test_scores_are_those_of_the_metrics(exported, tmp_path, episode) -> None:

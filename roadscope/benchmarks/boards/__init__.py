@@ -76,7 +76,7 @@ def chosen_boards(suite: Suite, names: Sequence[str] | None) -> list[Board]:
 
 _PARTS = {
     "board": "Breakdown CONDITIONS Column JobOptions Scores call_cost episodes time_columns",
-    "camera": "CameraSettings",
+    "camera": "CameraSettings image_scores",
     "detection": "detection_parts detection_scores",
     "driving": "DrivingSettings",
     "fusion": "FusionSettings",

@@ -19,10 +19,12 @@ from roadscope.benchmarks.boards.board import (
     slow_calls_column,
     time_columns,
 )
+from roadscope.benchmarks.episode import Episode
 from roadscope.benchmarks.graph import Job
 from roadscope.benchmarks.kinds import CAMERA_DETECTOR
 from roadscope.benchmarks.loop import RunOptions
 from roadscope.benchmarks.metrics.image_detection import camera_scores
+from roadscope.benchmarks.metrics.score import Score
 from roadscope.benchmarks.nodes.images import ImageNode, extinction_per_m
 from roadscope.benchmarks.records import EpisodeImageDetections
 from roadscope.benchmarks.references import (
@@ -122,8 +124,7 @@ class CameraBoard(Board):
     def score(self, job: Job, answers: EpisodeImageDetections, options: RunOptions) -> Scores:
         """Return the scores of a job's answers, and times of calls unless made from truth."""
         assert isinstance(job.answers, ImageNode)
-        labels = answers.labels(extinction_per_m(job.answers.episode))
-        scores = camera_scores(answers.filled, labels)
+        scores = image_scores(answers, job.answers.episode)
         if made_from_truth(job.answers.source):
             return scores
         has_image = np.array([d is not None for d in answers.detections], bool)
@@ -136,6 +137,11 @@ class CameraBoard(Board):
             "most three quarters hidden and not lost in fog or rain; parked cars are neither "
             "misses nor false alarms."
         )
+
+
+def image_scores(answers: EpisodeImageDetections, episode: Episode) -> dict[str, Score]:
+    """Return a camera detector's scores on an episode, without times of calls."""
+    return camera_scores(answers.filled, answers.labels(extinction_per_m(episode)))
 
 
 def _mark(source: Spec) -> str | None:
