@@ -1,3 +1,4 @@
+import csv
 import json
 import shutil
 from dataclasses import replace
@@ -31,7 +32,7 @@ from roadscope.benchmarks.boards import (
 )
 from roadscope.benchmarks.compare import compare
 from roadscope.benchmarks.export_suite import export_suite
-from roadscope.benchmarks.formats import read_image, trajectory_text
+from roadscope.benchmarks.formats import KittiCameras, read_image, trajectory_text
 from roadscope.benchmarks.metrics import Trajectories, score_odometry
 from roadscope.benchmarks.metrics.tracking import score_tracks
 from roadscope.benchmarks.nodes import DetectionNode
@@ -56,6 +57,7 @@ from roadscope.formats import (
     read_imu,
     read_kitti_sequence,
     read_trajectory,
+    read_wheels,
     write_kitti_results,
 )
 from roadscope.trackers import TRACKERS
@@ -74,6 +76,8 @@ detectors = ["distance-l-shape", "oracle"]
 entries = ["lidar-inertial"]
 lengths_m = [2.0]
 """
+FAULTY = """seeds = 1
+faults = ["dropped-scans:4"]"""
 DETECTOR = "distance-l-shape"
 SEED = 20_000
 PRINTED = 2e-6
@@ -121,6 +125,23 @@ def test_inertial_samples_come_back(exported, episode) -> None:
         samples.specific_force, np.concatenate([i.specific_force for i in felt]), atol=1e-8
     )
     assert left_out == 0
+    rolled, left_out = read_wheels(exported / "wheels" / "0000.csv")
+    speeds = [frame.wheels.speeds for frame, _ in sensed(episode)]
+    np.testing.assert_allclose(rolled.speeds, np.concatenate(speeds), atol=1e-8)
+    assert left_out == 0
+
+
+def test_the_truth_of_all_objects_is_written(exported, episode) -> None:
+    with (exported / "truth" / "0000.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    for number, truth in enumerate(truths_of(episode)):
+        own = [row for row in rows if row["frame"] == str(number)]
+        for column, values in (("id", truth.ids), ("lidar_returns", truth.lidar_returns)):
+            assert [int(row[column]) for row in own] == values.tolist()
+        assert [Category[row["category"].upper()] for row in own] == truth.categories.tolist()
+        places = [[float(row[name]) for name in ("x_m", "y_m", "z_m", "yaw_rad")] for row in own]
+        wanted = np.column_stack([truth.centres, truth.yaws])
+        np.testing.assert_allclose(places, wanted, atol=PRINTED)
 
 
 def test_labels_and_poses_come_back_by_the_reader_of_kitti(exported, episode) -> None:
@@ -194,6 +215,34 @@ def test_images_are_taken_with_the_scans(tmp_path) -> None:
     with Image.open(images[0]) as image:
         assert image.size == (640, 480)
     assert (folder / "label_02" / "0000.txt").read_text()
+    read, wide = KittiCameras.find(folder / "calib").of("0000"), rig("wide")
+    mounted = wide.camera.ego_from_camera.inverse() @ wide.lidar.ego_from_lidar
+    np.testing.assert_allclose(read.camera_from_lidar.matrix, mounted.matrix, atol=PRINTED)
+    intrinsics = wide.camera.spec.pinhole.intrinsics
+    np.testing.assert_allclose(read.projection[:, :3], intrinsics, atol=PRINTED)
+
+
+def test_lost_scans_of_a_rig_in_a_file(tmp_path) -> None:
+    rig_file = tmp_path / "mine.toml"
+    rig_file.write_text('lidar = "vlp16"\n')
+    text = SUITE.replace("vlp16-imu", str(rig_file)).replace("seeds = 1", FAULTY)
+    some = {"scenarios": ["lu2018-three-vehicles"], "with_truth": True, "detections": ()}
+    folder = export_suite(plan_export(suite_of(text), tmp_path / "exported", **some))
+    # The folder has all that scoring needs.
+    rig_file.unlink()
+    (sequence,) = read_manifest(folder).sequences
+    sizes = [path.stat().st_size for path in sorted((folder / "velodyne" / "0000").glob("*.bin"))]
+    assert sequence.lost == tuple(np.flatnonzero(np.array(sizes) == 0).tolist())
+    assert 0 < len(sequence.lost) < sequence.frames == len(sizes)
+    true = read_trajectory(folder / "lidar_pose" / "0000.txt", "tum").poses
+    arrived = [pose for k, pose in enumerate(true) if k not in sequence.lost]
+    results = tmp_path / "mine" / "odometry" / "0000.txt"
+    results.parent.mkdir(parents=True)
+    for poses in (true, arrived):
+        results.write_text(trajectory_text("kitti", poses, [0.0] * len(poses)))
+        (own,) = submit(tmp_path / "mine", suite=folder).episodes
+        assert own.condition == "dropped-scans:4"
+        assert own.scores["end"].value == pytest.approx(0, abs=1e-6)
 
 
 def test_a_stopped_export_goes_on(tmp_path, exported) -> None:
