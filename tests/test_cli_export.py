@@ -1,5 +1,8 @@
 import json
 
+import pytest
+from toy_kitti import write_kitti
+
 SUITE = """
 name = "tiny"
 version = 1
@@ -13,6 +16,7 @@ detectors = ["distance-l-shape"]
 """
 
 
+@pytest.mark.filterwarnings("default:results has no results")
 def test_export_submit_compare(tmp_path, answer) -> None:
     suite, folder = tmp_path / "tiny.toml", tmp_path / "exported"
     suite.write_text(SUITE)
@@ -56,9 +60,40 @@ def test_export_submit_compare(tmp_path, answer) -> None:
     (item,) = json.loads(written.read_text())["scores"]
     assert (item["entry"], item["inputs"]) == ("mine", "distance-l-shape")
     assert json.loads(answer("submit", results.parent, "--suite", folder, "--json")[1])["scores"]
+
+    board = tmp_path / "board"
+    run = "leaderboard", "--suite", suite, "--seeds", 1, "--jobs", 1, "--out", board, "--quiet"
+    assert answer(*run) == (0, "", "")
+    beside = "--beside", board, "--inputs", "distance-l-shape", "--width", 60
+    status, out, errors = answer("submit", results.parent, "--suite", folder, *beside)
+    assert status == 0
+    assert "no results of 1 episodes" in errors
+    places = [line.split()[1] for line in out.splitlines() if line[:2] in ("1 ", "2 ")]
+    assert places == ["results", "nearest"]
+    assert max(map(len, out.splitlines())) <= 60
+
     status, out, _ = answer("compare", written, written, "--fail-on-regression", "--all")
     assert status == 0
     assert "hota" in out
+
+
+def test_results_on_kitti_stand_beside_those_of_a_run(tmp_path, answer) -> None:
+    kitti, results = write_kitti(tmp_path / "kitti"), tmp_path / "mine"
+    results.mkdir()
+    for labels in (kitti / "label_02").iterdir():
+        lines = [line for line in labels.read_text().splitlines() if "DontCare" not in line]
+        (results / labels.name).write_text("".join(f"{line} 0.9\n" for line in lines))
+    board = tmp_path / "board"
+    run = "leaderboard", "tracking", "--entry", "nearest", "--only", "--jobs", 1, "--quiet"
+    assert answer(*run, "--kitti", kitti, "--out", board) == (0, "", "")
+    status, out, errors = answer("submit", results, "--kitti", kitti, "--beside", board)
+    assert (status, errors) == (0, "")
+    for kind in ("car", "pedestrian"):
+        table = out.partition(f"kitti {kind} board")[2].splitlines()
+        assert [line.split()[1] for line in table if line[:2] in ("1 ", "2 ")][:2] == [
+            "mine",
+            "nearest",
+        ]
 
 
 def test_missing_results_end_with_status_1(tmp_path, answer) -> None:

@@ -10,7 +10,17 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from roadscope.commands import completion
-from roadscope.commands.options import OUTPUT, RECORDED, RUNNING, Jobs, Quiet, flag, option, workers
+from roadscope.commands.options import (
+    OUTPUT,
+    RECORDED,
+    RUNNING,
+    Jobs,
+    Quiet,
+    Width,
+    flag,
+    option,
+    workers,
+)
 from roadscope.commands.terminal import complain, console, open_page, printable, progress_bars
 
 if TYPE_CHECKING:
@@ -110,7 +120,6 @@ Backend = Annotated[
 Address = Annotated[
     str | None, option("URL", "Address of a ray or dask cluster, as tcp://HOST:8786", RUNNING)
 ]
-Width = Annotated[int | None, option("N", "Width of the tables, characters", OUTPUT, min=40)]
 Json = Annotated[bool, flag("--json", "Print leaderboard.json and nothing else", OUTPUT)]
 
 

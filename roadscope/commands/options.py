@@ -37,6 +37,7 @@ Jobs = Annotated[
 Json = Annotated[bool, flag("--json", "Print JSON and nothing else", OUTPUT)]
 Quiet = Annotated[bool, flag("--quiet", "Print nothing but errors", OUTPUT)]
 JsonFile = Annotated[Path | None, option("FILE", "Write the JSON to this file, too", name="--out")]
+Width = Annotated[int | None, option("N", "Width of the tables, characters", OUTPUT, min=40)]
 Every = Annotated[bool, flag("--all", "Show all metrics, not only the main ones", OUTPUT)]
 Rig = Annotated[
     str, option("NAME", "roadscope list rigs, or a .toml file", autocompletion=completion.rigs)

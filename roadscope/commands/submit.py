@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from roadscope.commands.options import RECORDED, Every, Json, JsonFile, Quiet, option
+from roadscope.commands.options import RECORDED, Every, Json, JsonFile, Quiet, Width, option
 from roadscope.commands.terminal import complain, console, printable, progress_bars
 
 if TYPE_CHECKING:
@@ -51,6 +51,7 @@ def submit(
     kitti: Kitti = None,
     mot: Mot = None,
     every: Every = False,
+    width: Width = None,
     quiet: Quiet = False,
     json: Json = False,
 ) -> None:
@@ -85,7 +86,7 @@ def submit(
     if json:
         typer.echo(submission.to_json(), nl=False)
     elif not quiet:
-        _show(submission, every) if results is None else _show_board(results)
+        _show(submission, every, width) if results is None else _show_board(results, width)
         if out is not None:
             typer.echo(f"written: {out}")
     missing = [e for e in submission.episodes if e.reason is not None]
@@ -95,7 +96,7 @@ def submit(
         raise typer.Exit(1)
 
 
-def _show(submission: Submission, every: bool) -> None:
+def _show(submission: Submission, every: bool, width: int | None) -> None:
     from rich.text import Text
 
     from roadscope.benchmarks.boards import board_named
@@ -103,7 +104,7 @@ def _show(submission: Submission, every: bool) -> None:
     from roadscope.benchmarks.results.statistics import merged
     from roadscope.benchmarks.tables import score_table
 
-    screen = console()
+    screen = console(width=width)
     for board in submission.boards():
         of_board = [e for e in submission.episodes if e.board == board]
         sound = [e.scores for e in of_board if e.reason is None]
@@ -118,12 +119,12 @@ def _show(submission: Submission, every: bool) -> None:
         screen.print(score_table({n: merged([s[n] for s in sound]) for n in names}))
 
 
-def _show_board(results: Results) -> None:
+def _show_board(results: Results, width: int | None) -> None:
     from rich.text import Text
 
     from roadscope.benchmarks.report.tables import board_table, comparison, footnote
 
-    screen = console()
+    screen = console(width=width)
     for name in results.boards():
         screen.print(Text(f"{name} board", style="bold"))
         screen.print(board_table(results, name, screen.width))
