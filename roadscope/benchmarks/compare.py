@@ -190,12 +190,12 @@ def compare(
         named as in `f1 by range: 0-20`.
     times: whether times (`call_*_ms`, `wall_*_ms`) count as regressions too.
 
-    The seeds of each scenario are the sample; intervals are those of `paired_interval`, p-values
-    of `paired_p_value`. Three to five seeds in one scenario are too few for scores that take one of
-    two values: three seeds that agree by chance then look like a change. A metric is better or
-    worse where its p-value, adjusted by Benjamini and Hochberg (1995), is at most 1 - level and its
-    interval excludes zero. Metrics that are equal in every block are not counted among those
-    compared: they cannot become a false discovery.
+    The seeds of each scenario are the sample; intervals are those of `paired_interval`, p-values of
+    `paired_p_value`. Of scores that take one of two values, at least six blocks must differ: five
+    that all move alike are called the same at a level of 0.95. A metric is better or worse where
+    its p-value, adjusted by Benjamini and Hochberg (1995), is at most 1 - level and its interval
+    excludes zero. Metrics that are equal in every block are not counted among those compared: they
+    cannot become a false discovery.
     """
     if not 0.5 <= level < 1:
         raise CompareError(f"a level lies between 0.5 and 1, got {level:g}")
