@@ -71,6 +71,8 @@ class WorldWithoutPose(Good):
 
 
 class Invents(Good):
+    kind = "tracker"
+
     def update(self, detections, ego_pose):
         if len(detections):
             return super().update(detections, ego_pose)

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import os
 import re
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -14,12 +17,13 @@ from roadscope.__main__ import app
 from roadscope.testing import ContractItem, Item, PromiseError, check, contract_items
 
 HERE = Path(__file__).parent
-TRACKERS, SENSORS, ODOMETRIES = (
-    HERE / f"bad_{name}.py" for name in ("trackers", "sensors", "odometries")
+TRACKERS, SENSORS, ODOMETRIES, DRIVERS = (
+    HERE / f"bad_{name}.py" for name in ("trackers", "sensors", "odometries", "drivers")
 )
 DETECTORS = HERE.parent / "benchmarks" / "plugins.py"
 NAME, METHODS, ANSWERS, FIGURE = "without arguments", "has reset and", "answers", "two seconds"
 INPUT, REPEATS, RESET = "input alone", "gives the same", "at a reset"
+DRIVES = "drives"
 BROKEN = [
     (TRACKERS, "tracker", "NeedsArguments", NAME, "'gate_m'"),
     (TRACKERS, "tracker", "Positional", NAME, "def __init__(self, *, gate_m)"),
@@ -90,12 +94,22 @@ BROKEN = [
     (SENSORS, "fusion", "ReturnsDetections", ANSWERS, "Detections, not FusedDetections"),
     (SENSORS, "fusion", "Unsettled", REPEATS, "the second time"),
     (SENSORS, "fusion", "FindsAQuarter", FIGURE, "one sensor alone"),
+    (DRIVERS, "driver", "WithoutReset", METHODS, "no method reset"),
+    (DRIVERS, "driver", "ReturnsNumbers", DRIVES, "tuple, not DrivingCommand"),
+    (DRIVERS, "driver", "ReturnsNan", DRIVES, "expected a finite number"),
+    (DRIVERS, "driver", "LeavesTheRoad", DRIVES, "there are lanes 0 to 3"),
+    (DRIVERS, "driver", "Collides", DRIVES, "it collides"),
+    (DRIVERS, "driver", "Parks", DRIVES, "it hardly drives"),
+    (DRIVERS, "driver", "Scribbles", INPUT, "drive changed its argument 1"),
+    (DRIVERS, "driver", "Random", REPEATS, "the second time"),
+    (DRIVERS, "driver", "KeepsTheFirstScene", RESET, "give other commands"),
 ]
 """File, kind, class, promise that it breaks (part of its words), part of what is said of it."""
 GOOD = [
     (TRACKERS, "tracker", ("Good", "CountsAnew", "RandomNames", "Late")),
     (SENSORS, "fusion", ("Mine",)),
     (ODOMETRIES, "odometry", ("Good",)),
+    (DRIVERS, "driver", ("Good",)),
 ]
 """Plug-ins that keep all promises: ids go on after a reset, begin anew, or are drawn."""
 
@@ -133,6 +147,29 @@ def test_a_figure_stands_beside_those_of_ours() -> None:
     last = contract_items(f"{ODOMETRIES}:Good", kind="odometry")[-1]
     own_m, reference_m, still_m = map(float, re.findall(r"([\d.]+) m\b", last.verify()))
     assert reference_m < own_m < 0.5 * still_m
+
+
+@pytest.mark.slow
+def test_a_pytest_of_ones_own_can_run_it(tmp_path: Path) -> None:
+    """As the page `bring-your-own` prints it."""
+    page = (HERE.parents[1] / "docs" / "bring-your-own.md").read_text()
+    (block,) = (each for each in re.findall(r"```python\n(.*?)```", page, re.S) if "items(" in each)
+    for name in ("SaysItsKind", "Invents"):
+        text = re.sub(r'contract_items\("[^"]*"', f'contract_items("{TRACKERS}:{name}"', block)
+        (tmp_path / f"test_{name.lower()}.py").write_text(text)
+    paths = [str(HERE.parents[1]), os.environ.get("PYTHONPATH", "")]
+    done = subprocess.run(
+        [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "-p", "no:xdist"],
+        cwd=tmp_path,
+        env=os.environ | {"PYTHONPATH": os.pathsep.join(filter(None, paths))},
+        capture_output=True,
+        text=True,
+        timeout=300,
+    )
+    count = len(contract_items(f"{TRACKERS}:SaysItsKind"))
+    assert done.returncode == 1
+    assert f"1 failed, {2 * count - 1} passed" in done.stdout
+    assert "there are tracks" in done.stdout
 
 
 def test_a_second_pass_that_nobody_asks_for_is_remarked() -> None:
