@@ -9,7 +9,7 @@ from roadscope.detectors.api import Detector
 if TYPE_CHECKING:
     from roadscope.detectors.camera import CAMERA_DETECTORS
     from roadscope.detectors.pose.body_fit import BodyFit
-    from roadscope.detectors.pose.body_model import BodyModel, BodySection, saloon
+    from roadscope.detectors.pose.body_model import BodyModel, BodySection, SizePrior, saloon
     from roadscope.detectors.pose.estimate import VehiclePose
     from roadscope.detectors.pose.matched_filter import fit_multi, fit_single
     from roadscope.detectors.pose.ransac import fit_ransac
@@ -88,6 +88,7 @@ _PLACES = {
     "BodyFit": "roadscope.detectors.pose.body_fit:BodyFit",
     "BodyModel": "roadscope.detectors.pose.body_model:BodyModel",
     "BodySection": "roadscope.detectors.pose.body_model:BodySection",
+    "SizePrior": "roadscope.detectors.pose.body_model:SizePrior",
     "Smoother": "roadscope.detectors.pose.smoother:Smoother",
     "VehiclePose": "roadscope.detectors.pose.estimate:VehiclePose",
     "fit_multi": "roadscope.detectors.pose.matched_filter:fit_multi",
@@ -104,6 +105,7 @@ __all__ = [
     "BodyModel",
     "BodySection",
     "Detector",
+    "SizePrior",
     "Smoother",
     "VehiclePose",
     "fit_multi",

@@ -17,7 +17,15 @@ from roadscope.detectors.moving import Memory, extract
 from roadscope.detectors.moving.lidar import lidar_of
 from roadscope.detectors.moving.links import BodySize, Chain, Links, usual
 from roadscope.detectors.moving.view import View, inverse_of
-from roadscope.detectors.pose.body_model import SPEED, VALUES, YAW, BodyModel, BodySection, saloon
+from roadscope.detectors.pose.body_model import (
+    SPEED,
+    VALUES,
+    YAW,
+    BodyModel,
+    BodySection,
+    SizePrior,
+    saloon,
+)
 from roadscope.detectors.pose.body_rays import BodyScan, body_scan
 from roadscope.detectors.pose.body_search import BodyProblem, descend, first_poses, prior_sd
 from roadscope.detectors.pose.estimate import VehiclePose
@@ -370,5 +378,6 @@ def likely_pose(scan: BodyScan, model: BodyModel, course: KnownCourse) -> Vehicl
 @cache
 def _body_model(body: Body) -> BodyModel:
     if body.category is Category.CAR:
-        return saloon(body.length, body.width)
-    return BodyModel(body.length, body.width, (0.0, 0.3), (BodySection(0.15, body.height[0]),))
+        return saloon(SizePrior(*body.length), SizePrior(*body.width))
+    section = BodySection(0.15, body.height[0])
+    return BodyModel(SizePrior(*body.length), SizePrior(*body.width), (0.0, 0.3), (section,))

@@ -21,7 +21,7 @@ import numpy as np
 from roadscope.benchmarks.papers.zhang2017_scene import FRAME_S, DriveSweep, SensedDrive
 from roadscope.detectors.pose.body_fit import BodyFit
 from roadscope.detectors.pose.body_likelihood import EXACTLY_DRAWN, ROUGHLY_DRAWN, Tolerance
-from roadscope.detectors.pose.body_model import BodyModel, BodySection, saloon
+from roadscope.detectors.pose.body_model import BodyModel, BodySection, SizePrior, saloon
 from roadscope.detectors.pose.estimate import VehiclePose, axis_difference
 from roadscope.detectors.pose.matched_filter import fit_multi, fit_single
 from roadscope.detectors.pose.ransac import fit_ransac
@@ -125,8 +125,8 @@ def ford_fusion(least_radius_m: float = 0.0, most_radius_m: float = 0.4) -> Body
     rear, front = AXLES_M
     windows = [slab for slab in SLABS if slab.reflectivity == GLASS]
     return BodyModel(
-        (LENGTH_M, 0.0),
-        (WIDTH_M, 0.0),
+        SizePrior(LENGTH_M, 0.0),
+        SizePrior(WIDTH_M, 0.0),
         (least_radius_m, most_radius_m),
         tuple(
             BodySection(slab.bottom_m, slab.top_m, slab.from_tail_m, slab.from_nose_m, slab.breadth)
@@ -154,13 +154,13 @@ def known_radius(body: str) -> BodyModel:
 @cache
 def any_saloon(_: str) -> BodyModel:
     """Return a car of known size whose corners, bonnet and boot are those of many."""
-    return saloon((LENGTH_M, 0.0), (WIDTH_M, 0.0))
+    return saloon(SizePrior(LENGTH_M, 0.0), SizePrior(WIDTH_M, 0.0))
 
 
 @cache
 def sized_saloon(_: str) -> BodyModel:
     """Return a car of unknown size, of which the spread of sizes is known."""
-    return saloon((LENGTH_M, LENGTH_SD_M), (WIDTH_M, WIDTH_SD_M))
+    return saloon(SizePrior(LENGTH_M, LENGTH_SD_M), SizePrior(WIDTH_M, WIDTH_SD_M))
 
 
 # --------------------------------------------------------------------------------------------------

@@ -2,7 +2,7 @@
 
 from roadscope._lazy import lazy_names
 from roadscope.detectors.pose.body_fit import BodyFit
-from roadscope.detectors.pose.body_model import BodyModel, BodySection, saloon
+from roadscope.detectors.pose.body_model import BodyModel, BodySection, SizePrior, saloon
 from roadscope.detectors.pose.estimate import VehiclePose, axis_difference
 from roadscope.detectors.pose.matched_filter import fit_multi, fit_single
 from roadscope.detectors.pose.ransac import fit_ransac
@@ -12,6 +12,7 @@ __all__ = [
     "BodyFit",
     "BodyModel",
     "BodySection",
+    "SizePrior",
     "Smoother",
     "VehiclePose",
     "axis_difference",

@@ -38,6 +38,13 @@ VALUES, MOTION = len(STATE), LENGTH
 """How many values a state has, and how many of them describe the motion."""
 
 
+class SizePrior(NamedTuple):
+    """The normal prior of a length or a width, metres: mean and standard deviation."""
+
+    mean_m: float
+    sd_m: float
+
+
 class BodySection(NamedTuple):
     """A horizontal section of a body: heights above the road and set-backs from the ends, metres.
 
@@ -88,7 +95,6 @@ class BodyShape(NamedTuple):
 class BodyModel:
     """A stack of sections with rounded corners, symmetric about its long axis.
 
-    length_m, width_m: mean and standard deviation.
     radius_m: least and greatest corner radius. Radii up to the middle are about equally likely, the
         greatest half as likely. A radius is at most half the width of the narrower end.
     axles: rear and front axle, from the centre, as shares of the length.
@@ -98,8 +104,8 @@ class BodyModel:
     glass_m: lowest and highest height of the windows, metres above the road.
     """
 
-    length_m: tuple[float, float]
-    width_m: tuple[float, float]
+    length_m: SizePrior
+    width_m: SizePrior
     radius_m: tuple[float, float] = (0.0, 0.4)
     sections: tuple[BodySection, ...] = (BodySection(0.15, 1.5),)
     axles: tuple[float, float] = (-0.28, 0.3)
@@ -225,10 +231,10 @@ def fill_outlines(shape: BodyShape, state: np.ndarray, outlines: Outlines) -> No
         outlines.size[1] = max(outlines.size[1], part.half)
 
 
-def saloon(length_m: tuple[float, float], width_m: tuple[float, float]) -> BodyModel:
+def saloon(length_m: SizePrior, width_m: SizePrior) -> BodyModel:
     """Return the model of a three-box car: bumpers and doors, bonnet and boot, glass and roof.
 
-    length_m, width_m: mean and standard deviation. Heights and set-backs are drawn by eye after one
+    Heights and set-backs are drawn by eye after one
     mid-size saloon, a Ford Fusion, and rounded. Their standard deviations are guesses, also that of
     3 cm for the surface of bumpers and flanks.
     """

@@ -10,7 +10,7 @@ import numpy as np
 
 from roadscope.core import wrap_angle
 from roadscope.detectors.horizon import Horizon
-from roadscope.detectors.pose.body_model import BodyModel, BodySection
+from roadscope.detectors.pose.body_model import BodyModel, BodySection, SizePrior
 from roadscope.detectors.pose.body_rays import EMPTY, HIT, PASSED, BodyRays
 from roadscope.detectors.pose.body_search import BodyProblem, descend, first_poses
 from roadscope.detectors.shape.bodies import BODIES, BOX_SHAPED, Body
@@ -120,4 +120,5 @@ def _kind(vehicle: Vehicle) -> Body:
 
 @cache
 def _model(body: Body) -> BodyModel:
-    return BodyModel(body.length, body.width, sections=(BodySection(0.0, 2.0),))
+    sections = (BodySection(0.0, 2.0),)
+    return BodyModel(SizePrior(*body.length), SizePrior(*body.width), sections=sections)
