@@ -8,7 +8,9 @@ import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
+import numpy as np
 import pytest
 from interrupts import heed_interrupts
 
@@ -417,38 +419,28 @@ def test_a_picture_that_is_a_folder_is_refused_first(tmp_path, refused) -> None:
 
 
 def slow_run(suite: Path, out: Path, log: Path, jobs: int) -> list[str]:
-    entry = f"{PLUGINS}:Logged?log={log}&wait_s=0.06"
-    return command(
-        "leaderboard",
-        "detection",
-        "--suite",
-        suite,
-        "--entry",
-        entry,
-        "--only",
-        "--jobs",
-        jobs,
-        "--out",
-        out,
-    )
+    slow = f"{PLUGINS}:Logged?log={log}&wait_s=0.06"
+    chosen = "--entry", slow, "--entry", "nearest", "--only"
+    return command("leaderboard", "--suite", suite, *chosen, "--jobs", jobs, "--out", out)
 
 
-def finished(out: Path) -> int:
+def rows_of(out: Path) -> dict[str, str]:
+    """Return the scores of the finished jobs, with all times, by the keys of the jobs."""
     path = out / "results.sqlite"
     if not path.exists():
-        return 0
+        return {}
     db = sqlite3.connect(path)
     try:
-        return int(db.execute("SELECT count(*) FROM results").fetchone()[0])
+        return dict(db.execute("SELECT key, scores FROM results"))
     except sqlite3.OperationalError:
-        return 0
+        return {}
     finally:
         db.close()
 
 
 def stopped(process: subprocess.Popen[str], out: Path, sent: signal.Signals) -> None:
     """Send the signal to the process group as soon as a first job is finished."""
-    while not finished(out) and process.poll() is None:
+    while not rows_of(out) and process.poll() is None:
         time.sleep(0.01)
     assert process.poll() is None
     os.killpg(process.pid, sent)
@@ -466,23 +458,48 @@ def started(arguments: list[str]) -> subprocess.Popen[str]:
     )
 
 
+def episodes_begun(log: Path) -> int:
+    return log.read_text().count("begun") if log.exists() else 0
+
+
+def untimed_rows(out: Path) -> list[dict[str, Any]]:
+    """Return the rows of the written boards but those of times."""
+    rows = json.loads((out / "leaderboard.json").read_text())["rows"]
+    return [row for row in rows if not row["metric"].endswith("_ms")]
+
+
 @pytest.mark.slow
-def test_a_killed_run_resumes_and_recomputes_nothing(tmp_path, suite) -> None:
-    """With one worker: `test_run.py`."""
-    jobs, out, log = 2, tmp_path / "out", tmp_path / "log"
-    process = started(slow_run(suite, out, log, jobs))
-    stopped(process, out, signal.SIGKILL)
-    process.communicate(timeout=60)
-    done = finished(out)
-    assert 1 <= done < EPISODES
-    log.unlink()
-    again = subprocess.run(
-        slow_run(suite, out, log, jobs), env=environment(), capture_output=True, timeout=120
-    )
-    assert again.returncode == 0
-    # Fewer if detections were kept and their row was not yet written.
-    assert log.read_text().count("begun") <= EPISODES - done
-    assert finished(out) == EPISODES
+def test_twelve_kills_at_random_moments_lose_nothing(tmp_path, suite) -> None:
+    """Nothing is computed twice but what was running, and the board is that of one whole run."""
+    episodes, kills = 24, 12
+    text = SUITE.replace("seeds = 4", f"seeds = {episodes}")
+    suite.write_text(f'{text}[tracking]\ndetectors = ["pag"]\n')
+    out, log, rng = tmp_path / "out", tmp_path / "log", np.random.default_rng(0)
+    before: dict[str, str] = {}
+    running = 0
+    for kill in range(kills):
+        jobs = 1 + kill % 2
+        process = started(slow_run(suite, out, log, jobs))
+        target = episodes_begun(log) + rng.integers(3)
+        while episodes_begun(log) < target and process.poll() is None:
+            time.sleep(0.01)
+        time.sleep(rng.uniform(0.0, 1.0))
+        assert process.poll() is None
+        os.killpg(process.pid, signal.SIGKILL)
+        process.communicate(timeout=60)
+        running += jobs
+        after = rows_of(out)
+        assert before.items() <= after.items()
+        before = after
+    assert 0 < len(before) < 2 * episodes
+    assert not (out / "leaderboard.json").exists()
+    subprocess.run(slow_run(suite, out, log, 2), env=environment(), check=True)
+    assert before.items() <= rows_of(out).items()
+    assert len(rows_of(out)) == 2 * episodes
+    assert episodes <= episodes_begun(log) <= episodes + running
+    variables = {**environment(), "ROADSCOPE_CACHE": str(tmp_path / "cache")}
+    subprocess.run(slow_run(suite, tmp_path / "whole", log, 2), env=variables, check=True)
+    assert untimed_rows(out) == untimed_rows(tmp_path / "whole")
 
 
 @pytest.mark.slow
@@ -495,7 +512,7 @@ def test_ctrl_c_keeps_finished_rows(tmp_path, suite, jobs) -> None:
     assert process.returncode == 130
     assert errors.splitlines()[-1].startswith("interrupted; finished results are kept")
     assert "Traceback" not in errors
-    assert finished(out) >= 1
+    assert rows_of(out)
 
 
 def workers_of(process: subprocess.Popen[str]) -> list[int]:
@@ -508,7 +525,7 @@ def workers_of(process: subprocess.Popen[str]) -> list[int]:
 def test_workers_end_with_a_killed_run(tmp_path, suite) -> None:
     out = tmp_path / "out"
     process = started(slow_run(suite, out, tmp_path / "log", 2))
-    while not finished(out) and process.poll() is None:
+    while not rows_of(out) and process.poll() is None:
         time.sleep(0.01)
     workers = workers_of(process)
     assert workers

@@ -13,6 +13,8 @@ from roadscope.core import Detections, Tracks, TrackState
 class Logged:
     """Finds nothing, and writes a line for every episode that it begins."""
 
+    kind = "detector"
+
     def __init__(self, *, log, wait_s=0.0):
         self.log, self.wait_s = Path(log), wait_s
 

@@ -1,9 +1,6 @@
 """`roadscope.leaderboard`: a suite is run, its results are kept, and a board is returned."""
 
 import json
-import subprocess
-import sys
-import time
 from pathlib import Path
 
 import numpy as np
@@ -455,36 +452,3 @@ def test_what_is_not_installed_is_named_before_anything_runs(suite, tmp_path) ->
     assert found.not_installed(f"{own}:Needy")
     assert found.failed_entries == []
     assert found.row("tracking", "nearest", "hota").n == EPISODES
-
-
-CHILD = """
-import sys
-from roadscope import leaderboard
-suite, entry, out = sys.argv[1:]
-leaderboard(suite, [entry], boards=["detection"], only=True, out_dir=out)
-"""
-
-
-@pytest.mark.slow
-def test_a_run_that_was_killed_goes_on_where_it_was(tmp_path) -> None:
-    path, log = tmp_path / "tiny.toml", tmp_path / "log"
-    path.write_text(TINY)
-    entry, out = f"{plugin('Logged')}?log={log}&wait_s=0.02", tmp_path / "out"
-    command = [sys.executable, "-c", CHILD, str(path), entry, str(out)]
-    kills = 2
-    for kill in range(kills):
-        child = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
-        while not log.exists() or log.read_text().count("begun") < 2 * kill + 2:
-            assert child.poll() is None
-            time.sleep(0.005)
-        child.kill()
-        child.wait()
-    assert not (out / "leaderboard.json").exists()
-    subprocess.run(command, check=True)
-    # What was running when it was killed is begun again, and nothing else.
-    assert EPISODES <= log.read_text().count("begun") <= EPISODES + kills
-    kept = json.loads((out / "leaderboard.json").read_text())
-    assert len(kept["scores"]) == EPISODES
-    whole = leaderboard(parse_suite(TINY, "x"), [entry], boards=["detection"], only=True)
-    values = {row["metric"]: row["value"] for row in kept["rows"] if row["metric"] not in TIMES}
-    assert values == {row.metric: row.value for row in whole.rows if row.metric not in TIMES}
