@@ -130,8 +130,7 @@ def _import_file(path: Path) -> Any:
     if not path.is_file():
         raise SpecError(f"no file {path}")
     folder = str(path.resolve().parent)
-    if folder not in sys.path:
-        sys.path.insert(0, folder)
+    sys.path[:] = [folder, *(place for place in sys.path if place != folder)]
     name = "roadscope_plugin_" + sha256(str(path.resolve()).encode()).hexdigest()[:12]
     spec = importlib.util.spec_from_file_location(name, path)
     assert spec is not None

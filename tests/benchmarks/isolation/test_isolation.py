@@ -2,6 +2,7 @@
 
 import os
 import pickle
+import sys
 import time
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
@@ -188,6 +189,28 @@ class Tracker:
     (tmp_path / "later_beside.py").write_text("answer = 3")
     with open_plugin(spec) as plugin:
         assert plugin.call("update", detections(), None).answer == 3
+
+
+def test_files_beside_it_come_first_if_their_folder_was_last_on_the_path(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As is the working directory once a class of ours was loaded."""
+    own, other = tmp_path / "own", tmp_path / "other"
+    for folder in (own, other):
+        folder.mkdir()
+        (folder / "beside.py").write_text(f"answer = {folder.name!r}")
+    spec = written(
+        own,
+        """
+from beside import answer
+class Tracker:
+    def update(self, detections, ego_pose):
+        return answer
+""",
+    )
+    monkeypatch.setattr(sys, "path", [str(other), *sys.path, str(own)])
+    with open_plugin(spec) as plugin:
+        assert plugin.call("update", detections(), None).answer == "own"
 
 
 def test_what_a_class_says_of_itself(tmp_path: Path) -> None:
