@@ -1,6 +1,7 @@
 import json
 import os
 import re
+import shlex
 import signal
 import sqlite3
 import subprocess
@@ -292,6 +293,22 @@ def test_the_width_is_that_which_is_asked_for(answer, tmp_path, suite) -> None:
         widest[width] = max(map(len, lines))
         assert widest[width] <= width
     assert widest[200] > 100
+
+
+@pytest.mark.slow
+def test_texts_fit_the_seeds_and_entries_of_the_run(answer) -> None:
+    entry = "nearest?gate_m=3"
+    given = ["--entry", entry, "--only", "--detections", "oracle"]
+    status, out, _ = answer("leaderboard", "tracking", *given, "--seeds", 1, "--jobs", 1)
+    assert status == 0
+    assert "1 seed." in out
+    assert "no intervals" in out
+    assert not re.search("three|seeds|on oracle", out)
+    hint = shlex.split(out.splitlines()[-1])
+    assert hint[-len(given) - 5 :] == [
+        *("roadscope", "leaderboard", "tracking", "--suite", "tracking"),
+        *given,
+    ]
 
 
 @pytest.mark.slow

@@ -217,7 +217,10 @@ def leaderboard(
         shown = _BoardPrinter(results, loaded, console(width=width), tuple(dict.fromkeys(by or ())))
         shown.show()
         if suite is None and not (kitti or mot):
-            _name_full_suite(board, entry or (), detections or (), only=only)
+            options = [*_repeated("--entry", entry), *["--only"] * only]
+            options += _repeated("--detections", detections)
+            options += [] if calibration is None else ["--calibration", str(calibration)]
+            _name_full_suite(board, [*options, *["--sandbox"] * sandbox])
         if left_out:
             typer.echo(f"no tracks were written of {', '.join(left_out)}")
         _name_written(out and out / "leaderboard.json", page, tracks)
@@ -334,16 +337,19 @@ def _name_earlier_boards(out: Path | None) -> None:
         typer.echo(f"boards of earlier runs there: {', '.join(path.name for path in boards)}")
 
 
-def _name_full_suite(
-    board: str | None, entries: Sequence[str], detections: Sequence[str], *, only: bool
-) -> None:
+def _repeated(name: str, values: list[str] | None) -> list[str]:
+    return [word for value in values or () for word in (name, value)]
+
+
+def _name_full_suite(board: str | None, options: Sequence[str]) -> None:
     """Print the command for the full suite of a board that was shown on the quick one."""
+    from shlex import join
+
     from roadscope.benchmarks.suite_files import SUITES
 
     if board in SUITES and _usual_suite(board) != board:
-        options = "".join(f" --entry '{entry}'" for entry in entries) + " --only" * only
-        options += "".join(f" --detections '{text}'" for text in detections)
-        typer.echo(f"A quick look. In full: roadscope leaderboard {board} --suite {board}{options}")
+        command = join(["roadscope", "leaderboard", board, "--suite", board, *options])
+        typer.echo(f"A quick look. In full: {command}")
 
 
 def _usual_suite(board: str | None) -> str:
