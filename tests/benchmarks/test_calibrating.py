@@ -24,7 +24,7 @@ from roadscope.benchmarks import (
     true_corners,
 )
 from roadscope.benchmarks import target_views as views_module
-from roadscope.envs.sensors.rigs import rig
+from roadscope.envs import find_rig
 from roadscope.fusion import CalibrationError, TriangularTarget, read_calibration
 
 
@@ -129,7 +129,7 @@ def test_what_cannot_be_calibrated_is_named(monkeypatch) -> None:
         calibrate_rig("wide", poses=3)
     with pytest.raises(ValueError, match="rig 'lux' has no camera"):
         calibrate_rig("lux")
-    few = true_views(rig("wide"), 3, 0.0)
+    few = true_views(find_rig("wide"), 3, 0.0)
     monkeypatch.setattr(calibrating, "target_views", lambda *_, **__: few)
     with pytest.raises(CalibrationError, match="in 3 of 20 poses only, 4 are needed"):
         calibrate_rig("wide")
@@ -139,7 +139,7 @@ def test_what_cannot_be_calibrated_is_named(monkeypatch) -> None:
 
     monkeypatch.setattr(views_module, "target_view", blind)
     with pytest.raises(CalibrationError, match="none of 5 poses showed the target"):
-        views_module.target_views(rig("wide"), 5, np.random.default_rng(0))
+        views_module.target_views(find_rig("wide"), 5, np.random.default_rng(0))
 
 
 @pytest.mark.usefixtures("quick")

@@ -6,8 +6,8 @@ import pytest
 from scipy.stats import beta, ttest_rel
 from simulated_runs import job, run, run_of, score
 
+from roadscope import compare
 from roadscope.benchmarks import CompareError
-from roadscope.benchmarks.compare import compare
 from roadscope.benchmarks.metrics import Score
 from roadscope.benchmarks.results import paired_interval, pooled_interval
 

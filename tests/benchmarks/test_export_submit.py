@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from toy_kitti import write_kitti
 
+from roadscope import compare
 from roadscope.benchmarks import (
     Episode,
     ExportError,
@@ -30,7 +31,6 @@ from roadscope.benchmarks.boards import (
     detection_parts,
     detection_scores,
 )
-from roadscope.benchmarks.compare import compare
 from roadscope.benchmarks.export_suite import export_suite
 from roadscope.benchmarks.formats import KittiCameras, read_image, trajectory_text
 from roadscope.benchmarks.metrics import Trajectories, score_odometry
@@ -49,7 +49,7 @@ from roadscope.core import (
     wrap_angle,
 )
 from roadscope.detectors.camera import CAMERA_DETECTORS
-from roadscope.envs.sensors.rigs import rig
+from roadscope.envs import find_rig
 from roadscope.formats import (
     FormatError,
     ScanFolder,
@@ -148,7 +148,7 @@ def test_labels_and_poses_come_back_by_the_reader_of_kitti(exported, episode) ->
     sequence = read_kitti_sequence(exported, "0000", Category.CAR, detector=DETECTOR)
     truths = truths_of(episode)
     assert len(sequence) == len(truths)
-    lidar = rig("vlp16-imu").lidar.ego_from_lidar
+    lidar = find_rig("vlp16-imu").lidar.ego_from_lidar
     labelled = 0
     for read, pose, truth in zip(sequence.truths, sequence.world_from_ego, truths, strict=True):
         # Without a camera the reader's ego is the LiDAR.
@@ -215,7 +215,7 @@ def test_images_are_taken_with_the_scans(tmp_path) -> None:
     with Image.open(images[0]) as image:
         assert image.size == (640, 480)
     assert (folder / "label_02" / "0000.txt").read_text()
-    read, wide = KittiCameras.find(folder / "calib").of("0000"), rig("wide")
+    read, wide = KittiCameras.find(folder / "calib").of("0000"), find_rig("wide")
     mounted = wide.camera.ego_from_camera.inverse() @ wide.lidar.ego_from_lidar
     np.testing.assert_allclose(read.camera_from_lidar.matrix, mounted.matrix, atol=PRINTED)
     intrinsics = wide.camera.spec.pinhole.intrinsics
@@ -292,7 +292,7 @@ def test_a_plan_says_how_much(tmp_path, exported) -> None:
 def perfect(exported: Path, out: Path, sequences=("0000", "0001"), off_m: float = 0.0) -> Path:
     """Write results that are the labelled truth, all of it moved by some metres."""
     content = {s.name: s for s in read_manifest(exported).sequences}
-    lidar = rig("vlp16-imu").lidar.ego_from_lidar
+    lidar = find_rig("vlp16-imu").lidar.ego_from_lidar
     for name in sequences:
         episode = Episode(content[name].scenario, SEED, "vlp16-imu", 2.0)
         rows, poses, stamps = [], [], []
@@ -340,7 +340,7 @@ def test_the_oracle_gets_its_own_scores_back(exported, tmp_path, episode) -> Non
     rule = read_manifest(exported).eligibility
     node = DetectionNode(detection_source("oracle"), episode, rule)
     oracle = node.compute(RunOptions())
-    lidar = rig("vlp16-imu").lidar.ego_from_lidar
+    lidar = find_rig("vlp16-imu").lidar.ego_from_lidar
     folder = tmp_path / "mine" / "detection" / "0000"
     for number, (boxes, truth) in enumerate(zip(oracle.detections, oracle.truths, strict=True)):
         tracks, pose = Tracks.of(boxes, np.arange(len(boxes))), truth.world_from_ego @ lidar

@@ -11,7 +11,7 @@ from roadscope.benchmarks import (
     true_corners,
 )
 from roadscope.benchmarks.target_views import target_views
-from roadscope.envs.sensors.rigs import rig
+from roadscope.envs import find_rig
 from roadscope.fusion import TriangularTarget
 
 
@@ -39,7 +39,7 @@ def test_a_tilted_target_reaches_from_corner_to_corner() -> None:
 
 @pytest.mark.parametrize("tilt", [(0.0, 0.0), (0.25, -0.12)])
 def test_both_sensors_detect_the_corners_where_they_are(tilt: tuple[float, float]) -> None:
-    carrier, target = rig("wide"), TriangularTarget()
+    carrier, target = find_rig("wide"), TriangularTarget()
     pose = TargetPose(7.0, 0.4, 0.5, 0.2, *tilt)
     view = target_view(carrier, target, pose, np.random.default_rng(0))
     true = true_corners(target, pose)
@@ -49,7 +49,7 @@ def test_both_sensors_detect_the_corners_where_they_are(tilt: tuple[float, float
 
 @pytest.mark.slow
 def test_more_poses_calibrate_better() -> None:
-    carrier = rig("wide")
+    carrier = find_rig("wide")
 
     def error_px(poses: int, seed: int) -> float:
         views = target_views(carrier, poses, np.random.default_rng([seed, poses]))

@@ -8,6 +8,7 @@ import pytest
 
 from roadscope.core import Category, Pose
 from roadscope.detectors.moving import (
+    OFFSETS,
     RIDER_M,
     TRIED,
     TWO_WHEELERS,
@@ -16,7 +17,6 @@ from roadscope.detectors.moving import (
     Sighting,
     usual,
 )
-from roadscope.detectors.moving.links import OFFSETS
 
 
 def chain(length, width, height, count=3, seed=0):

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from roadscope.core import Frame, Truth
+from roadscope.envs import find_rig
 from roadscope.envs.imaging import Ground, Pinhole
 from roadscope.envs.sensors import (
     FAULTS,
@@ -22,7 +23,6 @@ from roadscope.envs.sensors import (
     faults_of,
     summary_of,
 )
-from roadscope.envs.sensors.rigs import rig
 from roadscope.envs.traffic import Timeline, record
 from roadscope.envs.world import surface_of
 
@@ -38,7 +38,7 @@ def timeline() -> Timeline:
 
 def small(quiet: bool = False) -> Rig:
     """Four beams and a camera of 160 x 120 pixels."""
-    wide, lux = rig("wide").camera, rig("lux")
+    wide, lux = find_rig("wide").camera, find_rig("lux")
     spec = replace(wide.spec, pinhole=Pinhole.centred(160, 120, 105.0))
     if quiet:
         spec = replace(spec, full_well=1e12, read_noise=0.0)
@@ -173,7 +173,7 @@ def test_without_faults_the_bytes_are_the_clean_ones(nothing: object) -> None:
 @KINDS
 def test_every_rig_takes_every_fault_and_says_which_it_does_not_feel(kind: str) -> None:
     for name in ("lux", "wide", "li2021"):
-        carrier = rig(name)
+        carrier = find_rig(name)
         sensing = Sensing(carrier, SEED, "bare", faults=f"{kind}:5")
         felt = not sensing.idle_faults
         assert felt == (carrier.camera is not None or "lidar" in FAULTS[kind].sensors)
@@ -255,13 +255,13 @@ def test_figures_only_get_worse(kind: str) -> None:
 )
 def test_what_is_no_fault_is_refused_with_what_is(given: object, message: str) -> None:
     with pytest.raises(ValueError, match=message):
-        Sensing(rig("lux"), 0, faults=given)
+        Sensing(find_rig("lux"), 0, faults=given)
 
 
 @pytest.mark.parametrize("given", [[3], [None], [("fog", 3)]])
 def test_what_is_no_text_is_refused(given: object) -> None:
     with pytest.raises(TypeError, match="expected text such as fog:3"):
-        Sensing(rig("lux"), 0, faults=given)
+        Sensing(find_rig("lux"), 0, faults=given)
     with pytest.raises(TypeError, match=r"faults: expected 'fog:3', .* got 3"):
         faults_of(3)  # type: ignore[arg-type]
 
@@ -282,7 +282,7 @@ def test_faults_made_by_hand_are_checked_too(kind: str, severity: int) -> None:
 )
 def test_two_words_on_one_thing_are_refused(told: dict[str, str], fault: str) -> None:
     with pytest.raises(ValueError, match=f"and fault '{fault}' both say what"):
-        Sensing(rig("wide"), 0, faults=fault, **told)
+        Sensing(find_rig("wide"), 0, faults=fault, **told)
 
 
 @pytest.mark.parametrize("kind", ["fog", "rain"])
@@ -307,8 +307,8 @@ def test_seeds_decide_where_a_sensor_slips_to() -> None:
 
 
 def test_a_sensor_slips_the_same_way_with_and_without_camera() -> None:
-    alone = replace(rig("wide"), camera=None)
-    both = Sensing(rig("wide"), 9, faults="extrinsic-error:4").calibration
+    alone = replace(find_rig("wide"), camera=None)
+    both = Sensing(find_rig("wide"), 9, faults="extrinsic-error:4").calibration
     assert both.pose("lidar") == Sensing(alone, 9, faults="extrinsic-error:4").calibration.pose(
         "lidar"
     )

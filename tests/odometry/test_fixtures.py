@@ -11,11 +11,11 @@ from roadscope.odometry.inertial import (
     count_separate,
     gathered,
     joined,
+    marked_fixtures,
     slim,
     speed_of,
     standing_speed_of,
 )
-from roadscope.odometry.inertial.speed_search import _fixed as fixed_of
 
 COLUMNS = 1800
 STEP_RAD = 2 * np.pi / COLUMNS
@@ -190,7 +190,7 @@ def both(tall, slim):
     [(7, 3, None), (8, 3, 8), (7, 4, 4), (8, 4, 12), (8, 9, 17), (40, 10, 10), (0, 10, 10)],
 )
 def test_slim_objects_decide_alone_where_there_are_many(tall, slim, chosen):
-    found = fixed_of([both(tall, slim)] * 3)
+    found = marked_fixtures([both(tall, slim)] * 3)
     assert (found and [int(each.sum()) for each in found]) == (chosen and [chosen] * 3)
 
 

@@ -5,7 +5,7 @@ from collections.abc import Callable, Mapping
 import numpy as np
 
 from roadscope.detectors.cloud import Cloud
-from roadscope.detectors.ground.grid import grid_above_ground
+from roadscope.detectors.ground.grid import cell_spans, grid_above_ground
 from roadscope.detectors.ground.polar import PolarRule, polar_above_ground
 from roadscope.detectors.ground.surface import GroundRule, GroundSurface
 
@@ -34,6 +34,7 @@ __all__ = [
     "GroundRule",
     "GroundSurface",
     "PolarRule",
+    "cell_spans",
     "grid_above_ground",
     "keep_all",
     "polar_above_ground",

@@ -33,14 +33,14 @@ def grid_above_ground(
     values; the defaults are chosen by hand.
     """
     heights = cloud.points[:, 2]
-    lowest, highest = _cell_spans(cloud.points, cell_m)
+    lowest, highest = cell_spans(cloud.points, cell_m)
     bottom = np.minimum(lowest, 0.0)
     rises = (highest - lowest > span_m) & (heights - bottom > span_m / 2)
     mask: np.ndarray = (heights < ceiling_m) & ((heights > clear_m) | rises)
     return mask
 
 
-def _cell_spans(points: np.ndarray, cell_m: float) -> tuple[np.ndarray, np.ndarray]:
+def cell_spans(points: np.ndarray, cell_m: float) -> tuple[np.ndarray, np.ndarray]:
     """Return the lowest and the highest z in the cell of each of (N, 3) points."""
     if not len(points):
         return np.empty(0), np.empty(0)

@@ -11,7 +11,7 @@ _PARTS = {
     "evidence_grid slide suppress",
     "extraction": "RULE linked sorted_by_body whole_body",
     "lidar": "lidar_of",
-    "links": "Chain RIDER_M Sighting TRIED TWO_WHEELERS usual",
+    "links": "Chain OFFSETS RIDER_M Sighting TRIED TWO_WHEELERS usual",
     "view": "NOISE_USUAL_M View deskewed imaged range_noise_of tabulate thinned",
 }
 """Names by the file that defines them, loaded when first used: the face of this folder."""

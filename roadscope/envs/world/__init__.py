@@ -7,6 +7,7 @@ _PARTS = {
     "borders": "LaneDistances border_sites distances_to without_duplicates",
     "ford_saloon": "CORNER_RADII_M SLABS with_corners",
     "ground": "Surface surface_of",
+    "materials": "GREY MATERIALS RUBBER",
     "prisms": "Prisms ellipse padded placed rectangle rounded",
     "road_memo": "CACHED_ROADS cached_per_road",
     "roadside": "KINDS OBSTACLE_KIND OVERHEAD STYLES Scenery grow kinds_of",

@@ -446,7 +446,7 @@ def speed_of(scans: list[Ends], rate_rad_s: float) -> Speed:
 
     A guess from few fixtures is better than one from objects that may be traffic.
     """
-    fixed = _fixed(scans)
+    fixed = marked_fixtures(scans)
     if fixed is not None:
         return _by_fixtures(scans, rate_rad_s, fixed)
     if _slim_objects(scans) >= FEW_SLIM:
@@ -458,7 +458,7 @@ def speed_of(scans: list[Ends], rate_rad_s: float) -> Speed:
 
 def standing_speed_of(scans: list[Ends], rate_rad_s: float) -> Speed:
     """Return the speed at which fixtures agree; not clear if there are too few."""
-    fixed = _fixed(scans)
+    fixed = marked_fixtures(scans)
     return Speed(0.0, 0.0) if fixed is None else _by_fixtures(scans, rate_rad_s, fixed)
 
 
@@ -468,7 +468,7 @@ def _by_fixtures(scans: list[Ends], rate: float, fixed: list[np.ndarray]) -> Spe
     return ends_joined.finely(rough) if rough.clear else rough
 
 
-def _fixed(scans: list[Ends]) -> list[np.ndarray] | None:
+def marked_fixtures(scans: list[Ends]) -> list[np.ndarray] | None:
     """Return the marks of fixtures in each scan; None if there are too few."""
     objects = _slim_objects(scans)
     enough_tall = sum(int(each.tall.sum()) for each in scans) >= LEAST_TALL * len(scans)

@@ -488,7 +488,7 @@ def settle(
         pairs = joined(kinds)
         if len(pairs.points) < free_mask.sum():
             break
-        weights = _weights(kinds, pose, WIDER[min(round_number, len(WIDER) - 1)])
+        weights = pair_weights(kinds, pose, WIDER[min(round_number, len(WIDER) - 1)])
         previous, pose = pose, descend(pairs, weights, pose, free_mask)
         step = np.abs(log_se3(inverse(previous) @ pose))
         small = step[:3].max() < SHIFT_M and step[3:].max() < TURN_RAD
@@ -519,14 +519,14 @@ def _labels(labels: np.ndarray, same_label: bool) -> np.ndarray:
     return labels if same_label else np.full_like(labels, -1)
 
 
-def _weights(kinds: list[Pairs], pose: np.ndarray, wider: float = 1.0) -> np.ndarray:
+def pair_weights(kinds: list[Pairs], pose: np.ndarray, wider: float = 1.0) -> np.ndarray:
     """Return the weight of each pair, 1/m^2, by the bisquare of its kind."""
     each = [bisquare(distances(pairs, pose), NOISE_M, wider) for pairs in kinds]
     return np.concatenate([np.empty(0), *each])
 
 
 def _feature_match(kinds: list[Pairs], pose: np.ndarray) -> FeatureMatch:
-    pairs, weights = joined(kinds), _weights(kinds, pose)
+    pairs, weights = joined(kinds), pair_weights(kinds, pose)
     information, _, _ = normal_equations(pairs, weights, pose)
     squares = weights @ distances(pairs, pose) ** 2
     residual_m = float(np.sqrt(squares / weights.sum())) if len(weights) else float("nan")

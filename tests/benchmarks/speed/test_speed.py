@@ -12,7 +12,6 @@ from roadscope.benchmarks.speed import (
     SpeedRow,
     SpeedStep,
     casting_steps,
-    measure,
     measure_speed,
     run_steps,
     write_speed,
@@ -40,7 +39,7 @@ def test_parts_are_measured_in_the_order_in_which_they_are_named(
 ) -> None:
     for part in PARTS:
         step = SpeedStep(part, lambda part=part: [SpeedRow(part, 1.0, "ms")])
-        monkeypatch.setitem(measure.PARTS, part, lambda step=step: [step])
+        monkeypatch.setitem(PARTS, part, lambda step=step: [step])
     assert [row.name for row in measure_speed()] == list(PARTS)
     told: list[str] = []
     rows = measure_speed(["trackers", "casting"], progress=lambda name, *_: told.append(name))

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from toy_pictures import toy_pictures
 
-from roadscope.benchmarks.train import RECIPES, camera, crops, pictures, train_camera
+from roadscope.benchmarks.train import RECIPES, crops, pictures, train_camera
 from roadscope.core import Calibration as Mounting
 from roadscope.core import CameraImage, Frame
 from roadscope.detectors.camera import CameraDetector
@@ -17,7 +17,7 @@ def toy(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(pictures, "render", lambda episode: toy_pictures(episode.seed, 2))
     monkeypatch.setattr(crops, "CROP_SIZES", (pictures.PixelSize(96, 128),))
     small = replace(RECIPES["trial"], steps=3, pixels=2 * 96 * 128)
-    monkeypatch.setitem(camera.RECIPES, "trial", small)
+    monkeypatch.setitem(RECIPES, "trial", small)
 
 
 @pytest.mark.slow

@@ -9,10 +9,10 @@ from roadscope.detectors.camera import (
     TRAITS,
     VOTING_IOU,
     Answers,
+    BoxCalibration,
     averaged,
     distinct,
 )
-from roadscope.detectors.camera.calibration import BoxCalibration
 
 
 def slowly(

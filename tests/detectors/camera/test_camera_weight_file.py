@@ -9,12 +9,12 @@ from safetensors.torch import save_file
 from roadscope.detectors.camera import (
     ARCHITECTURE,
     TERM_COUNT,
+    BoxCalibration,
     CentreNetwork,
     WeightsError,
     load,
     save,
 )
-from roadscope.detectors.camera.calibration import BoxCalibration
 
 
 def about(**changes: object) -> dict[str, str]:

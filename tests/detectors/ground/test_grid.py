@@ -3,8 +3,7 @@ import pytest
 from toy_lidar import cloud
 
 from roadscope.detectors import Cloud
-from roadscope.detectors.ground import grid_above_ground, keep_all
-from roadscope.detectors.ground.grid import _cell_spans
+from roadscope.detectors.ground import cell_spans, grid_above_ground, keep_all
 
 CAR = (25, 0, 4.6, 1.85, 1.5, 0)
 
@@ -13,7 +12,7 @@ CAR = (25, 0, 4.6, 1.85, 1.5, 0)
 def test_cell_spans_equal_a_loop(far):
     points = np.random.default_rng(0).uniform(-3, 3, (200, 3))
     points[7, :2] += far
-    lowest, highest = _cell_spans(points, 0.5)
+    lowest, highest = cell_spans(points, 0.5)
     cells = np.floor(points[:, :2] / 0.5)
     for point, low, high in zip(cells, lowest, highest, strict=True):
         heights = points[(cells == point).all(axis=1), 2]

@@ -15,9 +15,9 @@ from gymnasium.utils.env_checker import check_env
 from gymnasium.utils.env_checker import data_equivalence as equivalent
 
 import roadscope  # noqa: F401  (registers ours)
+from roadscope.envs import find_rig
 from roadscope.envs.gym import IDS, ScenarioEnv, SensorWrapper
 from roadscope.envs.sensors import sense
-from roadscope.envs.sensors.rigs import rig as find_rig
 from roadscope.envs.traffic import record
 
 AGENT_IDS = ("roadscope/Merge-v0", "roadscope/Intersection-v0", "roadscope/Racetrack-v0")

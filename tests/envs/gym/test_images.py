@@ -7,8 +7,8 @@ from gymnasium.utils.env_checker import check_env
 from PIL import Image
 
 import roadscope  # noqa: F401
+from roadscope.envs import find_rig
 from roadscope.envs.sensors import Sensing
-from roadscope.envs.sensors.rigs import rig
 from roadscope.envs.traffic import record
 
 
@@ -60,7 +60,7 @@ def test_images_leave_scans_as_they_are_and_are_the_same_again() -> None:
     from dataclasses import replace
 
     timeline = record("street", 2, 2.0)
-    with_camera, without = rig("wide"), replace(rig("wide"), camera=None)
+    with_camera, without = find_rig("wide"), replace(find_rig("wide"), camera=None)
     frames = Sensing(with_camera, 2).advance(timeline, 1.0)
     scans = [pair for pair in frames if pair[0].lidar is not None]
     alone = Sensing(without, 2).advance(timeline, 1.0)
@@ -77,12 +77,12 @@ def test_light_is_chosen_by_name() -> None:
     timeline = record("street", 2, 2.0)
     brightness = {}
     for light in ("day", "night"):
-        sensing = Sensing(rig("wide"), 2, light=light)
+        sensing = Sensing(find_rig("wide"), 2, light=light)
         frame, _ = sensing.sense_image_at(timeline, 1.0)
         brightness[light] = frame.camera.pixels[:200].mean()
     assert brightness["night"] < 0.5 * brightness["day"]
     with pytest.raises(ValueError, match="no light 'noon'"):
-        Sensing(rig("wide"), 2, light="noon")
+        Sensing(find_rig("wide"), 2, light="noon")
 
 
 @pytest.mark.parametrize("name", ["TwoWay-v0", "Lu2018Occlusion-v0"])
@@ -109,7 +109,7 @@ def test_live_frames_with_faults_equal_the_recorded_ones() -> None:
         assert env.render().shape == (720, 1280, 3)
         live += zip(info["frames"], info["truths"], strict=True)
     recording = env.unwrapped._inner.recording()
-    sensing = Sensing(rig("wide"), 3, "urban", faults=faults)
+    sensing = Sensing(find_rig("wide"), 3, "urban", faults=faults)
     assert live == sensing.advance(recording, recording.end_s)
     assert any(frame.camera is None and frame.lidar is None for frame, _ in live)
     with pytest.raises(ValueError, match="no fault 'hail'"):
@@ -118,7 +118,7 @@ def test_live_frames_with_faults_equal_the_recorded_ones() -> None:
 
 def test_the_sun_of_a_glare_does_not_move_with_the_ego() -> None:
     timeline = record("racetrack", 2, 6.0)
-    sensing = Sensing(rig("wide"), 2, faults="glare:3")
+    sensing = Sensing(find_rig("wide"), 2, faults="glare:3")
     suns = [sensing._light_of(timeline, stamp_s).sun_azimuth for stamp_s in (5.0, 0.02, 3.0)]
     turned = [timeline.world_from_ego(stamp_s).yaw for stamp_s in (0.02, 5.0)]
     assert len(set(suns)) == 1

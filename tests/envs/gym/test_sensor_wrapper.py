@@ -12,9 +12,9 @@ from highway_env.vehicle.behavior import IDMVehicle
 
 import roadscope  # noqa: F401  (registers ours)
 from roadscope.core import WEATHER, Pose, RecordError
+from roadscope.envs import find_rig
 from roadscope.envs.gym import SensorWrapper
 from roadscope.envs.sensors import IMUS, BodySway, DeadReckoning, ImuMount, Sensing
-from roadscope.envs.sensors.rigs import rig as find_rig
 from roadscope.envs.traffic import DRIVER_CONSTANTS, ForeignEnvError, restore_driver_constants
 
 # highway-env keeps old versions of its ids for comparison; Gymnasium says so at every make.

@@ -2,6 +2,7 @@ import numpy as np
 import pytest
 
 from roadscope.core import Category, LidarScan, Pose
+from roadscope.envs import find_rig
 from roadscope.envs.gym import (
     EGO_BOUNDS,
     LaneLocator,
@@ -10,7 +11,6 @@ from roadscope.envs.gym import (
     observation_space,
     range_image,
 )
-from roadscope.envs.sensors.rigs import rig
 from roadscope.envs.traffic import RoadMap, Timeline
 
 EAST = np.array([[0.0, 0.0], [10.0, 0.0], [20.0, 0.0]])
@@ -57,8 +57,8 @@ def scan(points: list[tuple[float, float, float]], ring: list[int], column: list
 
 @pytest.mark.parametrize("name", ["lux", "vlp16", "hdl32e", "hdl64e"])
 def test_spaces_are_flat_finite_and_shaped_like_the_lidar(name: str) -> None:
-    spec = rig(name).lidar.spec
-    space = observation_space(rig(name), goal=True)
+    spec = find_rig(name).lidar.spec
+    space = observation_space(find_rig(name), goal=True)
     assert list(space.keys()) == ["ego", "goal", "lidar_intensity", "lidar_range"]
     assert space["lidar_range"].shape == (spec.beams, spec.columns)
     for box in space.values():
@@ -68,7 +68,7 @@ def test_spaces_are_flat_finite_and_shaped_like_the_lidar(name: str) -> None:
 
 
 def test_returns_lie_at_their_beam_and_column() -> None:
-    spec = rig("lux").lidar.spec
+    spec = find_rig("lux").lidar.spec
     image = range_image(scan([(3.0, 4.0, 0.0), (0.0, 0.0, 7.0)], [0, 3], [5, 0]), spec)
     assert image["lidar_range"][0, 5] == 5.0
     assert image["lidar_range"][3, 0] == 7.0
@@ -77,14 +77,14 @@ def test_returns_lie_at_their_beam_and_column() -> None:
 
 
 def test_ranges_beyond_the_limit_are_clipped_into_the_space() -> None:
-    spec = rig("lux").lidar.spec
+    spec = find_rig("lux").lidar.spec
     image = range_image(scan([(spec.range_max_m + 0.3, 0.0, 0.0)], [0], [0]), spec)
-    assert image["lidar_range"] in observation_space(rig("lux"))["lidar_range"]
+    assert image["lidar_range"] in observation_space(find_rig("lux"))["lidar_range"]
 
 
 @pytest.mark.parametrize("empty", [None, scan([], [], [])])
 def test_no_returns_are_zeros(empty: LidarScan | None) -> None:
-    image = range_image(empty, rig("lux").lidar.spec)
+    image = range_image(empty, find_rig("lux").lidar.spec)
     assert not image["lidar_range"].any()
 
 

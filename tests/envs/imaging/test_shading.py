@@ -19,7 +19,15 @@ from roadscope.envs.imaging import (
     solids_of,
 )
 from roadscope.envs.raycast import Scene
-from roadscope.envs.world import Prisms, Surface, body_prisms, materials, surface_of
+from roadscope.envs.world import (
+    GREY,
+    MATERIALS,
+    RUBBER,
+    Prisms,
+    Surface,
+    body_prisms,
+    surface_of,
+)
 from tests.envs.worlds import straight
 
 PINHOLE = Pinhole.centred(160, 120, 120.0)
@@ -52,7 +60,7 @@ def test_contrast_falls_by_koschmieders_law(visibility_m: float) -> None:
     differences = []
     distances = np.array([8.0, 20.0, 40.0, 70.0])
     for x in distances:
-        walls = [wall(x, 0.1 * x, materials.GREY), wall(x, -0.1 * x, materials.RUBBER)]
+        walls = [wall(x, 0.1 * x, GREY), wall(x, -0.1 * x, RUBBER)]
         scene = Scene.still(Prisms.join(walls), Prisms.empty(), NONE)
         image = shaded(scene, extinction_per_m=extinction)
         # Two walls at the same distance: the airlight is the same and cancels.
@@ -121,10 +129,7 @@ def test_light_is_finite_in_random_scenes(kind: str, beta: float) -> None:
         [replace_owner(body_prisms(c, sizes[c], rng), row) for row, c in enumerate(Category)]
     )
     poses = np.array([[6.0 + 3 * k, 2.0 * (k % 3) - 2, 0.7 * k] for k in range(len(Category))])
-    every = [
-        replace_material(wall(12.0 + k, 9.0 - 0.4 * k, 0), k)
-        for k in range(len(materials.MATERIALS))
-    ]
+    every = [replace_material(wall(12.0 + k, 9.0 - 0.4 * k, 0), k) for k in range(len(MATERIALS))]
     scene = Scene.still(Prisms.join(every), bodies, poses)
     light = light_named(kind, rng)
     for pose in (AHEAD, Pose.from_euler(0, 0, 3, pitch=1.5) @ mounted(0, 0, 0)):

@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 
 from roadscope.core import Pose, RecordError
+from roadscope.envs import find_rig
 from roadscope.envs.sensors import DeadReckoning, scaled_noise, sense
-from roadscope.envs.sensors.rigs import rig
 from roadscope.envs.traffic import Timeline, record
 
 STEP = Pose.planar(2.5, 0.1, 0.05)
@@ -34,7 +34,7 @@ def test_errors_are_as_large_as_they_say() -> None:
 
 
 def test_the_estimate_is_of_the_motion_between_the_stamps(timeline: Timeline) -> None:
-    out = list(sense(timeline, scaled_noise(rig("vlp16"), 0.0), 0))
+    out = list(sense(timeline, scaled_noise(find_rig("vlp16"), 0.0), 0))
     assert out[0][0].previous_from_ego is None
     for (_, before), (frame, truth) in pairwise(out):
         true = before.world_from_ego.inverse() @ truth.world_from_ego
@@ -43,9 +43,9 @@ def test_the_estimate_is_of_the_motion_between_the_stamps(timeline: Timeline) ->
 
 
 def test_the_estimate_errs_and_changes_nothing_else(timeline: Timeline) -> None:
-    exact = replace(rig("lux"), dead_reckoning=DeadReckoning().scaled(0.0))
+    exact = replace(find_rig("lux"), dead_reckoning=DeadReckoning().scaled(0.0))
     for (noisy, one), (clean, other) in zip(
-        sense(timeline, rig("lux"), 4), sense(timeline, exact, 4), strict=True
+        sense(timeline, find_rig("lux"), 4), sense(timeline, exact, 4), strict=True
     ):
         assert one == other
         assert noisy.lidar == clean.lidar

@@ -9,6 +9,7 @@ from gymnasium.utils.env_checker import check_env
 
 import roadscope  # noqa: F401  (registers its ids)
 from roadscope.core import GROUND, ImuSamples, Pose, RecordError
+from roadscope.envs import find_rig
 from roadscope.envs.sensors import (
     IMUS,
     PAGE,
@@ -25,7 +26,6 @@ from roadscope.envs.sensors import (
     scaled_noise,
     sense,
 )
-from roadscope.envs.sensors.rigs import rig
 from roadscope.envs.traffic import Timeline, record
 from tests.envs.sensors.inertial_drives import at_rest, integrated, stop_and_go
 from tests.envs.sensors.test_sensing import shortened
@@ -163,7 +163,7 @@ def test_what_is_out_of_range_reads_as_the_limit() -> None:
 @pytest.mark.parametrize("name", ["lux", "vlp16"])
 @pytest.mark.parametrize("rate_hz", [30.0, 100.0, 400.0])
 def test_numbers_of_samples_follow_each_other(name: str, rate_hz: float) -> None:
-    carrier = rig(name).lidar
+    carrier = find_rig(name).lidar
     spans = [samples_of(carrier, k, rate_hz) for k in range(200)]
     assert spans[0][0] == 0
     assert all(b[0] == a[1] + 1 for a, b in pairwise(spans))
@@ -180,7 +180,7 @@ def timeline() -> Timeline:
 def small(imu: str | None, *, sway: bool = False) -> Rig:
     unit = None if imu is None else mount(imu)
     wheels = None if imu is None else WheelSpec()
-    return replace(rig("lux"), imu=unit, wheels=wheels, sway=BodySway() if sway else None)
+    return replace(find_rig("lux"), imu=unit, wheels=wheels, sway=BodySway() if sway else None)
 
 
 def test_scans_are_the_same_bytes_with_and_without_an_inertial_unit(timeline: Timeline) -> None:
@@ -224,7 +224,7 @@ def test_lost_scans_keep_their_inertial_samples(timeline: Timeline) -> None:
 
 def test_scans_of_a_swaying_body_lie_on_the_ground(timeline: Timeline) -> None:
     strong = BodySway(pitch_deg_per_g=10.0, roll_deg_per_g=10.0)
-    carrier = replace(scaled_noise(rig("vlp16-imu"), 0.0), sway=strong)
+    carrier = replace(scaled_noise(find_rig("vlp16-imu"), 0.0), sway=strong)
     frame, truth = list(sense(timeline, carrier, 0))[5]
     assert frame.lidar is not None
     assert truth.world_from_ego.matrix[2, 2] < 1 - 1e-7
@@ -264,14 +264,14 @@ def test_bad_inertial_keys_are_refused(tmp_path, text: str, message: str) -> Non
     path = tmp_path / "mine.toml"
     path.write_text(f'lidar = "lux"\n{text}\n')
     with pytest.raises(RecordError, match=message):
-        rig(path)
+        find_rig(path)
 
 
 def test_a_file_asks_for_an_inertial_unit(tmp_path) -> None:
     path = tmp_path / "mine.toml"
     path.write_text('lidar = "vlp16"\nimu = "adis16448"\nwheels = true\nsway = true\n')
-    made = rig(path)
-    assert replace(made, name="vlp16-imu") == rig("vlp16-imu")
+    made = find_rig(path)
+    assert replace(made, name="vlp16-imu") == find_rig("vlp16-imu")
     assert scaled_noise(made, 0.5).imu.spec.gyro_noise == 0.5 * made.imu.spec.gyro_noise
 
 

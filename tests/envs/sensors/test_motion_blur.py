@@ -7,17 +7,17 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from roadscope.envs import find_rig
 from roadscope.envs.imaging import Pinhole
 from roadscope.envs.sensors import Rig, Sensing, motion_during
-from roadscope.envs.sensors.rigs import rig
 from tests.envs.worlds import platoon
 
 
 def carrier(**changes: object) -> Rig:
-    camera = rig("wide").camera
+    camera = find_rig("wide").camera
     pinhole = Pinhole.centred(160, 120, 105.0)
     spec = replace(camera.spec, pinhole=pinhole, full_well=1e12, read_noise=0.0, **changes)
-    return replace(rig("lux"), camera=replace(camera, spec=spec, first_stamp_s=0.05))
+    return replace(find_rig("lux"), camera=replace(camera, spec=spec, first_stamp_s=0.05))
 
 
 def image(rig: Rig) -> np.ndarray:

@@ -15,8 +15,8 @@ from roadscope.core import (
     Projection,
     RecordError,
 )
+from roadscope.envs import find_rig
 from roadscope.envs.sensors import Sensing
-from roadscope.envs.sensors.rigs import rig
 from roadscope.envs.traffic import Timeline, record
 
 SEED, AT_S = 7, 1.5
@@ -28,23 +28,23 @@ def timeline() -> Timeline:
 
 
 def test_nothing_is_kept_unless_it_is_asked_for(timeline: Timeline) -> None:
-    plain, truth = Sensing(rig("wide"), SEED).sense_image_at(timeline, AT_S)
+    plain, truth = Sensing(find_rig("wide"), SEED).sense_image_at(timeline, AT_S)
     assert truth.pixels is None
-    asked, more = Sensing(rig("wide"), SEED, pixel_truth=True).sense_image_at(timeline, AT_S)
+    asked, more = Sensing(find_rig("wide"), SEED, pixel_truth=True).sense_image_at(timeline, AT_S)
     assert plain == asked
     assert truth == replace(more, pixels=None)
-    _, scan_truth = Sensing(rig("wide"), SEED, pixel_truth=True).sense(timeline, 3)
+    _, scan_truth = Sensing(find_rig("wide"), SEED, pixel_truth=True).sense(timeline, 3)
     assert scan_truth.pixels is None
 
 
 def test_a_rig_without_camera_is_refused() -> None:
     with pytest.raises(RecordError, match="rig 'vlp16' has no camera"):
-        Sensing(rig("vlp16"), SEED, pixel_truth=True)
+        Sensing(find_rig("vlp16"), SEED, pixel_truth=True)
 
 
 @pytest.mark.parametrize("name", ["wide", "li2021"])
 def test_pixels_are_those_of_the_boxes(timeline: Timeline, name: str) -> None:
-    carrier = rig(name)
+    carrier = find_rig(name)
     _, truth = Sensing(carrier, SEED, pixel_truth=True).sense_image_at(timeline, AT_S)
     pixels, boxes = truth.pixels, truth.image_boxes
     assert pixels is not None
@@ -80,7 +80,7 @@ def test_depth_is_what_a_scan_of_the_same_moment_measures(timeline: Timeline) ->
 
     Both sensors are at different places, so that an object may be hidden from only one of them.
     """
-    carrier = rig("wide")
+    carrier = find_rig("wide")
     assert carrier.camera is not None
     quiet = replace(
         carrier.lidar.spec, range_noise_m=0.0, range_resolution_m=0.0, dropout=0.0, sweep_s=1e-6

@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 
 from roadscope.core import RecordError
+from roadscope.envs import find_rig
 from roadscope.envs.sensors import CAMERAS, RIGS, SPECS, load_rig, scaled_noise
-from roadscope.envs.sensors.rigs import rig
 
 CAMERA = 'lidar = "lux"\n[camera]\nsensor = "wide"\n'
 
@@ -23,7 +23,7 @@ def write(tmp_path):
 
 @pytest.mark.parametrize("name", RIGS)
 def test_presets_carry_what_they_say(name):
-    made, place = rig(name), RIGS[name]
+    made, place = find_rig(name), RIGS[name]
     assert made.name == name
     limit = {} if place.detection_limit is None else {"detection_limit": place.detection_limit}
     assert made.lidar.spec == replace(SPECS[place.sensor], **limit)
@@ -35,16 +35,16 @@ def test_presets_carry_what_they_say(name):
 
 
 def test_lux_sits_low_on_the_front_bumper():
-    assert np.allclose(rig("lux").lidar.ego_from_lidar.translation, (5.0, 0.0, 0.55))
+    assert np.allclose(find_rig("lux").lidar.ego_from_lidar.translation, (5.0, 0.0, 0.55))
 
 
 def test_an_unknown_rig_is_refused_with_what_there_is():
     with pytest.raises(RecordError, match=r"no rig 'luxx' \(did.*'lux'\?\); known: lux, vlp16"):
-        rig("luxx")
+        find_rig("luxx")
 
 
 def test_a_file_changes_mount_and_figures(write):
-    made = rig(
+    made = find_rig(
         write('lidar = "vlp16"\nz_m = 2.1\nyaw_deg = 90\nrange_noise_m = 0.05\ndropout = 0.1\n')
     )
     assert made.name == "mine"
@@ -55,7 +55,7 @@ def test_a_file_changes_mount_and_figures(write):
 
 
 def test_a_table_adds_a_camera(write):
-    made = rig(
+    made = find_rig(
         write(
             'lidar = "vlp16"\n[camera]\nsensor = "wide"\nz_m = 1.2\nyaw_deg = 90\nwidth_px = 320\n'
             "rate_hz = 10\nexposure_s = 0.02\nmotion_blur = true\nread_noise = 3\n"
@@ -77,12 +77,12 @@ def test_a_table_adds_a_camera(write):
 
 
 def test_a_table_that_changes_nothing_is_the_presets_camera(write):
-    made = rig(write('lidar = "hdl32e"\ncamera = { sensor = "wide" }\n', "wide.toml"))
-    assert made == rig("wide")
+    made = find_rig(write('lidar = "hdl32e"\ncamera = { sensor = "wide" }\n', "wide.toml"))
+    assert made == find_rig("wide")
 
 
 def test_a_camera_may_lean(write):
-    made = rig(write('lidar = "lux"\ncamera = { sensor = "wide", roll_deg = 90 }\n')).camera
+    made = find_rig(write('lidar = "lux"\ncamera = { sensor = "wide", roll_deg = 90 }\n')).camera
     assert made is not None
     right = made.ego_from_camera.rotation[:, 0]
     assert np.allclose(right, (0, 0, -1))
@@ -134,12 +134,12 @@ def test_bad_files_are_refused_by_name(write, text, message):
 
 def test_a_missing_file_is_refused(tmp_path):
     with pytest.raises(RecordError, match=r"cannot read rig file .*none.toml"):
-        rig(tmp_path / "none.toml")
+        find_rig(tmp_path / "none.toml")
 
 
 @pytest.mark.parametrize("factor", [0.0, 0.5, 2.0])
 def test_noise_scales(factor):
-    before, after = rig("hdl32e"), scaled_noise(rig("hdl32e"), factor)
+    before, after = find_rig("hdl32e"), scaled_noise(find_rig("hdl32e"), factor)
     assert after.lidar.spec.range_noise_m == factor * before.lidar.spec.range_noise_m
     assert after.lidar.spec.dropout == factor * before.lidar.spec.dropout
     assert after.lidar.ego_from_lidar == before.lidar.ego_from_lidar
@@ -149,4 +149,4 @@ def test_noise_scales(factor):
 @pytest.mark.parametrize("factor", [-1.0, math.nan, math.inf])
 def test_impossible_noise_factors_are_refused(factor):
     with pytest.raises(RecordError, match="noise factor"):
-        scaled_noise(rig("lux"), factor)
+        scaled_noise(find_rig("lux"), factor)

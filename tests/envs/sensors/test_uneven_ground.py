@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 from roadscope.core import GROUND, Category, Pose, RecordError
+from roadscope.envs import find_rig
 from roadscope.envs.sensors import STANDARD_GRAVITY_M_S2, BodySway, EgoMotion, scaled_noise, sense
-from roadscope.envs.sensors.rigs import rig
 from roadscope.envs.traffic import Terrain, Timeline, record
 from tests.envs.worlds import platoon
 
@@ -46,7 +46,7 @@ def test_the_ground_is_uneven_and_no_steeper_than_roads_are(name: str) -> None:
 def test_returns_lie_on_the_ground_and_on_bodies(name: str) -> None:
     line = recorded(name)
     assert line.terrain is not None
-    quiet = scaled_noise(rig("hdl64e"), 0.0)
+    quiet = scaled_noise(find_rig("hdl64e"), 0.0)
     for frame, truth in list(sense(line, quiet, 0))[2:4]:
         assert frame.lidar is not None
         world = truth.world_from_ego.apply(
@@ -70,7 +70,7 @@ def test_returns_lie_on_the_ground_and_on_bodies(name: str) -> None:
 
 def test_a_plane_looks_flat_to_those_who_stand_on_it() -> None:
     flat = replace(platoon(3, style="bare"), categories=np.zeros(3, np.int8))
-    quiet = scaled_noise(rig("vlp16"), 0.0)
+    quiet = scaled_noise(find_rig("vlp16"), 0.0)
     for turn in (0.0, np.pi / 2):
         tilted = replace(flat, terrain=slope(turn))
         pairs = zip(sense(flat, quiet, 0), sense(tilted, quiet, 0), strict=True)
@@ -113,7 +113,7 @@ def test_the_motion_stays_near_the_recorded_one() -> None:
 
 def test_images_of_uneven_ground_are_refused() -> None:
     with pytest.raises(RecordError, match="uneven"):
-        next(iter(sense(recorded("hills"), rig("wide"), 0)))
+        next(iter(sense(recorded("hills"), find_rig("wide"), 0)))
 
 
 def test_a_file_keeps_the_ground() -> None:

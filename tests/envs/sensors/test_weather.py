@@ -2,8 +2,8 @@ import numpy as np
 import pytest
 
 from roadscope.core import WEATHER, LidarScan, RecordError
+from roadscope.envs import find_rig
 from roadscope.envs.sensors import CLEAR, WEATHERS, Sensing, Weather, fog, rain, sense
-from roadscope.envs.sensors.rigs import rig
 from roadscope.envs.sensors.weather import weather
 from roadscope.envs.traffic import Timeline, record
 from roadscope.envs.world import kinds_of
@@ -53,8 +53,8 @@ def test_fog_leaves_two_per_cent_of_contrast() -> None:
 
 
 def test_clear_air_changes_no_byte(timeline: Timeline) -> None:
-    assert list(sense(timeline, rig("lux"), 2, weather="clear")) == list(
-        sense(timeline, rig("lux"), 2)
+    assert list(sense(timeline, find_rig("lux"), 2, weather="clear")) == list(
+        sense(timeline, find_rig("lux"), 2)
     )
 
 
@@ -63,9 +63,9 @@ def test_clear_air_changes_no_byte(timeline: Timeline) -> None:
 def test_weather_comes_from_the_seed_and_leaves_the_rest_alone(
     timeline: Timeline, name: str
 ) -> None:
-    clear = list(sense(timeline, rig("vlp16"), 2))
-    first = list(sense(timeline, rig("vlp16"), 2, weather=name))
-    assert first == list(sense(timeline, rig("vlp16"), 2, weather=name))
+    clear = list(sense(timeline, find_rig("vlp16"), 2))
+    first = list(sense(timeline, find_rig("vlp16"), 2, weather=name))
+    assert first == list(sense(timeline, find_rig("vlp16"), 2, weather=name))
     for (frame, truth), (dry, bare) in zip(first, clear, strict=True):
         assert frame != dry
         assert frame.previous_from_ego == dry.previous_from_ego
@@ -90,5 +90,5 @@ def _same_where_not_weather(scan: LidarScan, kept: np.ndarray, clear: LidarScan)
 
 
 def test_a_sweep_of_its_own_has_the_same_weather(timeline: Timeline) -> None:
-    whole = list(sense(timeline, rig("lux"), 7, weather="fog-4"))
-    assert Sensing(rig("lux"), 7, weather="fog-4").sense(timeline, 3) == whole[3]
+    whole = list(sense(timeline, find_rig("lux"), 7, weather="fog-4"))
+    assert Sensing(find_rig("lux"), 7, weather="fog-4").sense(timeline, 3) == whole[3]

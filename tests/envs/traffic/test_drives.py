@@ -216,10 +216,10 @@ def test_parallels_of_a_course_keep_distance_and_direction():
 @pytest.mark.parametrize("name", ["tunnel", "barriers"])
 def test_a_road_between_walls_is_walled(name):
     """From the ego's roof, walls to both sides over its whole way; in a tunnel a ceiling."""
+    from roadscope.envs import find_rig
     from roadscope.envs.sensors import sense
-    from roadscope.envs.sensors.rigs import rig
 
-    for frame, truth in sense(record(name, 3, 1.0), rig("vlp16"), 3):
+    for frame, truth in sense(record(name, 3, 1.0), find_rig("vlp16"), 3):
         points = frame.lidar.points[truth.sources <= -2]
         beside = np.abs(points[:, 0]) < 5.0
         left, right = points[:, 1] > 2.5, points[:, 1] < -2.5

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
+from roadscope.envs import find_rig
 from roadscope.envs.sensors import sense
-from roadscope.envs.sensors.rigs import rig
 from roadscope.envs.traffic import accept, record
 
 SEEDS = range(60)
@@ -66,7 +66,7 @@ def test_a_van_cuts_in_before_the_ego_and_paths_cross() -> None:
 
 def test_a_lorry_hides_others_for_seconds() -> None:
     line = record("long-occlusion", 10_000, 8.0)
-    seen = [truth for _, truth in sense(line, rig("hdl32e"), 10_000)]
+    seen = [truth for _, truth in sense(line, find_rig("hdl32e"), 10_000)]
     returns = np.array([truth.lidar_returns for truth in seen])
     away = np.array(
         [np.linalg.norm(t.centres - t.world_from_ego.translation, axis=1) for t in seen]
@@ -110,6 +110,6 @@ def test_nobody_else_is_on_an_empty_road(name, seed) -> None:
     assert np.abs(pushes).max() < 2.2
     assert np.abs(np.diff(pushes) / np.diff(line.stamps_s)[1:]).max() < 2.0
     assert line.end_s > 25.0
-    frames = [frame for frame, _ in sense(record(name, seed, 1.0), rig("vlp16-imu"), seed)]
+    frames = [frame for frame, _ in sense(record(name, seed, 1.0), find_rig("vlp16-imu"), seed)]
     assert len(frames) >= 9
     assert min(len(frame.lidar) for frame in frames) > 0

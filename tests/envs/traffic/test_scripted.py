@@ -5,8 +5,8 @@ from dataclasses import astuple, replace
 import numpy as np
 import pytest
 
+from roadscope.envs import find_rig
 from roadscope.envs.sensors import sense
-from roadscope.envs.sensors.rigs import rig
 from roadscope.envs.traffic import (
     FRAME_S,
     LEFT_EDGE,
@@ -108,8 +108,8 @@ def test_target_1_is_hidden_from_62_to_74_and_only_then():
 @pytest.mark.sampled(1)
 @pytest.mark.parametrize("name", SCRIPTS)
 def test_rays_meet_the_targets_in_exactly_those_frames(name):
-    script, mount = SCRIPTS[name], rig("lux").lidar
-    lux = replace(rig("lux"), lidar=replace(mount, first_stamp_s=FRAME_S))
+    script, mount = SCRIPTS[name], find_rig("lux").lidar
+    lux = replace(find_rig("lux"), lidar=replace(mount, first_stamp_s=FRAME_S))
     for seed in (2, 21):
         truths = [truth for _, truth in sense(play_script(name, seed), lux, seed)][: script.frames]
         returns = np.array([truth.lidar_returns for truth in truths])
@@ -187,7 +187,7 @@ def test_a_script_can_be_cut_short():
 
 
 def test_the_view_is_that_of_the_rig():
-    mount = rig("lux").lidar
+    mount = find_rig("lux").lidar
     np.testing.assert_allclose(mount.ego_from_lidar.translation, [SENSOR_AHEAD_M, 0, 0.55])
     azimuths = mount.spec.azimuths()
     step = np.abs(mount.spec.azimuth_span) / mount.spec.columns

@@ -17,9 +17,9 @@ from roadscope.odometry.loam import (
     match_features,
     moved,
     normal_equations,
+    pair_weights,
     settle,
 )
-from roadscope.odometry.loam.feature_match import _weights
 
 
 def features(drive, k, rows=slice(None)):
@@ -157,7 +157,7 @@ def distances_signed(pairs, motion):
 def test_information_comes_from_the_pairs_with_weight():
     pairs = planes_at(np.random.default_rng(2), np.eye(4), 150, 20)
     found = settle([lambda pose: pairs], np.eye(4))
-    weights = _weights([pairs], found.before_from_now)
+    weights = pair_weights([pairs], found.before_from_now)
     H, _, cost = normal_equations(pairs, weights, found.before_from_now)
     assert found.information == pytest.approx(H)
     assert found.residual_m == pytest.approx(np.sqrt(cost / weights.sum()))
@@ -169,6 +169,6 @@ def test_each_kind_is_weighted_by_its_own_scatter():
     rng = np.random.default_rng(3)
     sharp, loose = planes_at(rng, np.eye(4), 80, 0), planes_at(rng, np.eye(4), 80, 0)
     loose = Pairs(loose.points + 0.3 * rng.standard_normal((80, 3)), *loose[1:])
-    weights = _weights([sharp, loose], np.eye(4))
+    weights = pair_weights([sharp, loose], np.eye(4))
     assert weights[:80].min() > weights[80:].max()
     assert len(joined([]).points) == 0
