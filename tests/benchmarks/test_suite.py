@@ -93,6 +93,7 @@ def test_a_suite_of_ones_own(tmp_path) -> None:
         ("seeds = 2", "seed = 2", ["'seed'", "'seeds'"]),
         ('"validation"', '"tset"', ["'tset'", "'test'"]),
         ("version = 3", "", ["'version'", "missing"]),
+        ('version = 3\nrig = "lux"', "", ["'version'", "'rig'", "missing"]),
         ("version = 3", 'version = "3"', ["version", "'3'"]),
         ("duration_s = 1.0", "duration_s = -1.0", ["duration_s", "-1.0"]),
         ("duration_s = 1.0", "duration_s = nan", ["duration_s", "nan"]),
@@ -199,6 +200,8 @@ def test_unknown_names_are_answered_with_what_is_possible(tmp_path) -> None:
         check_names(parse_suite(TINY.replace("= 1.0", "= 0.01"), "x"))
     with pytest.raises(ValueError, match=r"no rig 'luxx' .*; known: lux"):
         check_names(parse_suite(TINY.replace('"lux"', '"luxx"'), "x"))
+    with pytest.raises(ValueError, match="rig 'lux' has no camera"):
+        check_names(parse_suite(f'lights = ["day", "night"]{TINY}', "x"))
 
 
 def kind_of(text: str) -> str:
