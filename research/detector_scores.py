@@ -29,10 +29,9 @@ from roadscope.benchmarks.metrics.matching import match
 from roadscope.benchmarks.parked import parked_among
 from roadscope.benchmarks.suite import SPLITS
 from roadscope.detectors.cloud import Cloud
-from roadscope.detectors.evidence import FEATURES as CLUSTER_FEATURES
-from roadscope.detectors.evidence import features
+from roadscope.detectors.evidence import FEATURES, features
 from roadscope.detectors.long_range import LongRangeDetector, detections
-from roadscope.detectors.long_range_scores import FEATURES as MOVING_FEATURES
+from roadscope.detectors.long_range_scores import MOVING_FEATURES
 from roadscope.detectors.pipeline import ClusterDetector
 from roadscope.detectors.scoring import Curve, ScoreModel
 from roadscope.metrics import calibration_error
@@ -81,7 +80,7 @@ class ScoreStudy:
     seeds: range
 
 
-CLUSTERS = ScoreStudy("clusters", CLUSTER_FEATURES, 7, range(300, 312))
+CLUSTERS = ScoreStudy("clusters", FEATURES, 7, range(300, 312))
 MOVING = ScoreStudy("moving", MOVING_FEATURES, 5, range(300, 306))
 
 
@@ -140,7 +139,7 @@ def cluster_samples(
     range are neither right nor wrong, as on the boards; they are left out.
     """
     detectors = [_cluster_detector(spec) for spec in specs]
-    values, right, missed = [np.empty((0, len(CLUSTER_FEATURES)))], [np.empty(0, bool)], 0
+    values, right, missed = [np.empty((0, len(FEATURES)))], [np.empty(0, bool)], 0
     for proposals in _judged_scans(detectors, episodes, stride):
         counted = proposals.fates >= 0
         values.append(proposals.features[counted])

@@ -18,8 +18,8 @@ from typing import NamedTuple
 import numpy as np
 
 from roadscope import CAMERA_DETECTORS, Detections, Episode, ImageDetections
-from roadscope.benchmarks.metrics.average_precision import FALSE_ALARM, IGNORED
 from roadscope.benchmarks.metrics.fusion import match_targets
+from roadscope.benchmarks.metrics.ranked_precision import FALSE_ALARM, IGNORED
 from roadscope.benchmarks.noisy_camera import FAMILY
 from roadscope.benchmarks.sensor_pairs import SensorPair, sense_pairs
 from roadscope.fusion import weights

@@ -26,8 +26,8 @@ from roadscope.benchmarks.papers.zhang2017_scene import FRAME_S, SensedDrive
 from roadscope.core.pose import wrap_angle
 from roadscope.detectors.pose.body_model import RADIUS, VALUES, part_of
 from roadscope.detectors.pose.smoother import ACCELERATION_SD
-from roadscope.envs.world.ford_saloon import CORNER_RADII_M, with_corners
 from roadscope.envs.world.prisms import Prisms
+from roadscope.envs.world.saloon_body import CORNER_RADII_M, with_corners
 
 START_SDS = 0.3, 0.3, 0.1
 """Standard deviations of the first proposal of a pose: metres, metres, radians."""

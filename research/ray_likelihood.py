@@ -14,7 +14,7 @@ import numpy as np
 from roadscope.benchmarks.papers.zhang2017_scene import FRAME_S, SensedDrive, sensor_path
 from roadscope.core.jit import compiled
 from roadscope.envs.sensors.lidar_spec import LidarSpec
-from roadscope.envs.world.ford_saloon import HEIGHT_M, LENGTH_M, WIDTH_M
+from roadscope.envs.world.saloon_body import HEIGHT_M, LENGTH_M, WIDTH_M
 
 PRIOR_M, PRIOR_RAD = 0.6, np.radians(15.0)
 """The prior is flat this far around the truth, so that half a turn is no second answer. Chosen by

@@ -22,7 +22,7 @@ from roadscope.benchmarks.speed.casting import (
     whole_sweep,
 )
 from roadscope.benchmarks.speed.rows import SpeedRow, SpeedStep, interleaved
-from roadscope.envs.raycast.cast import NOTHING, Columns, Hits
+from roadscope.envs.raycast.casting import NOTHING, Columns, Hits
 from roadscope.envs.raycast.scene import Scene
 from roadscope.envs.raycast.shapes import clear_shapes
 from roadscope.envs.sensors.lidar import lidar_columns

@@ -27,7 +27,7 @@ from research.studies import run_speed_study
 from roadscope import TRACKERS
 from roadscope.benchmarks.speed.detectors import driven_frames
 from roadscope.benchmarks.speed.rows import SpeedRow, SpeedStep, interleaved
-from roadscope.benchmarks.speed.trackers import COUNTS, LEAD, TrackerFrame, detected_traffic
+from roadscope.benchmarks.speed.trackers import COUNTS, LEAD_UPDATES, TrackerFrame, detected_traffic
 from roadscope.detectors.clustering.density import density_labels
 
 BESIDE: Mapping[str, str] = {
@@ -134,9 +134,11 @@ class UpdateTimes(NamedTuple):
 
 
 def medians_in_turns(theirs: str, ours: str, episode: Sequence[TrackerFrame]) -> UpdateTimes:
-    """Return the median time of an update of two trackers, from the `LEAD`-th frame on."""
-    if len(episode) <= LEAD:
-        raise ValueError(f"an episode of more than {LEAD} frames is needed, got {len(episode)}")
+    """Return the median time of an update of two trackers, from the `LEAD_UPDATES`-th frame on."""
+    if len(episode) <= LEAD_UPDATES:
+        raise ValueError(
+            f"an episode of more than {LEAD_UPDATES} frames is needed, got {len(episode)}"
+        )
     trackers = [TRACKERS.make(name) for name in (theirs, ours)]
     times_ms: list[list[float]] = [[] for _ in trackers]
     for tracker in trackers:
@@ -145,7 +147,7 @@ def medians_in_turns(theirs: str, ours: str, episode: Sequence[TrackerFrame]) ->
         for tracker, own_ms in zip(trackers, times_ms, strict=True):
             start = process_time()
             tracker.update(detections, pose)
-            if number >= LEAD:
+            if number >= LEAD_UPDATES:
                 own_ms.append((process_time() - start) * 1e3)
     return UpdateTimes(*(float(np.median(own_ms)) for own_ms in times_ms))
 

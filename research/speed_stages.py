@@ -22,7 +22,7 @@ import numpy as np
 
 from research.studies import run_speed_study
 from roadscope import Episode, Frame, ImuSamples, LidarScan, Pose
-from roadscope.benchmarks.drive import drive, imu_mounting
+from roadscope.benchmarks.drive_steps import drive, imu_mounting
 from roadscope.benchmarks.papers.zhang2022_scene import (
     LIDAR_FROM_IMU,
     STANDING,

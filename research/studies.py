@@ -10,8 +10,8 @@ from pathlib import Path
 
 from rich.console import Console
 
+from roadscope.benchmarks.papers.printed_tables import reproduction_tables
 from roadscope.benchmarks.papers.reproduction import FigureKey, Figures, ReproductionRow, by_figure
-from roadscope.benchmarks.papers.reproduction_tables import reproduction_tables
 from roadscope.benchmarks.speed.measure import run_steps, write_speed
 from roadscope.benchmarks.speed.rows import SpeedStep
 from roadscope.benchmarks.tables import speed_table

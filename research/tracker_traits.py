@@ -46,7 +46,7 @@ from research.tracker_samples import (
 )
 from roadscope import Tracks, Truth
 from roadscope.benchmarks.metrics.matching import Pairing, match
-from roadscope.benchmarks.metrics.tracking.state_errors import FrameRows, nees, state_errors
+from roadscope.benchmarks.metrics.tracking.state_accuracy import FrameRows, nees, state_errors
 from roadscope.trackers import ExistenceTracker
 from roadscope.trackers._traits import FOLDER, TRAITS
 

@@ -50,8 +50,8 @@ from roadscope.detectors.pose.body_model import MOTION, VALUES, BodyModel, BodyP
 from roadscope.detectors.pose.estimate import VehiclePose, axis_difference
 from roadscope.detectors.pose.smoother import ACCELERATION_SD, SPEED_SD, Smoother
 from roadscope.envs.sensors.lidar_spec import LidarSpec
-from roadscope.envs.world.ford_saloon import GLASS, SILVER, half_outline
 from roadscope.envs.world.prisms import Prisms
+from roadscope.envs.world.saloon_body import GLASS, SILVER, half_outline
 
 MODELS: Mapping[str, BodyModel] = MappingProxyType(
     {

@@ -16,13 +16,13 @@ from collections.abc import Sequence
 import numpy as np
 
 from roadscope.benchmarks.metrics import METRIC_VERSION
-from roadscope.benchmarks.metrics import average_precision as _precision
 from roadscope.benchmarks.metrics import calibration as _calibration
 from roadscope.benchmarks.metrics.image_detection import LabelledImage as _LabelledImage
 from roadscope.benchmarks.metrics.image_detection import PrecisionCurve
 from roadscope.benchmarks.metrics.image_detection import image_precision as _image_precision
 from roadscope.benchmarks.metrics.matching import Pairing as _Pairing
 from roadscope.benchmarks.metrics.matching import centre_distances as _centre_distances
+from roadscope.benchmarks.metrics.ranked_precision import average_precision as _average_precision
 from roadscope.benchmarks.metrics.score import Score
 from roadscope.benchmarks.metrics.tracking.amota import Amota, NuscenesAmota, amota, amota_nuscenes
 from roadscope.benchmarks.metrics.tracking.clear import Clear, clear
@@ -30,9 +30,9 @@ from roadscope.benchmarks.metrics.tracking.hota import ALPHAS, Hota, hota
 from roadscope.benchmarks.metrics.tracking.identity import Identity, identity
 from roadscope.benchmarks.metrics.tracking.ospa import Gospa, Ospa, gospa, ospa
 from roadscope.benchmarks.metrics.tracking.sequence import TrackedSequence, tracked_sequence
-from roadscope.benchmarks.metrics.tracking.state_errors import Nees
-from roadscope.benchmarks.metrics.tracking.state_errors import StateErrors as _StateErrors
-from roadscope.benchmarks.metrics.tracking.state_errors import nees as _nees
+from roadscope.benchmarks.metrics.tracking.state_accuracy import Nees
+from roadscope.benchmarks.metrics.tracking.state_accuracy import StateErrors as _StateErrors
+from roadscope.benchmarks.metrics.tracking.state_accuracy import nees as _nees
 from roadscope.benchmarks.metrics.trajectory_errors import (
     KITTI_EVERY,
     KITTI_M,
@@ -180,7 +180,7 @@ def average_precision(
         distances = _centre_distances(detected.centres, truth.centres)
         pairings.append(_Pairing(distances, eligible, np.ones(len(detected), bool)))
     scores = [detected.scores for detected in detections]
-    return _precision.average_precision(pairings, scores, gate_m=gate_m)
+    return _average_precision(pairings, scores, gate_m=gate_m)
 
 
 def image_average_precision(

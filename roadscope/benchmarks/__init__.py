@@ -62,11 +62,13 @@ _PARTS = {
     "cache": "FolderError cache_folder write_kept",
     "cached_files": "cache_usage clear_cache size_text",
     "calibrating": "PoseRow calibrate_rig save_rig_calibration sufficient_poses",
+    "calibration_views": "TargetPose TargetViews calibrate_from_corners held_out_error_px "
+    "random_poses target_prisms target_view target_views true_corners",
     "compare": "CompareError",
-    "drive": "imu_mounting moving_in",
+    "drive_steps": "drive imu_mounting moving_in",
     "episode": "check_episode sensed sensing_of timeline_of timeline_path",
-    "export_suite": "ExportError plan_export read_manifest",
-    "fingerprint": "PACKAGE code_hash package_version plugin_hash sensing_hash timeline_hash",
+    "fingerprints": "PACKAGE code_hash fingerprint package_version plugin_hash sensing_hash "
+    "timeline_hash",
     "graph": "FIRST_CALLS Job Node run_jobs",
     "images": "image_rows image_rows_of_scans pictures projection_of",
     "imu_check": "Motion MotionWindow doubt_of_accelerations doubt_of_imu doubt_of_turns "
@@ -81,19 +83,19 @@ _PARTS = {
     "parked": "parked_among parked_centres parked_owners",
     "records": "CallTimes EpisodeDetections EpisodeFusions EpisodeImageDetections EpisodePoses "
     "EpisodeRecord EpisodeTracks",
-    "references": "LIDAR_ALONE check_ego check_pose_source detection_source image_source "
-    "is_noise made_from_truth pose_source",
+    "references": "LIDAR_ALONE check_ego check_pose_source detection_source image_source is_noise "
+    "made_from_truth pose_source",
     "run": "RunError agreements plan",
+    "run_manifest": "manifest",
     "run_pictures": "RunPictures",
     "sensor_pairs": "SensorPair sense_pairs",
     "sources": "distribution_version package source_hash",
     "store": "LOG_LENGTH Outcome Store StoreError StoredJob",
-    "submit": "SubmitError submit_kitti submit_mot",
+    "submissions": "SubmitError submit submit_kitti submit_mot",
     "suite": "SPLITS Positive SuiteError check_names",
+    "suite_exports": "ExportError export_suite plan_export read_manifest",
     "suite_files": "SUITES parse_suite",
     "tables": "MEANINGS name_table speed_table",
-    "target_views": "TargetPose TargetViews calibrate_from_corners held_out_error_px "
-    "random_poses target_prisms target_view true_corners",
     "workers": "BackendError EXTRAS WorkerError WorkerSettings in_parallel open_workers",
 }
 """What else the tests of this repository use, by the file that defines it. It is not public."""

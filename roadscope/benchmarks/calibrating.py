@@ -10,9 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from roadscope.benchmarks.cache import usable_file, write_atomically
-from roadscope.benchmarks.images import camera_of
-from roadscope.benchmarks.progress import Progress, silent
-from roadscope.benchmarks.target_views import (
+from roadscope.benchmarks.calibration_views import (
     SCANS,
     TargetViews,
     calibrate_from_corners,
@@ -21,6 +19,8 @@ from roadscope.benchmarks.target_views import (
     target_views,
     with_misread_corners,
 )
+from roadscope.benchmarks.images import camera_of
+from roadscope.benchmarks.progress import Progress, silent
 from roadscope.envs.sensors.rig import Rig
 from roadscope.envs.sensors.rigs import rig as find_rig
 from roadscope.fusion.calibration import (

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Generic, TypeVar
 
 from roadscope.benchmarks.cache import cache_dir, read_or_make
-from roadscope.benchmarks.fingerprint import fingerprint, sensing_hash, timeline_hash
+from roadscope.benchmarks.fingerprints import fingerprint, sensing_hash, timeline_hash
 from roadscope.core import Frame, Truth
 from roadscope.core.names import unknown
 from roadscope.envs.sensors.rig import Rig
@@ -37,7 +37,7 @@ class Episode:
     scenario: a name of `roadscope.envs.traffic.scenarios.SCENARIOS`.
     rig: a name of `roadscope.envs.sensors.rigs.RIGS` or a path to a TOML file.
     duration_s: length; None: that of the scenario.
-    weather: a name of `roadscope.envs.sensors.weather.WEATHERS`; no effect on traffic.
+    weather: a name of `roadscope.envs.sensors.weathers.WEATHERS`; no effect on traffic.
     light: a name of `roadscope.envs.imaging.light.LIGHTS`; no effect on scans.
     faults: such as `fog:3`, of `roadscope.envs.sensors.faults.FAULTS`; no effect on traffic.
     """
@@ -76,7 +76,7 @@ class Episode:
         """Return what frames and truth depend on."""
         from roadscope.envs.sensors.faults import faults_of
         from roadscope.envs.sensors.rigs import rig
-        from roadscope.envs.sensors.weather import weather
+        from roadscope.envs.sensors.weathers import weather
 
         # Without faults the key is left out: the hash is that from before there were faults.
         faulty = {"faults": fingerprint(faults_of(self.faults))} if self.faults else {}

@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Generic, Protocol, TypeVar, cast
 
 from roadscope.benchmarks.cache import Ledger, Saved, cache_dir, checked_by, digest_of, read_or_make
-from roadscope.benchmarks.fingerprint import code_hash, fingerprint, plugin_hash
+from roadscope.benchmarks.fingerprints import code_hash, fingerprint, plugin_hash
 from roadscope.benchmarks.isolation import PluginError
 from roadscope.benchmarks.loop import RunOptions
 from roadscope.benchmarks.metrics import METRIC_VERSION

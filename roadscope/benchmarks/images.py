@@ -10,7 +10,7 @@ from functools import partial
 import numpy as np
 
 from roadscope.benchmarks.episode import Episode, LastEpisode, sensing_of, timeline_of
-from roadscope.benchmarks.fingerprint import fingerprint
+from roadscope.benchmarks.fingerprints import fingerprint
 from roadscope.benchmarks.metrics.image_labels import ParkedBoxes
 from roadscope.benchmarks.parked import parked_boxes
 from roadscope.core import CameraImage, Frame, Pose, Truth

@@ -153,7 +153,7 @@ def _sensors() -> list[tuple[str, str]]:
 
 
 def _weathers() -> list[tuple[str, str]]:
-    from roadscope.envs.sensors.weather import WEATHERS
+    from roadscope.envs.sensors.weathers import WEATHERS
 
     return _each(WEATHERS, attrgetter("summary"))
 

@@ -13,7 +13,7 @@ import numpy as np
 
 from roadscope.benchmarks.eligibility import Eligibility
 from roadscope.benchmarks.episode import Episode
-from roadscope.benchmarks.fingerprint import fingerprint
+from roadscope.benchmarks.fingerprints import fingerprint
 from roadscope.core import Category, Detections, Registry, Truth, wrap_angle
 
 CLUTTER_SIZE_M = (4.5, 1.8, 1.5)

@@ -17,7 +17,6 @@ from roadscope.benchmarks.graph import Job, Node, plugins_of, run_jobs
 from roadscope.benchmarks.isolation import Limits
 from roadscope.benchmarks.kinds import entry_kind
 from roadscope.benchmarks.loop import RunOptions
-from roadscope.benchmarks.manifest import manifest
 from roadscope.benchmarks.nodes.traffic import TrafficNode
 from roadscope.benchmarks.nodes.tuned import is_tuned
 from roadscope.benchmarks.progress import Progress, silent
@@ -31,6 +30,7 @@ from roadscope.benchmarks.report.page import Run, read_runs, save_moments, save_
 from roadscope.benchmarks.results import Results, gather
 from roadscope.benchmarks.results.agreement import BoardAgreement
 from roadscope.benchmarks.results.results import condition_of
+from roadscope.benchmarks.run_manifest import manifest
 from roadscope.benchmarks.store import Outcome, Store, StoredJob, StoreError
 from roadscope.benchmarks.suite import Suite, SuiteError, check_names
 from roadscope.benchmarks.suite_files import SUITES, load_suite

@@ -64,7 +64,7 @@ class Suite:
     seeds: of the episodes of each scenario.
     rig: a name of `roadscope.envs.sensors.rigs.RIGS` or a path to a TOML file.
     duration_s: length of an episode; None: that of its scenario.
-    weathers: names of `roadscope.envs.sensors.weather.WEATHERS`; every episode is sensed in each.
+    weathers: names of `roadscope.envs.sensors.weathers.WEATHERS`; every episode is sensed in each.
     lights: names of `roadscope.envs.imaging.light.LIGHTS`; every episode is sensed in each, those
         after the first only in the first weather.
     faults: sets of faults of `roadscope.envs.sensors.faults.FAULTS`; likewise. Fog and rain are

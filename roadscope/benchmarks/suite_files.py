@@ -165,7 +165,7 @@ def _eligibility(table: SuiteTable) -> Eligibility:
 
 def _weathers(names: Names) -> Names:
     """Return the full names, so that `fog` and `fog-3` are the same."""
-    from roadscope.envs.sensors.weather import weather
+    from roadscope.envs.sensors.weathers import weather
 
     return _unique(weather(name).name for name in names)
 

@@ -35,7 +35,7 @@ def rigs(incomplete: str) -> Completion:
 
 def weathers(incomplete: str) -> Completion:
     """Return weathers."""
-    from roadscope.envs.sensors.weather import WEATHERS
+    from roadscope.envs.sensors.weathers import WEATHERS
 
     return _beginning(incomplete, ((name, each.summary) for name, each in WEATHERS.items()))
 

@@ -65,7 +65,7 @@ def export(
     Exit status: 1 if the folder holds other files or cannot be written.
     """
     from roadscope.benchmarks.cached_files import size_text
-    from roadscope.benchmarks.export_suite import export_suite, plan_export
+    from roadscope.benchmarks.suite_exports import export_suite, plan_export
 
     detectors = [d for d in detections if d != NONE] if detections else None
     plan = plan_export(

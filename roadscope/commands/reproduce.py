@@ -69,7 +69,7 @@ def reproduce(
 def _show(paper: str, result: Reproduction, *, everything: bool) -> None:
     """Print the verdicts, then the tables of each experiment with its notes."""
     from roadscope.benchmarks.papers import note_of
-    from roadscope.benchmarks.papers.reproduction_tables import (
+    from roadscope.benchmarks.papers.printed_tables import (
         VERDICT_NOTE,
         reproduction_tables,
         verdict_table,

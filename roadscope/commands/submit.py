@@ -12,7 +12,7 @@ from roadscope.commands.terminal import complain, console, printable, progress_b
 
 if TYPE_CHECKING:
     from roadscope.benchmarks.results import Results
-    from roadscope.benchmarks.submit import Submission
+    from roadscope.benchmarks.submissions import Submission
 
 
 Folder = Annotated[
@@ -64,8 +64,8 @@ def submit(
     Exit status: 1 if a file is malformed or a sequence has no results.
     """
     from roadscope.benchmarks.cache import write_text
-    from roadscope.benchmarks.submit import OWN, SubmitError, submit_kitti, submit_mot
-    from roadscope.benchmarks.submit import submit as submit_suite
+    from roadscope.benchmarks.submissions import OWN, SubmitError, submit_kitti, submit_mot
+    from roadscope.benchmarks.submissions import submit as submit_suite
 
     if sum(each is not None for each in (suite, kitti, mot)) > 1:
         raise SubmitError("--suite, --kitti and --mot exclude one another; use one of them")

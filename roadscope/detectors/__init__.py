@@ -117,12 +117,12 @@ __all__ = [
 _PARTS = {
     "cloud": "Cloud",
     "drops": "DROPS_M without_faint",
-    "evidence": "COUNTS count_returns shares_of_rays sort_to_cells",
+    "evidence": "COUNTS FEATURES count_returns features shares_of_rays sort_to_cells",
     "horizon": "Horizon",
     "long_range": "AnsweredScan HEADING_RAD KnownCourse LongRangeDetector course_of likely_pose",
-    "long_range_scores": "FEATURES features shipped_model unsteadiness",
+    "long_range_scores": "MOVING_FEATURES moving_features moving_score_model unsteadiness",
     "pipeline": "ClusterDetector exclusive_rows",
-    "scoring": "ScoreModel scores",
+    "scoring": "ScoreModel scores shipped_model",
     "sorting": "median_of order_by order_within starts_of",
     "stages": "STAGES options_of",
 }

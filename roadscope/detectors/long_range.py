@@ -12,7 +12,11 @@ import numpy as np
 
 from roadscope.core import Category, Detections, Frame, LidarScan, Pose
 from roadscope.detectors.drops import check_faint, without_faint
-from roadscope.detectors.long_range_scores import FEATURES, features, shipped_model
+from roadscope.detectors.long_range_scores import (
+    MOVING_FEATURES,
+    moving_features,
+    moving_score_model,
+)
 from roadscope.detectors.moving import Memory, extract
 from roadscope.detectors.moving.lidar import lidar_of
 from roadscope.detectors.moving.links import BodySize, Chain, Links, usual
@@ -95,8 +99,8 @@ class LongRangeDetector:
     def detect(self, frame: Frame) -> Detections:
         """Return moving vehicles, ego frame, in the frame's scan or, if late, in the last one."""
         vehicles, stamp_s = self.propose(frame)
-        values = np.array([v.features for v in vehicles]).reshape(-1, len(FEATURES))
-        scores = shipped_model().probabilities(values)
+        values = np.array([v.features for v in vehicles]).reshape(-1, len(MOVING_FEATURES))
+        scores = moving_score_model().probabilities(values)
         probable = np.flatnonzero(scores >= self._min_score)
         return detections([vehicles[k] for k in probable], scores[probable], stamp_s)
 
@@ -189,7 +193,7 @@ def _moving_vehicles(
     vehicles = []
     for (chain, at), pose, (body, size) in zip(moving, poses, usuals, strict=True):
         sighting = chain.sightings[at]
-        values = features(chain, sighting, rings[sighting.candidate.rows], pose)
+        values = moving_features(chain, sighting, rings[sighting.candidate.rows], pose)
         height, category = size.height, body.category
         centre, yaw = _in_ego(pose, height, ego_from_drive)
         dimensions = (pose.length, pose.width, height)

@@ -13,7 +13,7 @@ from roadscope.detectors.moving.links import Chain, Sighting, unsteady
 from roadscope.detectors.pose.estimate import VehiclePose
 from roadscope.detectors.scoring import ScoreModel
 
-FEATURES = (
+MOVING_FEATURES = (
     "log_returns",
     "levels",
     "log_evidence",
@@ -29,15 +29,17 @@ FEATURES = (
     "askew_deg",
     "length_m",
 )
-"""Names of the columns of `features`."""
+"""Names of the columns of `moving_features`."""
 MOST_SIGHTINGS = 10
 """More sightings count as this many."""
 MARGIN_M = 0.25
 """Returns count as outside a rectangle if they are farther than this from it."""
 
 
-def features(chain: Chain, sighting: Sighting, ring: np.ndarray, pose: VehiclePose) -> np.ndarray:
-    """Return the (F,) `FEATURES` of a vehicle with a pose in the drive's frame.
+def moving_features(
+    chain: Chain, sighting: Sighting, ring: np.ndarray, pose: VehiclePose
+) -> np.ndarray:
+    """Return the (F,) `MOVING_FEATURES` of a vehicle with a pose in the drive's frame.
 
     chain: its sightings in successive scans. sighting: the one to which the pose was fitted. ring:
     (N,) beams of its returns. `unsteady_m` is how far its positions lie from even motion. `long_m`
@@ -192,6 +194,6 @@ CURVES: dict[str, tuple[tuple[float, ...], tuple[float, ...]]] = {
 
 
 @cache
-def shipped_model() -> ScoreModel:
+def moving_score_model() -> ScoreModel:
     """Return the model with the weights that ship with the package."""
-    return ScoreModel(CONSTANT, CURVES, FEATURES)
+    return ScoreModel(CONSTANT, CURVES, MOVING_FEATURES)

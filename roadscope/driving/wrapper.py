@@ -17,7 +17,7 @@ from roadscope.envs.gym.sensor_wrapper import SensorWrapper
 from roadscope.envs.imaging.light import Light
 from roadscope.envs.sensors.faults import Faults
 from roadscope.envs.sensors.rig import Rig
-from roadscope.envs.sensors.weather import Weather
+from roadscope.envs.sensors.weathers import Weather
 
 
 class PerceptionWrapper(gym.Wrapper[np.ndarray, Any, Any, Any], RecordConstructorArgs):

@@ -9,7 +9,7 @@ from functools import lru_cache
 import numpy as np
 
 from roadscope.benchmarks.boards.detection import detection_scores
-from roadscope.benchmarks.drive import select
+from roadscope.benchmarks.drive_steps import select
 from roadscope.benchmarks.eligibility import Eligibility
 from roadscope.benchmarks.episode import Episode, sensed
 from roadscope.benchmarks.loop import RunOptions

@@ -8,7 +8,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from roadscope.benchmarks.drive import Step, drive, select
+from roadscope.benchmarks.drive_steps import Step, drive, select
 from roadscope.benchmarks.episode import Episode
 from roadscope.benchmarks.kinds import ODOMETRY
 from roadscope.benchmarks.loop import RunOptions

@@ -163,12 +163,12 @@ _PARTS = {
     "_jpda_marginals": "EXACT_LIMIT association_marginals loopy_marginals",
     "_kalman": "corrected corrected_with_likelihood predicted",
     "_mctrack": "birds_eye_pairs ego_view_pairs",
-    "_motion": "NewTracks planar",
+    "_motion": "NewTracks planar predicted_by_model",
     "_nearest": "ConstantVelocityFilter FilterNoise process_noise",
     "_oc_sort": "Observations unit_vectors",
     "_offline": "OfflineRules TargetTrajectory TrackNoise smoothed_states trajectories",
-    "_pmbm_hypotheses": "Hypotheses HypothesisLimits PairCosts Sizes best_assignments "
-    "continue_all continue_hypotheses",
+    "_pmbm_hypotheses": "Hypotheses HypothesisLimits PairCosts Sizes best_assignments continue_all "
+    "continue_hypotheses",
     "_score_meaning": "PendingDetections ScoreMeaning rising",
     "_traits": "EDGES FOLDER TraitsChoice detector_names",
 }

@@ -57,7 +57,7 @@ class MotionModel(Protocol):
         """Return Q, the covariance that dt seconds add: (D, D) for all tracks or (N, D, D)."""
 
 
-def predicted(motion: MotionModel, estimates: Gaussians, dt: float) -> Gaussians:
+def predicted_by_model(motion: MotionModel, estimates: Gaussians, dt: float) -> Gaussians:
     """Return estimates after dt seconds: f(x) and F P F' + Q (extended Kalman filter)."""
     F, Q = motion.jacobian(estimates.means, dt), motion.noise(estimates.means, dt)
     after = kalman.predicted(estimates, F, Q)
@@ -269,7 +269,7 @@ class PositionFilter:
 
     def predicted(self, estimates: Gaussians, dt: float) -> Gaussians:
         """Return estimates after dt seconds."""
-        return predicted(self.motion, estimates, dt)
+        return predicted_by_model(self.motion, estimates, dt)
 
     def innovation_covariances(self, estimates: Gaussians) -> np.ndarray:
         """Return (N, 2, 2) covariances S of detected around expected positions."""

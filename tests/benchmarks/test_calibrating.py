@@ -17,13 +17,14 @@ from roadscope.benchmarks import (
     TargetViews,
     calibrate_rig,
     calibrating,
+    calibration_views,
     projection_of,
     random_poses,
     save_rig_calibration,
     sufficient_poses,
+    target_views,
     true_corners,
 )
-from roadscope.benchmarks import target_views as views_module
 from roadscope.envs import find_rig
 from roadscope.fusion import CalibrationError, TriangularTarget, read_calibration
 
@@ -137,9 +138,9 @@ def test_what_cannot_be_calibrated_is_named(monkeypatch) -> None:
     def blind(*_, **__):
         raise CalibrationError("the image cuts the target")
 
-    monkeypatch.setattr(views_module, "target_view", blind)
+    monkeypatch.setattr(calibration_views, "target_view", blind)
     with pytest.raises(CalibrationError, match="none of 5 poses showed the target"):
-        views_module.target_views(find_rig("wide"), 5, np.random.default_rng(0))
+        target_views(find_rig("wide"), 5, np.random.default_rng(0))
 
 
 @pytest.mark.usefixtures("quick")

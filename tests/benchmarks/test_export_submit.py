@@ -16,12 +16,14 @@ from roadscope.benchmarks import (
     RunOptions,
     SubmitError,
     detection_source,
+    export_suite,
     folder_estimates,
     parked_among,
     parse_suite,
     plan_export,
     read_manifest,
     sensed,
+    submit,
     submit_kitti,
     submit_mot,
 )
@@ -31,13 +33,11 @@ from roadscope.benchmarks.boards import (
     detection_parts,
     detection_scores,
 )
-from roadscope.benchmarks.export_suite import export_suite
 from roadscope.benchmarks.formats import KittiCameras, read_image, trajectory_text
 from roadscope.benchmarks.metrics import Trajectories, score_odometry
 from roadscope.benchmarks.metrics.tracking import score_tracks
 from roadscope.benchmarks.nodes import DetectionNode
 from roadscope.benchmarks.results import JobScores
-from roadscope.benchmarks.submit import submit
 from roadscope.core import (
     Calibration,
     CameraImage,

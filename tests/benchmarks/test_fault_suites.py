@@ -12,6 +12,7 @@ from roadscope.benchmarks import (
     RunPictures,
     SuiteError,
     check_episode,
+    manifest,
     names_of,
     parse_suite,
     plan,
@@ -19,7 +20,6 @@ from roadscope.benchmarks import (
     timeline_path,
 )
 from roadscope.benchmarks.boards import episodes
-from roadscope.benchmarks.manifest import manifest
 from roadscope.envs.sensors import FAULTS
 
 TINY = """

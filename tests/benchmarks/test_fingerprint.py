@@ -13,13 +13,13 @@ import pytest
 from roadscope.benchmarks import (
     PACKAGE,
     code_hash,
+    fingerprint,
     package,
     package_version,
     plugin_hash,
     sensing_hash,
     timeline_hash,
 )
-from roadscope.benchmarks.fingerprint import fingerprint
 from roadscope.core import Registry, SpecError
 from roadscope.detectors import DETECTORS
 from roadscope.detectors.camera import CAMERA_DETECTORS
@@ -62,7 +62,8 @@ def test_other_content_has_other_fingerprints() -> None:
 @pytest.mark.slow
 def test_fingerprints_do_not_depend_on_the_process() -> None:
     code = (
-        "import numpy as np; from roadscope.benchmarks.fingerprint import *\n"
+        "import numpy as np\n"
+        "from roadscope.benchmarks import fingerprint, plugin_hash, sensing_hash\n"
         "from roadscope.detectors import DETECTORS\n"
         "print(fingerprint({'b': np.arange(4), 'a': {1, }.__class__.__name__}),"
         "plugin_hash(DETECTORS.resolve('pag')), sensing_hash())"
@@ -270,7 +271,7 @@ def test_unknown_modules_are_refused_by_name(hash_of: HashOf) -> None:
 def test_a_file_that_changes_is_parsed_again_by_the_next_process(tmp_path: Path) -> None:
     root = tmp_path / "mini"
     root.mkdir()
-    code = "import sys, pathlib; from roadscope.benchmarks.fingerprint import code_hash\n"
+    code = "import sys, pathlib; from roadscope.benchmarks import code_hash\n"
     code += "print(code_hash('mini.one', root=pathlib.Path(sys.argv[1])))"
 
     def hashed() -> str:

@@ -16,9 +16,9 @@ from roadscope.benchmarks import (
     doubt_of_imu,
     doubt_of_turns,
     doubt_of_wheels,
+    drive,
     imu_mounting,
 )
-from roadscope.benchmarks.drive import drive
 from roadscope.core import ImuSamples, LidarScan, Pose, WheelSamples
 
 STILL = np.zeros(3)

@@ -91,7 +91,7 @@ def test_what_decides_poses_and_scores_is_in_the_key(tmp_path: Path) -> None:
         ("detectors/sorting.py", [True, True, False]),
         ("envs/sensors/imu.py", [True, True, True]),
         ("envs/traffic/scripts.py", [True, True, True]),
-        ("benchmarks/drive.py", [True, True, True]),
+        ("benchmarks/drive_steps.py", [True, True, True]),
         ("benchmarks/noisy_odometry.py", [True, True, True]),
         ("benchmarks/metrics/odometry.py", [True, True, True]),
         ("benchmarks/nodes/poses.py", [True, True, True]),
@@ -108,7 +108,7 @@ def test_what_decides_poses_and_scores_is_in_the_key(tmp_path: Path) -> None:
 def test_what_decides_a_result_with_a_camera_is_in_its_key(tmp_path: Path) -> None:
     edits = [
         ("envs/imaging/light.py", [True, True, True]),
-        ("detectors/camera/decode.py", [True, True, True]),
+        ("detectors/camera/decoding.py", [True, True, True]),
         ("benchmarks/images.py", [True, True, True]),
         ("benchmarks/nodes/images.py", [True, True, True]),
         ("fusion/overlap.py", [True, True, True]),

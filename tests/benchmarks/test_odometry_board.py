@@ -14,6 +14,7 @@ from roadscope import ODOMETRIES, Episode, Results, Spec, leaderboard, load_suit
 from roadscope.__main__ import app
 from roadscope.benchmarks import (
     SuiteError,
+    drive,
     imu_mounting,
     moving_in,
     parse_suite,
@@ -22,7 +23,6 @@ from roadscope.benchmarks import (
     timeline_of,
 )
 from roadscope.benchmarks.boards import episodes
-from roadscope.benchmarks.drive import drive
 from roadscope.benchmarks.report import board_table, breakdown_tables
 from roadscope.core import SpecError
 

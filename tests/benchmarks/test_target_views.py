@@ -8,9 +8,9 @@ from roadscope.benchmarks import (
     projection_of,
     target_prisms,
     target_view,
+    target_views,
     true_corners,
 )
-from roadscope.benchmarks.target_views import target_views
 from roadscope.envs import find_rig
 from roadscope.fusion import TriangularTarget
 

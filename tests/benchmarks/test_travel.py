@@ -9,8 +9,7 @@ from toy_drive import Drive, driven
 from typer.testing import CliRunner
 
 from roadscope.__main__ import app
-from roadscope.benchmarks import Episode
-from roadscope.benchmarks.drive import drive
+from roadscope.benchmarks import Episode, drive
 from roadscope.benchmarks.formats import trajectory_text
 from roadscope.core import LidarScan, Pose
 from roadscope.formats import read_trajectory

@@ -12,13 +12,13 @@ from roadscope.benchmarks import (
     RunPictures,
     SuiteError,
     check_episode,
+    manifest,
     names_of,
     parse_suite,
     plan,
     sensed,
     timeline_path,
 )
-from roadscope.benchmarks.manifest import manifest
 from roadscope.core import WEATHER
 from roadscope.envs.sensors import WEATHERS
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from roadscope.core import Pose
-from roadscope.detectors import FEATURES, features, shipped_model, unsteadiness
+from roadscope.detectors import MOVING_FEATURES, moving_features, moving_score_model, unsteadiness
 from roadscope.detectors.moving import Candidate, Chain, Sighting
 from roadscope.detectors.pose import VehiclePose
 
@@ -26,8 +26,8 @@ def chain(sideways=0.0):
 
 
 def valued(made, pose):
-    row = features(made, made.sightings[-1], (np.arange(9) // 3).astype(np.int16), pose)
-    return dict(zip(FEATURES, row, strict=True))
+    row = moving_features(made, made.sightings[-1], (np.arange(9) // 3).astype(np.int16), pose)
+    return dict(zip(MOVING_FEATURES, row, strict=True))
 
 
 def test_what_is_seen_and_how_it_goes():
@@ -52,8 +52,8 @@ def test_what_jumps_about_is_unsteady():
 
 
 def test_shipped_weights_fit_the_features():
-    model = shipped_model()
-    assert set(model.curves) == set(model.names) == set(FEATURES)
+    model = moving_score_model()
+    assert set(model.curves) == set(model.names) == set(MOVING_FEATURES)
     for knots, weights in model.curves.values():
         assert len(knots) == len(weights) >= 2
         assert (np.diff(knots) > 0).all()
@@ -63,8 +63,8 @@ def test_shipped_weights_fit_the_features():
 def test_one_steady_car_is_more_probable_than_one_that_jumps():
     pose = VehiclePose(5.0, -20.9, 0.0, 4.4, 1.8)
     rows = [
-        features(c, c.sightings[-1], (np.arange(9) // 3).astype(np.int16), pose)
+        moving_features(c, c.sightings[-1], (np.arange(9) // 3).astype(np.int16), pose)
         for c in (chain(), chain(0.7))
     ]
-    steady, jumping = shipped_model().probabilities(np.array(rows))
+    steady, jumping = moving_score_model().probabilities(np.array(rows))
     assert steady > jumping

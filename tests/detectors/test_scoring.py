@@ -9,15 +9,16 @@ from toy_lidar import HEIGHT_M, cloud
 from roadscope.core import Bounds, Category
 from roadscope.detectors import (
     COUNTS,
+    FEATURES,
     Horizon,
     ScoreModel,
     count_returns,
+    features,
     scores,
     shares_of_rays,
+    shipped_model,
     sort_to_cells,
 )
-from roadscope.detectors.evidence import FEATURES, features
-from roadscope.detectors.scoring import shipped_model
 from roadscope.detectors.shape import Vehicle
 
 CAR = (22.0, 0.0, 4.6, 1.85, 1.5, 0.0)

@@ -5,8 +5,7 @@ import pytest
 from node_answers import poses_of
 from toy_drive import driven, emptied, offset
 
-from roadscope.benchmarks import Episode
-from roadscope.benchmarks.drive import drive
+from roadscope.benchmarks import Episode, drive
 from roadscope.core import WheelSamples
 from roadscope.odometry import ODOMETRIES, Odometry, WheeledOdometry, update_with_wheels
 from roadscope.odometry.inertial import (

@@ -5,8 +5,7 @@ import pytest
 
 from research import detector_scores as scores
 from roadscope.benchmarks import Episode
-from roadscope.detectors import ScoreModel
-from roadscope.detectors.evidence import FEATURES
+from roadscope.detectors import FEATURES, ScoreModel
 
 TRUE = ScoreModel(
     0.3, {"range_m": ((0.0, 30.0, 60.0), (2.0, 0.0, -3.0)), "deep": ((0.0, 1.0), (1.0, -2.0))}

@@ -24,8 +24,7 @@ from research.ray_likelihood import (
 )
 from roadscope.benchmarks.papers import ford_fusion, sense_drive
 from roadscope.detectors.pose import RADIUS, VALUES, part_of
-from roadscope.envs.raycast import Columns, Scene
-from roadscope.envs.raycast.cast import cast
+from roadscope.envs.raycast import Columns, Scene, cast
 from roadscope.envs.world import Prisms, with_corners
 
 SEED = 12345

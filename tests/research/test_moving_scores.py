@@ -5,18 +5,18 @@ import pytest
 
 from research import detector_scores as scores
 from roadscope.benchmarks import Episode
-from roadscope.detectors import FEATURES, ScoreModel
+from roadscope.detectors import MOVING_FEATURES, ScoreModel
 
 
 def test_samples_of_an_episode_are_fitted_and_written():
     samples = scores.moving_samples("zhang2017", [Episode("two-way", 7, "hdl32e", 1.2)])
-    assert samples.values.shape == (len(samples.right), len(FEATURES))
+    assert samples.values.shape == (len(samples.right), len(MOVING_FEATURES))
     assert np.isfinite(samples.values).all()
     assert samples.right.any()
     model = scores.fitted_scores(samples, scores.MOVING)
     written: dict = {}
     exec(scores.source(model, samples, scores.MOVING), written)
-    assert ScoreModel(written["CONSTANT"], written["CURVES"], FEATURES) == model
+    assert ScoreModel(written["CONSTANT"], written["CURVES"], MOVING_FEATURES) == model
 
 
 def test_two_rigs_of_every_scenario_and_seed_and_all_in_all_weathers():

@@ -5,7 +5,7 @@ import pytest
 
 from research import detector_scores as scores
 from roadscope.benchmarks import Episode
-from roadscope.detectors import long_range_scores, scoring
+from roadscope.detectors import ScoreModel, moving_score_model, shipped_model
 
 ALL = [
     Episode(scenario, 10_070, rig, 1.5, weather)
@@ -38,7 +38,7 @@ def shuffled(model, rng):
         else (model.curves[name][0], tuple(rng.permutation(model.curves[name][1])))
         for name, other in zip(names, turned, strict=True)
     }
-    return scoring.ScoreModel(model.constant, curves, model.names)
+    return ScoreModel(model.constant, curves, model.names)
 
 
 def holds(model, samples, bounds):
@@ -53,9 +53,9 @@ def shipped(request):
         samples = scores.cluster_samples(
             ["cluster?clustering=distance&shape=l-shape"], ALL, stride=4
         )
-        return scoring.shipped_model(), samples, BOUNDS[request.param]
+        return shipped_model(), samples, BOUNDS[request.param]
     samples = scores.moving_samples("long-range", ALL)
-    return long_range_scores.shipped_model(), samples, BOUNDS[request.param]
+    return moving_score_model(), samples, BOUNDS[request.param]
 
 
 @pytest.mark.slow
@@ -75,5 +75,5 @@ def test_weights_that_say_nothing_do_not_hold(shipped):
     rng = np.random.default_rng(0)
     assert not any(holds(shuffled(model, rng), samples, bounds) for _ in range(20))
     share = samples.right.mean()
-    level = scoring.ScoreModel(float(np.log(share / (1 - share))), {}, model.names)
+    level = ScoreModel(float(np.log(share / (1 - share))), {}, model.names)
     assert not holds(level, samples, bounds)

@@ -8,8 +8,7 @@ import pytest
 
 from research import speed_peers
 from research.speed_peers import BESIDE, measure_dbscan, measure_trackers_of_others
-from roadscope.benchmarks.speed import COUNTS, SpeedRow, SpeedStep, own_trackers
-from roadscope.benchmarks.speed.trackers import LEAD
+from roadscope.benchmarks.speed import COUNTS, LEAD_UPDATES, SpeedRow, SpeedStep, own_trackers
 from roadscope.trackers import TRACKERS
 
 
@@ -29,7 +28,7 @@ def test_every_tracker_of_others_has_one_of_ours_beside() -> None:
 
 @pytest.mark.parametrize("name", BESIDE)
 def test_who_is_installed_is_measured_and_others_are_told(name: str) -> None:
-    rows = measure_trackers_of_others([name], (5, 8), LEAD + 3)
+    rows = measure_trackers_of_others([name], (5, 8), LEAD_UPDATES + 3)
     if missing := TRACKERS.missing(name):
         assert rows == [SpeedRow(f"tracker {name}", None, missing)]
         return
@@ -47,14 +46,14 @@ def test_who_is_not_installed_has_a_row_that_says_so(monkeypatch: pytest.MonkeyP
 
 
 def test_the_ratio_is_of_the_same_frames(one_is_slow) -> None:
-    row, ratio = measure_trackers_of_others(["gnn"], (5,), LEAD + 3)
+    row, ratio = measure_trackers_of_others(["gnn"], (5,), LEAD_UPDATES + 3)
     assert row == SpeedRow("tracker gnn, 5 targets", pytest.approx(200), "ms")
     assert ratio == SpeedRow("greedy over gnn, 5 targets", pytest.approx(2), "times")
 
 
 def test_who_would_take_too_long_is_left_out_by_name(one_is_slow) -> None:
     """50 targets would take 100 times as long as 5, 20 s an update, 13 updates."""
-    rows = measure_trackers_of_others(["gnn"], (50, 5, 100), LEAD + 3)
+    rows = measure_trackers_of_others(["gnn"], (50, 5, 100), LEAD_UPDATES + 3)
     assert [row.name for row in rows if "over" not in row.name] == [
         f"tracker gnn, {n} targets" for n in (5, 50, 100)
     ]

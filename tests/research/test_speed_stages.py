@@ -19,8 +19,7 @@ from research.speed_stages import (
     missed_goals,
     odometry_stages,
 )
-from roadscope.benchmarks import Episode
-from roadscope.benchmarks.drive import drive
+from roadscope.benchmarks import Episode, drive
 from roadscope.benchmarks.speed import SpeedRow
 from roadscope.detectors.clustering import CLUSTERINGS
 from roadscope.detectors.ground import GROUNDS

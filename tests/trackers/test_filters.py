@@ -19,8 +19,8 @@ from roadscope.trackers import (
     corrected_with_likelihood,
     planar,
     predicted,
+    predicted_by_model,
 )
-from roadscope.trackers._motion import predicted as moved_on
 
 seeds = st.integers(0, 2**32 - 1)
 
@@ -106,8 +106,9 @@ def test_two_steps_are_one(motion, seed, first, second):
     twice = motion.moved(motion.moved(start.means, first), second)
     np.testing.assert_allclose(twice, motion.moved(start.means, first + second), atol=1e-9)
     if not isinstance(motion, CoordinatedTurn):
-        spread = moved_on(motion, moved_on(motion, start, first), second).covariances
-        once = moved_on(motion, start, first + second).covariances
+        halfway = predicted_by_model(motion, start, first)
+        spread = predicted_by_model(motion, halfway, second).covariances
+        once = predicted_by_model(motion, start, first + second).covariances
         np.testing.assert_allclose(spread, once, atol=1e-9)
 
 
@@ -137,7 +138,8 @@ def test_noise_is_that_of_a_white_input(motion):
         else:
             drawn[:, -2:] += root * rng.standard_normal((n, 2))
         drawn = motion.moved(drawn, dt / steps / 2)
-    expected = moved_on(motion, Gaussians(start[None], np.zeros((1, D, D))), dt).covariances[0]
+    known = Gaussians(start[None], np.zeros((1, D, D)))
+    expected = predicted_by_model(motion, known, dt).covariances[0]
     spread = np.cov(drawn.T)
     scale = np.sqrt(np.outer(np.diag(spread), np.diag(spread)))
     alike = [2, 4] if turns else range(D)
@@ -174,7 +176,8 @@ def test_turning_the_world_turns_the_motion(motion, seed):
     def turned(beliefs):
         return Gaussians(beliefs.means @ T.T, T @ beliefs.covariances @ T.T)
 
-    one, other = moved_on(motion, turned(start), 0.3), turned(moved_on(motion, start, 0.3))
+    one = predicted_by_model(motion, turned(start), 0.3)
+    other = turned(predicted_by_model(motion, start, 0.3))
     np.testing.assert_allclose(one.means, other.means, atol=1e-9)
     np.testing.assert_allclose(one.covariances, other.covariances, atol=1e-9)
 
@@ -186,4 +189,4 @@ def test_new_tracks_are_at_rest(motion):
     deviations = np.sqrt(np.diagonal(planar(start).covariances[0]))
     assert deviations.tolist() == pytest.approx([0.4, 0.4, 9, 9])
     none = Gaussians.empty(motion.dimensions)
-    assert planar(moved_on(motion, none, 0.1)).covariances.shape == (0, 4, 4)
+    assert planar(predicted_by_model(motion, none, 0.1)).covariances.shape == (0, 4, 4)

@@ -20,7 +20,7 @@ from roadscope.benchmarks.boards.board import (
     slow_calls_column,
     time_columns,
 )
-from roadscope.benchmarks.drive import MOVING_M_S
+from roadscope.benchmarks.drive_steps import MOVING_M_S
 from roadscope.benchmarks.graph import Job
 from roadscope.benchmarks.kinds import ODOMETRY
 from roadscope.benchmarks.loop import RunOptions

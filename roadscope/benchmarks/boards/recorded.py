@@ -29,7 +29,7 @@ from roadscope.benchmarks.boards.tracking import (
     offline_score,
     with_each_ego,
 )
-from roadscope.benchmarks.fingerprint import code_hash
+from roadscope.benchmarks.fingerprints import code_hash
 from roadscope.benchmarks.graph import Job, Node
 from roadscope.benchmarks.kinds import TRACKER
 from roadscope.benchmarks.loop import RunOptions

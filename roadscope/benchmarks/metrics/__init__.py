@@ -10,8 +10,6 @@ METRIC_VERSION = 5
 """Raised whenever the meaning of a score changes; results of different versions are never mixed."""
 
 _PARTS = {
-    "average_precision": "FALSE_ALARM IGNORED match_greedily overlap_precision "
-    "precision_by_group rank_by_distance",
     "breakdown": "BANDS EXCESS part_name split_name",
     "calibration": "calibration_error excess pooled_calibration score_bins",
     "detection": "axis_error_deg box_errors box_overlaps_from_above score_detections "
@@ -23,6 +21,8 @@ _PARTS = {
     "matching": "Match Pairing assign centre_distances image_overlaps match",
     "odometry": "AT_REST_M_S DISTANCE LEAST_REST_S MARKS_M by_distance rests score_moving "
     "score_odometry score_standing",
+    "ranked_precision": "FALSE_ALARM IGNORED average_precision match_greedily overlap_precision "
+    "precision_by_group rank_by_distance",
     "score": "Score mean ratio rms",
     "trajectory_errors": "KITTI_M Trajectories absolute_errors drift relative_errors "
     "truth_from_estimate",

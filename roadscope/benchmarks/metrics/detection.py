@@ -7,16 +7,16 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from roadscope.benchmarks.metrics.average_precision import (
+from roadscope.benchmarks.metrics.breakdown import BANDS, part_name, precision_by_score
+from roadscope.benchmarks.metrics.calibration import calibration_error, excess
+from roadscope.benchmarks.metrics.matching import Match, Pairing, centre_distances, match_all
+from roadscope.benchmarks.metrics.ranked_precision import (
     RankedDetections,
     average_precision,
     overlap_precision,
     precision_by_group,
     rank_by_distance,
 )
-from roadscope.benchmarks.metrics.breakdown import BANDS, part_name, precision_by_score
-from roadscope.benchmarks.metrics.calibration import calibration_error, excess
-from roadscope.benchmarks.metrics.matching import Match, Pairing, centre_distances, match_all
 from roadscope.benchmarks.metrics.score import Score, ScoreFamily, mean, ratio, rms
 from roadscope.core import Detections, Truth, wrap_angle
 

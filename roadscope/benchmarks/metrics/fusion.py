@@ -8,14 +8,14 @@ from typing import NamedTuple
 
 import numpy as np
 
-from roadscope.benchmarks.metrics.average_precision import (
+from roadscope.benchmarks.metrics.breakdown import BANDS, part_name, precision_by_score
+from roadscope.benchmarks.metrics.calibration import calibration_error, excess
+from roadscope.benchmarks.metrics.ranked_precision import (
     FALSE_ALARM,
     IGNORED,
     area_under,
     match_greedily,
 )
-from roadscope.benchmarks.metrics.breakdown import BANDS, part_name, precision_by_score
-from roadscope.benchmarks.metrics.calibration import calibration_error, excess
 from roadscope.benchmarks.metrics.score import Score, mean, ratio
 from roadscope.core.checks import settle_arrays
 from roadscope.core.fused import FusedDetections

@@ -11,7 +11,7 @@ import numpy as np
 
 from roadscope.benchmarks.eligibility import Eligibility
 from roadscope.benchmarks.episode import Episode, sensed
-from roadscope.benchmarks.fingerprint import fingerprint
+from roadscope.benchmarks.fingerprints import fingerprint
 from roadscope.benchmarks.graph import Node
 from roadscope.benchmarks.isolation import PluginError
 from roadscope.benchmarks.kinds import DETECTOR

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from roadscope.benchmarks.episode import Episode
-from roadscope.benchmarks.fingerprint import code_hash, plugin_hash
+from roadscope.benchmarks.fingerprints import code_hash, plugin_hash
 from roadscope.benchmarks.graph import Node
 from roadscope.benchmarks.isolation import PluginHandle, open_plugin
 from roadscope.benchmarks.kinds import DRIVER, KINDS, traits_of

@@ -33,7 +33,7 @@ from roadscope.core import ImageDetections, Spec, Truth
 from roadscope.core.answers import check_image_detections, check_masses
 from roadscope.core.spec import ORACLE
 from roadscope.envs.sensors.rigs import rig
-from roadscope.envs.sensors.weather import weather
+from roadscope.envs.sensors.weathers import weather
 
 if TYPE_CHECKING:
     from roadscope.benchmarks.images import Picture

@@ -8,7 +8,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from roadscope.benchmarks.drive import Step
+from roadscope.benchmarks.drive_steps import Step
 from roadscope.benchmarks.graph import Node
 from roadscope.benchmarks.images import Picture
 from roadscope.benchmarks.loop import RunOptions

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from roadscope.benchmarks.drive import Step, drive, imu_mounting
+from roadscope.benchmarks.drive_steps import Step, drive, imu_mounting
 from roadscope.benchmarks.episode import Episode, sensing_of
 from roadscope.benchmarks.graph import Node
 from roadscope.benchmarks.kinds import ODOMETRY

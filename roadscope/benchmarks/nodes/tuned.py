@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from roadscope.benchmarks.eligibility import Eligibility
-from roadscope.benchmarks.fingerprint import code_hash
+from roadscope.benchmarks.fingerprints import code_hash
 from roadscope.benchmarks.graph import Node
 from roadscope.benchmarks.loop import RunOptions
 from roadscope.benchmarks.metrics.tracking.hota import Hota, hota

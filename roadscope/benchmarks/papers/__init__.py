@@ -66,20 +66,20 @@ def note_of(paper: str, experiment: str) -> str | None:
 _PARTS = {
     "lu2018_measures": "NO_TRACK TargetHistories track_targets",
     "lu2018_scene": "KINDS sense_experiment",
+    "printed_tables": "MOST_COLUMNS reproduction_tables verdict_table",
     "reproduction": "FAILS FigureKey HOLDS ClaimRange OPEN POINTS ReproductionRow Verdict "
-    "YES_OR_NO by_figure differences judge judge_share measure_paper reproduce_module "
-    "summarise write_reproduction",
-    "reproduction_tables": "MOST_COLUMNS verdict_table",
-    "zhang2017_claims": "DriveMethod POSE_UNKNOWNS consistent nees_band our_claims "
-    "paper_claims time_claims",
+    "YES_OR_NO by_figure differences judge judge_share measure_paper reproduce_module summarise "
+    "write_reproduction",
+    "zhang2017_claims": "DriveMethod POSE_UNKNOWNS consistent nees_band our_claims paper_claims "
+    "time_claims",
     "zhang2017_methods": "FROM_PARTS HEADING LATERAL LONGITUDINAL METHODS MULTI NO_ANSWER "
     "ON_EVERY_DRIVE OURS POSITION RANSAC READINGS SINGLE TURNED errors estimate ford_fusion "
     "medians_and_shares nees rmse",
     "zhang2017_scene": "DRIVES FOLLOWED_M RobotLidar drive_of sense_drive sense_sweeps",
     "zhang2017_tables": "INSIDE NEES PAPER PAPER_TIMES_MS SIMULATED frames_name",
-    "zhang2022": "AFTER BEFORE CLAIMED END EXPERIMENTS LEGO_LOAM LONG_ROUTE OTHER_FIGURES "
-    "OTHER_READINGS OdometryRun PRECISION READING_EXPERIMENTS RECALL REMOVAL RemovalVariant "
-    "SCAN_TO_SCAN TIME_MS WITH_MAP paper_figure removal",
+    "zhang2022": "AFTER AS_PRINTED BEFORE CLAIMED END EXPERIMENTS LEGO_LOAM LONG_ROUTE "
+    "OTHER_FIGURES OTHER_READINGS OdometryRun PRECISION READING_EXPERIMENTS READING_FIGURES RECALL "
+    "REMOVAL RemovalVariant SCAN_TO_SCAN TIME_MS WITH_MAP paper_figure removal",
     "zhang2022_scene": "LOOP MiddleLine REMOVAL_CASES STRAIGHT STRAIGHT_M building sense_corridor",
 }
 """Names by the file that defines them, loaded when first used: the face of this folder."""

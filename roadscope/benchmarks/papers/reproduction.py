@@ -12,7 +12,7 @@ from typing import BinaryIO, NamedTuple
 import numpy as np
 
 from roadscope.benchmarks.cache import cache_dir, read_or_make
-from roadscope.benchmarks.fingerprint import fingerprint, package_hash
+from roadscope.benchmarks.fingerprints import fingerprint, package_hash
 from roadscope.benchmarks.workers import in_parallel
 
 YES_OR_NO = "yes or no"

@@ -61,7 +61,7 @@ from roadscope.benchmarks.papers.zhang2017_tables import (
     paper_figure,
     unit_of,
 )
-from roadscope.envs.world.ford_saloon import CORNER_RADII_M
+from roadscope.envs.world.saloon_body import CORNER_RADII_M
 
 FOLLOWED_FRAMES = 17
 """Of each seed and distance; thirty seeds together have the paper's 500."""

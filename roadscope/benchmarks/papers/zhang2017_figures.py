@@ -30,7 +30,7 @@ from roadscope.benchmarks.papers.zhang2017_methods import (
 )
 from roadscope.benchmarks.papers.zhang2017_scene import FOLLOWED_M, SensedDrive, sense_drive
 from roadscope.core.palette import PAPER_COLOURS, PAPER_FAINT, PAPER_TRUTH
-from roadscope.envs.world.ford_saloon import LENGTH_M, WIDTH_M
+from roadscope.envs.world.saloon_body import LENGTH_M, WIDTH_M
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -26,7 +26,7 @@ from roadscope.detectors.pose.estimate import VehiclePose, axis_difference
 from roadscope.detectors.pose.matched_filter import fit_multi, fit_single
 from roadscope.detectors.pose.ransac import fit_ransac
 from roadscope.detectors.pose.smoother import Smoother
-from roadscope.envs.world.ford_saloon import (
+from roadscope.envs.world.saloon_body import (
     AXLES_M,
     CORNER_RADII_M,
     GLASS,

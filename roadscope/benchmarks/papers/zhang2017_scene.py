@@ -21,8 +21,8 @@ from roadscope.core import LidarScan, Pose
 from roadscope.envs.raycast.scene import Scene
 from roadscope.envs.sensors.lidar import sweep
 from roadscope.envs.sensors.lidar_spec import SPECS, LidarSpec
-from roadscope.envs.world.ford_saloon import ford_saloon
 from roadscope.envs.world.prisms import Prisms
+from roadscope.envs.world.saloon_body import ford_saloon
 
 # --------------------------------------------------------------------------------------------------
 # Drives of the car and of the sensor, in closed form.

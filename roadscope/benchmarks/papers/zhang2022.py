@@ -20,7 +20,7 @@ from typing import BinaryIO, NamedTuple
 import numpy as np
 
 from roadscope.benchmarks.cache import read_or_make
-from roadscope.benchmarks.drive import drive, imu_mounting
+from roadscope.benchmarks.drive_steps import drive, imu_mounting
 from roadscope.benchmarks.episode import Episode
 from roadscope.benchmarks.papers.reproduction import (
     LESS_THAN_NONE,
@@ -72,7 +72,8 @@ LONG_ROUTE = "long route"
 """Experiment 4."""
 OTHER_FIGURES = "{}, further figures"
 """Figures of an experiment that the paper prints of other experiments only."""
-READINGS = "readings, {}"
+READING_FIGURES = "readings, {}"
+"""Figures of an experiment with other readings of the paper."""
 
 BEFORE, AFTER, PRECISION, RECALL = "before", "after", "precision", "recall"
 STD, MAX, MEAN, MIN, END = "std", "max", "mean", "min", "end error"
@@ -382,7 +383,7 @@ def measure_readings(experiment: str, seed: int) -> Figures:
     figures: Figures = {}
     names = {WITH_MAP: "as taken", **OTHER_READINGS}
     for spec, run in kept_runs(experiment, tuple(names), seed).items():
-        figures |= printed_figures(experiment, names[spec], run, READINGS)
+        figures |= printed_figures(experiment, names[spec], run, READING_FIGURES)
     return figures
 
 

@@ -27,7 +27,7 @@ from roadscope.envs.sensors.imu_spec import IMUS, ImuSpec
 from roadscope.envs.sensors.lidar import sweep
 from roadscope.envs.sensors.lidar_spec import SPECS, LidarSpec
 from roadscope.envs.sensors.rig import ImuMount, LidarMount
-from roadscope.envs.traffic.road_map import RoadMap
+from roadscope.envs.traffic.road_maps import RoadMap
 from roadscope.envs.traffic.timeline import Timeline
 from roadscope.envs.world.prisms import Prisms, placed, rectangle
 from roadscope.envs.world.world import actor_bodies

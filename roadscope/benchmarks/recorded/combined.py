@@ -12,7 +12,7 @@ from roadscope.benchmarks.metrics.breakdown import part_name, split_name
 from roadscope.benchmarks.metrics.score import Score
 from roadscope.benchmarks.metrics.tracking.hota import Hota
 from roadscope.benchmarks.metrics.tracking.scores import ALPHA_BANDS, BY_ALPHA, CURVES
-from roadscope.benchmarks.metrics.tracking.state_errors import mean_band
+from roadscope.benchmarks.metrics.tracking.state_accuracy import mean_band
 
 SUFFIXES = {"iou_2d": "", "iou_3d": "_3d", "centre": "_centre"}
 """Similarity -> the end of the names of its scores; image boxes are the default."""

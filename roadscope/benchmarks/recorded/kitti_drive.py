@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from roadscope.benchmarks.episode import Episode
-from roadscope.benchmarks.fingerprint import code_hash
+from roadscope.benchmarks.fingerprints import code_hash
 from roadscope.benchmarks.formats.image_folder import read_image
 from roadscope.benchmarks.formats.kitti_frames import (
     EGO_FROM_CAMERA,

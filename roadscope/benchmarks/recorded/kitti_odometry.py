@@ -7,9 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from roadscope.benchmarks.drive import Step
+from roadscope.benchmarks.drive_steps import Step
 from roadscope.benchmarks.episode import Episode
-from roadscope.benchmarks.fingerprint import code_hash
+from roadscope.benchmarks.fingerprints import code_hash
 from roadscope.benchmarks.formats.kitti_odometry import KittiOdometrySequence
 from roadscope.benchmarks.metrics.trajectory_errors import Trajectories
 from roadscope.benchmarks.suite import BoardSettings

@@ -17,7 +17,7 @@ from pathlib import Path
 
 import numpy as np
 
-from roadscope.benchmarks.fingerprint import code_hash
+from roadscope.benchmarks.fingerprints import code_hash
 from roadscope.benchmarks.formats.motchallenge import (
     MotRows,
     MotSequence,

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from functools import lru_cache
 from hashlib import sha256
 
-from roadscope.benchmarks.fingerprint import code_hash
+from roadscope.benchmarks.fingerprints import code_hash
 from roadscope.benchmarks.formats.kitti_labels import DETECTED_TYPES
 from roadscope.benchmarks.formats.kitti_sequence import (
     KittiFolder,

@@ -17,7 +17,7 @@ from roadscope.benchmarks.metrics.tracking.identity import identity
 from roadscope.benchmarks.metrics.tracking.matching import match_tracks
 from roadscope.benchmarks.metrics.tracking.scores import consistency_scores, state_scores
 from roadscope.benchmarks.metrics.tracking.sequence import TrackedSequence
-from roadscope.benchmarks.metrics.tracking.state_errors import FrameRows, state_errors
+from roadscope.benchmarks.metrics.tracking.state_accuracy import FrameRows, state_errors
 from roadscope.benchmarks.recorded.combined import NEES_BAND, SUFFIXES, alpha_parts, nees_band
 from roadscope.benchmarks.recorded.rules import BOX_SIMILARITIES, apply_kitti_rules
 from roadscope.core import Tracks, Truth

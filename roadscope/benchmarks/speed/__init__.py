@@ -7,10 +7,10 @@ _PARTS = {
     "casting": "TILTS casting_steps parked_scene sensor_poses",
     "detectors": "FRAMES LEAD SCENES detector_steps driven_frames measure_detectors timed_frames",
     "measure": "PARTS measure_speed run_steps write_speed",
-    "odometry": "RIG measure_odometries own_odometries timed_scans",
+    "odometry": "LEAD_SCANS RIG measure_odometries own_odometries timed_scans",
     "rows": "SpeedRow SpeedStep",
-    "trackers": "COUNTS CROWD detected_crowd detected_traffic measure_trackers own_trackers "
-    "timed_updates",
+    "trackers": "COUNTS CROWD LEAD_UPDATES UPDATES detected_crowd detected_traffic "
+    "measure_trackers own_trackers timed_updates",
 }
 """Names by the file that defines them, loaded when first used: the face of this folder."""
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from roadscope.benchmarks.speed.rows import SpeedRow, SpeedStep, interleaved
 from roadscope.core import Category, Pose
-from roadscope.envs.raycast.cast import Hits, cast
+from roadscope.envs.raycast.casting import Hits, cast
 from roadscope.envs.raycast.scene import Scene
 from roadscope.envs.sensors.lidar import lidar_columns, sweep
 from roadscope.envs.sensors.lidar_spec import SPECS

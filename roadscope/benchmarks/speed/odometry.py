@@ -13,7 +13,7 @@ from time import process_time
 
 import numpy as np
 
-from roadscope.benchmarks.drive import Step, drive, imu_mounting
+from roadscope.benchmarks.drive_steps import Step, drive, imu_mounting
 from roadscope.benchmarks.episode import Episode
 from roadscope.benchmarks.speed.rows import SpeedRow, SpeedStep
 from roadscope.core import Pose
@@ -24,7 +24,7 @@ LARGER = ("hdl32e-imu", "hdl64e-imu")
 """More beams, for odometries that need no other package."""
 SCENARIO, SEED, DURATION_S = "two-way", 17, 4.0
 """A street with traffic, one of the training seeds."""
-LEAD = 10
+LEAD_SCANS = 10
 """Scans that are not timed: in these maps and speeds are estimated, and code is compiled."""
 
 
@@ -63,9 +63,9 @@ def own_odometries() -> list[str]:
 def timed_scans(
     names: Sequence[str], steps: Sequence[Step], mounting: Pose | None
 ) -> dict[str, np.ndarray]:
-    """Run odometries over a drive side by side; return the ms of each scan from `LEAD` on."""
-    if len(steps) <= LEAD:
-        raise ValueError(f"a drive of more than {LEAD} scans is needed, got {len(steps)}")
+    """Run odometries over a drive side by side; return the ms of each scan from `LEAD_SCANS` on."""
+    if len(steps) <= LEAD_SCANS:
+        raise ValueError(f"a drive of more than {LEAD_SCANS} scans is needed, got {len(steps)}")
     odometries = {name: ODOMETRIES.make(name) for name in names}
     times_ms: dict[str, list[float]] = {name: [] for name in names}
     for odometry in odometries.values():
@@ -75,6 +75,6 @@ def timed_scans(
             own = deepcopy(step)
             start = process_time()
             odometry.update(own.scan, own.imu)
-            if number >= LEAD:
+            if number >= LEAD_SCANS:
                 times_ms[name].append((process_time() - start) * 1e3)
     return {name: np.array(values) for name, values in times_ms.items()}

@@ -22,7 +22,7 @@ CROWD = 12
 PITCH_M = 0.25
 """Between neighbours: less than bodies allow, so that every detection may be of each."""
 PERIOD_S = 0.1
-FRAMES, LEAD = 60, 10
+UPDATES, LEAD_UPDATES = 60, 10
 """Updates, and how many of them are not timed: in these tracks are confirmed."""
 AREA_M2 = 150.0
 """Road for each target: dense traffic."""
@@ -42,7 +42,7 @@ def tracker_steps() -> list[SpeedStep]:
     return [SpeedStep("trackers", measure_trackers)]
 
 
-def detected_traffic(count: int, frames: int = FRAMES, seed: int = 0) -> Iterator[TrackerFrame]:
+def detected_traffic(count: int, frames: int = UPDATES, seed: int = 0) -> Iterator[TrackerFrame]:
     """Yield detections of cars that drive in both directions, and the moving ego's pose."""
     rng = np.random.default_rng(seed)
     half = np.sqrt(AREA_M2 * count) / 2
@@ -77,7 +77,7 @@ def _detected(
     )
 
 
-def detected_crowd(frames: int = FRAMES, seed: int = 0) -> Iterator[TrackerFrame]:
+def detected_crowd(frames: int = UPDATES, seed: int = 0) -> Iterator[TrackerFrame]:
     """Yield detections of `CROWD` people who walk together, and the standing ego's pose."""
     rng = np.random.default_rng(seed)
     across = int(np.sqrt(CROWD))
@@ -103,7 +103,7 @@ def scenes(counts: Sequence[int], frames: int) -> dict[str, list[TrackerFrame]]:
 
 
 def measure_trackers(
-    names: Sequence[str] | None = None, counts: Sequence[int] = COUNTS, frames: int = FRAMES
+    names: Sequence[str] | None = None, counts: Sequence[int] = COUNTS, frames: int = UPDATES
 ) -> list[SpeedRow]:
     """Measure whole updates: median, 90th and 99th percentile.
 
@@ -140,7 +140,7 @@ def timed_pass(name: str, episode: Sequence[TrackerFrame]) -> float:
     tracker.reset()
     history = [tracker.update(detections, pose) for detections, pose in episode]
     # Short, for what is compiled.
-    tracker.rescored(history[:LEAD])
+    tracker.rescored(history[:LEAD_UPDATES])
     start = process_time()
     tracker.rescored(history)
     return (process_time() - start) * 1e3 / len(episode)
@@ -155,10 +155,10 @@ def timed_updates(name: str, episode: Sequence[TrackerFrame]) -> np.ndarray:
     for timed in (False, True):
         tracker.reset()
         times_ms = []
-        for number, (detections, pose) in enumerate(episode if timed else episode[:LEAD]):
+        for number, (detections, pose) in enumerate(episode if timed else episode[:LEAD_UPDATES]):
             start = process_time()
             tracks = tracker.update(detections, pose)
-            if number >= LEAD:
+            if number >= LEAD_UPDATES:
                 times_ms.append((process_time() - start) * 1e3)
     if not len(tracks):
         raise ValueError(f"the tracker '{name}' follows nothing")

@@ -7,10 +7,10 @@ _PARTS = {
     "camera": "evaluate train_camera",
     "crops": "ShuffledPictures Window batch cut_out draw_window objects_in relight relit",
     "driver": "DriverRecipe action_of train_driver",
-    "losses": "CropObjects TargetMaps box_loss boxes_of heat_loss targets_of",
+    "loss_functions": "CropObjects TargetMaps box_loss boxes_of heat_loss losses targets_of",
     "pictures": "PictureEpisode Pictures PixelSize read_pictures render store_pictures",
-    "recipe": "CALIBRATION_SEEDS FAULTS GREATEST_SEVERITY HELD_OUT_BODIES HELD_OUT_FAULTS "
-    "RECIPES Recipe TEST_SEEDS TRAIN_SEEDS draw_episodes held_out_episodes split_episodes",
+    "recipe": "CALIBRATION_SEEDS FAULTS GREATEST_SEVERITY HELD_OUT_BODIES HELD_OUT_FAULTS RECIPES "
+    "Recipe TEST_SEEDS TRAIN_SEEDS draw_episodes held_out_episodes split_episodes",
     "training": "Optimiser Trainer train",
 }
 """Names by the file that defines them, loaded when first used: the face of this folder."""

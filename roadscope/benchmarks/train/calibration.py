@@ -12,7 +12,7 @@ from roadscope.benchmarks.metrics.image_detection import images_of_family, match
 from roadscope.benchmarks.metrics.image_labels import FAMILIES, Labels
 from roadscope.core import ImageDetections
 from roadscope.detectors.camera.calibration import TERM_COUNT, BoxCalibration
-from roadscope.detectors.camera.decode import TRAITS, Peaks
+from roadscope.detectors.camera.decoding import TRAITS, Peaks
 
 NEWTON_STEPS = 100
 LONGEST_STEP = 0.5

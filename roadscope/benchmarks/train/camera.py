@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from roadscope.benchmarks.cache import cache_dir, usable_folder
-from roadscope.benchmarks.fingerprint import fingerprint
+from roadscope.benchmarks.fingerprints import fingerprint
 from roadscope.benchmarks.metrics.image_detection import ImageScores, score_images
 from roadscope.benchmarks.progress import Progress, silent
 from roadscope.benchmarks.train import pictures
@@ -180,7 +180,7 @@ def _write_record(result: TrainingResult, name: str, recipe: Recipe, jobs: int) 
     """Write the record: what the weights were made from, and their scores."""
     from hashlib import sha256
 
-    from roadscope.benchmarks.manifest import cpu_model
+    from roadscope.benchmarks.run_manifest import cpu_model
     from roadscope.detectors.camera.detector import CameraDetector
     from roadscope.detectors.camera.network import ARCHITECTURE
 

@@ -16,7 +16,12 @@ from torch import Tensor
 from torch.nn import functional
 
 from roadscope.benchmarks.metrics.image_labels import Labels
-from roadscope.benchmarks.train.losses import CropObjects, CropTargets, TargetMaps, targets_of
+from roadscope.benchmarks.train.loss_functions import (
+    CropObjects,
+    CropTargets,
+    TargetMaps,
+    targets_of,
+)
 from roadscope.benchmarks.train.pictures import Pictures, PixelSize
 from roadscope.benchmarks.train.recipe import Recipe
 from roadscope.core.bounds import Bounds

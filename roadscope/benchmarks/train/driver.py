@@ -15,9 +15,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from roadscope.benchmarks.cache import usable_folder
-from roadscope.benchmarks.fingerprint import package_version
-from roadscope.benchmarks.manifest import cpu_model
+from roadscope.benchmarks.fingerprints import package_version
 from roadscope.benchmarks.progress import Progress, silent
+from roadscope.benchmarks.run_manifest import cpu_model
 from roadscope.benchmarks.suite import SPLITS
 from roadscope.benchmarks.suite_files import load_suite
 from roadscope.benchmarks.train.camera import weights_path

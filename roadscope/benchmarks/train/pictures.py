@@ -12,7 +12,7 @@ from zipfile import BadZipFile
 import numpy as np
 
 from roadscope.benchmarks.cache import write_atomically
-from roadscope.benchmarks.fingerprint import fingerprint, sensing_hash
+from roadscope.benchmarks.fingerprints import fingerprint, sensing_hash
 from roadscope.benchmarks.metrics.image_labels import Labels, labels_of
 from roadscope.benchmarks.parked import parked_boxes
 from roadscope.envs.sensors.rig import CameraMount, Rig

@@ -14,7 +14,7 @@ from torch import nn
 from roadscope.benchmarks.cache import write_atomically
 from roadscope.benchmarks.progress import Progress, silent
 from roadscope.benchmarks.train.crops import Batch, ShuffledPictures, batches
-from roadscope.benchmarks.train.losses import losses
+from roadscope.benchmarks.train.loss_functions import losses
 from roadscope.benchmarks.train.pictures import Pictures
 from roadscope.benchmarks.train.recipe import Recipe
 from roadscope.detectors.camera.network import CentreNetwork, channels_last

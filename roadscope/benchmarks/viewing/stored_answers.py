@@ -16,7 +16,7 @@ from roadscope.benchmarks.boards import board_named
 from roadscope.benchmarks.cache import cache_dir, read_kept
 from roadscope.benchmarks.eligibility import Eligibility
 from roadscope.benchmarks.episode import Episode, sensed
-from roadscope.benchmarks.fingerprint import fingerprint
+from roadscope.benchmarks.fingerprints import fingerprint
 from roadscope.benchmarks.nodes.detections import DetectionNode
 from roadscope.benchmarks.nodes.fusions import FusionNode
 from roadscope.benchmarks.nodes.images import ImageNode

@@ -21,7 +21,8 @@ __all__ = ["CAMERA_DETECTORS"]
 
 _PARTS = {
     "calibration": "TERM_COUNT",
-    "decode": "AGREEING_IOU Answers Peaks SAME_IOU TRAITS UNIT_PX VOTING_IOU averaged distinct",
+    "decoding": "AGREEING_IOU Answers Peaks SAME_IOU TRAITS UNIT_PX VOTING_IOU averaged decode "
+    "distinct",
     "detector": "BlankImageWarning CameraDetector squared",
     "network": "ARCHITECTURE CentreNetwork Maps channels_last finer squares",
     "weight_file": "BoxCalibration SHIPPED WeightsError load save",

@@ -8,7 +8,7 @@ import numpy as np
 
 from roadscope.core.checks import settle_arrays
 from roadscope.core.record import Record
-from roadscope.detectors.camera.decode import TRAITS
+from roadscope.detectors.camera.decoding import TRAITS
 
 FAMILY_COUNT = 3
 FARTHEST = 4.0

@@ -12,7 +12,7 @@ import numpy as np
 
 from roadscope.core import CameraImage, Frame, ImageDetections, RecordError
 from roadscope.detectors.camera.calibration import BoxCalibration
-from roadscope.detectors.camera.decode import FINE, Peaks, decode
+from roadscope.detectors.camera.decoding import FINE, Peaks, decode
 from roadscope.detectors.camera.precision import AUTO, PRECISIONS, fastest, whole_float32
 from roadscope.detectors.camera.weight_file import SHIPPED, load
 

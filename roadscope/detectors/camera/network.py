@@ -12,7 +12,7 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
-from roadscope.detectors.camera.decode import FINE, LARGEST, UNIT_PX
+from roadscope.detectors.camera.decoding import FINE, LARGEST, UNIT_PX
 
 ARCHITECTURE = "roadscope-centre-3"
 """It is changed whenever old weights no longer fit the network."""

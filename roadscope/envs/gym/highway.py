@@ -19,7 +19,7 @@ from roadscope.envs.gym.spaces import Observation
 from roadscope.envs.imaging.light import Light
 from roadscope.envs.sensors.faults import Faults
 from roadscope.envs.sensors.rig import Rig
-from roadscope.envs.sensors.weather import Weather
+from roadscope.envs.sensors.weathers import Weather
 from roadscope.envs.traffic.agent_road import AgentRoad
 from roadscope.envs.traffic.conversion import original_constants
 from roadscope.envs.traffic.scenarios import find

@@ -15,7 +15,7 @@ from roadscope.envs.sensors.faults import Faults
 from roadscope.envs.sensors.rig import Rig
 from roadscope.envs.sensors.rigs import rig as find_rig
 from roadscope.envs.sensors.sensing import Sensing, check_light
-from roadscope.envs.sensors.weather import CLEAR, Weather
+from roadscope.envs.sensors.weathers import CLEAR, Weather
 from roadscope.envs.traffic.timeline import Timeline
 from roadscope.envs.world.style import find_style
 

@@ -15,7 +15,7 @@ from roadscope.envs.gym.spaces import Observation, checked_action, observation_s
 from roadscope.envs.imaging.light import Light
 from roadscope.envs.sensors.faults import Faults
 from roadscope.envs.sensors.rig import Rig
-from roadscope.envs.sensors.weather import Weather
+from roadscope.envs.sensors.weathers import Weather
 from roadscope.envs.traffic.scenarios import find, record
 from roadscope.envs.traffic.timeline import Timeline
 

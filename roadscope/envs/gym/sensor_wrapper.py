@@ -16,7 +16,7 @@ from roadscope.envs.imaging.light import Light
 from roadscope.envs.sensors.ego_motion import RAW_S, STATES_AROUND
 from roadscope.envs.sensors.faults import Faults
 from roadscope.envs.sensors.rig import Rig
-from roadscope.envs.sensors.weather import Weather
+from roadscope.envs.sensors.weathers import Weather
 from roadscope.envs.traffic.conversion import (
     Constants,
     ForeignEnvError,

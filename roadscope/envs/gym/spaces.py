@@ -10,7 +10,7 @@ from gymnasium import spaces
 from roadscope.core import ImuSamples, LidarScan, Pose, wrap_angle
 from roadscope.envs.sensors.lidar_spec import LidarSpec
 from roadscope.envs.sensors.rig import Rig
-from roadscope.envs.traffic.road_map import RoadMap
+from roadscope.envs.traffic.road_maps import RoadMap
 from roadscope.envs.traffic.timeline import Timeline
 
 # --------------------------------------------------------------------------------------------------

@@ -3,7 +3,7 @@
 from roadscope._lazy import lazy_names
 
 _PARTS = {
-    "cast": "Columns GROUND Hits NOTHING",
+    "casting": "Columns GROUND Hits NOTHING cast",
     "scene": "Scene",
     "shapes": "CACHED_SHAPES clear_shapes shapes_of",
 }

@@ -16,7 +16,7 @@ _PARTS = {
     "rig": "ImuMount Rig",
     "rigs": "RIGS load_rig scaled_noise",
     "sensing": "Sensing sense",
-    "weather": "CLEAR WEATHERS Weather fog rain",
+    "weathers": "CLEAR WEATHERS Weather fog rain weather",
     "wheels": "DeadReckoning WheelSpec",
 }
 """Names by the file that defines them, loaded when first used: the face of this folder."""

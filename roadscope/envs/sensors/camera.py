@@ -14,7 +14,7 @@ from roadscope.envs.imaging.ground import Ground
 from roadscope.envs.imaging.light import Light
 from roadscope.envs.imaging.raster import FACES, Raster, Solids, rasterise, solids_of
 from roadscope.envs.imaging.shading import CameraView, shade, shade_plain
-from roadscope.envs.raycast.cast import GROUND, NOTHING
+from roadscope.envs.raycast.casting import GROUND, NOTHING
 from roadscope.envs.raycast.scene import Scene
 from roadscope.envs.sensors.camera_spec import CameraSpec
 from roadscope.envs.sensors.exposure import CameraMotion, count_visible, depths_and_owners, exposed

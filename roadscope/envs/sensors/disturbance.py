@@ -12,7 +12,7 @@ from roadscope.core import Calibration, Pose
 from roadscope.envs.imaging.light import Light, clear_sky, colour_of, exposure_gain, night
 from roadscope.envs.sensors.faults import FAULTS, Fault
 from roadscope.envs.sensors.rig import Rig
-from roadscope.envs.sensors.weather import CLEAR, WEATHERS, Weather
+from roadscope.envs.sensors.weathers import CLEAR, WEATHERS, Weather
 from roadscope.envs.world.materials import Colour
 
 # --------------------------------------------------------------------------------------------------

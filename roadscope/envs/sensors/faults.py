@@ -8,7 +8,7 @@ from types import MappingProxyType
 
 from roadscope.core.checks import require
 from roadscope.core.names import unknown
-from roadscope.envs.sensors.weather import RAIN_MM_H, VISIBILITY_M
+from roadscope.envs.sensors.weathers import RAIN_MM_H, VISIBILITY_M
 
 SEVERITIES = range(1, 6)
 NO_FAULT = "clear"

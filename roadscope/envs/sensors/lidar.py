@@ -13,12 +13,12 @@ from roadscope.core import WEATHER, LidarScan, Pose, RecordError
 from roadscope.core.checks import settle_arrays
 from roadscope.core.jit import compiled
 from roadscope.core.record import Record
-from roadscope.envs.raycast.cast import NOTHING, Columns, Hits, cast
+from roadscope.envs.raycast.casting import NOTHING, Columns, Hits, cast
 from roadscope.envs.raycast.depth import Surfaces
 from roadscope.envs.raycast.prism_hits import SPLITMIX_STEP, mix
 from roadscope.envs.raycast.scene import Scene
 from roadscope.envs.sensors.lidar_spec import LidarSpec
-from roadscope.envs.sensors.weather import CLEAR, Weather
+from roadscope.envs.sensors.weathers import CLEAR, Weather
 
 # --------------------------------------------------------------------------------------------------
 # From surfaces to returns.

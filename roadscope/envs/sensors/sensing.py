@@ -33,8 +33,8 @@ from roadscope.envs.sensors.imu import InertialSampler
 from roadscope.envs.sensors.lidar import LidarPath, SweepTruth, sweep
 from roadscope.envs.sensors.rig import CameraMount, Rig
 from roadscope.envs.sensors.rigs import RIGS
-from roadscope.envs.sensors.weather import CLEAR, Weather
-from roadscope.envs.sensors.weather import weather as find_weather
+from roadscope.envs.sensors.weathers import CLEAR, Weather
+from roadscope.envs.sensors.weathers import weather as find_weather
 from roadscope.envs.traffic.timeline import Timeline
 from roadscope.envs.world.ground import surface_of
 from roadscope.envs.world.world import World, build_world

@@ -3,14 +3,15 @@
 from roadscope._lazy import lazy_names
 
 _PARTS = {
-    "conversion": "DRIVER_CONSTANTS ForeignEnvError LANE_STEP_M restore_driver_constants to_world",
+    "conversion": "DRIVER_CONSTANTS ForeignEnvError LANE_STEP_M restore_driver_constants road_map "
+    "to_world",
     "course": "Bend Course SHARPEST_M winding",
     "driven": "DrivenTraffic",
     "lu2018": "Event FRAME_S LEFT_EDGE SCRIPTS SENSOR_AHEAD_M Script play_script",
     "mix": "MIXES UNSEEN",
     "recorder": "RecordedRegulatedRoad RecordedRoad TrafficRecorder",
     "recording": "rear_axles",
-    "road_map": "RoadMap",
+    "road_maps": "RoadMap",
     "roads": "greatest_curvature",
     "scenarios": "SCENARIOS ScenarioError accept find record scenario_of_environment",
     "script": "Change ScriptedMotion",

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from roadscope.envs.traffic.road_map import RoadMap
+from roadscope.envs.traffic.road_maps import RoadMap
 
 LANE_STEP_M = 2.0
 """Lanes are sampled at least this densely."""

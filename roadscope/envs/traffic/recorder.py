@@ -27,7 +27,7 @@ from roadscope.envs.traffic.recording import (
     tabulate,
     timeline_of,
 )
-from roadscope.envs.traffic.road_map import RoadMap
+from roadscope.envs.traffic.road_maps import RoadMap
 from roadscope.envs.traffic.timeline import Timeline
 
 

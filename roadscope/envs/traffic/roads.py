@@ -11,7 +11,7 @@ import numpy as np
 from highway_env.road.lane import CircularLane, SineLane, StraightLane
 
 from roadscope.envs.traffic.conversion import road_map
-from roadscope.envs.traffic.road_map import RoadMap
+from roadscope.envs.traffic.road_maps import RoadMap
 
 CURVE_LATERAL_M_S2 = 1.9
 """Lateral acceleration at which drivers take curves; chosen by hand."""

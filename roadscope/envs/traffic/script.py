@@ -12,7 +12,7 @@ from roadscope.core import Category
 from roadscope.core.bounds import Bounds
 from roadscope.envs.traffic.course import Course
 from roadscope.envs.traffic.mix import CARS, VANS, RoadUserBody, draw_body
-from roadscope.envs.traffic.road_map import RoadMap
+from roadscope.envs.traffic.road_maps import RoadMap
 from roadscope.envs.traffic.timeline import Timeline
 
 STEP_S = 0.04

@@ -13,7 +13,7 @@ import numpy as np
 from roadscope.core import Pose, RecordError
 from roadscope.core.checks import require, settle_arrays
 from roadscope.core.record import Record
-from roadscope.envs.traffic.road_map import RoadMap
+from roadscope.envs.traffic.road_maps import RoadMap
 from roadscope.envs.traffic.terrain import Terrain, axle_pose
 
 FORMAT = "roadscope-timeline-1"

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from roadscope.core.record import Record
-from roadscope.envs.traffic.road_map import RoadMap
+from roadscope.envs.traffic.road_maps import RoadMap
 
 SITE_M = 4.0
 """Length of the pieces into which borders are cut; guard rail posts stand 4 m apart."""

@@ -10,7 +10,7 @@ import numpy as np
 
 from roadscope.core.checks import settle_arrays
 from roadscope.core.record import Record
-from roadscope.envs.traffic.road_map import RoadMap
+from roadscope.envs.traffic.road_maps import RoadMap
 from roadscope.envs.world.borders import (
     SITE_M,
     LaneDistances,

@@ -7,7 +7,7 @@ from functools import lru_cache, wraps
 from hashlib import sha256
 from typing import TypeVar
 
-from roadscope.envs.traffic.road_map import RoadMap
+from roadscope.envs.traffic.road_maps import RoadMap
 
 T = TypeVar("T")
 CACHED_ROADS = 16

@@ -10,7 +10,7 @@ import numpy as np
 
 from roadscope.core import WEATHER, Category
 from roadscope.core.bounds import Bounds
-from roadscope.envs.traffic.road_map import RoadMap
+from roadscope.envs.traffic.road_maps import RoadMap
 from roadscope.envs.world import materials
 from roadscope.envs.world.bodies import body_prisms
 from roadscope.envs.world.borders import (

@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from roadscope.benchmarks import Episode, RecordedImu, folder_estimates, imu_mounting
-from roadscope.benchmarks.drive import drive
+from roadscope.benchmarks import Episode, RecordedImu, drive, folder_estimates, imu_mounting
 from roadscope.benchmarks.formats import MAX_BEAM_HEIGHT_RAD, rings_of
 from roadscope.core import ImuSamples
 from roadscope.formats import ScanFolder

@@ -7,12 +7,12 @@ from roadscope.benchmarks.metrics import (
     FALSE_ALARM,
     IGNORED,
     Pairing,
+    average_precision,
     match_greedily,
     overlap_precision,
     precision_by_group,
     rank_by_distance,
 )
-from roadscope.benchmarks.metrics.average_precision import average_precision
 
 
 def pairing(distances, eligible=None) -> Pairing:

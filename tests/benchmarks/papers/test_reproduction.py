@@ -21,11 +21,11 @@ from roadscope.benchmarks.papers import (
     judge_share,
     measure_paper,
     reproduce_module,
+    reproduction_tables,
     summarise,
     verdict_table,
     write_reproduction,
 )
-from roadscope.benchmarks.papers.reproduction_tables import reproduction_tables
 
 KEY = FigureKey("one", "pag", "error")
 

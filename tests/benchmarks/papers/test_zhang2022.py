@@ -5,6 +5,7 @@ import pytest
 
 from roadscope.benchmarks.papers import (
     AFTER,
+    AS_PRINTED,
     BEFORE,
     CLAIMED,
     END,
@@ -19,6 +20,7 @@ from roadscope.benchmarks.papers import (
     OTHER_READINGS,
     PRECISION,
     READING_EXPERIMENTS,
+    READING_FIGURES,
     RECALL,
     REMOVAL,
     REMOVAL_CASES,
@@ -37,7 +39,6 @@ from roadscope.benchmarks.papers import (
     sense_corridor,
     zhang2022,
 )
-from roadscope.benchmarks.papers.zhang2022 import AS_PRINTED, READINGS
 from roadscope.odometry import DynamicThreshold, ZhangSettings
 
 
@@ -174,7 +175,7 @@ def test_an_experiment_is_measured_by_every_method(monkeypatch):
         for title in (experiment, OTHER_FIGURES.format(experiment)):
             methods = {m for e, m in measured if e == title}
             assert methods == set(zhang2022.methods_of(experiment))
-    readings = {READINGS.format(e) for e in READING_EXPERIMENTS}
+    readings = {READING_FIGURES.format(e) for e in READING_EXPERIMENTS}
     assert measured >= {(e, m) for e in readings for m in ("as taken", *OTHER_READINGS.values())}
     with_noise = {m for e, m in measured if e == "straight, double noise"}
     assert with_noise == {SCAN_TO_SCAN, WITH_MAP, AS_PRINTED, LEGO_LOAM}

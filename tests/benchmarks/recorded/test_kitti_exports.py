@@ -3,8 +3,7 @@
 import pytest
 
 from roadscope import leaderboard
-from roadscope.benchmarks import parse_suite, plan_export
-from roadscope.benchmarks.export_suite import export_suite
+from roadscope.benchmarks import export_suite, parse_suite, plan_export
 from roadscope.benchmarks.recorded import kitti_suite
 
 MINI = """

@@ -3,16 +3,15 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from roadscope.benchmarks import Episode
-from roadscope.benchmarks.drive import drive
+from roadscope.benchmarks import Episode, drive
 from roadscope.benchmarks.speed import (
+    LEAD_SCANS,
     RIG,
     measure_odometries,
     odometry,
     own_odometries,
     timed_scans,
 )
-from roadscope.benchmarks.speed.odometry import LEAD
 from roadscope.core import OdometryEstimate
 from roadscope.odometry import StillOdometry
 
@@ -53,10 +52,10 @@ def test_odometries_take_turns_on_scans_of_their_own() -> None:
     assert [name for name, _, _ in order] == ["a", "b"] * len(steps)
     assert all(largest > 1 for _, _, largest in order)
     assert {name: len(values) for name, values in times_ms.items()} == dict.fromkeys(
-        "ab", len(steps) - LEAD
+        "ab", len(steps) - LEAD_SCANS
     )
     with pytest.raises(ValueError, match="more than 10 scans"):
-        timed_scans(["still"], steps[:LEAD], None)
+        timed_scans(["still"], steps[:LEAD_SCANS], None)
 
 
 def test_larger_lidars_are_for_those_that_need_no_other_package() -> None:

@@ -4,6 +4,8 @@ import pytest
 
 from roadscope.benchmarks.speed import (
     CROWD,
+    LEAD_UPDATES,
+    UPDATES,
     detected_crowd,
     detected_traffic,
     measure_trackers,
@@ -11,7 +13,6 @@ from roadscope.benchmarks.speed import (
     timed_updates,
     trackers,
 )
-from roadscope.benchmarks.speed.trackers import FRAMES, LEAD
 from roadscope.core import Detections, Tracks
 from roadscope.trackers import TRACKERS
 from roadscope.trackers import _jpda as jpda
@@ -30,7 +31,7 @@ SCENES = ("5 targets", "12 crowded targets")
 
 
 def test_every_tracker_of_ours_has_its_rows() -> None:
-    rows = measure_trackers(counts=(5,), frames=LEAD + 3)
+    rows = measure_trackers(counts=(5,), frames=LEAD_UPDATES + 3)
     tails = dict.fromkeys(own_trackers(), ("", ", p90", ", p99"))
     tails["existence-offline"] = (", pass at the end",)
     assert [row.name for row in rows] == [
@@ -48,10 +49,10 @@ def test_every_tracker_of_ours_has_its_rows() -> None:
 
 def test_of_an_offline_tracker_the_pass_alone_is_timed(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(trackers, "process_time", iter((1.0, 1.6, 2.0, 2.3)).__next__)
-    rows = measure_trackers(["existence-offline"], (5,), LEAD + 2)
+    rows = measure_trackers(["existence-offline"], (5,), LEAD_UPDATES + 2)
     assert rows[0].name == "tracker existence-offline, 5 targets, pass at the end"
-    assert (rows[0].value, rows[0].unit) == (pytest.approx(600 / (LEAD + 2)), "ms a frame")
-    assert rows[1].value == pytest.approx(300 / (LEAD + 2))
+    assert (rows[0].value, rows[0].unit) == (pytest.approx(600 / (LEAD_UPDATES + 2)), "ms a frame")
+    assert rows[1].value == pytest.approx(300 / (LEAD_UPDATES + 2))
     with pytest.raises(ValueError, match="'existence' has no pass at the end"):
         trackers.timed_pass("existence", [])
 
@@ -65,15 +66,15 @@ def test_in_the_crowd_every_detection_may_be_of_every_track(monkeypatch) -> None
         return exact(rows, columns, weights, missed, free, *settings)
 
     monkeypatch.setattr(jpda, "association_marginals", watched)
-    times_ms = timed_updates("jpda", list(detected_crowd(LEAD + 4)))
+    times_ms = timed_updates("jpda", list(detected_crowd(LEAD_UPDATES + 4)))
     assert len(times_ms) == 4
     assert pairs[-4:] == [(CROWD * CROWD, CROWD, CROWD)] * 4
 
 
 def test_updates_before_the_lead_are_not_timed() -> None:
-    assert len(timed_updates("gnn", list(detected_traffic(5)))) == FRAMES - LEAD
+    assert len(timed_updates("gnn", list(detected_traffic(5)))) == UPDATES - LEAD_UPDATES
     with pytest.raises(ValueError, match="follows nothing"):
-        timed_updates(f"{__name__}:Blind", list(detected_traffic(5, LEAD + 1)))
+        timed_updates(f"{__name__}:Blind", list(detected_traffic(5, LEAD_UPDATES + 1)))
 
 
 def test_the_traffic_is_dense_and_seen_from_the_ego() -> None:

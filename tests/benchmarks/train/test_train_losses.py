@@ -8,9 +8,9 @@ from roadscope.benchmarks.train import (
     box_loss,
     boxes_of,
     heat_loss,
+    losses,
     targets_of,
 )
-from roadscope.benchmarks.train.losses import losses
 from roadscope.detectors.camera import Maps
 
 

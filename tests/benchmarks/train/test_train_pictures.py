@@ -25,8 +25,7 @@ from roadscope.benchmarks.train import (
     store_pictures,
 )
 from roadscope.core import RecordError
-from roadscope.envs.sensors import faults_of
-from roadscope.envs.sensors.weather import weather
+from roadscope.envs.sensors import faults_of, weather
 
 
 def test_what_is_rendered_is_kept(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -2,7 +2,7 @@ import numpy as np
 
 from roadscope.core import Category
 from roadscope.detectors.camera import UNIT_PX, Peaks
-from roadscope.detectors.camera.decode import decode as read
+from roadscope.detectors.camera import decode as read
 
 Maps = tuple[np.ndarray, np.ndarray, np.ndarray]
 

@@ -2,8 +2,7 @@ import numpy as np
 import pytest
 import torch
 
-from roadscope.detectors.camera import CentreNetwork, finer, squared, squares
-from roadscope.detectors.camera.decode import decode
+from roadscope.detectors.camera import CentreNetwork, decode, finer, squared, squares
 
 
 def used_network(seed: int = 0) -> CentreNetwork:

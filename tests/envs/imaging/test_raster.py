@@ -3,8 +3,7 @@ import pytest
 
 from roadscope.core import Pose
 from roadscope.envs.imaging import FACES, Pinhole, mounted, rasterise, solids_of
-from roadscope.envs.raycast import GROUND, NOTHING, Columns, Scene
-from roadscope.envs.raycast.cast import cast
+from roadscope.envs.raycast import GROUND, NOTHING, Columns, Scene, cast
 from roadscope.envs.world import Prisms
 from tests.envs.raycast.test_cast import random_scene
 

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from roadscope.core import GROUND, Pose
-from roadscope.envs.raycast import NOTHING, Columns, Hits, Scene
-from roadscope.envs.raycast.cast import cast
+from roadscope.envs.raycast import NOTHING, Columns, Hits, Scene, cast
 from roadscope.envs.world import Prisms
 
 MAX_RANGE_M = 90.0

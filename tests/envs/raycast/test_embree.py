@@ -9,8 +9,7 @@ import pytest
 
 from research.speed_casting import import_open3d, ray_table, triangulate
 from roadscope.benchmarks.speed import parked_scene, sensor_poses
-from roadscope.envs.raycast import NOTHING, Hits, Scene
-from roadscope.envs.raycast.cast import cast
+from roadscope.envs.raycast import NOTHING, Hits, Scene, cast
 from roadscope.envs.sensors import SPECS, lidar_columns
 
 TILTS = [(0.0, 0.0), (0.035, 0.0175), (-0.3, 0.2)]

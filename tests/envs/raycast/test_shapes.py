@@ -3,8 +3,7 @@ from dataclasses import replace
 import numpy as np
 
 from roadscope.benchmarks.speed import parked_scene, sensor_poses
-from roadscope.envs.raycast import CACHED_SHAPES, Scene, clear_shapes, shapes_of
-from roadscope.envs.raycast.cast import cast
+from roadscope.envs.raycast import CACHED_SHAPES, Scene, cast, clear_shapes, shapes_of
 from roadscope.envs.sensors import SPECS, lidar_columns
 
 SPEC = SPECS["vlp16"]

@@ -9,8 +9,7 @@ import pytest
 from test_cast import SLOPES, assert_same, column, faces_of, meet, random_columns, random_scene
 
 from roadscope.core import GROUND, Category, Pose
-from roadscope.envs.raycast import NOTHING, Columns, Hits, Scene
-from roadscope.envs.raycast.cast import cast
+from roadscope.envs.raycast import NOTHING, Columns, Hits, Scene, cast
 from roadscope.envs.traffic import Terrain
 from roadscope.envs.world import Prisms
 

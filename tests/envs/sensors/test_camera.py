@@ -13,8 +13,7 @@ from roadscope.envs.imaging import (
     rasterise,
     solids_of,
 )
-from roadscope.envs.raycast import Columns, Scene
-from roadscope.envs.raycast.cast import cast
+from roadscope.envs.raycast import Columns, Scene, cast
 from roadscope.envs.sensors import CameraMotion, CameraSpec, expose, exposed, image_truth
 from roadscope.envs.world import Prisms, surface_of
 from tests.envs.raycast.test_cast import random_scene

@@ -3,8 +3,7 @@ import pytest
 
 from roadscope.core import WEATHER, LidarScan, RecordError
 from roadscope.envs import find_rig
-from roadscope.envs.sensors import CLEAR, WEATHERS, Sensing, Weather, fog, rain, sense
-from roadscope.envs.sensors.weather import weather
+from roadscope.envs.sensors import CLEAR, WEATHERS, Sensing, Weather, fog, rain, sense, weather
 from roadscope.envs.traffic import Timeline, record
 from roadscope.envs.world import kinds_of
 

@@ -4,8 +4,7 @@ from highway_env.road.lane import CircularLane, SineLane, StraightLane
 from highway_env.road.road import RoadNetwork
 
 from research.object_traffic import coordinates
-from roadscope.envs.traffic import LANE_STEP_M, greatest_curvature, to_world
-from roadscope.envs.traffic.conversion import road_map
+from roadscope.envs.traffic import LANE_STEP_M, greatest_curvature, road_map, to_world
 
 LANES = [
     StraightLane([3.0, 1.0], [50.0, -20.0], width=3.5),

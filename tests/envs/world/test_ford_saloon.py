@@ -3,9 +3,15 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from roadscope.envs.world import CORNER_RADII_M, SLABS
-from roadscope.envs.world import ford_saloon as ford
-from roadscope.envs.world.ford_saloon import ford_saloon
+from roadscope.envs.world import (
+    CORNER_RADII_M,
+    HEIGHT_M,
+    LENGTH_M,
+    NARROWING,
+    SLABS,
+    WIDTH_M,
+    ford_saloon,
+)
 
 
 @pytest.fixture(params=CORNER_RADII_M)
@@ -25,9 +31,9 @@ def section(body, z):
 
 def test_it_is_inside_its_box_and_touches_every_face(body):
     points = np.concatenate(corners_of(body))
-    assert points.max(axis=0) == pytest.approx([ford.LENGTH_M / 2, ford.WIDTH_M / 2])
-    assert points.min(axis=0) == pytest.approx([-ford.LENGTH_M / 2, -ford.WIDTH_M / 2])
-    assert body.tops.max() == ford.HEIGHT_M
+    assert points.max(axis=0) == pytest.approx([LENGTH_M / 2, WIDTH_M / 2])
+    assert points.min(axis=0) == pytest.approx([-LENGTH_M / 2, -WIDTH_M / 2])
+    assert body.tops.max() == HEIGHT_M
     assert body.bottoms.min() > 0
 
 
@@ -56,9 +62,9 @@ def test_bonnet_and_boot_are_lower_than_the_cabin(body):
 
 def test_ends_are_narrower_than_the_middle_and_no_gap_between_the_halves():
     corners = section(ford_saloon("sharp"), 0.5)
-    ends = corners[np.abs(corners[:, 0]) > 0.499 * ford.LENGTH_M]
+    ends = corners[np.abs(corners[:, 0]) > 0.499 * LENGTH_M]
     assert np.unique(np.abs(ends[:, 1])).round(4).tolist() == [
-        round(share * ford.WIDTH_M / 2, 4) for share in sorted(ford.NARROWING)
+        round(share * WIDTH_M / 2, 4) for share in sorted(NARROWING)
     ]
     for behind, ahead in zip(*[iter(corners_of(ford_saloon("rounded")))] * 2, strict=True):
         assert behind[:, 0].max() == pytest.approx(ahead[:, 0].min())
@@ -67,7 +73,7 @@ def test_ends_are_narrower_than_the_middle_and_no_gap_between_the_halves():
 def test_rounding_takes_a_corner_away():
     """The arc's middle is (1 - sqrt(1/2)) radii from both faces, its chords up to 2 cm inside."""
     corners = section(ford_saloon("rounded"), 0.5)
-    diagonal = (corners - (-ford.LENGTH_M / 2, -ford.NARROWING[0] * ford.WIDTH_M / 2)).sum(1)
+    diagonal = (corners - (-LENGTH_M / 2, -NARROWING[0] * WIDTH_M / 2)).sum(1)
     assert diagonal.min() == pytest.approx(2 * 0.35 * (1 - np.sqrt(0.5)), abs=0.03)
 
 

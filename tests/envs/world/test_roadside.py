@@ -13,8 +13,7 @@ import pytest
 from scipy.spatial import cKDTree
 
 from roadscope.core import RecordError
-from roadscope.envs.traffic import SCENARIOS, RoadMap
-from roadscope.envs.traffic.conversion import road_map
+from roadscope.envs.traffic import SCENARIOS, RoadMap, road_map
 from roadscope.envs.world import KINDS, OVERHEAD, STYLES, Prisms, Scenery, grow, kinds_of
 from tests.envs.worlds import circle, crossing, straight
 

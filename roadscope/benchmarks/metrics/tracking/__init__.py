@@ -14,10 +14,10 @@ _PARTS = {
     "amota": "NUSCENES_RECALLS RECALLS least_scores",
     "clear": "count_matches",
     "matching": "match_tracks",
-    "recovery": "NEVER Recovery",
+    "recoveries": "NEVER Recovery recovery",
     "scores": "ALPHA_BANDS BY_ALPHA CURVES",
     "sequence": "SIMILARITIES similarity_by_distance",
-    "state_errors": "FrameRows Nees StateErrors chi_square nees",
+    "state_accuracy": "FrameRows Nees StateErrors chi_square nees state_errors",
 }
 """Names by the file that defines them, loaded when first used: the face of this folder."""
 

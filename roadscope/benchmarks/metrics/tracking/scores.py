@@ -17,14 +17,14 @@ from roadscope.benchmarks.metrics.tracking.hota import ALPHAS, hota
 from roadscope.benchmarks.metrics.tracking.identity import identity
 from roadscope.benchmarks.metrics.tracking.matching import TrackPairs, match_tracks
 from roadscope.benchmarks.metrics.tracking.ospa import gospa, ospa
-from roadscope.benchmarks.metrics.tracking.recovery import recovery
+from roadscope.benchmarks.metrics.tracking.recoveries import recovery
 from roadscope.benchmarks.metrics.tracking.sequence import (
     GATE_M,
     Similarity,
     TrackedSequence,
     similarity_named,
 )
-from roadscope.benchmarks.metrics.tracking.state_errors import (
+from roadscope.benchmarks.metrics.tracking.state_accuracy import (
     FrameRows,
     StateErrors,
     nees,

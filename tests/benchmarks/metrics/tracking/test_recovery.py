@@ -3,8 +3,7 @@ from __future__ import annotations
 import numpy as np
 from toy_sequences import sequence, wandering
 
-from roadscope.benchmarks.metrics.tracking import NEVER, Recovery, match_tracks
-from roadscope.benchmarks.metrics.tracking.recovery import recovery
+from roadscope.benchmarks.metrics.tracking import NEVER, Recovery, match_tracks, recovery
 from roadscope.metrics import TrackedSequence
 
 GONE = ([], [], [])

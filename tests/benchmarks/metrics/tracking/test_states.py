@@ -8,8 +8,14 @@ import pytest
 from scipy.stats import chi2
 from toy_boxes import tracks, truth
 
-from roadscope.benchmarks.metrics.tracking import FrameRows, Nees, StateErrors, chi_square, nees
-from roadscope.benchmarks.metrics.tracking.state_errors import state_errors
+from roadscope.benchmarks.metrics.tracking import (
+    FrameRows,
+    Nees,
+    StateErrors,
+    chi_square,
+    nees,
+    state_errors,
+)
 
 FIRST = np.array([0])
 

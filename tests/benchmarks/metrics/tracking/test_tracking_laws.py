@@ -10,8 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from toy_sequences import wandering
 
-from roadscope.benchmarks.metrics.tracking import match_tracks
-from roadscope.benchmarks.metrics.tracking.recovery import recovery
+from roadscope.benchmarks.metrics.tracking import match_tracks, recovery
 from roadscope.core import RecordError
 from roadscope.metrics import TrackedSequence, amota, clear, gospa, hota, identity, ospa
 

@@ -23,7 +23,7 @@ SENSING = (
     "roadscope.envs.sensors.faults",
     "roadscope.envs.sensors.rigs",
     "roadscope.envs.sensors.sensing",
-    "roadscope.envs.sensors.weather",
+    "roadscope.envs.sensors.weathers",
 )
 """The modules that make frames and truth from traffic."""
 

@@ -17,7 +17,7 @@ from torch.nn import functional
 from roadscope.benchmarks.metrics.image_labels import FAMILIES
 from roadscope.benchmarks.train.pictures import PixelSize
 from roadscope.core.record import Record
-from roadscope.detectors.camera.decode import STRIDE
+from roadscope.detectors.camera.decoding import STRIDE
 from roadscope.detectors.camera.network import Maps
 
 # --------------------------------------------------------------------------------------------------

@@ -17,13 +17,6 @@ from roadscope.benchmarks.boards.detection import detection_parts, detection_sco
 from roadscope.benchmarks.boards.fusion import FusionBoard
 from roadscope.benchmarks.compare import check_comparable, read_run
 from roadscope.benchmarks.episode import Episode, sensed, sensing_of
-from roadscope.benchmarks.export_suite import (
-    ExportedSequence,
-    Manifest,
-    SequenceView,
-    read_manifest,
-    truth_digest,
-)
 from roadscope.benchmarks.formats.kitti_frames import detections_from_rows
 from roadscope.benchmarks.formats.kitti_labels import (
     DETECTED_TYPES,
@@ -53,6 +46,13 @@ from roadscope.benchmarks.records import EpisodeDetections, EpisodeImageDetectio
 from roadscope.benchmarks.references import image_source
 from roadscope.benchmarks.results import JobScores, Results, results_of
 from roadscope.benchmarks.results.job_scores import JobName
+from roadscope.benchmarks.suite_exports import (
+    ExportedSequence,
+    Manifest,
+    SequenceView,
+    read_manifest,
+    truth_digest,
+)
 from roadscope.core import Category, Detections, ImageDetections, Pose, Tracks, Truth
 from roadscope.core.spec import ORACLE
 

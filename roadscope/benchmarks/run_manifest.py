@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from roadscope import __version__
-from roadscope.benchmarks.fingerprint import (
+from roadscope.benchmarks.fingerprints import (
     PACKAGE,
     fingerprint,
     package_hash,
