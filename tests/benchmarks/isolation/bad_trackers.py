@@ -4,6 +4,7 @@ import ctypes
 import os
 import signal
 import socket
+import stat
 import subprocess
 import sys
 import threading
@@ -269,19 +270,18 @@ class AnswersHostile(Good):
         return Hostile([1])
 
 
-def connections():
-    """Find sockets among the open files of this process."""
-    for number in range(256):
-        try:
-            found = socket.socket(fileno=os.dup(number))
-        except OSError:
-            continue
-        yield found
-
-
 def write(data):
-    for connection in connections():
+    """Write to the one socket among the open files of this process."""
+    sockets = [number for number in range(256) if is_socket(number)]
+    with socket.socket(fileno=os.dup(sockets[0])) as connection:
         connection.sendall(data)
+
+
+def is_socket(number):
+    try:
+        return stat.S_ISSOCK(os.fstat(number).st_mode)
+    except OSError:
+        return False
 
 
 def framed(message):
@@ -310,9 +310,12 @@ class ForgesMessage(Good):
             {"answer": None},
             answer | {"number": 7},
             answer | {"number": [2]},
+            answer | {"number": np.array([2, 2])},
+            answer | {"number": 2.0},
             answer | {"wall_ms": float("nan")},
             answer | {"wall_ms": 1e9},
             answer | {"processor_ms": -1.0},
+            answer | {"processor_ms": 1e300},
             answer | {"processor_ms": "0"},
             answer | {"error": 1},
             answer | {"more": 1},

@@ -179,7 +179,7 @@ def test_what_is_written_to_the_socket_is_checked(name: str) -> None:
     failure(bad(name))
 
 
-@pytest.mark.parametrize("case", range(10))
+@pytest.mark.parametrize("case", range(13))
 def test_forged_messages_are_refused(case: int) -> None:
     assert "60 s" not in str(failure(bad("ForgesMessage", case=case)))
 
