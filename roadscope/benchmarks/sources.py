@@ -18,7 +18,7 @@ from pathlib import Path
 import msgspec
 
 from roadscope.benchmarks.cache import cache_dir, write_atomically
-from roadscope.core.loading import SpecError, file_of
+from roadscope.core.loading import PARSE_ERRORS, SpecError, file_of
 
 DATA_KINDS = (".toml", ".json", ".npz", ".safetensors")
 """Endings of data files that results depend on, beside the sources."""
@@ -332,7 +332,7 @@ def _digest_of_bytes(content: bytes) -> str:
     """Return the digest of a source: of its syntax tree, or of its bytes if it has none."""
     try:
         return source_digest(content)
-    except (SyntaxError, ValueError):
+    except PARSE_ERRORS:
         return sha256(content).hexdigest()
 
 
@@ -364,7 +364,7 @@ def _imported_by(content: bytes) -> frozenset[str]:
     """Return the first parts of the names of all modules that a source imports, if it has any."""
     try:
         return _imported_packages(ast.parse(content))
-    except (SyntaxError, ValueError):
+    except PARSE_ERRORS:
         return frozenset()
 
 

@@ -17,6 +17,8 @@ from roadscope.core.text import error_text
 
 LOADERS = (__file__, importlib.__file__)
 """Files whose lines are left out when an error in a plug-in's module is located."""
+PARSE_ERRORS = (SyntaxError, ValueError, RecursionError, MemoryError)
+"""What `ast.parse` raises for a text that is not Python, or whose expressions nest too deeply."""
 
 
 class SpecError(ValueError):

@@ -25,7 +25,13 @@ from types import MappingProxyType
 from typing import Any
 
 from roadscope.core.constructing import binding_problem, construct, wrong_literal
-from roadscope.core.loading import NotInstalledError, Requirement, SpecError, load_class
+from roadscope.core.loading import (
+    PARSE_ERRORS,
+    NotInstalledError,
+    Requirement,
+    SpecError,
+    load_class,
+)
 from roadscope.core.names import unknown
 
 KINDS = ("detector", "camera detector", "tracker", "fusion", "odometry", "driver")
@@ -181,7 +187,7 @@ class Spec:
 def _literal(text: str) -> Any:
     try:
         return ast.literal_eval(text)
-    except (ValueError, SyntaxError):
+    except PARSE_ERRORS:
         return {"true": True, "false": False, "none": None}.get(text.lower(), text)
 
 
@@ -189,7 +195,7 @@ def no_class_named(spec: Spec) -> str:
     """Return the error text for a spec that names a file and no class in it."""
     try:
         nodes = ast.parse(Path(spec.name).read_text("utf-8")).body
-    except (OSError, ValueError, SyntaxError):
+    except (OSError, *PARSE_ERRORS):
         nodes = []
     classes = [node.name for node in nodes if isinstance(node, ast.ClassDef)] or ["Class"]
     choices = " or ".join(f"{spec.name}:{name}" for name in classes)

@@ -16,7 +16,7 @@ from roadscope.core.constructing import (
     parameters_of,
     positional_parameters_of,
 )
-from roadscope.core.loading import Requirement, file_of
+from roadscope.core.loading import PARSE_ERRORS, Requirement, file_of
 from roadscope.core.text import error_text, one_line
 
 HARNESS = Path(__file__).resolve().parent
@@ -72,7 +72,10 @@ def traits_of_source(target: str, failure: str) -> Traits:
     """
     place, _, name = target.rpartition(":")
     file = file_of(place)
-    nodes = ast.walk(ast.parse(file.read_bytes())) if file is not None else ()
+    try:
+        nodes = list(ast.walk(ast.parse(file.read_bytes()))) if file is not None else []
+    except PARSE_ERRORS:
+        nodes = []
     bodies = [node.body for node in nodes if isinstance(node, ast.ClassDef) and node.name == name]
     body = bodies[0] if bodies else []
     kinds = [

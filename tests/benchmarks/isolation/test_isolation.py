@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from roadscope.benchmarks import source_hash
 from roadscope.benchmarks.isolation import Limits, PluginError, open_plugin, probe
 from roadscope.core import Calibration, Frame, Pose, SpecError, Tracks
 from tests.benchmarks.isolation.specs import Named, bad, detections, written
@@ -245,6 +246,14 @@ def test_the_kind_of_a_class_that_cannot_be_loaded_is_read(tmp_path: Path, kind:
     traits = probe(written(tmp_path, code))
     assert (traits.kind, traits.methods) == ("tracker", {"update"})
     assert "RuntimeError" in traits.failure
+
+
+def test_a_source_that_python_cannot_parse_is_a_failure_of_its_class(tmp_path: Path) -> None:
+    spec = written(tmp_path, f"class Tracker:\n    kind = 'tracker'\nx = {'-' * 200_000}1")
+    traits = probe(spec)
+    assert (traits.class_name, traits.kind) == ("Tracker", "")
+    assert "Error" in traits.failure
+    assert len(source_hash(spec.target)) == 16
 
 
 def test_what_is_said_of_a_class_follows_its_file(tmp_path: Path) -> None:
