@@ -49,7 +49,9 @@ FILE_KINDS: Mapping[str, FileKind] = {
     ),
     "pages": FileKind("page of leaderboard --open without --out", ".", re.compile(r"report\.html")),
     RESULTS: FileKind(
-        "results of leaderboards without --out", ".", re.compile(r"results\.sqlite(-wal|-shm)?")
+        "results of leaderboards without --out",
+        ".",
+        re.compile(r"results\.sqlite(-journal|-wal|-shm)?"),
     ),
 }
 """Kinds by the names that `roadscope cache clear --kind` takes."""

@@ -158,9 +158,14 @@ def leaderboard(
             store, run_plan, conditions, workers, options, progress or silent, compile_first
         )
         results = gather(run_plan.jobs, outcomes, conditions)
-        with options.probing():
-            compared = agreements(results, run_plan, store.outcomes)
-        results = replace(results, agreements=compared)
+        try:
+            with options.probing():
+                compared = agreements(results, run_plan, store.outcomes)
+            results = replace(results, agreements=compared)
+        except StoreError as error:
+            # The file was damaged during the run; the board is made from memory.
+            text = f"ranks are not compared with those of earlier runs: {error}"
+            warnings.warn(text, stacklevel=2)
     results = save_logs(results, folder)
     if out_dir is not None:
         save_all(results, folder)

@@ -184,7 +184,9 @@ class Store:
         (health,) = self._execute("PRAGMA quick_check(1)").fetchone()
         if health != "ok":
             raise self._unusable(health)
-        for setting in ("journal_mode = WAL", "synchronous = NORMAL", "busy_timeout = 10000"):
+        # No write-ahead log: SQLite maps its index into memory, and this process would die of a
+        # bus error if a plug-in shortened that file.
+        for setting in ("busy_timeout = 10000", "journal_mode = DELETE", "synchronous = NORMAL"):
             self._execute(f"PRAGMA {setting}")
         self._execute(f"PRAGMA application_id = {APPLICATION_ID}")
         self._execute(f"PRAGMA user_version = {SCHEMA_VERSION}")

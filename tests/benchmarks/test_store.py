@@ -83,6 +83,16 @@ def test_a_damaged_database_is_refused(tmp_path) -> None:
         Store(path)
 
 
+def test_files_that_are_emptied_while_it_is_open_end_no_process(tmp_path) -> None:
+    with Store(tmp_path / "results.sqlite") as store:
+        number = store.begin({})
+        store.put(job("k1"), Outcome(SCORES), number)
+        for path in tmp_path.iterdir():
+            path.write_bytes(b"")
+        with pytest.raises(StoreError, match="not usable"):
+            store.put(job("k2"), Outcome(SCORES), number)
+
+
 def test_a_newer_format_is_refused(tmp_path) -> None:
     path = tmp_path / "results.sqlite"
     Store(path).__exit__(None, None, None)

@@ -2,6 +2,7 @@
 
 import json
 import shutil
+import warnings
 from dataclasses import replace
 from pathlib import Path
 
@@ -372,6 +373,31 @@ def test_ranks_are_compared_with_suites_that_were_run(results):
     (line,) = agreement_lines(replace(found, agreements=matches), "kitti car")
     assert title in line
     assert f"{matches[0].rho:.2f}" in line
+
+
+@pytest.mark.slow
+def test_a_results_file_that_a_tracker_ruined_costs_no_board(folder, tmp_path):
+    out, path = tmp_path / "out", tmp_path / "mine.py"
+    path.write_text(
+        "from pathlib import Path\nfrom roadscope.trackers import NearestTracker\n\n\n"
+        "class Mine(NearestTracker):\n    def update(self, detections, ego_pose):\n"
+        f"        for path in Path({str(out)!r}).glob('results.sqlite*'):\n"
+        "            path.write_bytes(b'')\n"
+        "        return super().update(detections, ego_pose)\n"
+    )
+    with warnings.catch_warnings(record=True) as raised:
+        warnings.simplefilter("always")
+        found = leaderboard(
+            "quick",
+            [*TRACKERS, f"{path}:Mine"],
+            boards=["tracking"],
+            only=True,
+            kitti=folder,
+            out_dir=out,
+        )
+    assert found.boards() == ["kitti car", "kitti pedestrian"]
+    assert not found.failures
+    assert any("are not compared" in str(each.message) for each in raised)
 
 
 @pytest.mark.slow
