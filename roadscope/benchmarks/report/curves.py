@@ -11,17 +11,22 @@ import numpy as np
 
 from roadscope.benchmarks.cache import write_atomically
 from roadscope.benchmarks.metrics.odometry import DISTANCE, MARKS_M
+from roadscope.benchmarks.report.tables import wrapped_name
 from roadscope.benchmarks.results import Results, Row
 from roadscope.core.palette import FIGURE_STYLE, PAPER_COLOURS
+from roadscope.core.text import one_line
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from matplotlib.lines import Line2D
 
 BOARD = "odometry"
 PANELS = {"t_rel": "t_rel (%)", "position_error": "error of the position (m)"}
 STYLES = ("-", "--", ":")
 """Line styles; each is for as many entries as there are colours."""
 SIZE_INCHES = 10.0, 4.5
+NAME_WIDTH = 48
+"""Longest line of a name in the legend, characters; half of the picture is left for curves."""
 
 
 def has_curves(results: Results) -> bool:
@@ -45,14 +50,17 @@ def draw_curves(results: Results, path: Path) -> None:
     with mpl.rc_context({**FIGURE_STYLE, **exact}):
         figure = Figure(SIZE_INCHES, layout="constrained")
         axes = figure.subplots(1, len(PANELS))
+        lines: dict[str, Line2D] = {}
         for place, (metric, label) in zip(axes, PANELS.items(), strict=True):
             for k, entry in enumerate(results.entries(BOARD)):
                 own = [row for row in rows if (row.entry, row.metric) == (entry, metric)]
                 if own:
-                    _curve(place, own, *_line_style(k))
+                    lines.setdefault(entry, _curve(place, own, *_line_style(k)))
             _style(place, label)
-        lines, names = axes[0].get_legend_handles_labels()
-        figure.legend(lines, names, loc="outside right upper")
+        names = [wrapped_name(one_line(entry), NAME_WIDTH) for entry in lines]
+        legend = figure.legend(list(lines.values()), names, loc="outside right upper")
+        for text in legend.get_texts():
+            text.set_parse_math(False)
         dated = {"Date": None} if ending == "svg" else {}
         write_atomically(path, partial(figure.savefig, format=ending, metadata=dated))
 
@@ -63,12 +71,14 @@ def _line_style(number: int) -> tuple[str, str]:
     return PAPER_COLOURS[number % count], STYLES[number // count % len(STYLES)]
 
 
-def _curve(place: Axes, rows: Sequence[Row], colour: str, style: str) -> None:
+def _curve(place: Axes, rows: Sequence[Row], colour: str, style: str) -> Line2D:
+    """Draw an entry's curve with its interval and return the line."""
     # A missing interval becomes NaN and leaves a gap.
     figures = [(row.band, row.value, row.low, row.high) for row in rows]
     at, values, low, high = np.array(figures, np.float64).T
-    place.plot(at, values, style, color=colour, label=rows[0].entry, marker="o", markersize=3)
+    (line,) = place.plot(at, values, style, color=colour, marker="o", markersize=3)
     place.fill_between(at, low, high, color=colour, alpha=0.12, linewidth=0)
+    return line
 
 
 def _style(place: Axes, label: str) -> None:

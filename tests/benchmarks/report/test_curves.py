@@ -69,3 +69,15 @@ def test_it_is_saved_beside_the_odometry_board_alone(tmp_path) -> None:
     )
     unknown = tuple(replace(row, value=None, low=None, high=None) for row in PARTS)
     assert not has_curves(replace(RESULTS, parts=unknown))
+
+
+@pytest.mark.parametrize(
+    "name",
+    ["we$\\foo$.py:Mine", "_mine.py:Mine", "\x1b[31m.py:Mine", "/".join(["folder"] * 40) + ":Mine"],
+)
+def test_a_name_of_any_kind_is_in_the_legend(tmp_path, name) -> None:
+    parts = tuple(row for metric in PANELS for row in curve(name, metric, 0.1))
+    place = Standing("odometry", name, None, 1, 1, 2)
+    row = Row("odometry", name, "t_rel", 1.0, 0.5, 2.0, 5, "%", "lower")
+    draw_curves(Results({"suite": "tiny"}, (row,), (), parts, (place,)), tmp_path / "drift.svg")
+    assert "".join(texts(tmp_path / "drift.svg")).endswith(name.replace("\x1b", "?"))
