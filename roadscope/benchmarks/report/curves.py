@@ -11,7 +11,7 @@ import numpy as np
 
 from roadscope.benchmarks.cache import write_atomically
 from roadscope.benchmarks.metrics.odometry import DISTANCE, MARKS_M
-from roadscope.benchmarks.report.tables import wrapped_name
+from roadscope.benchmarks.report.tables import MOST_NAME_WIDTH, wrapped_name
 from roadscope.benchmarks.results import Results, Row
 from roadscope.core.palette import FIGURE_STYLE, PAPER_COLOURS
 from roadscope.core.text import one_line
@@ -25,8 +25,6 @@ PANELS = {"t_rel": "t_rel (%)", "position_error": "error of the position (m)"}
 STYLES = ("-", "--", ":")
 """Line styles; each is for as many entries as there are colours."""
 SIZE_INCHES = 10.0, 4.5
-NAME_WIDTH = 48
-"""Longest line of a name in the legend, characters; half of the picture is left for curves."""
 
 
 def has_curves(results: Results) -> bool:
@@ -57,7 +55,7 @@ def draw_curves(results: Results, path: Path) -> None:
                 if own:
                     lines.setdefault(entry, _curve(place, own, *_line_style(k)))
             _style(place, label)
-        names = [wrapped_name(one_line(entry), NAME_WIDTH) for entry in lines]
+        names = [wrapped_name(one_line(entry), MOST_NAME_WIDTH) for entry in lines]
         legend = figure.legend(list(lines.values()), names, loc="outside right upper")
         for text in legend.get_texts():
             text.set_parse_math(False)
