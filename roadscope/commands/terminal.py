@@ -42,10 +42,10 @@ def show(thing: Any, *, dim: bool = False) -> None:
 
 
 def headline(text: str) -> None:
-    """Print one bold line, which may be longer than the terminal is wide."""
+    """Print one bold line, which may be longer than the terminal is wide and may name files."""
     from rich.text import Text
 
-    console().print(Text(text, style="bold"), soft_wrap=True)
+    console().print(Text(printable(text), style="bold"), soft_wrap=True)
 
 
 def print_json(content: Any) -> None:

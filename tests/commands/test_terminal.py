@@ -69,3 +69,8 @@ def test_quiet_is_quiet(clock, capsys):
             tell("episodes", done, 10)
             clock[0] += 30.0
     assert capsys.readouterr() == ("", "")
+
+
+def test_a_headline_is_one_line_without_control_characters(capsys):
+    terminal.headline("odometry \x1b[31mred\nnext.py:Mine")
+    assert capsys.readouterr().out == "odometry ?[31mred next.py:Mine\n"
