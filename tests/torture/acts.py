@@ -52,7 +52,7 @@ HANGS = (
 RESOURCES = (
     Act("flood", "output"),
     Act("hog", "memory"),
-    Act("million_boxes", "", SCORED),
+    Act("million_boxes", ""),
     Act("thousands_of_boxes", "50000", SCORED),
 )
 FORGERIES = (
@@ -60,7 +60,9 @@ FORGERIES = (
     Act("forged_bytes", ""),
     Act("forged_pickle", ""),
     Act("forged_length", "mb"),
+    Act("forged_number", "forged"),
     Act("forged_times", "forged"),
+    Act("forged_processor_time", "forged"),
     Act("truncated", "status 0"),
     Act("second_answer", "answer"),
 )
@@ -97,6 +99,7 @@ WATCHERS = (
 )
 HARMLESS = (
     Act("honest", ""),
+    Act("kill_supervisor", ""),
     Act("written_later", ""),
     Act("children", ""),
     Act("patch", ""),

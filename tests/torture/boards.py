@@ -35,7 +35,7 @@ version = 1
 rig = "small.toml"
 duration_s = 2.0
 scenarios = ["motorway", "roundabout"]
-seeds = [20000]
+seeds = [20123]
 [detection]
 entries = ["distance"]
 [tracking]

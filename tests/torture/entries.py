@@ -98,11 +98,12 @@ class EntryTests:
         self, torture: Tortured, board: str, act: Act
     ) -> None:
         honest = torture.spec(board, HARMLESS[0])
-        values = torture.runs[0].values(hostile=True)
-        for place, scores in values.items():
-            if place.startswith(f"{board} {torture.spec(board, act)} "):
-                assert scores["reason"] is None
-                assert scores == values[place.replace(torture.spec(board, act), honest)]
+        entry, values = torture.spec(board, act), torture.runs[0].values(hostile=True)
+        places = [place for place in values if place.startswith(f"{board} {entry} ")]
+        assert places
+        for place in places:
+            assert values[place]["reason"] is None
+            assert values[place] == values[place.replace(entry, honest)]
 
     @done_by(TOLERATED)
     def test_odd_answers_are_scored(self, torture: Tortured, board: str, act: Act) -> None:

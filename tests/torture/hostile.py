@@ -39,17 +39,18 @@ SOCKET = 3
 """The file number of the connection to the run."""
 LONG_S = 600
 MILLION = 1_000_000
+HIDDEN = ("motorway", "roundabout", 20123)
+"""The scenarios and the seed of the suite."""
 
 
 class Plugin:
     """What all five have in common.
 
-    act: a function of this file. folders: the cache and the folder of results, where a real one
-    would guess them. later: acts from this call on.
+    act: a function of this file. cache, results: folders, where a real one would guess them.
     """
 
-    def __init__(self, *, act="honest", cache="", results="", later=0):
-        self.act, self.cache, self.results, self.later = act, cache, results, later
+    def __init__(self, *, act="honest", cache="", results=""):
+        self.act, self.cache, self.results = act, cache, results
         self.calls = 0
         if act == "hang_when_made":
             time.sleep(LONG_S)
@@ -60,8 +61,6 @@ class Plugin:
 
     def acted(self, answer):
         self.calls += 1
-        if self.calls <= self.later or self.act.startswith("hang_"):
-            return answer if self.act != "hang_in_call" else time.sleep(LONG_S)
         return globals()[self.act](self, answer)
 
 
@@ -113,6 +112,26 @@ def boxes(stamp_s):
 
 
 def honest(plugin, answer):
+    return answer
+
+
+hang_when_made = hang_in_reset = honest
+"""They hang before the first answer."""
+
+
+def hang_in_call(plugin, answer):
+    time.sleep(LONG_S)
+
+
+def hang_in_third_call(plugin, answer):
+    """Take 3 s for the first call, which may take longer than later ones."""
+    time.sleep({1: 3.0, 3: LONG_S}.get(plugin.calls, 0.0))
+    return answer
+
+
+def dawdle(plugin, answer):
+    """Make every call last, but none of them too long."""
+    time.sleep(1.0)
     return answer
 
 
@@ -258,6 +277,16 @@ def second_answer(plugin, answer):
 
 def forged_times(plugin, answer):
     write(told(plugin, answer, wall_ms=float("nan")))
+    time.sleep(LONG_S)
+
+
+def forged_processor_time(plugin, answer):
+    write(told(plugin, answer, processor_ms=1e308))
+    time.sleep(LONG_S)
+
+
+def forged_number(plugin, answer):
+    write(told(plugin, answer, number=np.array([2, 2])))
     time.sleep(LONG_S)
 
 
@@ -456,22 +485,28 @@ class FoundError(Exception):
 
 
 def seek_truth(plugin, answer):
-    """Look through all frames and all objects of this process."""
+    """Look through all frames and all objects of this process, those before its fork too."""
     for top in sys._current_frames().values():
         frame = top
         while frame is not None:
             refuse_truth([*frame.f_locals.values(), *frame.f_globals.values()])
             frame = frame.f_back
+    gc.unfreeze()
     refuse_truth(gc.get_objects())
     return answer
 
 
 def refuse_truth(things):
-    hidden = ("Truth", "Episode", "Suite", "Timeline", "Job", "TrackNode", "DetectionNode")
+    """Refuse truth, what a run is made of, and the scenarios and seeds of `boards.SUITE`."""
     for thing in things:
-        name = type(thing).__name__
-        if name in hidden and type(thing).__module__.startswith("roadscope"):
-            raise FoundError(f"a {name} is in this process")
+        kind = type(thing)
+        _, _, room = str(kind.__module__).partition("roadscope.")
+        ours = room.startswith(("benchmarks", "envs")) and "isolation" not in room
+        if room and (ours or kind.__name__.endswith("Truth")):
+            raise FoundError(f"a {kind.__name__} is in this process")
+        for value in (thing, *thing.values()) if kind is dict else (thing,):
+            if type(value) in (str, int) and value in HIDDEN:
+                raise FoundError(f"{value} is in this process")
 
 
 def seek_paths(plugin, answer):
@@ -494,7 +529,7 @@ def seek_paths(plugin, answer):
 def kept_files(plugin):
     """Find kept files, by the environment of processes above this one or by guessing.
 
-    Once in an episode: bits that are flipped twice are as they were.
+    Once in an episode is enough.
     """
     if plugin.calls > 1:
         return
@@ -582,8 +617,10 @@ def kill_guard(plugin, answer):
 
 
 def kill_supervisor(plugin, answer):
-    psutil.Process().parents()[1].kill()
-    time.sleep(1.0)
+    """End the supervisor once: later its place above the guard is that of another process."""
+    if plugin.calls == 1:
+        psutil.Process().parents()[1].kill()
+        time.sleep(0.2)
     return answer
 
 

@@ -1,4 +1,4 @@
-"""All hostile acts with two workers, and one of each kind with one."""
+"""All hostile acts, with two workers and with one."""
 
 from tests.torture.entries import EntryTests
 

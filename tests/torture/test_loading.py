@@ -8,7 +8,8 @@ import pytest
 
 import roadscope
 from roadscope import SpecError
-from tests.torture.boards import HANG_LIMITS, Run, Workshop, left_running
+from tests.torture.acts import ALL, CLASSES
+from tests.torture.boards import HANG_LIMITS, ONE_EPISODE, Run, Workshop, left_running
 
 Made = Callable[..., Workshop]
 FAILING = {
@@ -18,14 +19,23 @@ FAILING = {
     "system_exit": ("raise SystemExit(0)", "systemexit"),
     "division": ("1 / 0", "zerodivisionerror"),
     "base_exception": ("raise BaseException('bare')", "baseexception"),
+    "nested": (f"class Tracker: x = {'-' * 200_000}1", "error"),
 }
 """By the name of a file its first line, and what the reason says."""
 CLASS = """
-class Tracker:
-    kind = "tracker"
-    def reset(self): ...
-    def update(self, detections, ego_pose): ...
+class {0}:
+    kind = "{1}"
+    def reset(self, *_): ...
+    def {2}(self, *_): ...
 """
+METHODS = {
+    "detection": ("detector", "detect"),
+    "camera": ("camera detector", "detect"),
+    "tracking": ("tracker", "update"),
+    "fusion": ("fusion", "fuse"),
+    "odometry": ("odometry", "update"),
+}
+"""By board the kind of its entries, and what they are called by."""
 MISTAKES = {
     "no file": (None, "no file"),
     "no class": ("class Other: ...", "Other"),
@@ -40,31 +50,36 @@ with Path(__file__).with_suffix(".log").open("a") as log:
 """
 
 
-def written(folder: Path, name: str, code: str) -> str:
-    """Write the file of a tracker and return its spec."""
+def written(folder: Path, name: str, code: str, board: str = "tracking") -> str:
+    """Write the file of a plug-in and return its spec."""
     path = folder / f"{name}.py"
-    path.write_text(f"{code}\n{CLASS}")
-    return f"{path}:Tracker"
+    path.write_text(code + "\n" + CLASS.format(CLASSES[board], *METHODS[board]))
+    return f"{path}:{CLASSES[board]}"
 
 
+@pytest.mark.parametrize("jobs", [1, 2])
+@pytest.mark.parametrize("board", ALL)
 def test_a_class_that_fails_when_it_is_loaded_costs_its_own_row(
-    new_workshop: Made, honest_run: tuple[Workshop, Run]
+    new_workshop: Made, honest_run: tuple[Workshop, Run], board: str, jobs: int
 ) -> None:
-    place = new_workshop()
-    entries = {name: written(place.folder, name, code) for name, (code, _) in FAILING.items()}
-    run = place.run(list(entries.values()), boards=["tracking"], limits=HANG_LIMITS)
+    place = new_workshop(suite=ONE_EPISODE)
+    entries = {
+        name: written(place.folder, name, code, board) for name, (code, _) in FAILING.items()
+    }
+    names = list(entries.values())
+    run = place.run(names, jobs=jobs, boards=[board], limits=HANG_LIMITS)
     for name, entry in entries.items():
         reasons = run.reasons(entry)
-        assert len(reasons) == 2
+        assert len(reasons) == 1
         for reason in reasons:
             assert reason is not None
             assert reason.startswith(entry)
             assert FAILING[name][1] in reason.removeprefix(entry).lower()
-    names = tuple(entries.values())
-    others = {k: v for k, v in run.values().items() if not any(name in k for name in names)}
     expected = honest_run[1].values()
-    assert others == {k: v for k, v in expected.items() if k.startswith("tracking")}
-    assert run.results.failed_entries == list(names)
+    others = {k: v for k, v in run.values().items() if not any(name in k for name in names)}
+    assert others
+    assert others == {place: expected[place] for place in others}
+    assert set(names) <= set(run.results.failed_entries)
     assert left_running(place.folder) == []
 
 

@@ -5,41 +5,44 @@ from collections.abc import Callable
 import pytest
 
 from roadscope.benchmarks import StoreError
-from tests.torture.boards import Run, Workshop
+from tests.torture.acts import ALL
+from tests.torture.boards import ONE_EPISODE, Run, Workshop
 
 Made = Callable[..., Workshop]
 Honest = tuple[Workshop, Run]
 
 
-def attacked(place: Workshop, act: str, *, jobs: int) -> Run:
-    entry = place.spec("tracking", act, results=place.out)
-    return place.run([entry], jobs=jobs, boards=["tracking"])
+def attackers(place: Workshop, act: str) -> list[str]:
+    """Return a hostile entry of each board."""
+    return [place.spec(board, act, results=place.out) for board in ALL]
 
 
-def of_trackers(run: Run) -> dict[str, object]:
-    return {k: v for k, v in run.values().items() if k.startswith("tracking")}
+def expected(run: Run, honest: Run) -> dict[str, object]:
+    """Return what an honest run has in the place of each entry of a run."""
+    return {place: honest.values()[place] for place in run.values()}
 
 
 @pytest.mark.parametrize("jobs", [1, 2])
 def test_forged_rows_are_not_in_this_run_and_are_noticed_by_the_next(
     new_workshop: Made, honest_run: Honest, jobs: int
 ) -> None:
-    place = new_workshop()
-    honest = place.run([place.spec("tracking", "honest")], boards=["tracking"], out_dir=None)
-    run = attacked(place, "forge_results", jobs=jobs)
-    assert of_trackers(run) == of_trackers(honest_run[1])
+    place = new_workshop(suite=ONE_EPISODE)
+    honest = place.run(attackers(place, "honest"), out_dir=None)
+    run = place.run(attackers(place, "forge_results"), jobs=jobs)
+    assert run.values() == expected(run, honest_run[1])
     assert [s.rank for s in run.results.standings] == [s.rank for s in honest.results.standings]
-    again = place.run([], boards=["tracking"])
-    assert of_trackers(again) == of_trackers(honest_run[1])
+    again = place.run([])
+    assert again.values() == expected(again, honest_run[1])
     assert any("results.sqlite" in text and "nearest" in text for text in again.warned)
 
 
+@pytest.mark.parametrize("jobs", [1, 2])
 def test_a_results_file_that_was_ruined_costs_no_board(
-    new_workshop: Made, honest_run: Honest
+    new_workshop: Made, honest_run: Honest, jobs: int
 ) -> None:
-    place = new_workshop()
-    run = attacked(place, "ruin_results", jobs=1)
-    assert of_trackers(run) == of_trackers(honest_run[1])
+    place = new_workshop(suite=ONE_EPISODE)
+    run = place.run(attackers(place, "ruin_results"), jobs=jobs)
+    assert run.values() == expected(run, honest_run[1])
     assert (place.out / "leaderboard.json").is_file()
     with pytest.raises(StoreError, match=r"results\.sqlite"):
-        place.run([], boards=["tracking"])
+        place.run([])

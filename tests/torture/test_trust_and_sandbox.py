@@ -2,11 +2,13 @@
 
 import os
 from collections.abc import Callable
+from dataclasses import replace
 
 import pytest
 
 from roadscope.benchmarks.isolation import sandbox_available
-from tests.torture.boards import Run, Workshop, left_running
+from tests.torture.acts import ALL
+from tests.torture.boards import LIMITS, ONE_EPISODE, Run, Workshop, left_running
 
 Made = Callable[..., Workshop]
 needs_sandbox = pytest.mark.skipif(bool(sandbox_available()), reason=sandbox_available() or "-")
@@ -36,27 +38,40 @@ def test_what_a_trusted_plugin_raises_is_its_own_row(
     assert run.values() == {k: v for k, v in honest.items() if k.startswith("tracking")}
 
 
+@pytest.mark.parametrize("act", ["seek_truth", "seek_paths"])
+def test_a_trusted_plugin_finds_what_others_cannot(new_workshop: Made, act: str) -> None:
+    """So the search of those that find nothing in a process of their own is one that can find."""
+    place = new_workshop(suite=ONE_EPISODE)
+    entries = [place.spec(board, act) for board in ALL]
+    run = place.run(entries, trust=True)
+    for entry in entries:
+        assert all("FoundError" in str(reason) for reason in run.reasons(entry))
+
+
 @needs_sandbox
 def test_a_sandbox_holds(new_workshop: Made, honest_run: tuple[Workshop, Run]) -> None:
-    place = new_workshop()
+    """The one process of a sandbox that could be taken for the worker cannot be ended."""
+    place = new_workshop(suite=ONE_EPISODE)
     harmless = ("honest", "children", "seek_truth", "seek_paths", "rewrite_valid")
     failing = ("segfault", "exit_0", "kill_guard", "kill_worker", "forge_results")
     entries = {
         act: place.spec("tracking", act, cache=place.cache, results=place.out)
         for act in (*harmless, *failing)
     }
+    others = [place.spec(board, "honest") for board in ALL if board != "tracking"]
     marker = place.folder / "written"
     code = f"\nwith suppress(OSError):\n    Path({str(marker)!r}).write_text('x')\n"
     with place.plugins.open("a") as file:
         file.write(code)
-    run = place.run(list(entries.values()), jobs=1, boards=["tracking"], sandbox=True)
+    limits = replace(LIMITS, first_call_s=20, call_s=20)
+    run = place.run([*entries.values(), *others], jobs=1, limits=limits, sandbox=True)
     assert not marker.exists()
-    for act in harmless:
-        assert run.reasons(entries[act]) == [None, None]
+    for entry in (*others, *(entries[act] for act in harmless)):
+        assert run.reasons(entry) == [None]
     for act in failing:
         reasons = run.reasons(entries[act])
         assert all(reason and reason.startswith(entries[act]) for reason in reasons)
-    honest = honest_run[1].values()
-    assert run.values() == {k: v for k, v in honest.items() if k.startswith("tracking")}
+    expected = honest_run[1].values()
+    assert run.values() == {place: expected[place] for place in run.values()}
     assert run.warned == []
     assert left_running(place.plugins) == []
