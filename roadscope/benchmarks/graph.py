@@ -11,6 +11,7 @@ import json
 import warnings
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, fields
 from functools import cached_property, partial
 from itertools import chain
@@ -194,7 +195,7 @@ def run_jobs(
     settings = workers or WorkerSettings()
     # Machines of a cluster may have files of their own under the same names.
     files = KeptFiles(installed if settings.address is None else ())
-    with open_workers(settings) as opened:
+    with files.guarded(), open_workers(settings) as opened:
         run = _Run(files, opened, options or RunOptions(), progress)
         run.call_first(first_calls)
         failures = run.compute(_shared_nodes(installed))
@@ -324,6 +325,17 @@ class KeptFiles:
             digest = self._digests[str(path)] = digest_of(path)
             if digest is None and path.exists():
                 _warn(f"{path} is damaged: it has no digest; it is made again")
+
+    @contextmanager
+    def guarded(self) -> Iterator[None]:
+        """Remove in the end what another program changed meanwhile: later runs would use it."""
+        try:
+            yield
+        finally:
+            for path, expected in self._digests.items():
+                if digest_of(Path(path)) not in (None, expected):
+                    _warn(f"{path} was changed by another program during the run; it is removed")
+                    Path(path).unlink(missing_ok=True)
 
     def has(self, node: Node) -> bool:
         """Return whether the file of a node exists and may be used."""

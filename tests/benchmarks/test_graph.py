@@ -200,6 +200,23 @@ def test_a_damaged_node_is_computed_again_and_named(log: Path) -> None:
     assert begun(log) == {"deep": 1, "shared": 1, "a": 2}
 
 
+def test_a_file_that_another_program_changed_meanwhile_is_not_left_to_later_runs(
+    log: Path,
+) -> None:
+    victim, other = job(Step("victim", log)), job(Step("other", log))
+    found = {}
+
+    def spoil(done: Job, outcome: Outcome) -> None:
+        found[done.entry] = outcome
+        if done == other:
+            victim.answers.path.write_bytes(other.answers.path.read_bytes())
+
+    with pytest.warns(UserWarning, match=victim.answers.path.name):
+        run_jobs([victim, other], spoil)
+    assert outcomes([victim, other]) == found
+    assert begun(log) == {"victim": 2, "other": 1}
+
+
 @pytest.mark.parametrize("workers", [1, 2])
 def test_what_a_source_does_wrong_is_named_by_each_dependent_and_tried_once(
     log: Path, workers: int

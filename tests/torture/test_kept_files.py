@@ -41,6 +41,8 @@ def test_files_that_a_plugin_rewrote_are_made_again(
     folder = str(place.cache)
     assert run.warned
     assert [text for text in run.warned if folder not in text] == []
+    again = place.run([], jobs=1, out_dir=place.folder / "second")
+    assert again.values() == expected(again, honest_run[1])
     assert left_running(place.plugins) == []
 
 
