@@ -371,7 +371,8 @@ def _outcomes(
         except StoreError as error:
             not_stored.append(str(error))
 
-    wanted = {job.key: job for job in run_plan.jobs if job.key not in done}
+    jobs = {job.key: job for job in run_plan.jobs}
+    wanted = {key: job for key, job in jobs.items() if key not in done}
     first_calls: Sequence[Node | Job] = ()
     if wanted:
         read_recordings(run_plan)
@@ -386,10 +387,27 @@ def _outcomes(
         progress=progress,
         first_calls=first_calls,
     )
+    for key in _changed(store):
+        write(jobs[key], done[key])
     if not_stored:
         # The file was damaged during the run; the board is made from memory.
         warnings.warn(f"{len(not_stored)} results are not kept: {not_stored[0]}", stacklevel=3)
     return done
+
+
+def _changed(store: Store) -> list[str]:
+    """Return the keys of the rows that another program changed during a run, with a warning."""
+    try:
+        changed = store.changed()
+    except StoreError:
+        return []
+    if changed:
+        warnings.warn(
+            f"{store.path}: {len(changed)} results were changed by another program during the "
+            "run; they are written again",
+            stacklevel=4,
+        )
+    return changed
 
 
 def _first_calls(run_plan: RunPlan, wanted: Collection[Job]) -> list[Node | Job]:

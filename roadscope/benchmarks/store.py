@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import sqlite3
 import warnings
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
 from functools import partial
@@ -83,6 +83,7 @@ class Store:
     def __init__(self, path: Path | str) -> None:
         """Open or make the file; a corrupt or foreign one raises `StoreError`."""
         self.path = Path(path)
+        self._digests: dict[str, str] = {}
         try:
             self.path.parent.mkdir(parents=True, exist_ok=True)
             self._db = sqlite3.connect(self.path, isolation_level=None)
@@ -127,32 +128,45 @@ class Store:
             "finished": finished,
         }
         values = [row[name] for name in COLUMNS]
+        digest = _digest(values)
         names, marks = ", ".join((*COLUMNS, "digest")), ", ".join("?" * (len(COLUMNS) + 1))
         query = f"INSERT OR REPLACE INTO results ({names}) VALUES ({marks})"
-        self._execute(query, [*values, _digest(values)])
+        self._execute(query, [*values, digest])
+        self._digests[job.key] = digest
 
     def outcomes(self, keys: Iterable[str]) -> dict[str, Outcome]:
         """Return the stored outcomes of the jobs with these keys.
 
         A damaged row, whose digest does not fit its content, is left out with a warning.
         """
-        wanted, outcomes = list(keys), {}
+        outcomes = {}
+        for row, digest in self._rows(keys):
+            outcome = _outcome(row) if digest == _digest(list(row.values())) else None
+            if outcome is None:
+                warnings.warn(
+                    f"{self.path}: the row of {row['entry']} on {row['scenario']}, seed "
+                    f"{row['seed']}, is damaged and does not count",
+                    stacklevel=2,
+                )
+            else:
+                outcomes[row["key"]] = outcome
+                self._digests[row["key"]] = digest
+        return outcomes
+
+    def changed(self) -> list[str]:
+        """Return the keys of rows that are no longer as they were last read or written here."""
+        found = {row["key"]: _digest(list(row.values())) for row, _ in self._rows(self._digests)}
+        return [key for key, digest in self._digests.items() if found.get(key) != digest]
+
+    def _rows(self, keys: Iterable[str]) -> Iterator[tuple[dict[str, Any], str]]:
+        """Yield the rows with these keys, and the digest that each of them has."""
+        wanted = list(keys)
         for start in range(0, len(wanted), BATCH):
             batch = wanted[start : start + BATCH]
             marks = ", ".join("?" * len(batch))
             query = f"SELECT {', '.join(COLUMNS)}, digest FROM results WHERE key IN ({marks})"
             for *values, digest in self._execute(query, batch).fetchall():
-                row = dict(zip(COLUMNS, values, strict=True))
-                outcome = _outcome(row) if digest == _digest(values) else None
-                if outcome is None:
-                    warnings.warn(
-                        f"{self.path}: the row of {row['entry']} on {row['scenario']}, seed "
-                        f"{row['seed']}, is damaged and does not count",
-                        stacklevel=2,
-                    )
-                else:
-                    outcomes[row["key"]] = outcome
-        return outcomes
+                yield dict(zip(COLUMNS, values, strict=True)), digest
 
     def spec(self, **columns: str | int) -> str | None:
         """Return the `StoredJob.spec` of the latest row with these values; None without one."""

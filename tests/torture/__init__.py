@@ -19,10 +19,11 @@ What is prevented
 - With several workers, one that a plug-in killed costs the plug-in its row, after three tries.
 - Kept files that are changed while a run goes on are not used: the run's own process knows the
   digests of all that were there at its start and of all that it wrote. They are computed again,
-  with a warning that names them. The same holds for files that appear under names that the run will
-  use, and for files that were damaged between runs.
-- Outcomes of a run come from its memory. Rows in `results.sqlite` whose digest does not fit do not
-  count in later runs, and a warning names them. A file that was ruined costs no board.
+  with a warning that names them, or removed at the end of the run. The same holds for files that
+  appear under names that the run will use, and for files that were damaged between runs.
+- Outcomes of a run come from its memory. Its rows in `results.sqlite` that were changed meanwhile
+  are written again. Rows whose digest does not fit do not count in later runs, and a warning names
+  them. A file that was ruined costs no board.
 - Names and messages are shown without control characters, and are plain text for spreadsheets,
   Markdown and LaTeX.
 
@@ -32,7 +33,7 @@ A plug-in runs as the user does, so that it can do what the user can:
 
 - kill the run itself where the run is its own worker (`--jobs 1`), or all workers again and again;
 - change files before the run reads their digests, also while its class is loaded to see what kind
-  it is, and between runs, kept files and rows of results with digests that fit;
+  it is, and between runs, and files and rows of other runs: with digests that fit they are used;
 - start processes that clear their environment after it ended those that watch over it, or have
   others start them (cron, at);
 - compute truth from the public code and seeds of a suite, read it from kept files, and use it;

@@ -6,6 +6,7 @@ plug-in and its honest answer and returns what is answered instead.
 
 import ctypes
 import gc
+import json
 import os
 import signal
 import socket
@@ -592,13 +593,23 @@ def plant(plugin, answer):
 
 def forge_results(plugin, answer):
     """Give every row of the results a perfect score."""
-    with sqlite3.connect(Path(plugin.results) / "results.sqlite", timeout=5) as database:
-        rows = database.execute("SELECT key, scores FROM results").fetchall()
-        for key, scores in rows:
-            forged_scores = scores.replace('"value": 0.', '"value": 0.9')
-            database.execute("UPDATE results SET scores = ? WHERE key = ?", (forged_scores, key))
-    database.close()
+    forge_rows(plugin, lambda row, digest: digest)
     return answer
+
+
+def forge_results_well(plugin, answer):
+    """Give every row of the results a perfect score, and the digest that belongs to it."""
+    forge_rows(plugin, lambda row, digest: sha256(json.dumps(row).encode()).hexdigest())
+    return answer
+
+
+def forge_rows(plugin, digest_of):
+    with sqlite3.connect(Path(plugin.results) / "results.sqlite", timeout=5) as database:
+        for *row, digest in database.execute("SELECT * FROM results").fetchall():
+            row[6] = row[6].replace('"value": 0.', '"value": 0.9')
+            changes = row[6], digest_of(row, digest), row[0]
+            database.execute("UPDATE results SET scores = ?, digest = ? WHERE key = ?", changes)
+    database.close()
 
 
 def ruin_results(plugin, answer):

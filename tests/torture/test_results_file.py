@@ -1,5 +1,6 @@
 """What a plug-in writes into the results file is in no board."""
 
+import sqlite3
 from collections.abc import Callable
 
 import pytest
@@ -23,14 +24,29 @@ def expected(run: Run, honest: Run) -> dict[str, object]:
 
 
 @pytest.mark.parametrize("jobs", [1, 2])
-def test_forged_rows_are_not_in_this_run_and_are_noticed_by_the_next(
-    new_workshop: Made, honest_run: Honest, jobs: int
+@pytest.mark.parametrize("act", ["forge_results", "forge_results_well"])
+def test_forged_rows_are_in_no_board(
+    new_workshop: Made, honest_run: Honest, act: str, jobs: int
 ) -> None:
     place = new_workshop(suite=ONE_EPISODE)
     honest = place.run(attackers(place, "honest"), out_dir=None)
-    run = place.run(attackers(place, "forge_results"), jobs=jobs)
+    run = place.run(attackers(place, act), jobs=jobs)
     assert run.values() == expected(run, honest_run[1])
     assert [s.rank for s in run.results.standings] == [s.rank for s in honest.results.standings]
+    assert any("results were changed by another program" in text for text in run.warned)
+    again = place.run([])
+    assert again.values() == expected(again, honest_run[1])
+    assert again.warned == []
+
+
+def test_rows_that_were_forged_between_runs_do_not_count(
+    new_workshop: Made, honest_run: Honest
+) -> None:
+    place = new_workshop(suite=ONE_EPISODE)
+    place.run([])
+    with sqlite3.connect(place.out / "results.sqlite") as database:
+        database.execute("UPDATE results SET scores = replace(scores, '0.', '0.9')")
+    database.close()
     again = place.run([])
     assert again.values() == expected(again, honest_run[1])
     assert any("results.sqlite" in text and "nearest" in text for text in again.warned)
