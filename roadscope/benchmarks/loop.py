@@ -40,7 +40,7 @@ class RunOptions:
 
     limits: of time and memory, for a plug-in in a process of its own.
     trust: run every plug-in inside the run's own process, for debugging.
-    sandbox: isolate plug-ins from files and the network too, by bubblewrap.
+    sandbox: hide network, cache and results from plug-ins, and let them write no file.
     fresh: compute again what an earlier run has computed.
     hidden: folders that look empty in the sandbox, beside that of the cache.
     """

@@ -109,7 +109,8 @@ def leaderboard(
     limits: of such a plug-in's process.
     trust: run such plug-ins inside the processes of the run, for debugging: they can then crash or
         falsify it.
-    sandbox: isolate such plug-ins from files and the network too (needs bubblewrap).
+    sandbox: hide network, cache and results from such plug-ins, and let them write no file (needs
+        bubblewrap).
     backend: what provides worker processes, `loky` (on this machine), `ray` or `dask`.
     address: of a running cluster of Ray or Dask; None: workers are started on this machine.
         Machines of a cluster need this package, the files of plug-ins and of recorded data at the

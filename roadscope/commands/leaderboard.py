@@ -105,7 +105,7 @@ Trust = Annotated[
     bool, flag("--trust", "Run plug-ins in this process, where they can cheat", RUNNING)
 ]
 Sandbox = Annotated[
-    bool, flag("--sandbox", "No network, no files for plug-ins; needs bubblewrap", RUNNING)
+    bool, flag("--sandbox", "No network, read-only files; needs bubblewrap", RUNNING)
 ]
 Backend = Annotated[
     str,

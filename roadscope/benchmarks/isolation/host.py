@@ -554,13 +554,20 @@ def _import_path() -> list[str]:
 def _sandboxed(spec: PluginSpec, hidden: Sequence[Path]) -> list[str]:
     if why := sandbox_available():
         raise SandboxError(why)
-    place = spec.target.rpartition(":")[0]
-    readable = [ROOT, *needed_paths(sys.path)]
-    if place.endswith(".py"):
-        readable.append(Path(place).resolve().parent)
     from roadscope.benchmarks.cache import cache_dir
 
+    place = spec.target.rpartition(":")[0]
+    readable = [ROOT, *needed_paths(sys.path)]
     folders = [path.resolve() for path in (cache_dir(), *hidden)]
+    if place.endswith(".py"):
+        folder = Path(place).resolve().parent
+        if folder in folders:
+            raise PluginError(
+                spec.text,
+                f"its file is in {folder}, which holds results and looks empty in a sandbox: name "
+                "another folder for them with --out, or move it",
+            )
+        readable.append(folder)
     return sandbox_command(readable=readable, hidden=folders)
 
 

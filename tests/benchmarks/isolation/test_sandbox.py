@@ -1,7 +1,9 @@
 """What a plug-in in a sandbox can reach."""
 
 import socket
+from collections.abc import Iterator
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import pytest
 
@@ -13,14 +15,21 @@ from roadscope.benchmarks.isolation import (
     sandbox_available,
 )
 from roadscope.core import Tracks
-from tests.benchmarks.isolation.specs import bad, detections
+from tests.benchmarks.isolation.specs import bad, detections, written
 
 needs_sandbox = pytest.mark.skipif(bool(sandbox_available()), reason=sandbox_available() or "-")
 
 
+@pytest.fixture
+def folder() -> Iterator[Path]:
+    """A folder that a sandbox does not hide by itself, as it does with `/tmp`."""
+    with TemporaryDirectory(dir="/var/tmp") as name:
+        yield Path(name)
+
+
 @needs_sandbox
-def test_a_sandbox_hides_files_network_and_processes(tmp_path: Path) -> None:
-    place, hidden = tmp_path / "results", tmp_path / "cache"
+def test_a_sandbox_hides_files_network_and_processes(folder: Path) -> None:
+    place, hidden = folder / "results", folder / "cache"
     for folder in (place, hidden):
         folder.mkdir()
     secret = hidden / "truth"
@@ -31,6 +40,8 @@ def test_a_sandbox_hides_files_network_and_processes(tmp_path: Path) -> None:
         with open_plugin(spec) as plugin:
             free = plugin.call("update", None, port).answer
         (place / "new").unlink()
+        with open_plugin(spec, sandbox=True) as plugin:
+            assert plugin.call("update", None, port).answer["read"] == ""
         with open_plugin(spec, sandbox=True, hidden=[hidden]) as plugin:
             caught = plugin.call("update", None, port).answer
     assert (free["write"], free["read"], free["network"]) == ("", "", "")
@@ -45,15 +56,25 @@ def test_a_sandbox_hides_files_network_and_processes(tmp_path: Path) -> None:
 
 
 @needs_sandbox
-def test_a_sandbox_hides_our_cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("ROADSCOPE_CACHE", str(tmp_path / "ours"))
-    (tmp_path / "ours").mkdir()
-    (tmp_path / "ours" / "timeline").write_text("x")
-    spec = bad("Tries", place=str(tmp_path / "ours"), secret=str(tmp_path / "ours" / "timeline"))
+def test_a_sandbox_hides_our_cache(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("ROADSCOPE_CACHE", str(folder / "ours"))
+    (folder / "ours").mkdir()
+    (folder / "ours" / "timeline").write_text("x")
+    spec = bad("Tries", place=str(folder / "ours"), secret=str(folder / "ours" / "timeline"))
     with open_plugin(spec, sandbox=True) as plugin:
         caught = plugin.call("update", None, None).answer
     assert caught["read"]
     assert not caught["listing"]
+
+
+@needs_sandbox
+def test_a_plugin_in_a_hidden_folder_fails_with_what_to_do(tmp_path: Path) -> None:
+    spec = written(tmp_path, "class Tracker: ...")
+    with (
+        pytest.raises(PluginError, match="another folder"),
+        open_plugin(spec, sandbox=True, hidden=[tmp_path]),
+    ):
+        pass
 
 
 @needs_sandbox
