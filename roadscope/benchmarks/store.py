@@ -165,7 +165,7 @@ class Store:
             batch = wanted[start : start + BATCH]
             marks = ", ".join("?" * len(batch))
             query = f"SELECT {', '.join(COLUMNS)}, digest FROM results WHERE key IN ({marks})"
-            for *values, digest in self._execute(query, batch).fetchall():
+            for *values, digest in self._fetched(query, batch):
                 yield dict(zip(COLUMNS, values, strict=True)), digest
 
     def spec(self, **columns: str | int) -> str | None:
@@ -178,6 +178,13 @@ class Store:
     def _execute(self, query: str, values: Sequence[Any] = ()) -> sqlite3.Cursor:
         try:
             return self._db.execute(query, values)
+        except sqlite3.Error as error:
+            raise self._unusable(str(error)) from error
+
+    def _fetched(self, query: str, values: Sequence[Any]) -> list[Any]:
+        """Return all rows of a query; a damaged page may be met at any of them."""
+        try:
+            return self._execute(query, values).fetchall()
         except sqlite3.Error as error:
             raise self._unusable(str(error)) from error
 

@@ -1,5 +1,6 @@
 import math
 import sqlite3
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -91,6 +92,24 @@ def test_files_that_are_emptied_while_it_is_open_end_no_process(tmp_path) -> Non
             path.write_bytes(b"")
         with pytest.raises(StoreError, match="not usable"):
             store.put(job("k2"), Outcome(SCORES), number)
+
+
+def test_a_page_that_is_damaged_while_it_is_open_is_no_error_of_sqlite(tmp_path) -> None:
+    path = tmp_path / "results.sqlite"
+    with Store(path) as store:
+        number = store.begin({})
+        keys = [f"{number:03d}" for number in range(100)]
+        for key in keys:
+            store.put(replace(job(key), spec="x" * 20_000), Outcome(SCORES), number)
+        with path.open("r+b") as file:
+            # The counter of changes, without which SQLite would use the pages in its memory.
+            file.seek(24)
+            file.write(b"\0\0\xff\xff")
+            file.seek(path.stat().st_size // 8192 * 4096)
+            file.write(b"\xff" * 40_960)
+        for read in (store.changed, lambda: store.outcomes(keys)):
+            with pytest.raises(StoreError, match="not usable"):
+                read()
 
 
 def test_a_newer_format_is_refused(tmp_path) -> None:
