@@ -328,14 +328,25 @@ class KeptFiles:
 
     @contextmanager
     def guarded(self) -> Iterator[None]:
-        """Remove in the end what another program changed meanwhile: later runs would use it."""
+        """Remove in the end what another program changed meanwhile: later runs would use it.
+
+        If the run is interrupted, new files that no task has reported are removed without a
+        warning: they may be its own.
+        """
+        interrupted = True
         try:
             yield
+            interrupted = False
         finally:
             for path, expected in self._digests.items():
-                if digest_of(Path(path)) not in (None, expected):
+                if digest_of(Path(path)) in (None, expected):
+                    continue
+                if expected is not None or not interrupted:
                     _warn(f"{path} was changed by another program during the run; it is removed")
+                try:
                     Path(path).unlink(missing_ok=True)
+                except OSError as error:
+                    _warn(f"{path} cannot be removed ({error.strerror}); do not use it")
 
     def has(self, node: Node) -> bool:
         """Return whether the file of a node exists and may be used."""

@@ -80,6 +80,8 @@ class Lengths:
     def score(self, job: Job, answers: Text, options: RunOptions) -> Mapping[str, Score]:
         if job.settings == "no score":
             raise ZeroDivisionError("no score")
+        if job.settings == "interrupted":
+            raise KeyboardInterrupt
         return {"length": Score(float(len(answers)), "1", "higher", 1)}
 
 
@@ -215,6 +217,35 @@ def test_a_file_that_another_program_changed_meanwhile_is_not_left_to_later_runs
         run_jobs([victim, other], spoil)
     assert outcomes([victim, other]) == found
     assert begun(log) == {"victim": 2, "other": 1}
+
+
+def test_a_changed_file_that_cannot_be_removed_ends_no_run(
+    log: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refuse(path: Path, *, missing_ok: bool = False) -> None:
+        if path.suffix == ".cache":
+            raise PermissionError(13, "Permission denied", str(path))
+
+    victim, other = job(Step("victim", log)), job(Step("other", log))
+
+    def spoil(done: Job, outcome: Outcome) -> None:
+        if done == other:
+            victim.answers.path.write_bytes(other.answers.path.read_bytes())
+
+    monkeypatch.setattr(Path, "unlink", refuse)
+    with (
+        pytest.warns(UserWarning, match="was changed"),
+        pytest.warns(UserWarning, match="cannot be removed"),
+    ):
+        run_jobs([victim, other], spoil)
+
+
+def test_an_interrupted_run_does_not_say_that_another_program_changed_its_files(log: Path) -> None:
+    done, stopped = job(Step("done", log)), job(Step("stopped", log), settings="interrupted")
+    with pytest.raises(KeyboardInterrupt):
+        outcomes([done, stopped])
+    assert done.answers.path.exists()
+    assert set(outcomes([replace(stopped, settings=None)])) == {"stopped"}
 
 
 @pytest.mark.parametrize("workers", [1, 2])
