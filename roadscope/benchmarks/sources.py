@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import ast
 import sys
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import suppress
 from functools import cache, lru_cache
 from hashlib import sha256
@@ -383,10 +383,15 @@ def _imported_packages(tree: ast.AST) -> frozenset[str]:
 def distribution_version(top: str) -> str:
     """Return the versions of the distributions that a package belongs to; empty if of none.
 
-    top: name of the package as it is imported. Those whose distribution has another name need the
-    list of all distributions, which takes a third of a second to read.
+    top: name of the package as it is imported.
     """
     with suppress(PackageNotFoundError):
         return version(top)
-    names = sorted(set(packages_distributions().get(top, [])))
+    names = sorted(set(_distributions(tuple(sys.path)).get(top, [])))
     return ",".join(f"{name}={version(name)}" for name in names)
+
+
+@lru_cache(1)
+def _distributions(_import_path: tuple[str, ...]) -> Mapping[str, list[str]]:
+    """Return the distributions of each package; cached, as reading takes a third of a second."""
+    return packages_distributions()
