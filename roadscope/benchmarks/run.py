@@ -388,7 +388,8 @@ def _outcomes(
         progress=progress,
         first_calls=first_calls,
     )
-    for key in _changed(store):
+    # Where nothing ran, no plug-in could change anything.
+    for key in _changed(store) if wanted else ():
         write(jobs[key], done[key])
     if not_stored:
         # The file was damaged during the run; the board is made from memory.
