@@ -191,9 +191,9 @@ def compare(
     times: whether times (`call_*_ms`, `wall_*_ms`) count as regressions too.
 
     The seeds of each scenario are the sample; intervals are those of `paired_interval`, p-values of
-    `paired_p_value`. Of scores that take one of two values, at least six blocks must differ: five
-    that all move alike are called the same at a level of 0.95. A metric is better or worse where
-    its p-value, adjusted by Benjamini and Hochberg (1995), is at most 1 - level and its interval
+    `paired_p_value`. At a level of 0.95, a score that is 0 or 1 must differ in at least six blocks:
+    if only five differ, and all alike, the verdict is `same`. A metric is better or worse where its
+    p-value, adjusted by Benjamini and Hochberg (1995), is at most 1 - level and its interval
     excludes zero. Metrics that are equal in every block are not counted among those compared: they
     cannot become a false discovery.
     """

@@ -140,7 +140,7 @@ class Board(ABC):
     default_suite: str = "quick"
     """The suite of a run without `--suite`."""
     unviewable: str = ""
-    """Why `roadscope view` cannot show its answers, as `NAME is ...`; empty: it can."""
+    """Empty, or why `roadscope view` cannot show its answers: `a drive, which no view shows`."""
     sample: str = "seeds"
     """What intervals are computed over, in words."""
 

@@ -564,8 +564,8 @@ def _sandboxed(spec: PluginSpec, hidden: Sequence[Path]) -> list[str]:
         if folder in folders:
             raise PluginError(
                 spec.text,
-                f"its file is in {folder}, which holds results and looks empty in a sandbox: name "
-                "another folder for them with --out, or move it",
+                f"its file is in {folder}, which looks empty in a sandbox, as results are there: "
+                "name another folder for results with --out, or move the file of the plug-in",
             )
         readable.append(folder)
     return sandbox_command(readable=readable, hidden=folders)

@@ -234,9 +234,8 @@ def fill_outlines(shape: BodyShape, state: np.ndarray, outlines: Outlines) -> No
 def saloon(length_m: SizePrior, width_m: SizePrior) -> BodyModel:
     """Return the model of a three-box car: bumpers and doors, bonnet and boot, glass and roof.
 
-    Heights and set-backs are drawn by eye after one
-    mid-size saloon, a Ford Fusion, and rounded. Their standard deviations are guesses, also that of
-    3 cm for the surface of bumpers and flanks.
+    Heights and set-backs are drawn by eye after one mid-size saloon, a Ford Fusion, and rounded.
+    Their standard deviations are guesses, also that of 3 cm for the surface of bumpers and flanks.
     """
     return BodyModel(
         length_m,
