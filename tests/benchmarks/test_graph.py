@@ -6,14 +6,14 @@ import subprocess
 import sys
 import time
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, BinaryIO
 
 import pytest
 
-from roadscope import Episode
+from roadscope import Episode, Spec
 from roadscope.benchmarks import Job, Node, Outcome, RunOptions, WorkerSettings, run_jobs
 from roadscope.benchmarks.isolation import PluginError
 from roadscope.benchmarks.metrics import Score
@@ -70,6 +70,14 @@ class Deep(Step):
     """A step that is the same each time."""
 
     recomputed_if_fresh = False
+
+
+@dataclass(frozen=True)
+class Foreign(Step):
+    """A step that a plug-in of somebody else computes."""
+
+    def plugins(self) -> Iterator[Spec]:
+        yield replace(Spec.parse("mine.py:Mine"), target="mine.py:Mine")
 
 
 class Lengths:
@@ -205,7 +213,7 @@ def test_a_damaged_node_is_computed_again_and_named(log: Path) -> None:
 def test_a_file_that_another_program_changed_meanwhile_is_not_left_to_later_runs(
     log: Path,
 ) -> None:
-    victim, other = job(Step("victim", log)), job(Step("other", log))
+    victim, other = job(Foreign("victim", log)), job(Step("other", log))
     found = {}
 
     def spoil(done: Job, outcome: Outcome) -> None:
@@ -219,6 +227,18 @@ def test_a_file_that_another_program_changed_meanwhile_is_not_left_to_later_runs
     assert begun(log) == {"victim": 2, "other": 1}
 
 
+def test_a_run_of_our_own_plug_ins_leaves_what_another_run_wrote_meanwhile(log: Path) -> None:
+    first, last = job(Step("first", log)), job(Step("last", log))
+
+    def write(done: Job, outcome: Outcome) -> None:
+        if done == last:
+            first.answers.read(recompute=True)
+
+    run_jobs([first, last], write)
+    assert outcomes([first, last])["first"].reason is None
+    assert begun(log) == {"first": 2, "last": 1}
+
+
 def test_a_changed_file_that_cannot_be_removed_ends_no_run(
     log: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -226,7 +246,7 @@ def test_a_changed_file_that_cannot_be_removed_ends_no_run(
         if path.suffix == ".cache":
             raise PermissionError(13, "Permission denied", str(path))
 
-    victim, other = job(Step("victim", log)), job(Step("other", log))
+    victim, other = job(Foreign("victim", log)), job(Step("other", log))
 
     def spoil(done: Job, outcome: Outcome) -> None:
         if done == other:
@@ -241,7 +261,7 @@ def test_a_changed_file_that_cannot_be_removed_ends_no_run(
 
 
 def test_an_interrupted_run_does_not_say_that_another_program_changed_its_files(log: Path) -> None:
-    done, stopped = job(Step("done", log)), job(Step("stopped", log), settings="interrupted")
+    done, stopped = job(Foreign("done", log)), job(Step("stopped", log), settings="interrupted")
     with pytest.raises(KeyboardInterrupt):
         outcomes([done, stopped])
     assert done.answers.path.exists()
