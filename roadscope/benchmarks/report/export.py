@@ -26,8 +26,6 @@ FORMULA_SIGNS = ("=", "+", "-", "@", "\t", "\r")
 """Texts that begin with these are formulas for a spreadsheet (OWASP, CSV injection)."""
 LOGS = "logs"
 """Folder for the output of failed entries."""
-MOST_NAME = 50
-"""Characters of an entry in the name of a file, the last ones; file systems allow 255 bytes."""
 LATEX_ESCAPES = {
     "\\": r"\textbackslash{}",
     "&": r"\&",
@@ -78,9 +76,9 @@ def save_logs(results: Results, folder: Path) -> Results:
 
     A file has the output of every failed episode of an entry, after the reason.
     """
-    titles = {f: f"{f.board}-{f.entry[-MOST_NAME:]}" for f in results.failures if f.log}
-    names = folder_names(list(titles.values()))
-    files = {failure: folder / LOGS / f"{names[title]}.txt" for failure, title in titles.items()}
+    printed = [failure for failure in results.failures if failure.log]
+    names = folder_names([failure.entry for failure in printed])
+    files = {f: folder / LOGS / f"{f.board}-{names[f.entry]}.txt" for f in printed}
     texts: dict[Path, str] = {}
     for failure, path in files.items():
         place = f"{failure.scenario}, seed {failure.seed}, {failure.condition}"

@@ -24,6 +24,8 @@ from roadscope.benchmarks.workers import WorkerSettings, open_workers
 from roadscope.core import Tracks
 
 KITTI_FOLDER, MOT_FOLDER = "kitti", "motchallenge"
+MOST_NAME = 50
+"""Characters of an entry in the name of a file, the last ones; file systems allow 255 bytes."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,7 +83,8 @@ def folder_names(entries: Sequence[str]) -> Mapping[str, str]:
     """Return a different name for each entry that every file system allows."""
     names: dict[str, str] = {}
     for entry in dict.fromkeys(entries):
-        plain = name = re.sub(r"[^\w.=+-]+", "_", entry).strip("._") or "tracker"
+        allowed = re.sub(r"[^\w.=+-]+", "_", entry)[-MOST_NAME:]
+        plain = name = allowed.strip("._") or "entry"
         while name.lower() in {other.lower() for other in names.values()}:
             name = f"{plain}_{len(names)}"
         names[entry] = name

@@ -91,12 +91,14 @@ def test_who_fails_is_left_out_and_named(folder, tmp_path):
 
 
 def test_names_are_plain_and_differ():
-    entries = ["gnn", "GNN", "a/b.py:C", "a:b.py:C", "gnn", "x?a=1 on y"]
+    long = [f"{place}/{'deep/' * 90}mine.py:Mine" for place in "ab"]
+    entries = ["gnn", "GNN", "a/b.py:C", "a:b.py:C", "gnn", "x?a=1 on y", *long]
     names = folder_names(entries)
     assert names["gnn"] == "gnn"
     assert names["x?a=1 on y"] == "x_a=1_on_y"
     assert len({name.lower() for name in names.values()}) == len(set(entries))
     assert not any(c in name for name in names.values() for c in "/:? ")
+    assert max(map(len, names.values())) < 60
 
 
 @pytest.mark.parametrize("options", [[], ["--kitti", "."]])
