@@ -147,13 +147,14 @@ def submit(
     name: str | None = None,
     suite: Path | str | None = None,
     inputs: str = OWN,
-    progress: Progress = silent,
+    progress: Progress | None = None,
 ) -> Submission:
     """Score results on an exported suite: of detectors, camera detectors, trackers and odometries.
 
     folder: of the results. suite: the exported folder; `folder` if left out.
     name: of the entry; that of the folder if left out.
     inputs: the detector whose detections were tracked, by its name in the suite.
+    progress: called with the stage, sequences done and sequences in all.
 
     `detection/SEQ/FRAME.txt` are KITTI object results, a file for each scan, named like its
     `velodyne` file. `tracking/SEQ.txt` are KITTI tracking results. Boxes are 3-D, in the camera
@@ -168,6 +169,7 @@ def submit(
     nor a distance without a 3-D box; and fusions get detections in images, which are not exported.
     """
     place, exported = Path(folder), Path(folder if suite is None else suite)
+    report = progress or silent
     _check_folder(place)
     manifest = read_manifest(exported)
     if (place / FusionBoard.name).is_dir():
@@ -182,7 +184,7 @@ def submit(
         _check_names(place / board.name, [s.name for s in manifest.sequences], board.ending)
     episodes = []
     for number, sequence in enumerate(manifest.sequences):
-        progress("sequences", number, len(manifest.sequences))
+        report("sequences", number, len(manifest.sequences))
         files = {b: place / b.name / f"{sequence.name}{b.ending}" for b in boards}
         submitted = any(path.exists() for path in files.values())
         true = _true_sequence(manifest, sequence, exported) if submitted else None
@@ -201,7 +203,7 @@ def submit(
                 conditions={by: of(episode) for by, of in CONDITIONS.items()},
             )
             episodes.append(job)
-    progress("sequences", len(manifest.sequences), len(manifest.sequences))
+    report("sequences", len(manifest.sequences), len(manifest.sequences))
     about = {"suite": manifest.suite, "suite_version": manifest.suite_version}
     return _submission(name, place, about, episodes)
 

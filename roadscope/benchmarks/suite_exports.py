@@ -244,24 +244,26 @@ def plan_export(
     return ExportPlan(place, chosen, written or manifest, scans, size, done)
 
 
-def export_suite(plan: ExportPlan, *, progress: Progress = silent) -> Path:
+def export_suite(plan: ExportPlan, *, progress: Progress | None = None) -> Path:
     """Write what is planned, sequence by sequence, and return the folder.
 
     Sequences that an earlier run has written stay as they are: a stopped run continues.
+
+    plan: of `plan_export`. progress: called with the stage, sequences done and sequences in all.
     """
-    folder, manifest = usable_folder(plan.folder), plan.manifest
+    folder, manifest, report = usable_folder(plan.folder), plan.manifest, progress or silent
     if manifest.rig == RIG_FILE:
         write_text(folder / RIG_FILE, Path(plan.suite.rig).read_text(encoding="utf-8"))
     write_text(folder / "README.md", _readme(manifest))
     _save_manifest(folder, manifest)
     sequences = list(manifest.sequences)
     for number, sequence in enumerate(sequences):
-        progress("sequences", number, len(sequences))
+        report("sequences", number, len(sequences))
         if not sequence.digest:
             sequences[number] = _write_sequence(folder, manifest, sequence)
             manifest = msgspec.structs.replace(manifest, sequences=tuple(sequences))
             _save_manifest(folder, manifest)
-    progress("sequences", len(sequences), len(sequences))
+    report("sequences", len(sequences), len(sequences))
     return folder
 
 
