@@ -435,7 +435,11 @@ def test_a_picture_that_is_a_folder_is_refused_first(tmp_path, refused) -> None:
     assert errors.count("\n") == 1
 
 
+TRACKING = '[tracking]\ndetectors = ["pag"]\n'
+
+
 def slow_run(suite: Path, out: Path, log: Path, jobs: int) -> list[str]:
+    """Return the command that runs a slow detector and a tracker on a suite with both boards."""
     slow = f"{PLUGINS}:Logged?log={log}&wait_s=0.06"
     chosen = "--entry", slow, "--entry", "nearest", "--only"
     return command("leaderboard", "--suite", suite, *chosen, "--jobs", jobs, "--out", out)
@@ -489,8 +493,7 @@ def untimed_rows(out: Path) -> list[dict[str, Any]]:
 def test_twelve_kills_at_random_moments_lose_nothing(tmp_path, suite) -> None:
     """Nothing is computed twice but what was running, and the board is that of one whole run."""
     episodes, kills = 24, 12
-    text = SUITE.replace("seeds = 4", f"seeds = {episodes}")
-    suite.write_text(f'{text}[tracking]\ndetectors = ["pag"]\n')
+    suite.write_text(SUITE.replace("seeds = 4", f"seeds = {episodes}") + TRACKING)
     out, log, rng = tmp_path / "out", tmp_path / "log", np.random.default_rng(0)
     before: dict[str, str] = {}
     running = 0
@@ -523,6 +526,7 @@ def test_twelve_kills_at_random_moments_lose_nothing(tmp_path, suite) -> None:
 @pytest.mark.parametrize("jobs", [1, 2])
 def test_ctrl_c_keeps_finished_rows(tmp_path, suite, jobs) -> None:
     out = tmp_path / "out"
+    suite.write_text(SUITE + TRACKING)
     process = started(slow_run(suite, out, tmp_path / "log", jobs))
     stopped(process, out, signal.SIGINT)
     _, errors = process.communicate(timeout=60)
@@ -541,6 +545,7 @@ def workers_of(process: subprocess.Popen[str]) -> list[int]:
 @pytest.mark.skipif(not Path("/proc/self/task").exists(), reason="needs /proc")
 def test_workers_end_with_a_killed_run(tmp_path, suite) -> None:
     out = tmp_path / "out"
+    suite.write_text(SUITE + TRACKING)
     process = started(slow_run(suite, out, tmp_path / "log", 2))
     while not rows_of(out) and process.poll() is None:
         time.sleep(0.01)
