@@ -22,9 +22,12 @@ if TYPE_CHECKING:
 
 BOARD = "odometry"
 PANELS = {"t_rel": "t_rel (%)", "position_error": "error of the position (m)"}
-STYLES = ("-", "--", ":")
+LineStyle = str | tuple[float, tuple[float, ...]]
+STYLES: tuple[LineStyle, ...] = ("-", "--", ":", "-.", (0, (6, 2, 1, 2, 1, 2)))
 """Line styles; each is for as many entries as there are colours."""
 SIZE_INCHES = 10.0, 4.5
+LEGEND_LINE_INCHES = 0.21
+"""Height of one line of the legend."""
 
 
 def has_curves(results: Results) -> bool:
@@ -56,6 +59,8 @@ def draw_curves(results: Results, path: Path) -> None:
                     lines.setdefault(entry, _curve(place, own, *_line_style(k)))
             _style(place, label)
         names = [wrapped_name(one_line(entry), MOST_NAME_WIDTH) for entry in lines]
+        legend_lines = 2 + sum(1 + name.count("\n") for name in names)
+        figure.set_figheight(max(SIZE_INCHES[1], LEGEND_LINE_INCHES * legend_lines))
         legend = figure.legend(list(lines.values()), names, loc="outside right upper")
         for text in legend.get_texts():
             text.set_parse_math(False)
@@ -63,18 +68,18 @@ def draw_curves(results: Results, path: Path) -> None:
         write_atomically(path, partial(figure.savefig, format=ending, metadata=dated))
 
 
-def _line_style(number: int) -> tuple[str, str]:
+def _line_style(number: int) -> tuple[str, LineStyle]:
     """Return colour and line style of an entry."""
     count = len(PAPER_COLOURS)
     return PAPER_COLOURS[number % count], STYLES[number // count % len(STYLES)]
 
 
-def _curve(place: Axes, rows: Sequence[Row], colour: str, style: str) -> Line2D:
+def _curve(place: Axes, rows: Sequence[Row], colour: str, style: LineStyle) -> Line2D:
     """Draw an entry's curve with its interval and return the line."""
     # A missing interval becomes NaN and leaves a gap.
     figures = [(row.band, row.value, row.low, row.high) for row in rows]
     at, values, low, high = np.array(figures, np.float64).T
-    (line,) = place.plot(at, values, style, color=colour, marker="o", markersize=3)
+    (line,) = place.plot(at, values, linestyle=style, color=colour, marker="o", markersize=3)
     place.fill_between(at, low, high, color=colour, alpha=0.12, linewidth=0)
     return line
 

@@ -1,3 +1,4 @@
+import re
 import xml.etree.ElementTree as ElementTree
 from dataclasses import replace
 
@@ -43,6 +44,25 @@ def test_every_entry_has_its_name_and_every_axis_too(tmp_path) -> None:
     assert set(PANELS.values()) <= set(said)
     assert said.count("distance driven (m)") == len(PANELS)
     assert said.count("800") == len(PANELS)
+
+
+def test_the_legend_of_many_entries_is_whole(tmp_path) -> None:
+    entries = [f"odometry-{k}" for k in range(30)]
+    parts = tuple(row for e in entries for metric in PANELS for row in curve(e, metric, 0.1))
+    rows = tuple(replace(ROWS[0], entry=entry) for entry in entries)
+    places = tuple(Standing("odometry", entry, None, 1, 1, 2) for entry in entries)
+    path = tmp_path / "drift.svg"
+    draw_curves(Results({"suite": "tiny"}, rows, (), parts, places), path)
+    root = ElementTree.parse(path).getroot()
+    height = float(root.attrib["viewBox"].split()[3])
+    lowest = max(
+        float(number.split()[-1].rstrip(")"))
+        for word in root.iter("{http://www.w3.org/2000/svg}text")
+        if word.text in entries
+        for number in re.findall(r"translate\(([^)]*)\)", word.attrib.get("transform", ""))
+        or [word.attrib["y"]]
+    )
+    assert lowest < height
 
 
 def test_the_same_results_give_the_same_bytes(tmp_path) -> None:
