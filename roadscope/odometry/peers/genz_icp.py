@@ -14,6 +14,9 @@ class GenzIcpOdometry:
 
     These parameters leave deskewing off, because they were chosen on deskewed data. Here it is on:
     to the stamp, at constant velocity. GenZ-ICP does not use an IMU.
+
+    The library (0.3.2) keeps state beyond an instance: a second one in the same process gives other
+    poses for the same scans. Boards run it in a new process for each episode.
     """
 
     requires: ClassVar = Requirement("genz-icp", "pip install roadscope[peers]")
