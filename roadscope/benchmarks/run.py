@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from roadscope.benchmarks.boards import Board, board_named, chosen_boards
-from roadscope.benchmarks.boards.board import JobOptions, SuiteCheck
+from roadscope.benchmarks.boards.board import JobOptions
 from roadscope.benchmarks.cache import FolderError, cache_dir, usable_folder
 from roadscope.benchmarks.episode import Episode
 from roadscope.benchmarks.graph import Job, Node, plugins_of, run_jobs
@@ -212,18 +212,14 @@ def plan(
     if only and not entries:
         raise SpecError("--only needs at least one --entry")
     chosen = chosen_boards(suite, boards)
-    if not suite.recorded:
-        _check_suite(suite, chosen)
+    of_suite = _entries_of_suite(suite, chosen)
     of_user = _by_board([Spec.parse(text) for text in entries], chosen)
     ranked: dict[str, list[Spec]] = {}
     jobs: list[Job] = []
     options = JobOptions(marks=not only, calibration=calibration)
     for board in chosen:
         own = [board.check_entry(spec) for spec in of_user[board.name]]
-        of_suite = (
-            [] if only else [board.check_entry(Spec.parse(t)) for t in board.suite_entries(suite)]
-        )
-        if specs := list(dict.fromkeys([*of_suite, *own])):
+        if specs := list(dict.fromkeys([*([] if only else of_suite[board.name]), *own])):
             ranked[board.name] = specs
             jobs += board.jobs(suite, specs, options)
     if not jobs:
@@ -289,20 +285,37 @@ def _headline_figures(results: Results, board: Board, entries: Sequence[str]) ->
     return {e: row.value for e, row in rows.items() if row is not None and row.value is not None}
 
 
-def _check_suite(suite: Suite, boards: Iterable[Board]) -> None:
-    """Raise one `SuiteError` with all problems of a suite and their keys."""
-    checks = [SuiteCheck("", check_names, suite)]
-    checks += [check for board in boards for check in board.suite_checks(suite)]
+def _entries_of_suite(suite: Suite, boards: Iterable[Board]) -> dict[str, list[Spec]]:
+    """Return the resolved entries of a suite by board; one `SuiteError` has all of its problems.
+
+    A suite of recorded data was made from files, so that only its entries are checked.
+    """
     problems: list[str] = []
-    for key, check, argument in checks:
+
+    def result(key: str, check: Callable[[Any], object], argument: Any) -> Any:
         try:
-            check(argument)
+            return check(argument)
         except ValueError as error:
             texts = error.problems if isinstance(error, SuiteError) else (str(error),)
-            problems += [f"{key}: {text}" if key else text for text in texts]
+            problems.extend(f"{key}: {text}" if key else text for text in texts)
+            return None
+
+    if not suite.recorded:
+        result("", check_names, suite)
+    entries: dict[str, list[Spec]] = {}
+    for board in boards:
+
+        def entry(text: str, board: Board = board) -> Spec:
+            return board.check_entry(Spec.parse(text))
+
+        key = f"{board.name}.entries"
+        entries[board.name] = [result(key, entry, text) for text in board.suite_entries(suite)]
+        for check in () if suite.recorded else board.suite_checks(suite):
+            result(*check)
     if problems:
         every = ConfigError(dict.fromkeys(problems))
         raise SuiteError(f"suite {suite.title}: {every}", every.problems)
+    return entries
 
 
 def _suite(

@@ -61,6 +61,8 @@ class Registry(Generic[T]):
         also_possible: names that are not registered but allowed there, for the error text.
         """
         parsed = Spec.parse(spec) if isinstance(spec, str) else spec
+        if parsed.target and parsed.kind == self.kind:
+            return parsed
         if parsed.is_class:
             return replace(parsed, kind=self.kind, target=parsed.name)
         if parsed.name.endswith(".py"):

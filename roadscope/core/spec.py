@@ -20,6 +20,7 @@ import ast
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from functools import lru_cache
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
@@ -76,8 +77,12 @@ class Spec:
         return Spec, (self.text, self.name, *mappings, self.kind, self.target)
 
     @staticmethod
+    @lru_cache(maxsize=4096)
     def parse(text: str) -> Spec:
-        """Read a spec; `SpecError` says what is wrong with it. Nothing is loaded."""
+        """Read a spec; `SpecError` says what is wrong with it. Nothing is loaded.
+
+        A spec never changes, so that each text is read once.
+        """
         before_ego, *ego = _EGO_PART.split(text, maxsplit=1)
         parts = {EGO: Spec.parse(ego[0])} if ego else {}
         name, _, query = before_ego.partition("?")

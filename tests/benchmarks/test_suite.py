@@ -1,6 +1,7 @@
 import pickle
 from collections import Counter
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -26,6 +27,7 @@ from roadscope.benchmarks.boards import (
     boards_of,
 )
 from roadscope.core import SpecError
+from roadscope.trackers import TRACKERS
 
 PLUGINS = Path(__file__).parent / "plugins.py"
 TINY = """
@@ -271,24 +273,27 @@ def test_a_class_has_the_kind_that_it_declares_or_the_only_one_that_fits(tmp_pat
         plan(suite, [f"{path}:Drives"], boards=["tracking"])
 
 
-def test_no_spec_is_parsed_again_for_more_episodes(monkeypatch: pytest.MonkeyPatch) -> None:
-    parse, texts = Spec.parse, Counter[str]()
+def test_a_spec_is_parsed_and_resolved_once() -> None:
+    spec = Spec.parse("nearest?gate_m=2.5&ego=none")
+    assert Spec.parse("nearest?gate_m=2.5&ego=none") is spec
+    resolved = TRACKERS.resolve(spec)
+    assert TRACKERS.resolve(resolved) is resolved
 
-    def counted(text: str) -> Spec:
-        texts[text] += 1
-        return parse(text)
 
-    monkeypatch.setattr(Spec, "parse", staticmethod(counted))
-    counts = []
+def test_entries_are_made_once_to_check_them(monkeypatch: pytest.MonkeyPatch) -> None:
+    make, made = Spec.make, Counter[str]()
+
+    def counted(spec: Spec) -> Any:
+        made[str(spec)] += 1
+        return make(spec)
+
+    monkeypatch.setattr(Spec, "make", counted)
     for seeds in (1, 5):
-        texts.clear()
+        made.clear()
         suite = parse_suite(TINY.replace("seeds = 2", f"seeds = {seeds}"), "x")
-        jobs = plan(suite, ["gnn?ego=none"]).jobs
-        counts.append((len(jobs), dict(texts)))
-    (few, before), (many, after) = counts
-    assert many > few
-    assert after == before
-    assert {"pag", "nearest", "gnn?ego=none"} <= set(after)
+        plan(suite, ["gnn?ego=none"])
+        # The detector `pag` is an entry, and trackers get its detections.
+        assert made == {"pag": 2, "nearest": 1, "gnn": 1}
 
 
 def test_wrong_entries_are_refused_before_anything_runs() -> None:

@@ -170,13 +170,8 @@ class Board(ABC):
         return check_plugin_spec(spec, self.kind)
 
     def suite_checks(self, suite: Suite) -> list[SuiteCheck]:
-        """Return the checks of a suite's settings for the board, done before anything runs."""
-        key = f"{self.name}.entries"
-
-        def check(text: str) -> None:
-            self.check_entry(Spec.parse(text))
-
-        return [SuiteCheck(key, check, text) for text in self.suite_entries(suite)]
+        """Return the checks of a suite's settings beside its entries, done before anything runs."""
+        return []
 
     def pooled(self, metric: str, scores: Sequence[Scores]) -> list[Score]:
         """Return a score for each episode; pooled, they are the figure of a metric on the board."""

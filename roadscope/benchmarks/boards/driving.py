@@ -117,16 +117,15 @@ class DrivingBoard(Board):
     takes_scripted = False
 
     def suite_checks(self, suite: Suite) -> list[SuiteCheck]:
-        """Return the checks of drivers, scenarios and stacks."""
+        """Return the checks of scenarios and stacks."""
         settings = suite.settings(self.name, DrivingSettings)
 
         def check(text: str) -> None:
             check_stack(text, suite)
 
         if not settings.stacks:
-            return super().suite_checks(suite)  # Nobody drives in this suite.
+            return []  # Nobody drives in this suite.
         return [
-            *super().suite_checks(suite),
             *(SuiteCheck("scenarios", check_driven, name) for name in suite.scenarios),
             *(SuiteCheck("driving.stacks", check, text) for text in settings.stacks),
         ]

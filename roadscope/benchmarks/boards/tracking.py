@@ -179,17 +179,16 @@ class TrackingBoard(Board):
         return resolved
 
     def suite_checks(self, suite: Suite) -> list[SuiteCheck]:
-        """Return the checks of trackers, of odometries that give them poses, and of detectors."""
+        """Return the checks of odometries that give trackers poses, and of detectors."""
         settings = suite.settings(self.name, TrackingSettings)
-        checks = super().suite_checks(suite)
-        checks += [SuiteCheck("tracking.ego", check_ego, ego) for ego in settings.egos]
 
         def check_detector(text: str) -> None:
             if check_detection_source(text).kind == FUSED:
                 check_camera(suite)
 
-        return checks + [
-            SuiteCheck("tracking.detectors", check_detector, text) for text in settings.detectors
+        return [
+            *(SuiteCheck("tracking.ego", check_ego, ego) for ego in settings.egos),
+            *(SuiteCheck("tracking.detectors", check_detector, s) for s in settings.detectors),
         ]
 
     def jobs(self, suite: Suite, entries: Sequence[Spec], options: JobOptions) -> list[Job]:
