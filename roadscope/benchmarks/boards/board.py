@@ -14,10 +14,11 @@ from roadscope.benchmarks.loop import RunOptions
 from roadscope.benchmarks.metrics.breakdown import BANDS, EXCESS, part_name
 from roadscope.benchmarks.metrics.calibration import pooled_calibration
 from roadscope.benchmarks.metrics.cost import cost
+from roadscope.benchmarks.metrics.matching import Pairing
 from roadscope.benchmarks.metrics.score import Score
 from roadscope.benchmarks.records import CallTimes
 from roadscope.benchmarks.suite import BoardSettings, Suite
-from roadscope.core import Spec
+from roadscope.core import Spec, Truth
 
 Scores = Mapping[str, Score]
 Condition = Callable[[Any], str]
@@ -143,6 +144,8 @@ class Board(ABC):
     """Empty, or why `roadscope view` cannot show its answers: `a drive, which no view shows`."""
     sample: str = "seeds"
     """What intervals are computed over, in words."""
+    over_time: Sequence[str] = ()
+    """Metrics of `box_scores` that `roadscope view` shows over time."""
 
     @property
     def summary(self) -> str:
@@ -156,6 +159,15 @@ class Board(ABC):
     @abstractmethod
     def score(self, job: Job, answers: Any, options: RunOptions) -> Scores:
         """Return the scores of a job's answers. options: for reading the inputs of the entry."""
+
+    def box_scores(
+        self, boxes: Sequence[Any], truths: Sequence[Truth], pairings: Sequence[Pairing]
+    ) -> Scores:
+        """Return the scores of some frames; a board with metrics in `over_time` has this method.
+
+        boxes: detections for a board of detectors, tracks for one of trackers.
+        """
+        raise NotImplementedError
 
     @abstractmethod
     def explanation(self, suite: Suite) -> str:

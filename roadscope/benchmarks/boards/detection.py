@@ -24,6 +24,7 @@ from roadscope.benchmarks.kinds import DETECTOR
 from roadscope.benchmarks.loop import RunOptions
 from roadscope.benchmarks.metrics.breakdown import BANDS
 from roadscope.benchmarks.metrics.detection import score_detections, score_detections_by_band
+from roadscope.benchmarks.metrics.matching import Pairing
 from roadscope.benchmarks.metrics.score import Score, mean
 from roadscope.benchmarks.nodes.detections import DetectionNode
 from roadscope.benchmarks.records import EpisodeDetections
@@ -35,7 +36,7 @@ from roadscope.benchmarks.references import (
     made_from_truth,
 )
 from roadscope.benchmarks.suite import Suite
-from roadscope.core import Spec
+from roadscope.core import Detections, Spec, Truth
 from roadscope.core.spec import ORACLE
 
 MARKS = {ORACLE: UPPER_MARK, ONE_CLUSTER: LOWER_MARK}
@@ -112,6 +113,7 @@ class DetectionBoard(Board):
         Column("size_rmse_m", "size RMSE (m)"),
     )
     object_metric = "detection_rate"
+    over_time = ("detection_rate", "precision")
 
     def jobs(self, suite: Suite, entries: Sequence[Spec], options: JobOptions) -> list[Job]:
         """Return every detector on all episodes, and the oracle and one cluster as marks."""
@@ -138,6 +140,12 @@ class DetectionBoard(Board):
             **detection_scores(answers, job.settings, timed=not made_from_truth(source)),
             **detection_parts(answers, job.settings),
         }
+
+    def box_scores(
+        self, boxes: Sequence[Detections], truths: Sequence[Truth], pairings: Sequence[Pairing]
+    ) -> Scores:
+        """Return the scores of detections."""
+        return score_detections(boxes, truths, pairings).named()
 
     def explanation(self, suite: Suite) -> str:
         """Return as text which objects are eligible."""

@@ -28,6 +28,7 @@ from roadscope.benchmarks.episode import Episode
 from roadscope.benchmarks.graph import Job, Node
 from roadscope.benchmarks.kinds import TRACKER, traits_of
 from roadscope.benchmarks.loop import RunOptions
+from roadscope.benchmarks.metrics.matching import Pairing
 from roadscope.benchmarks.metrics.score import Score
 from roadscope.benchmarks.metrics.tracking import score_alphas, score_tracks
 from roadscope.benchmarks.metrics.tracking.scores import BY_ALPHA
@@ -52,7 +53,7 @@ from roadscope.benchmarks.references import (
     pose_source,
 )
 from roadscope.benchmarks.suite import SPLITS, BoardSettings, Names, Suite
-from roadscope.core import Spec, SpecError
+from roadscope.core import Spec, SpecError, Tracks, Truth
 from roadscope.core.spec import FUSED, NO_POSES, ORACLE, TRUE_POSES
 
 OFFLINE = "offline"
@@ -170,6 +171,7 @@ class TrackingBoard(Board):
     detections_field = "detectors"
     inputs_name = BY_DETECTOR
     object_metric = "mota"
+    over_time = ("hota", "mota", "idf1", "id_switches")
 
     def check_entry(self, spec: Spec) -> Spec:
         """Return a tracker's resolved spec, with the odometry that gives it the ego's poses."""
@@ -239,6 +241,12 @@ class TrackingBoard(Board):
         if is_offline(job.answers.tracker):
             scores |= offline_score(len(answers.tracks))
         return scores
+
+    def box_scores(
+        self, boxes: Sequence[Tracks], truths: Sequence[Truth], pairings: Sequence[Pairing]
+    ) -> Scores:
+        """Return the scores of tracks."""
+        return score_tracks(boxes, truths, pairings).named()
 
     def explanation(self, suite: Suite) -> str:
         """Return as text which objects are eligible, and which detections trackers get."""

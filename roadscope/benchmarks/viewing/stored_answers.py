@@ -36,7 +36,7 @@ from roadscope.benchmarks.results import JobScores, Results
 from roadscope.benchmarks.run import DATABASE
 from roadscope.benchmarks.store import Store
 from roadscope.benchmarks.suite_files import SUITES, load_suite
-from roadscope.benchmarks.viewing.curves import METRICS, running_scores
+from roadscope.benchmarks.viewing.curves import boards_over_time, running_scores
 from roadscope.benchmarks.viewing.view import EpisodeView
 from roadscope.core import RecordError, Truth
 from roadscope.envs.traffic.timeline import Timeline
@@ -110,7 +110,7 @@ def view_of_results(folder: Path | str, choice: EpisodeChoice) -> EpisodeView:
     if fusions is not None:
         boxes = tuple(each.detections() for each in fusions.fused)
     rule = _rule(spec["settings"])
-    scored = detections if job.board in METRICS and rule is not None else None
+    scored = detections if board_named(job.board).over_time and rule is not None else None
     view = EpisodeView(
         title=_named(job),
         episode=episode,
@@ -151,8 +151,9 @@ def _notes(
     if view.tracks or view.detections or view.images:
         if recorded:
             yield "No scores over time: recorded data have rules of their own."
-        elif board not in METRICS:
-            yield f"No scores over time: they are for {' and '.join(METRICS)} alone."
+        elif not board_named(board).over_time:
+            possible = " and ".join(each.name for each in boards_over_time())
+            yield f"No scores over time: they are for {possible} alone."
         elif not view.detections:
             yield "No scores over time: there are no detections."
         elif rule is None:
