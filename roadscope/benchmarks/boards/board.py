@@ -132,6 +132,8 @@ class Board(ABC):
     """Whether its plug-ins get the calibration file of a run, if it has one."""
     compared_with: str = ""
     """For recorded data: the board of simulated traffic that its ranks are compared with."""
+    comparison_note: str = ""
+    """What is said where there is nothing to compare its ranks with."""
     predictors: Sequence[str] = ()
     """Metrics of the inputs of entries that may predict how well these do."""
     predicted: Sequence[str] = ()
@@ -144,6 +146,8 @@ class Board(ABC):
     """Empty, or why `roadscope view` cannot show its answers: `a drive, which no view shows`."""
     sample: str = "seeds"
     """What intervals are computed over, in words."""
+    by_distance: Mapping[str, str] = {}
+    """Metrics that `drift.svg` draws over the distance driven, with the labels of their axes."""
     over_time: Sequence[str] = ()
     """Metrics of `box_scores` that `roadscope view` shows over time."""
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Annotated
 
 import numpy as np
@@ -136,6 +136,10 @@ class OdometryBoard(Board):
         f"'on {ORACLE}': without the returns of objects that move faster than {MOVING_M_S:g} m/s."
     )
     three_digits = True
+    by_distance: Mapping[str, str] = {
+        "t_rel": "t_rel (%)",
+        "position_error": "error of the position (m)",
+    }
     default_suite = "odometry"
 
     def check_entry(self, spec: Spec) -> Spec:

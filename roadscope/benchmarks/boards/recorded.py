@@ -229,6 +229,11 @@ class RecordedBoard(Board):
 class KittiBoard(RecordedBoard):
     """Ranks trackers on one class of KITTI's objects."""
 
+    comparison_note = (
+        "How these ranks agree with those on simulated traffic is shown once that was run too: "
+        f"roadscope leaderboard {TrackingBoard.name} --suite {TrackingBoard.name}, with "
+        "the same --out if any."
+    )
     columns = (
         *_image_columns("KITTI"),
         Column("id_switches", "ID sw.", 0, SUMS_NOTE),

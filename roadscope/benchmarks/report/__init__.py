@@ -5,7 +5,7 @@ from roadscope._lazy import lazy_names
 _PARTS = {
     "board_files": "check_targets earlier_boards label_of",
     "breakdowns": "breakdown_tables note",
-    "curves": "PANELS draw_curves has_curves",
+    "curves": "draw_curves has_curves",
     "export": "latex_text save_all to_csv to_latex to_markdown",
     "moments": "Moment worst_moments",
     "page": "MOST_BYTES PAGE Run read_runs save_moments save_page",

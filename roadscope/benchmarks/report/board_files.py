@@ -17,7 +17,7 @@ from roadscope.benchmarks.cache import FolderError
 NAME = "leaderboard"
 ENDINGS = ("json", "csv", "md", "tex")
 CURVES = "drift.svg"
-"""The picture of an odometry board, if there is one."""
+"""The picture of figures over the distance driven, if a board has some."""
 REPLAY = "replay.json"
 """The worst moments of the entries."""
 

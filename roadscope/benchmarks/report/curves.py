@@ -1,4 +1,4 @@
-"""Draws the odometry board: drift over the distance driven."""
+"""Draws figures over the distance driven, such as drift, of the board that has some."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from roadscope.benchmarks.boards import board_named
 from roadscope.benchmarks.cache import write_atomically
 from roadscope.benchmarks.metrics.odometry import DISTANCE, MARKS_M
 from roadscope.benchmarks.report.tables import MOST_NAME_WIDTH, wrapped_name
@@ -20,8 +21,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.lines import Line2D
 
-BOARD = "odometry"
-PANELS = {"t_rel": "t_rel (%)", "position_error": "error of the position (m)"}
 LineStyle = str | tuple[float, tuple[float, ...]]
 STYLES: tuple[LineStyle, ...] = ("-", "--", ":", "-.", (0, (6, 2, 1, 2, 1, 2)))
 """Line styles; each is for as many entries as there are colours."""
@@ -31,29 +30,38 @@ LEGEND_LINE_INCHES = 0.21
 
 
 def has_curves(results: Results) -> bool:
-    """Return whether any entry has a drift over any distance."""
-    rows = results.breakdown(DISTANCE, BOARD) if BOARD in results.boards() else []
-    return any(row.value is not None for row in rows)
+    """Return whether any entry has a figure over any distance."""
+    return bool(_rows_by_distance(results))
+
+
+def _rows_by_distance(results: Results) -> list[Row]:
+    """Return the figures over distance of the first board that has some."""
+    for board in map(board_named, results.boards()):
+        rows = results.breakdown(DISTANCE, board.name) if board.by_distance else []
+        if found := [row for row in rows if row.value is not None]:
+            return found
+    return []
 
 
 def draw_curves(results: Results, path: Path) -> None:
-    """Write a picture of t_rel and position error over distance, with 95 % intervals.
+    """Write a picture of a board's `by_distance`, such as t_rel, with 95 % intervals.
 
     Entries are in rank order, marks last. The path's ending decides the format: svg, png or pdf.
     """
     import matplotlib as mpl
     from matplotlib.figure import Figure
 
-    rows = [row for row in results.breakdown(DISTANCE, BOARD) if row.value is not None]
+    rows = _rows_by_distance(results)
+    board = board_named(rows[0].board)
     ending = path.suffix[1:]
     # The same results give the same bytes; text stays text.
     exact = {"svg.hashsalt": "roadscope", "svg.fonttype": "none"}
     with mpl.rc_context({**FIGURE_STYLE, **exact}):
         figure = Figure(SIZE_INCHES, layout="constrained")
-        axes = figure.subplots(1, len(PANELS))
+        (axes,) = figure.subplots(1, len(board.by_distance), squeeze=False)
         lines: dict[str, Line2D] = {}
-        for place, (metric, label) in zip(axes, PANELS.items(), strict=True):
-            for k, entry in enumerate(results.entries(BOARD)):
+        for place, (metric, label) in zip(axes, board.by_distance.items(), strict=True):
+            for k, entry in enumerate(results.entries(board.name)):
                 own = [row for row in rows if (row.entry, row.metric) == (entry, metric)]
                 if own:
                     lines.setdefault(entry, _curve(place, own, *_line_style(k)))

@@ -13,7 +13,6 @@ from rich.text import Text
 
 from roadscope.benchmarks.boards import Board, board_named
 from roadscope.benchmarks.boards.board import Column
-from roadscope.benchmarks.boards.recorded import KITTI_BOARDS
 from roadscope.benchmarks.boards.tracking import OFFLINE
 from roadscope.benchmarks.results import Results, Row, Standing
 from roadscope.benchmarks.results.agreement import LEAST_ENTRIES
@@ -27,10 +26,6 @@ LEAST_NAME_WIDTH, MOST_NAME_WIDTH = 12, 48
 """Limits of the width of names before columns get their intervals, characters."""
 RANK_WIDTH = 5
 """Space that the column of ranks takes, with the blanks beside it, characters."""
-NO_COMPARISON = (
-    "How these ranks agree with those on simulated traffic is shown once that was run too: "
-    "roadscope leaderboard tracking --suite tracking, with the same --out if any."
-)
 
 
 @dataclass(frozen=True, slots=True)
@@ -168,17 +163,17 @@ def agreement_lines(results: Results, name: str) -> list[str]:
 
     If there is nothing to compare with, return what to run.
     """
-    unknown = math.nan, math.nan
+    board, unknown = board_named(name), (math.nan, math.nan)
     lines = [
         f"Ranks agree with those of suite {a.suite} by "
         f"{a.rho:.2f}{_in_brackets(*(a.interval or unknown))} "
-        f"(Spearman, {len(a.entries)} trackers; 1 is the same order)."
+        f"(Spearman, {len(a.entries)} {board.kind.name}s; 1 is the same order)."
         for a in results.agreements
         if a.board == name
     ]
     ranked = [s for s in results.standings if s.board == name and s.rank is not None]
-    comparable = board_named(name) in KITTI_BOARDS and len(ranked) >= LEAST_ENTRIES
-    return lines or [NO_COMPARISON] * comparable
+    comparable = board.comparison_note and len(ranked) >= LEAST_ENTRIES
+    return lines or ([board.comparison_note] if comparable else [])
 
 
 def prediction_lines(results: Results, name: str) -> list[str]:

@@ -4,10 +4,12 @@ from dataclasses import replace
 
 import pytest
 
+from roadscope.benchmarks.boards import board_named
 from roadscope.benchmarks.metrics import MARKS_M
-from roadscope.benchmarks.report import PANELS, draw_curves, has_curves, save_all
+from roadscope.benchmarks.report import draw_curves, has_curves, save_all
 from roadscope.benchmarks.results import Results, Row, Standing
 
+PANELS = board_named("odometry").by_distance
 ENTRIES = [f"odometry-{k}" for k in range(12)]
 
 
