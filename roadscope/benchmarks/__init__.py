@@ -147,6 +147,7 @@ _PARTS = {
     "suite": "SPLITS Positive SuiteError check_names",
     "suite_exports": "read_manifest",
     "suite_files": "SUITES parse_suite",
+    "suite_folders": "kitti_suite",
     "tables": "MEANINGS name_table speed_table",
     "workers": "BackendError EXTRAS WorkerError WorkerSettings in_parallel open_workers",
 }

@@ -22,7 +22,6 @@ from roadscope.benchmarks.nodes.tuned import is_tuned
 from roadscope.benchmarks.progress import Progress, silent
 from roadscope.benchmarks.recorded.kitti_drive import LIDAR_HEIGHT_M
 from roadscope.benchmarks.recorded.mot import mot_suite
-from roadscope.benchmarks.recorded.suite import kitti_suite
 from roadscope.benchmarks.report.board_files import check_targets, label_of
 from roadscope.benchmarks.report.export import save_all, save_logs
 from roadscope.benchmarks.report.moments import worst_moments
@@ -34,6 +33,7 @@ from roadscope.benchmarks.run_manifest import manifest
 from roadscope.benchmarks.store import Outcome, Store, StoredJob, StoreError
 from roadscope.benchmarks.suite import Suite, SuiteError, check_names
 from roadscope.benchmarks.suite_files import SUITES, load_suite
+from roadscope.benchmarks.suite_folders import kitti_suite
 from roadscope.benchmarks.workers import WorkerSettings
 from roadscope.core import Spec, SpecError
 from roadscope.core.config import ConfigError

@@ -395,8 +395,9 @@ def _suite(suite: str | None, board: str | None, recorded: _RecordedData) -> Sui
     """Return the suite of that name, or one of a folder of recorded data."""
     from roadscope.benchmarks.recorded.kitti_drive import LIDAR_HEIGHT_M
     from roadscope.benchmarks.recorded.mot import MOT, mot_suite
-    from roadscope.benchmarks.recorded.suite import KITTI, kitti_suite
+    from roadscope.benchmarks.recorded.suite import KITTI
     from roadscope.benchmarks.suite_files import load_suite
+    from roadscope.benchmarks.suite_folders import kitti_suite
 
     kitti, mot = recorded.kitti, recorded.mot
     if kitti is not None and mot is not None:

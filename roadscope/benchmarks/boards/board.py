@@ -16,6 +16,8 @@ from roadscope.benchmarks.metrics.calibration import pooled_calibration
 from roadscope.benchmarks.metrics.cost import cost
 from roadscope.benchmarks.metrics.matching import Pairing
 from roadscope.benchmarks.metrics.score import Score
+from roadscope.benchmarks.recorded.recording import SequenceSettings
+from roadscope.benchmarks.recorded.suite import DataFolder
 from roadscope.benchmarks.records import CallTimes
 from roadscope.benchmarks.suite import BoardSettings, Suite
 from roadscope.core import Spec, Truth
@@ -132,6 +134,10 @@ class Board(ABC):
     """Whether its plug-ins get the calibration file of a run, if it has one."""
     compared_with: str = ""
     """For recorded data: the board of simulated traffic that its ranks are compared with."""
+    simulated_board: str = ""
+    """For recorded data: the board that ranks the same plug-ins on simulated traffic."""
+    kitti_markers: Sequence[Sequence[str]] = ()
+    """Groups of names of files: a folder with a file of each group has KITTI's data for it."""
     comparison_note: str = ""
     """What is said where there is nothing to compare its ranks with."""
     predictors: Sequence[str] = ()
@@ -163,6 +169,13 @@ class Board(ABC):
     @abstractmethod
     def score(self, job: Job, answers: Any, options: RunOptions) -> Scores:
         """Return the scores of a job's answers. options: for reading the inputs of the entry."""
+
+    def kitti_settings(self, place: DataFolder) -> Mapping[str, SequenceSettings]:
+        """Return the settings for a folder of KITTI's data, of this board and of others like it.
+
+        A board with `kitti_markers` has this method. `FormatError` if the data are not complete.
+        """
+        raise NotImplementedError
 
     def box_scores(
         self, boxes: Sequence[Any], truths: Sequence[Truth], pairings: Sequence[Pairing]

@@ -25,6 +25,7 @@ from roadscope.benchmarks.boards.fusion import INPUTS, PASSED_ON, FusionBoard
 from roadscope.benchmarks.eligibility import Eligibility
 from roadscope.benchmarks.formats.kitti_frames import LabelCamera, kitti_results
 from roadscope.benchmarks.formats.kitti_labels import DETECTED_TYPES, KittiObjects, KittiType
+from roadscope.benchmarks.formats.kitti_scans import IMAGES, SCANS
 from roadscope.benchmarks.graph import Job, Node
 from roadscope.benchmarks.kinds import CAMERA_DETECTOR, DETECTOR, FUSION
 from roadscope.benchmarks.loop import RunOptions
@@ -43,8 +44,9 @@ from roadscope.benchmarks.recorded.kitti_drive import (
     places_of,
 )
 from roadscope.benchmarks.recorded.object_rules import precision_scores
-from roadscope.benchmarks.recorded.recording import KITTI_CLASSES
+from roadscope.benchmarks.recorded.recording import KITTI_CLASSES, SequenceSettings
 from roadscope.benchmarks.recorded.settings import KittiSettings
+from roadscope.benchmarks.recorded.suite import DataFolder, kitti_object_settings
 from roadscope.benchmarks.records import (
     CallTimes,
     EpisodeDetections,
@@ -73,6 +75,8 @@ AP_NOTE = (
     "25 px high, at most partly hidden and 30 % outside of the image."
 )
 FEW_NOTE = "Of fewer than 41 objects AP is at most (number - 1) / 40."
+MARKERS = {SCANS: (SCANS,), IMAGES: ("image_2", "image_02")}
+"""Names of the folder of a sensor's data."""
 HEADINGS = {"2d": "AP image", "3d": "AP 3-D", "bev": "AP from above"}
 """Headings of average precision by overlap, a key of `OVERLAPS`."""
 
@@ -93,14 +97,15 @@ class KittiObjectsBoard(Board):
     breakdowns: Sequence[Breakdown] = (Breakdown(SEQUENCE, note=FEW_NOTE),)
     conditions: Mapping[str, Condition] = {}
     sample = ""
-    simulated_board: str
-    """The name of the board that ranks the same plug-ins on simulated traffic."""
+    sensors: Sequence[str]
+    """Sensors whose data plug-ins get, `SCANS` or `IMAGES`."""
     overlaps: Sequence[str]
     """By which overlaps precision is measured, keys of `OVERLAPS`; the first ranks."""
 
     def __init__(self, category: Category) -> None:
         """Take the class: car, pedestrian or cyclist."""
         first = self.overlaps[0]
+        self.kitti_markers = [MARKERS[sensor] for sensor in self.sensors]
         self.category = category
         self.name = f"kitti {self.simulated_board} {category.name.lower()}"
         self.headline, self.object_metric = f"ap_{first}_moderate", f"ap_{first}_hard"
@@ -116,6 +121,10 @@ class KittiObjectsBoard(Board):
     @abstractmethod
     def rows(self, drive: KittiDrive, answers: Any) -> list[KittiObjects]:
         """Return the answers to each frame of a drive as KITTI's rows, with image boxes."""
+
+    def kitti_settings(self, place: DataFolder) -> Mapping[str, SequenceSettings]:
+        """Return the settings of the boards of all classes that are labelled."""
+        return kitti_object_settings(place, self.simulated_board, self.sensors)
 
     def score(self, job: Job, answers: Sequence[Any], options: RunOptions) -> Scores:
         """Return average precisions, the number of boxes, and times of calls."""
@@ -193,6 +202,7 @@ class KittiDetectionBoard(OneSensorBoard):
 
     kind = DETECTOR
     simulated_board = DetectionBoard.name
+    sensors = (SCANS,)
     overlaps = ("3d", "bev")
 
     def check_entry(self, spec: Spec) -> Spec:
@@ -213,6 +223,7 @@ class KittiCameraBoard(OneSensorBoard):
 
     kind = CAMERA_DETECTOR
     simulated_board = CameraBoard.name
+    sensors = (IMAGES,)
     overlaps = ("2d",)
 
     def node(self, source: Spec, drive: KittiDrive) -> Node:
@@ -230,6 +241,7 @@ class KittiFusionBoard(KittiObjectsBoard):
 
     kind = FUSION
     simulated_board = FusionBoard.name
+    sensors = (SCANS, IMAGES)
     overlaps = ("2d", "3d", "bev")
     inputs_name = INPUTS
     breakdowns = (

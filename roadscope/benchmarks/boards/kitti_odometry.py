@@ -30,6 +30,8 @@ from roadscope.benchmarks.metrics.score import ratio
 from roadscope.benchmarks.metrics.trajectory_errors import KITTI_EVERY, KITTI_M
 from roadscope.benchmarks.nodes.kitti import KittiPoseNode
 from roadscope.benchmarks.recorded.kitti_odometry import KittiOdometryDrive, KittiOdometrySettings
+from roadscope.benchmarks.recorded.recording import SequenceSettings
+from roadscope.benchmarks.recorded.suite import DataFolder, kitti_odometry_settings
 from roadscope.benchmarks.records import EpisodePoses
 from roadscope.benchmarks.references import check_pose_source, missing_for_poses
 from roadscope.benchmarks.suite import Suite
@@ -54,6 +56,8 @@ class KittiOdometryBoard(Board):
 
     name = "kitti odometry"
     kind = ODOMETRY
+    simulated_board = OdometryBoard.name
+    kitti_markers = (("sequences",),)
     headline = OdometryBoard.headline
     medians = OdometryBoard.medians
     three_digits = True
@@ -71,6 +75,10 @@ class KittiOdometryBoard(Board):
     )
     conditions: Mapping[str, Condition] = {"sequence": lambda drive: drive.sequence.name}
     sample = "sequences"
+
+    def kitti_settings(self, place: DataFolder) -> Mapping[str, SequenceSettings]:
+        """Return the settings of the board for all sequences."""
+        return kitti_odometry_settings(place, self.simulated_board)
 
     def check_entry(self, spec: Spec) -> Spec:
         """Return an odometry's resolved spec; which returns move is not known here."""

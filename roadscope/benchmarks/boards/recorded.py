@@ -30,6 +30,7 @@ from roadscope.benchmarks.boards.tracking import (
     with_each_ego,
 )
 from roadscope.benchmarks.fingerprints import code_hash
+from roadscope.benchmarks.formats.kitti_sequence import DETECTOR_PREFIX
 from roadscope.benchmarks.graph import Job, Node
 from roadscope.benchmarks.kinds import TRACKER
 from roadscope.benchmarks.loop import RunOptions
@@ -48,7 +49,9 @@ from roadscope.benchmarks.recorded.recording import (
     MOT_CLASSES,
     RecordedSettings,
     Recording,
+    SequenceSettings,
 )
+from roadscope.benchmarks.recorded.suite import DataFolder, kitti_tracking_settings
 from roadscope.benchmarks.records import EpisodeDetections, EpisodeTracks
 from roadscope.benchmarks.suite import Suite
 from roadscope.core import Spec, SpecError
@@ -156,7 +159,7 @@ class RecordedBoard(Board):
     summed = ("id_switches", "wrong_associations", "fragmentations")
     object_metric = "mota"
     sample = "sequences"
-    compared_with = TrackingBoard.name
+    simulated_board = compared_with = TrackingBoard.name
 
     def __init__(self, name: str) -> None:
         """Take the board's name, `kitti car` or the like."""
@@ -229,6 +232,7 @@ class RecordedBoard(Board):
 class KittiBoard(RecordedBoard):
     """Ranks trackers on one class of KITTI's objects."""
 
+    kitti_markers = ((f"{DETECTOR_PREFIX}*",),)
     comparison_note = (
         "How these ranks agree with those on simulated traffic is shown once that was run too: "
         f"roadscope leaderboard {TrackingBoard.name} --suite {TrackingBoard.name}, with "
@@ -270,6 +274,10 @@ class KittiBoard(RecordedBoard):
         Column("nees_position", "NEES (its 95 % band)"),
         *ALPHA_METRICS,
     )
+
+    def kitti_settings(self, place: DataFolder) -> Mapping[str, SequenceSettings]:
+        """Return the settings of the boards of all classes that are labelled."""
+        return kitti_tracking_settings(place)
 
 
 class MotBoard(RecordedBoard):

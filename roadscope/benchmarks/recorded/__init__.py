@@ -10,7 +10,7 @@ _PARTS = {
     "kitti_drive": "KittiDrive KittiDrives",
     "object_rules": "DIFFICULTIES object_precisions",
     "scores": "kitti_scores sequence_scores",
-    "suite": "KITTI kitti_suite",
+    "suite": "KITTI",
 }
 """Names by the file that defines them, loaded when first used: the face of this folder."""
 

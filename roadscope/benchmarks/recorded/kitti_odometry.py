@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,7 +12,7 @@ from roadscope.benchmarks.episode import Episode
 from roadscope.benchmarks.fingerprints import code_hash
 from roadscope.benchmarks.formats.kitti_odometry import KittiOdometrySequence
 from roadscope.benchmarks.metrics.trajectory_errors import Trajectories
-from roadscope.benchmarks.suite import BoardSettings
+from roadscope.benchmarks.recorded.recording import SequenceSettings
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -58,11 +58,15 @@ class KittiOdometryDrive(Episode):
         return Trajectories(lidar.estimate @ lidar_from_camera, lidar.truth @ lidar_from_camera)
 
 
-class KittiOdometrySettings(BoardSettings, frozen=True, kw_only=True):
+class KittiOdometrySettings(SequenceSettings, frozen=True, kw_only=True):
     """The settings of the board of odometries.
 
     drives: the sequences. remark: what a reader must know about them.
     """
 
     drives: tuple[KittiOdometryDrive, ...] = ()
-    remark: str = ""
+
+    @property
+    def seeds(self) -> Sequence[int]:
+        """The numbers of its drives."""
+        return [drive.seed for drive in self.drives]

@@ -91,7 +91,18 @@ class Recording:
         return kitti_scores(tracks, sequence_of(self))
 
 
-class RecordedSettings(BoardSettings, frozen=True, kw_only=True):
+class SequenceSettings(BoardSettings, frozen=True, kw_only=True):
+    """The settings of a board of recorded data; remark: what a reader must know about them."""
+
+    remark: str = ""
+
+    @property
+    def seeds(self) -> Sequence[int]:
+        """The numbers of its sequences."""
+        return ()
+
+
+class RecordedSettings(SequenceSettings, frozen=True, kw_only=True):
     """The boards of the suite of a folder.
 
     recordings: for every detector and class, the sequences that have detections of it.
@@ -101,7 +112,11 @@ class RecordedSettings(BoardSettings, frozen=True, kw_only=True):
 
     recordings: tuple[Recording, ...] = ()
     labelled: int = 0
-    remark: str = ""
+
+    @property
+    def seeds(self) -> Sequence[int]:
+        """The numbers of its sequences, each as often as it is recorded."""
+        return [recording.seed for recording in self.recordings]
 
     @property
     def detectors(self) -> Names:

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 from roadscope.benchmarks.recorded.kitti_drive import KittiDrive
-from roadscope.benchmarks.suite import BoardSettings, Names
+from roadscope.benchmarks.recorded.recording import SequenceSettings
+from roadscope.benchmarks.suite import Names
 
 
-class KittiSettings(BoardSettings, frozen=True, kw_only=True):
+class KittiSettings(SequenceSettings, frozen=True, kw_only=True):
     """The settings of one board.
 
     drives: the sequences, or the parts of the object data.
@@ -15,6 +18,10 @@ class KittiSettings(BoardSettings, frozen=True, kw_only=True):
     """
 
     drives: tuple[KittiDrive, ...] = ()
-    remark: str = ""
     lidar: Names = ()
     camera: Names = ()
+
+    @property
+    def seeds(self) -> Sequence[int]:
+        """The numbers of its drives."""
+        return [drive.seed for drive in self.drives]

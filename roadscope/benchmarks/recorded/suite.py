@@ -1,9 +1,9 @@
-"""The suite `kitti`: the sequences of a folder in place of scenarios and seeds."""
+"""What suites of recorded data are made of: the sequences of a folder and the entries of a file."""
 
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from importlib import resources
 from pathlib import Path
 from typing import NamedTuple
@@ -16,7 +16,7 @@ from roadscope.benchmarks.formats.kitti_labels import (
     read_kitti_labels,
 )
 from roadscope.benchmarks.formats.kitti_odometry import find_kitti_odometry
-from roadscope.benchmarks.formats.kitti_scans import IMAGES, SCANS, find_kitti_frames, hint
+from roadscope.benchmarks.formats.kitti_scans import SCANS, find_kitti_frames
 from roadscope.benchmarks.formats.kitti_sequence import (
     DETECTOR_PREFIX,
     KittiFolder,
@@ -24,78 +24,23 @@ from roadscope.benchmarks.formats.kitti_sequence import (
 )
 from roadscope.benchmarks.formats.table import FormatError, visible
 from roadscope.benchmarks.metrics.trajectory_errors import KITTI_M
-from roadscope.benchmarks.recorded.kitti_drive import LIDAR_HEIGHT_M, KittiDrive
+from roadscope.benchmarks.recorded.kitti_drive import KittiDrive
 from roadscope.benchmarks.recorded.kitti_odometry import (
     KittiOdometryDrive,
     KittiOdometrySettings,
 )
-from roadscope.benchmarks.recorded.recording import RecordedSettings, Recording
+from roadscope.benchmarks.recorded.recording import RecordedSettings, Recording, SequenceSettings
 from roadscope.benchmarks.recorded.settings import KittiSettings
-from roadscope.benchmarks.suite import BoardSettings, Suite
+from roadscope.benchmarks.suite import Names, Suite
 from roadscope.core import Category
 from roadscope.core.config import read_config
 
 KITTI = "kitti"
+TRACKING = "tracking"
+"""The table of trackers in the file of a suite."""
 
 
-def kitti_suite(
-    folder: Path | str,
-    boards: Sequence[str] | None = None,
-    *,
-    lidar_height_m: float = LIDAR_HEIGHT_M,
-    notice: Callable[[str], None] | None = None,
-) -> Suite:
-    """Return the suite of a folder; a missing folder or a wrong layout raises `FormatError`.
-
-    boards: `tracking` and the like; None: those that the folder has complete data for.
-    lidar_height_m: height of the LiDAR above the road.
-    notice: called with a text for each board that is left out as its data are not complete.
-    """
-    place = _DataFolder(Path(folder), lidar_height_m)
-    if boards is not None:
-        names = [name for name in boards if name in MAKERS]
-        settings = {k: v for name in names for k, v in MAKERS[name](place).items()}
-    else:
-        settings = _complete_boards(place, notice)
-    return suite_of(KITTI, settings)
-
-
-def _complete_boards(
-    place: _DataFolder, notice: Callable[[str], None] | None
-) -> dict[str, BoardSettings]:
-    """Return the settings of all boards that a folder has complete data for."""
-    names = [name for name in MARKERS if place.has(MARKERS[name])]
-    names += ["fusion"] * ({"detection", "camera"} <= set(names))
-    if not names:
-        _refuse(place.folder)
-    settings: dict[str, BoardSettings] = {}
-    errors: dict[str, FormatError] = {}
-    for name in names or [TRACKING_BOARD]:
-        try:
-            settings |= MAKERS[name](place)
-        except FormatError as error:
-            errors[name] = error
-    if not settings:
-        raise next(iter(errors.values()))
-    for name, reason in errors.items():
-        if notice is not None:
-            notice(f"the board {name} is left out: {reason}")
-    return settings
-
-
-def _refuse(folder: Path) -> None:
-    """Raise `FormatError` for a folder that has nothing for any board, unless it has labels."""
-    try:
-        KittiFolder.find(folder)
-    except FormatError as error:
-        where = hint(folder) if folder.is_dir() else ""
-        raise FormatError(
-            f"{error}; detectors need velodyne or image_2 beside label_2 (or label_02), odometries "
-            f"sequences and poses{where}"
-        ) from None
-
-
-class _DataFolder(NamedTuple):
+class DataFolder(NamedTuple):
     """A folder of KITTI's data; lidar_height_m: of the LiDAR above the road."""
 
     folder: Path
@@ -107,7 +52,7 @@ class _DataFolder(NamedTuple):
         return any(visible(place, pattern) for place in places for pattern in patterns)
 
 
-def _tracking(place: _DataFolder) -> dict[str, BoardSettings]:
+def kitti_tracking_settings(place: DataFolder) -> dict[str, SequenceSettings]:
     """Return the settings of the boards of trackers."""
     files = KittiFolder.find(place.folder)
     files.choose_detector(files.detectors()[0] if files.detectors() else None)
@@ -138,25 +83,13 @@ def _tracking(place: _DataFolder) -> dict[str, BoardSettings]:
     return tracking_settings(KITTI, recordings, labelled=len(files.sequences()), remarks=remarks)
 
 
-def _detection(place: _DataFolder) -> dict[str, BoardSettings]:
-    """Return the settings of the boards of LiDAR detectors."""
-    return _object_settings(place, "detection", (SCANS,))
+def kitti_object_settings(
+    place: DataFolder, board: str, sensors: Sequence[str]
+) -> dict[str, SequenceSettings]:
+    """Return the settings of a board of each class that has labels.
 
-
-def _camera(place: _DataFolder) -> dict[str, BoardSettings]:
-    """Return the settings of the boards of camera detectors."""
-    return _object_settings(place, "camera", (IMAGES,))
-
-
-def _fusion(place: _DataFolder) -> dict[str, BoardSettings]:
-    """Return the settings of the boards of fusions."""
-    return _object_settings(place, "fusion", (SCANS, IMAGES))
-
-
-def _object_settings(
-    place: _DataFolder, board: str, sensors: Sequence[str]
-) -> dict[str, BoardSettings]:
-    """Return the settings of a board of each class that has labels."""
+    board: the name of the board of simulated traffic like it. sensors: whose data plug-ins get.
+    """
     found = find_kitti_frames(place.folder, sensors)
     drives = tuple(
         KittiDrive.of(frames, sensors, number, place.lidar_height_m)
@@ -173,9 +106,9 @@ def _object_settings(
         )
     table = recorded_table(KITTI)
     settings = KittiSettings(
-        entries=table.entries(board),
-        lidar=table.fusion.lidar,
-        camera=table.fusion.camera,
+        entries=table.names(board, "entries"),
+        lidar=table.names(board, "lidar"),
+        camera=table.names(board, "camera"),
         drives=drives,
         remark=" ".join([_frames_in_words(drives, place, sensors), *found.notes]),
     )
@@ -183,7 +116,7 @@ def _object_settings(
 
 
 def _frames_in_words(
-    drives: Sequence[KittiDrive], place: _DataFolder, sensors: Sequence[str]
+    drives: Sequence[KittiDrive], place: DataFolder, sensors: Sequence[str]
 ) -> str:
     """Return how many frames there are, and in which frame of coordinates scans are."""
     frames = sum(len(drive.files.numbers) for drive in drives)
@@ -201,18 +134,18 @@ def _frames_in_words(
     )
 
 
-def _odometry(place: _DataFolder) -> dict[str, BoardSettings]:
-    """Return the settings of the board of odometries."""
+def kitti_odometry_settings(place: DataFolder, board: str) -> dict[str, SequenceSettings]:
+    """Return the settings of the board of odometries. board: that of simulated traffic."""
     found = find_kitti_odometry(place.folder)
     drives = [KittiOdometryDrive.of(each, k) for k, each in enumerate(found.sequences)]
     for drive in drives:
         drive.check()
     settings = KittiOdometrySettings(
-        entries=recorded_table(KITTI).entries("odometry"),
+        entries=recorded_table(KITTI).names(board, "entries"),
         drives=tuple(drives),
         remark=" ".join([_stretches_in_words(drives), *found.notes]),
     )
-    return {f"{KITTI} odometry": settings}
+    return {f"{KITTI} {board}": settings}
 
 
 def _stretches_in_words(drives: Sequence[KittiOdometryDrive]) -> str:
@@ -231,27 +164,9 @@ def _stretches_in_words(drives: Sequence[KittiOdometryDrive]) -> str:
     return text
 
 
-TRACKING_BOARD = "tracking"
-MAKERS: Mapping[str, Callable[[_DataFolder], dict[str, BoardSettings]]] = {
-    TRACKING_BOARD: _tracking,
-    "detection": _detection,
-    "camera": _camera,
-    "fusion": _fusion,
-    "odometry": _odometry,
-}
-"""By the name of a board, what makes the settings of the boards of recorded data like it."""
-MARKERS: Mapping[str, Sequence[str]] = {
-    TRACKING_BOARD: (f"{DETECTOR_PREFIX}*",),
-    "detection": (SCANS,),
-    "camera": ("image_2", "image_02"),
-    "odometry": ("sequences",),
-}
-"""Names by which a folder shows that it has files for the boards."""
-
-
 def tracking_settings(
     name: str, recordings: Sequence[Recording], *, labelled: int, remarks: Sequence[str] = ()
-) -> dict[str, BoardSettings]:
+) -> dict[str, SequenceSettings]:
     """Return the settings of the boards of recordings.
 
     name: of the suite, whose file `NAME.toml` lists the trackers that are compared.
@@ -260,7 +175,7 @@ def tracking_settings(
     """
     table = recorded_table(name)
     settings = RecordedSettings(
-        entries=table.entries(TRACKING_BOARD),
+        entries=table.names(TRACKING, "entries"),
         recordings=tuple(recordings),
         labelled=labelled,
         remark=" ".join([*remarks, table.remark]),
@@ -268,14 +183,11 @@ def tracking_settings(
     return dict.fromkeys((r.board for r in recordings), settings)
 
 
-def suite_of(name: str, boards: Mapping[str, BoardSettings]) -> Suite:
+def suite_of(name: str, boards: Mapping[str, SequenceSettings]) -> Suite:
     """Return the suite of recorded data with these settings of its boards."""
     table, numbers = recorded_table(name), dict[int, None]()
     for settings in boards.values():
-        if isinstance(settings, RecordedSettings):
-            numbers |= dict.fromkeys(recording.seed for recording in settings.recordings)
-        if isinstance(settings, KittiSettings | KittiOdometrySettings):
-            numbers |= dict.fromkeys(drive.seed for drive in settings.drives)
+        numbers |= dict.fromkeys(settings.seeds)
     return Suite(
         name=table.name,
         version=table.version,
@@ -289,36 +201,21 @@ def suite_of(name: str, boards: Mapping[str, BoardSettings]) -> Suite:
     )
 
 
-class RecordedEntries(Struct, frozen=True, forbid_unknown_fields=True):
-    """The table of a board, `[tracking]` or the like."""
-
-    entries: tuple[str, ...] = ()
-
-
-class FusedEntries(RecordedEntries, frozen=True, forbid_unknown_fields=True):
-    """The table `[fusion]`; lidar, camera: detectors whose detections are fused."""
-
-    lidar: tuple[str, ...] = ()
-    camera: tuple[str, ...] = ()
-
-
 class RecordedTable(Struct, frozen=True, forbid_unknown_fields=True):
-    """The file of a suite of recorded data, which is the same for every folder."""
+    """The file of a suite of recorded data, which is the same for every folder.
+
+    boards: tables by the name of the board of simulated traffic with the same plug-ins.
+    """
 
     name: str
     version: int
     summary: str
     remark: str
-    tracking: RecordedEntries
-    detection: RecordedEntries = RecordedEntries()
-    camera: RecordedEntries = RecordedEntries()
-    fusion: FusedEntries = FusedEntries()
-    odometry: RecordedEntries = RecordedEntries()
+    boards: Mapping[str, Mapping[str, Names]]
 
-    def entries(self, board: str) -> tuple[str, ...]:
-        """Return the entries that every run compares on the boards of a kind."""
-        table: RecordedEntries = getattr(self, board)
-        return table.entries
+    def names(self, board: str, key: str) -> Names:
+        """Return a list of a board's table, such as its `entries`; empty without one."""
+        return self.boards.get(board, {}).get(key, ())
 
 
 def recorded_table(name: str) -> RecordedTable:

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from toy_kitti import EGO_SPEED_M_S, FRAMES, IMAGE_SIZE, P2, write_kitti
 
+from roadscope.benchmarks import kitti_suite
 from roadscope.benchmarks.formats import NOT_COUNTED, logistic
-from roadscope.benchmarks.recorded import kitti_suite
 from roadscope.benchmarks.report import explanation
 from roadscope.core import Category
 from roadscope.formats import (

@@ -11,9 +11,9 @@ from typer.testing import CliRunner
 
 from roadscope import leaderboard
 from roadscope.__main__ import app
+from roadscope.benchmarks import kitti_suite
 from roadscope.benchmarks.boards import chosen_boards
 from roadscope.benchmarks.formats import IMAGES, SCANS, find_kitti_frames
-from roadscope.benchmarks.recorded import kitti_suite
 from roadscope.benchmarks.report import breakdown_tables
 from roadscope.core import SpecError
 from roadscope.formats import FormatError

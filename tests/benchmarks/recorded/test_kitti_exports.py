@@ -3,8 +3,7 @@
 import pytest
 
 from roadscope import leaderboard
-from roadscope.benchmarks import export_suite, parse_suite, plan_export
-from roadscope.benchmarks.recorded import kitti_suite
+from roadscope.benchmarks import export_suite, kitti_suite, parse_suite, plan_export
 
 MINI = """
 name = "mini"

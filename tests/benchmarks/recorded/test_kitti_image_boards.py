@@ -7,7 +7,7 @@ import pytest
 from toy_kitti_scans import P2, Painted, image_of, write_images, write_objects, write_tracking
 
 from roadscope import leaderboard
-from roadscope.benchmarks.recorded import kitti_suite
+from roadscope.benchmarks import kitti_suite
 from roadscope.formats import FormatError
 
 TOY = Path(__file__).parents[2] / "toy_kitti_scans.py"

@@ -9,7 +9,7 @@ from kitti_evaluation import odometry_errors
 from toy_kitti_odometry import CAMERA_FROM_LIDAR, STEP_M, lidar_pose, write_odometry
 
 from roadscope import leaderboard
-from roadscope.benchmarks.recorded import kitti_suite
+from roadscope.benchmarks import kitti_suite
 from roadscope.core import Pose, SpecError
 from roadscope.formats import FormatError
 

@@ -15,10 +15,10 @@ from typer.testing import CliRunner
 from roadscope import TRACKERS as REGISTRY
 from roadscope import Spec, leaderboard, load_suite
 from roadscope.__main__ import app
-from roadscope.benchmarks import Outcome, RunOptions, agreements, plan, run_jobs
+from roadscope.benchmarks import Outcome, RunOptions, agreements, kitti_suite, plan, run_jobs
 from roadscope.benchmarks.boards import OFFLINE, JobOptions, board_named
 from roadscope.benchmarks.metrics import Score
-from roadscope.benchmarks.recorded import kitti_suite, recordings_of
+from roadscope.benchmarks.recorded import recordings_of
 from roadscope.benchmarks.report import (
     agreement_lines,
     board_table,

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+from roadscope.benchmarks import kitti_suite
 from roadscope.benchmarks.formats import (
     CLASS_COLUMNS,
     CLASS_IDS,
@@ -17,7 +18,7 @@ from roadscope.benchmarks.formats import (
     WORLD_COLUMNS,
     read_kitti_object_labels,
 )
-from roadscope.benchmarks.recorded import kitti_suite, mot_suite, recordings_of
+from roadscope.benchmarks.recorded import mot_suite, recordings_of
 from roadscope.formats import KittiType, read_kitti_sequence
 
 PAGE = Path(__file__).parents[3] / "docs" / "recorded-data.md"

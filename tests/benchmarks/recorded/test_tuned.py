@@ -4,10 +4,10 @@ import pytest
 from toy_kitti import write_kitti
 
 from roadscope import Spec, leaderboard, load_suite
-from roadscope.benchmarks import plan, run_jobs
+from roadscope.benchmarks import kitti_suite, plan, run_jobs
 from roadscope.benchmarks.boards import JobOptions, board_named
 from roadscope.benchmarks.nodes import THRESHOLDS, TunedNode, at_threshold, is_tuned
-from roadscope.benchmarks.recorded import MotRecording, kitti_suite
+from roadscope.benchmarks.recorded import MotRecording
 from roadscope.core import SpecError
 
 TUNED = "gnn?least_score=tuned"

@@ -8,8 +8,8 @@ from typer.testing import CliRunner
 
 from roadscope import leaderboard
 from roadscope.__main__ import app
-from roadscope.benchmarks import FolderError, RunOptions, plan
-from roadscope.benchmarks.recorded import apply_kitti_rules, kitti_suite, sequence_scores
+from roadscope.benchmarks import FolderError, RunOptions, kitti_suite, plan
+from roadscope.benchmarks.recorded import apply_kitti_rules, sequence_scores
 from roadscope.benchmarks.report import folder_names, save_tracks
 from roadscope.formats import KittiType, read_kitti_labels, read_kitti_sequence, read_mot
 
