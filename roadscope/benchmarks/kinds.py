@@ -36,6 +36,11 @@ class Kind:
     method: str
     warm_calls: int = 0
 
+    @property
+    def plural(self) -> str:
+        """Its name for several plug-ins."""
+        return f"{self.name[:-1]}ies" if self.name.endswith("y") else f"{self.name}s"
+
     def __str__(self) -> str:
         return f"{'an' if self.name[0] in 'aeiou' else 'a'} {self.name}"
 
@@ -49,6 +54,7 @@ DRIVER = Kind("driver", DRIVERS, "drive")
 KINDS: Mapping[str, Kind] = {
     kind.name: kind for kind in (DETECTOR, CAMERA_DETECTOR, TRACKER, FUSION, ODOMETRY, DRIVER)
 }
+"""Those that several files use; `boards.plugin_kinds` has those that other boards bring too."""
 _IMITATIONS = ((CAMERA_DETECTOR, CAMERA_NOISES), (ODOMETRY, ODOMETRY_NOISES))
 """Noise models that are entries of a board."""
 

@@ -99,9 +99,10 @@ def listed_kinds(incomplete: str) -> Completion:
 
 def plugin_kinds(incomplete: str) -> Completion:
     """Return the kinds of plug-in."""
-    from roadscope.benchmarks.kinds import KINDS
+    from roadscope.benchmarks.boards import plugin_kinds as every_kind
 
-    return _beginning(incomplete, ((kind, f"has {each.method}()") for kind, each in KINDS.items()))
+    kinds = every_kind().items()
+    return _beginning(incomplete, ((kind, f"has {each.method}()") for kind, each in kinds))
 
 
 def template_kinds(incomplete: str) -> Completion:

@@ -35,8 +35,6 @@ from roadscope.core.loading import (
 )
 from roadscope.core.names import unknown
 
-KINDS = ("detector", "camera detector", "tracker", "fusion", "odometry", "driver")
-"""The kinds of plug-in. A class may declare its kind by an attribute: `kind = "tracker"`."""
 ORACLE, FUSED = "oracle", "fused"
 TRUE_POSES, NO_POSES = "truth", "none"
 """The values of `ego=` that name no odometry; without `ego=`, trackers get the true poses."""
@@ -53,7 +51,7 @@ class Spec:
     name: the part before `?`.
     arguments: of its constructor, by name.
     parts: the specs that it is composed of, by key: `ego`, `odometry`, `lidar`, `camera`, `fusion`.
-    kind: one of `KINDS`, or the kind of another registry; empty until a registry resolved it.
+    kind: that of its registry, such as `tracker`; empty until a registry resolved the spec.
     target: `module:Class` or `path/file.py:Class`; empty until a registry resolved the spec.
 
     Specs are equal when text and kind are. Their mappings are read-only copies. They hold strings

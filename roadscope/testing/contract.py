@@ -3,23 +3,14 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from importlib import import_module
+from importlib.util import find_spec
 
+from roadscope.benchmarks.boards import plugin_kinds
 from roadscope.benchmarks.isolation import Limits, PluginError, probing
-from roadscope.benchmarks.kinds import (
-    CAMERA_DETECTOR,
-    DETECTOR,
-    DRIVER,
-    FUSION,
-    KINDS,
-    ODOMETRY,
-    TRACKER,
-    Kind,
-    entry_kind,
-    traits_of,
-)
+from roadscope.benchmarks.kinds import DETECTOR, TRACKER, Kind, entry_kind, traits_of
 from roadscope.benchmarks.noisy import NOISES
 from roadscope.benchmarks.noisy_camera import CAMERA_NOISES
 from roadscope.benchmarks.noisy_odometry import ODOMETRY_NOISES
@@ -29,21 +20,13 @@ from roadscope.core.answers import AnswerError
 from roadscope.core.names import unknown
 from roadscope.core.spec import FUSED, ORACLE
 from roadscope.core.text import one_line
+from roadscope.testing.shared import start_promises
 from roadscope.testing.subject import DEADLINE_S, Promise, PromiseError, Subject, resolved
 
 LOADED = "can be loaded"
 QUIET = "prints nothing"
 SAME = "for the same reason as above"
 """The remark of an item that is wrong for the same reason as an earlier one."""
-MODULES: Mapping[str, str] = {
-    DETECTOR.name: "detectors",
-    CAMERA_DETECTOR.name: "camera_detectors",
-    TRACKER.name: "trackers",
-    FUSION.name: "fusions",
-    ODOMETRY.name: "odometries",
-    DRIVER.name: "drivers",
-}
-"""The module of `roadscope.testing` that has the promises of each kind."""
 WARNING = re.compile(r"^.*:\d+: \w*Warning: .*\n(?:  .*\n?)?", re.MULTILINE)
 """A printed warning of Python and its line of code."""
 OUR_REPORT = re.compile(
@@ -232,7 +215,8 @@ def _resolved(text: str, kind: str | None) -> tuple[Spec, Kind]:
     if kind is not None:
         resolved_kind = _kind_named(kind)
     else:
-        resolved_kind = DETECTOR if spec.name in NAMED_BY_SUITES else entry_kind(spec)
+        possible = tuple(plugin_kinds().values())
+        resolved_kind = DETECTOR if spec.name in NAMED_BY_SUITES else entry_kind(spec, possible)
     plugin = resolved(spec, resolved_kind)
     if failure := traits_of(plugin).failure:
         raise SpecError(failure)
@@ -240,27 +224,31 @@ def _resolved(text: str, kind: str | None) -> tuple[Spec, Kind]:
 
 
 def _kind_named(kind: str) -> Kind:
-    name = kind.replace("-", " ")
-    if name not in KINDS:
-        raise SpecError(unknown("kind", kind, KINDS))
-    return KINDS[name]
+    name, kinds = kind.replace("-", " "), plugin_kinds()
+    if name not in kinds:
+        raise SpecError(unknown("kind", kind, kinds))
+    return kinds[name]
 
 
 def _promises(spec: Spec, kind: Kind) -> Sequence[Promise]:
-    promises: Sequence[Promise] = _promises_in(MODULES[kind.name])
+    promises = _promises_in(kind.plural.replace(" ", "_"))
     if kind is TRACKER and traits_of(spec).offline:
         return (*promises, *_promises_in("offline"))
-    return promises
+    return promises or start_promises(kind.method, "...")
 
 
 def _promises_in(module: str) -> Sequence[Promise]:
-    promises: Sequence[Promise] = import_module(f"roadscope.testing.{module}").PROMISES
+    """Return the promises in a module of this folder; empty if there is no such module."""
+    name = f"{__package__}.{module}"
+    promises: Sequence[Promise] = import_module(name).PROMISES if find_spec(name) else ()
     return promises
 
 
 def _kind_in_words(spec: Spec, kind: Kind) -> str:
     if kind is TRACKER and traits_of(spec).offline:
         return "an offline tracker"
+    if not _promises_in(kind.plural.replace(" ", "_")):
+        return f"{kind}; what {kind.plural} promise beyond these items is not known"
     return str(kind)
 
 

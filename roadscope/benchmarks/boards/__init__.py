@@ -15,6 +15,7 @@ from roadscope.benchmarks.boards.kitti_odometry import KITTI_ODOMETRY_BOARD
 from roadscope.benchmarks.boards.odometry import OdometryBoard
 from roadscope.benchmarks.boards.recorded import KITTI_BOARDS, MOT_BOARDS
 from roadscope.benchmarks.boards.tracking import TrackingBoard
+from roadscope.benchmarks.kinds import KINDS, Kind
 from roadscope.benchmarks.suite import Suite
 from roadscope.core import SpecError
 from roadscope.core.names import unknown
@@ -36,7 +37,15 @@ RECORDED_BOARDS: Mapping[str, Board] = {
     for board in (*KITTI_BOARDS, *KITTI_OBJECT_BOARDS, KITTI_ODOMETRY_BOARD, *MOT_BOARDS)
 }
 
-__all__ = ["BOARDS", "RECORDED_BOARDS", "Board", "board_named", "boards_of", "chosen_boards"]
+__all__ = [
+    "BOARDS",
+    "RECORDED_BOARDS",
+    "Board",
+    "board_named",
+    "boards_of",
+    "chosen_boards",
+    "plugin_kinds",
+]
 
 
 def board_named(name: str) -> Board:
@@ -45,6 +54,11 @@ def board_named(name: str) -> Board:
     if name not in every:
         raise SpecError(unknown("board", name, every))
     return every[name]
+
+
+def plugin_kinds() -> dict[str, Kind]:
+    """Return every kind of plug-in by its name, also those that a board brings."""
+    return {**KINDS, **{board.kind.name: board.kind for board in BOARDS.values()}}
 
 
 def boards_of(suite: Suite) -> list[Board]:
@@ -69,7 +83,7 @@ def chosen_boards(suite: Suite, names: Sequence[str] | None) -> list[Board]:
     kinds = {board.kind for board in chosen}
     possible = boards_of(suite)
     if not kinds <= {board.kind for board in possible}:
-        ranked = " and ".join(dict.fromkeys(f"{board.kind.name}s" for board in possible))
+        ranked = " and ".join(dict.fromkeys(board.kind.plural for board in possible))
         raise SpecError(f"suite {suite.title} is of recorded data: it is for {ranked} only")
     return [board for board in possible if board.kind in kinds]
 

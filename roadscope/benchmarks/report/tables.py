@@ -167,7 +167,7 @@ def agreement_lines(results: Results, name: str) -> list[str]:
     lines = [
         f"Ranks agree with those of suite {a.suite} by "
         f"{a.rho:.2f}{_in_brackets(*(a.interval or unknown))} "
-        f"(Spearman, {len(a.entries)} {board.kind.name}s; 1 is the same order)."
+        f"(Spearman, {len(a.entries)} {board.kind.plural}; 1 is the same order)."
         for a in results.agreements
         if a.board == name
     ]

@@ -59,6 +59,18 @@ class Wild:
     def drive(self, gap_m, speed_m_s):
         return 1e3
 """
+PROMISES = """
+from roadscope.testing.shared import start_promises
+from roadscope.testing.subject import Promise, PromiseError
+
+def brakes(subject):
+    with subject.started() as instance:
+        if instance.call("drive", 1.0, 10.0) >= 0:
+            raise PromiseError("it does not brake close to a car")
+    return ""
+
+PROMISES = *start_promises("drive", "gap_m, speed_m_s"), Promise("brakes", brakes)
+"""
 IMPORT = "from roadscope.benchmarks.boards.following import FollowingBoard\n"
 LINE = "        FollowingBoard(),\n"
 LAST = "        OdometryBoard(),\n"
@@ -206,3 +218,18 @@ def test_what_reads_results_knows_the_board(home: Path, first) -> None:
     shown = does(home, "view", "out", "--save", "drive.rrd")
     assert shown.returncode == 1
     assert "is a drive behind a car, which no view shows" in shown.stderr
+
+
+@pytest.mark.slow
+def test_its_kind_of_plugin_is_checked(home: Path) -> None:
+    assert "follower" in does(home, "check", "coast", "--kind", "followr").stderr
+    loaded = does(home, "check", "coast")
+    assert loaded.returncode == 0, loaded.stdout
+    assert "a follower; what followers promise beyond these items is not known" in loaded.stdout
+    assert "has reset and drive" in loaded.stdout
+    (home / "roadscope/testing/followers.py").write_text(PROMISES)
+    broken = does(home, "check", "drivers.py:Wild")
+    assert broken.returncode == 1, broken.stderr
+    assert "brakes: it does not brake close to a car" in broken.stdout
+    either = does(home, "check", "drivers.py:Breaks")
+    assert "it may be a driver or a follower" in either.stdout
