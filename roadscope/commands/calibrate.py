@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from roadscope.commands.completion import rigs
 from roadscope.commands.options import Quiet, flag, option
 from roadscope.commands.terminal import headline, progress_bars, show
 
@@ -15,7 +16,9 @@ if TYPE_CHECKING:
 
 HOW = "How it is calibrated"
 
-Rig = Annotated[str, option("NAME", "A rig with a camera: li2021, wide or a .toml file")]
+Rig = Annotated[
+    str, option("NAME", "A rig with a camera: li2021, wide or a .toml file", autocompletion=rigs)
+]
 Poses = Annotated[int, option("N", "Poses of the target, 4 to 100", min=4, max=100)]
 Seed = Annotated[int, option("N", "Random seed of poses and noise", min=0)]
 KnownIntrinsics = Annotated[

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from roadscope.commands.completion import entries_of_runs
 from roadscope.commands.options import OUTPUT, Json, JsonFile, Quiet, flag, option
 from roadscope.commands.terminal import complain, console, printable
 
@@ -29,7 +30,12 @@ B = Annotated[
     ),
 ]
 Entries = Annotated[
-    tuple[str, str] | None, option("X Y", "Compare the entry X of A with the entry Y of B")
+    tuple[str, str] | None,
+    option(
+        "X Y",
+        "Compare the entry X of A with the entry Y of B",
+        autocompletion=entries_of_runs,
+    ),
 ]
 Metrics = Annotated[
     list[str] | None,

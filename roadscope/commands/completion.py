@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 
+import typer
+
 Completion = Iterator[tuple[str, str]]
 """Names, each with the text that a shell shows beside it."""
 
@@ -81,6 +83,20 @@ def entries(incomplete: str) -> Completion:
 
     for board in BOARDS.values():
         yield from _beginning(incomplete, _registered(board.kind.registry))
+
+
+def entries_of_runs(ctx: typer.Context, incomplete: str) -> Completion:
+    """Return the entries of the results that stand on the command line before."""
+    from roadscope.benchmarks.compare import CompareError, read_run
+
+    # Typer names the arguments; click does not where an option lacks its value.
+    places = [ctx.params.get(name) for name in ("a", "b", "source")]
+    for place in filter(None, [*places, *ctx.args]):
+        try:
+            names = read_run(place).entries()
+        except (CompareError, OSError):
+            continue
+        yield from _beginning(incomplete, ((name, "") for name in names))
 
 
 def boards(incomplete: str) -> Completion:

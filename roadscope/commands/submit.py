@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from roadscope.commands.completion import detectors
 from roadscope.commands.options import RECORDED, Every, Json, JsonFile, Quiet, Width, option
 from roadscope.commands.terminal import complain, console, printable, progress_bars
 
@@ -32,7 +33,9 @@ Name = Annotated[str | None, option("NAME", "Name of the entry; DIR's if left ou
 Inputs = Annotated[
     str | None,
     option(
-        "SPEC", "The suite's detector whose detections were tracked, to compare with its trackers"
+        "SPEC",
+        "The suite's detector whose detections were tracked, to compare with its trackers",
+        autocompletion=detectors,
     ),
 ]
 Beside = Annotated[

@@ -7,6 +7,7 @@ from typing import Annotated
 
 import typer
 
+from roadscope.commands import completion
 from roadscope.commands.help import GroupedCommand, command_group
 from roadscope.commands.options import Jobs, Quiet, option, workers
 from roadscope.commands.terminal import headline, progress_bars, show
@@ -76,6 +77,7 @@ def driver(
             "NAME",
             "Default: all of the suite driving; if repeated, each drive draws one",
             name="--scenario",
+            autocompletion=completion.scenarios,
         ),
     ] = None,
     start: Annotated[
@@ -89,7 +91,9 @@ def driver(
         int, option("N", "Decisions (0.2 s each) to learn from by PPO; needs the extra rl", min=0)
     ] = 0,
     seconds: Annotated[float, option("S", "Longest time of a drive", min=1.0, max=600.0)] = 30.0,
-    rig: Annotated[str, option("NAME", "Sensors of the stack")] = "vlp16",
+    rig: Annotated[
+        str, option("NAME", "Sensors of the stack", autocompletion=completion.rigs)
+    ] = "vlp16",
     seed: Seed = 0,
     out: Out = Path("driver.safetensors"),
     quiet: Quiet = False,

@@ -44,7 +44,15 @@ Seed = Annotated[
 BoardName = Annotated[
     str | None, option("NAME", "The board", FOLDER, autocompletion=completion.boards)
 ]
-Entry = Annotated[str | None, option("SPEC", "The entry; the best one if left out", FOLDER)]
+Entry = Annotated[
+    str | None,
+    option(
+        "SPEC",
+        "The entry; the best one if left out",
+        FOLDER,
+        autocompletion=completion.entries_of_runs,
+    ),
+]
 OfScenario = Annotated[
     str | None,
     option("NAME", "The scenario or sequence", FOLDER, autocompletion=completion.scenarios),

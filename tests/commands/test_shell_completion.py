@@ -1,3 +1,4 @@
+import json
 import os
 import subprocess
 import sys
@@ -8,6 +9,9 @@ import pytest
 import roadscope
 
 ROOT = Path(roadscope.__file__).parents[1]
+
+
+JOB = {"board": "tracking", "scenario": "street", "seed": 1, "scores": {}}
 
 
 def roadscope_does(*arguments: str, **variables: str) -> str:
@@ -56,11 +60,21 @@ def completed(words: str) -> list[str]:
         ("roadscope new cam", {"camera-detector"}),
         ("roadscope cache clear --kind pos", {"poses"}),
         ("roadscope list we", {"weathers"}),
+        ("roadscope submit results --inputs distance-l-", {"distance-l-shape"}),
+        ("roadscope check here.py:Mine --kind camera", {"camera", "detector"}),
         ("roadscope run street --rig nothing", set()),
     ],
 )
 def test_names_are_completed(words: str, expected: set[str]) -> None:
     assert set(completed(words)) == expected
+
+
+@pytest.mark.parametrize("before", ["compare {run} --entries", "compare {run} --entries gnn"])
+def test_entries_of_a_run_are_completed(before: str, tmp_path: Path) -> None:
+    scores = [{**JOB, "entry": name} for name in ("gnn", "gnn on oracle", "imm")]
+    (tmp_path / "leaderboard.json").write_text(json.dumps({"scores": scores}))
+    words = f"roadscope {before.format(run=tmp_path)} im"
+    assert completed(words) == ["imm"]
 
 
 def test_the_script_for_a_shell_is_shown() -> None:
