@@ -8,7 +8,7 @@ import numpy as np
 from PIL import Image
 
 import roadscope
-from roadscope.benchmarks.listing import names_of
+from roadscope.benchmarks import names_of
 
 MOMENTS = {"cold-start": 1.0, "convoy-pull-away": 6.0, "stop-and-go": 6.0, "cut-ins": 6.0}
 """Seconds after which the picture is taken, where it is not `USUAL_S`; chosen by looking."""

@@ -16,17 +16,14 @@ from collections.abc import Callable, Iterator
 from enum import Enum
 from typing import Any
 
+import gymnasium
 import numpy as np
 from sphinx.pycode import ModuleAnalyzer
 
 from roadscope import CAMERA_DETECTORS, DETECTORS, FUSIONS, ODOMETRIES, TRACKERS
-from roadscope.benchmarks.listing import names_of
+from roadscope.benchmarks import names_of
 from roadscope.envs import env_ids, find_rig
-from roadscope.envs.sensors.camera_spec import CAMERAS
-from roadscope.envs.sensors.imu_spec import IMUS
-from roadscope.envs.sensors.lidar_spec import SPECS
-from roadscope.envs.sensors.rigs import RIGS
-from roadscope.envs.traffic.scenarios import SCENARIOS
+from roadscope.envs.sensors import CAMERAS, IMUS, SPECS
 
 FIELDS = re.compile(r"((?:\*{0,2}[A-Za-z_]\w*)(?:, \*{0,2}[A-Za-z_]\w*)*): +(?=\S)")
 """`name: text` or `name, name: text` at the beginning of a line: arguments, fields, results."""
@@ -170,7 +167,7 @@ def imus() -> str:
 def rigs() -> str:
     """Return which sensors the rigs have and where they sit."""
     rows = []
-    for name in RIGS:
+    for name, _ in names_of("rigs"):
         rig = find_rig(name)
         rows.append(
             [
@@ -193,17 +190,15 @@ def _place(pose: Any) -> str:
 
 def scenarios() -> str:
     """Return all scenarios, each with its picture."""
-    from roadscope.envs.gym.registration import IDS
-
-    ids = {arguments["scenario"]: key for key, arguments in IDS.items()}
+    ids = {gymnasium.spec(each).kwargs["scenario"]: each for each in env_ids()}
     assert len(ids) == len(env_ids())
     parts = []
-    for scenario in SCENARIOS.values():
-        known = f" Id: `roadscope/{ids[scenario.name]}`." if scenario.name in ids else ""
+    for name, description in names_of("scenarios"):
+        known = f" Id: `{ids[name]}`." if name in ids else ""
         parts += [
-            f"### {scenario.name}",
-            f"{scenario.description}{known}",
-            f"![A picture of {scenario.name}](images/scenarios/{scenario.name}.png)",
+            f"### {name}",
+            f"{description}{known}",
+            f"![A picture of {name}](images/scenarios/{name}.png)",
         ]
     return "\n\n".join(parts)
 

@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from roadscope.benchmarks.eligibility import Eligibility
     from roadscope.benchmarks.episode import Episode
     from roadscope.benchmarks.isolation import Limits
+    from roadscope.benchmarks.listing import names_of
     from roadscope.benchmarks.loop import RunOptions
     from roadscope.benchmarks.recorded.result_files import (
         score_kitti_object_results,
@@ -61,6 +62,7 @@ _PLACES = {
     "calibrate_rig": "roadscope.benchmarks.calibrating:calibrate_rig",
     "export_suite": "roadscope.benchmarks.suite_exports:export_suite",
     "load_suite": "roadscope.benchmarks.suite_files:load_suite",
+    "names_of": "roadscope.benchmarks.listing:names_of",
     "plan_export": "roadscope.benchmarks.suite_exports:plan_export",
     "run_episode": "roadscope.benchmarks.single:run_episode",
     "save_picture": "roadscope.benchmarks.run_pictures:save_picture",
@@ -98,6 +100,7 @@ __all__ = [
     "calibrate_rig",
     "export_suite",
     "load_suite",
+    "names_of",
     "plan_export",
     "run_episode",
     "save_picture",
@@ -127,7 +130,7 @@ _PARTS = {
     "imu_check": "Motion MotionWindow doubt_of_accelerations doubt_of_imu doubt_of_turns "
     "doubt_of_wheels",
     "kinds": "DETECTOR Kind TRACKER entry_kind",
-    "listing": "KINDS names_of",
+    "listing": "KINDS",
     "loop": "CallInput run_plugin",
     "noisy": "CLUTTER_SIZE_M NOISES NoiseModel NoisyDetections",
     "noisy_camera": "CAMERA_NOISES CameraNoise LIT NoisyCamera",

@@ -32,7 +32,11 @@ T = TypeVar("T")
 
 
 def names_of(kind: str) -> list[tuple[str, str]]:
-    """Return the names of a kind with their descriptions; raise `SpecError` for an unknown kind."""
+    """Return the names of a kind with their descriptions, as `roadscope list` shows them.
+
+    kind: `detectors`, `trackers`, `scenarios`, `suites`, `rigs` or another of the kinds that
+        `roadscope list` shows; an unknown one raises `SpecError`.
+    """
     if kind not in KINDS:
         raise SpecError(unknown("kind", kind, KINDS))
     return KINDS[kind]()
