@@ -37,9 +37,20 @@ def names_of(kind: str) -> list[tuple[str, str]]:
     kind: `detectors`, `trackers`, `scenarios`, `suites`, `rigs` or another of the kinds that
         `roadscope list` shows; an unknown one raises `SpecError`.
     """
-    if kind not in KINDS:
-        raise SpecError(unknown("kind", kind, KINDS))
-    return KINDS[kind]()
+    kinds = KINDS if kind in KINDS else listed_kinds()
+    if kind not in kinds:
+        raise SpecError(unknown("kind", kind, kinds))
+    return kinds[kind]()
+
+
+def listed_kinds() -> dict[str, Callable[[], list[tuple[str, str]]]]:
+    """Return `KINDS`, and after them the kinds of plug-in that boards bring."""
+    from roadscope.benchmarks.boards import plugin_kinds
+
+    plugins = {
+        kind.plural.replace(" ", "-"): partial(_plugins, kind) for kind in plugin_kinds().values()
+    }
+    return {**KINDS, **{name: each for name, each in plugins.items() if name not in KINDS}}
 
 
 def _detectors() -> list[tuple[str, str]]:
@@ -204,3 +215,4 @@ KINDS: Mapping[str, Callable[[], list[tuple[str, str]]]] = {
     "lights": _lights,
     "faults": _faults,
 }
+"""What is listed, without kinds of plug-in that only their board knows."""

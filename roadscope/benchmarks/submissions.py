@@ -13,8 +13,10 @@ import numpy as np
 
 from roadscope.benchmarks.boards.board import CONDITIONS
 from roadscope.benchmarks.boards.camera import CameraBoard, image_scores
-from roadscope.benchmarks.boards.detection import detection_parts, detection_scores
+from roadscope.benchmarks.boards.detection import DetectionBoard, detection_parts, detection_scores
 from roadscope.benchmarks.boards.fusion import FusionBoard
+from roadscope.benchmarks.boards.odometry import OdometryBoard
+from roadscope.benchmarks.boards.tracking import TrackingBoard
 from roadscope.benchmarks.compare import check_comparable, read_run
 from roadscope.benchmarks.episode import Episode, sensed, sensing_of
 from roadscope.benchmarks.formats.kitti_frames import detections_from_rows
@@ -391,9 +393,9 @@ class ResultKind(NamedTuple):
 
 
 RESULT_KINDS = (
-    ResultKind("detection", _detection_scores, ending=""),
-    ResultKind("tracking", _tracking_scores, gets_detections=True),
-    ResultKind("odometry", _odometry_scores),
+    ResultKind(DetectionBoard.name, _detection_scores, ending=""),
+    ResultKind(TrackingBoard.name, _tracking_scores, gets_detections=True),
+    ResultKind(OdometryBoard.name, _odometry_scores),
     ResultKind(CameraBoard.name, _camera_scores, ending=""),
 )
 

@@ -25,10 +25,10 @@ def list_names(
     json: Json = False,
 ) -> None:
     """List the names that other commands take, each with a description."""
-    from roadscope.benchmarks.listing import KINDS, names_of
+    from roadscope.benchmarks.listing import listed_kinds, names_of
     from roadscope.benchmarks.tables import name_table
 
-    listed = {each: names_of(each) for each in ([kind] if kind else KINDS)}
+    listed = {each: names_of(each) for each in ([kind] if kind else listed_kinds())}
     if json:
         print_json({each: dict(names) for each, names in listed.items()})
         return

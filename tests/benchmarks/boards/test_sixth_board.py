@@ -200,6 +200,7 @@ def test_its_table_of_a_suite_is_checked_with_all_others(home: Path) -> None:
 def test_the_command_line_knows_the_board(home: Path) -> None:
     listed = does(home, "list", "boards").stdout
     assert "Ranks drivers by their least distance to the car ahead." in listed
+    assert does(home, "list", "followers").stdout.split()[:2] == ["followers", "coast"]
     words = {"COMP_WORDS": "roadscope leaderboard --entry coa", "COMP_CWORD": "3"}
     completed = does(home, _ROADSCOPE_COMPLETE="complete_bash", **words).stdout
     assert completed.split() == ["coast"]
