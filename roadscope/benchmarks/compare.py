@@ -16,8 +16,7 @@ import msgspec
 from roadscope.benchmarks.boards import board_named
 from roadscope.benchmarks.metrics.breakdown import split_name
 from roadscope.benchmarks.metrics.score import Better, Score
-from roadscope.benchmarks.results.job_scores import JobName, JobScores
-from roadscope.benchmarks.results.rows import Block, blocks
+from roadscope.benchmarks.results.rows import Block, JobName, JobScores, blocks
 from roadscope.benchmarks.results.statistics import (
     linearised,
     measured,

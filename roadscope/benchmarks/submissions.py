@@ -47,7 +47,7 @@ from roadscope.benchmarks.recorded.suite import KITTI
 from roadscope.benchmarks.records import EpisodeDetections, EpisodeImageDetections
 from roadscope.benchmarks.references import image_source
 from roadscope.benchmarks.results import JobScores, Results, results_of
-from roadscope.benchmarks.results.job_scores import JobName
+from roadscope.benchmarks.results.rows import JobName
 from roadscope.benchmarks.suite_exports import (
     ExportedSequence,
     Manifest,

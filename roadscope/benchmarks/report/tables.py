@@ -15,8 +15,7 @@ from roadscope.benchmarks.boards import Board, board_named
 from roadscope.benchmarks.boards.board import Column
 from roadscope.benchmarks.boards.tracking import OFFLINE
 from roadscope.benchmarks.results import Results, Row, Standing
-from roadscope.benchmarks.results.agreement import LEAST_ENTRIES
-from roadscope.benchmarks.results.prediction import predictions
+from roadscope.benchmarks.results.agreement import LEAST_ENTRIES, predictions
 from roadscope.benchmarks.suite import Suite
 from roadscope.benchmarks.tables import plain_table
 from roadscope.core.spec import ORACLE

@@ -1,20 +1,87 @@
-"""Rows: the metrics of entries, pooled over the scores of their jobs."""
+"""The scores of jobs, and rows: the metrics of entries, pooled over the scores of their jobs."""
 
 from __future__ import annotations
 
 import math
 import statistics
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, fields, replace
+from typing import Any, NamedTuple, Self
 
 from roadscope.benchmarks.boards import Board
 from roadscope.benchmarks.metrics.breakdown import part_name, split_name
 from roadscope.benchmarks.metrics.score import Score
-from roadscope.benchmarks.results.job_scores import JobScores
 from roadscope.benchmarks.results.statistics import merged, pooled_interval
 
 Block = tuple[str, int]
 """Scenario and seed: jobs of a block are on the same traffic."""
+
+
+class JobName(NamedTuple):
+    """What identifies a job beside its entry; jobs of two runs with equal names are compared.
+
+    condition: weather, light and faults in words. inputs: the detector whose detections it gets.
+    """
+
+    board: str
+    scenario: str
+    seed: int
+    condition: str
+    inputs: str
+
+
+@dataclass(frozen=True, slots=True)
+class JobScores:
+    """The scores of one entry on one episode.
+
+    condition: weather, light and faults in words.
+    inputs: the detector whose detections the entry gets; empty if it gets none.
+    scores: by metric; empty if it failed.
+    reason: why it failed, or None. log: the end of what the failed plug-in printed.
+    not_installed: whether it failed because something that it needs is not installed.
+    mark: which mark of the board the entry is, or None.
+    conditions: the value of each condition of the board, such as `weather` or `sequence`.
+    """
+
+    board: str
+    entry: str
+    scenario: str
+    seed: int
+    condition: str
+    inputs: str
+    scores: Mapping[str, Score]
+    reason: str | None = None
+    mark: str | None = None
+    conditions: Mapping[str, str] = field(default_factory=dict)
+    log: str = ""
+    not_installed: bool = False
+
+    @property
+    def name(self) -> JobName:
+        """The name by which it is compared with the same job of another run."""
+        return JobName(self.board, self.scenario, self.seed, self.condition, self.inputs)
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the job as a JSON object, without its log."""
+        named = {each.name: getattr(self, each.name) for each in fields(self) if each.name != "log"}
+        scores = {name: score.to_json() for name, score in self.scores.items()}
+        return {**named, "scores": scores, "conditions": dict(self.conditions)}
+
+    @classmethod
+    def from_json(cls, item: Mapping[str, Any]) -> Self:
+        """Read what `to_json` returned; marks and conditions may be missing."""
+        texts = {name: str(item[name]) for name in ("board", "entry", "scenario")}
+        texts |= {name: str(item.get(name) or "") for name in ("condition", "inputs")}
+        reason, mark = item.get("reason"), item.get("mark")
+        return cls(
+            **texts,
+            seed=int(item["seed"]),
+            scores={name: Score.from_json(score) for name, score in item["scores"].items()},
+            reason=None if reason is None else str(reason),
+            mark=None if mark is None else str(mark),
+            conditions={str(k): str(v) for k, v in item.get("conditions", {}).items()},
+            not_installed=bool(item.get("not_installed")),
+        )
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,7 +133,9 @@ class EntryResult:
 
 def whole_rows(result: EntryResult) -> list[Row]:
     """Return the rows of an entry over whole episodes, and the number of failures."""
-    names = [name for name in _names(result) if _is_whole(name) and not _is_silent(result, name)]
+    names = [
+        name for name in _names(result) if not split_name(name)[1] and not _is_silent(result, name)
+    ]
     rows = [_row(result, name, samples_of(result, name)) for name in names]
     rows += [_median_row(result, name) for name in result.board.medians if name in names]
     board, entry, failed = result.board.name, result.entry, result.failed
@@ -77,7 +146,7 @@ def whole_rows(result: EntryResult) -> list[Row]:
 def part_rows(result: EntryResult) -> list[Row]:
     """Return the rows of an entry broken down; bands without samples are left out."""
     names = _names(result)
-    rows = [_row(result, n, samples_of(result, n)) for n in names if not _is_whole(n)]
+    rows = [_row(result, n, samples_of(result, n)) for n in names if split_name(n)[1]]
     metrics = [name for name in result.board.by_condition if not _is_silent(result, name)]
     for by, values in conditions_of(result).items():
         for band in dict.fromkeys(values):
@@ -125,10 +194,6 @@ def samples_of(result: EntryResult, name: str) -> Samples:
 
 def _names(result: EntryResult) -> list[str]:
     return list(dict.fromkeys(name for each in result.sound for name in each.scores))
-
-
-def _is_whole(name: str) -> bool:
-    return split_name(name)[1] == ""
 
 
 def _is_silent(result: EntryResult, name: str) -> bool:

@@ -52,6 +52,8 @@ def mean_interval(
     degrees of freedom. BCa and percentile intervals cover too little under 30 values. NaN
     values are left out.
     """
+    from scipy.special import stdtrit
+
     groups = _grouped(np.asarray(values, np.float64), strata)
     n = sum(map(len, groups))
     if n == 0:
@@ -62,7 +64,7 @@ def mean_interval(
     if error <= 1e-12 * max(abs(mean), 1e-3):
         return Interval(mean, mean, mean, n)
     tail = (1 - level) / 2
-    t_high = _student_quantile(freedom, 1 - tail)
+    t_high = float(stdtrit(freedom, 1 - tail))
     t_low = -t_high
     if min(map(len, groups)) >= SMALL:
         drawn = _studentised(groups, resamples, np.random.default_rng(seed))
@@ -128,6 +130,7 @@ def paired_p_value(
     NaN if no stratum has two episodes. All scores must be measured.
     """
     from scipy.special import stdtr
+    from scipy.stats import permutation_test
 
     one, moved = linearised(ones)
     other, moved_too = linearised(others)
@@ -147,21 +150,14 @@ def paired_p_value(
         return student
     if len(shares) > MOST_EXACT:
         return max(student, 2.0 ** (1 - len(sizes)))
-    return max(student, _p_of_sign_flips(shares))
-
-
-def _p_of_sign_flips(values: np.ndarray) -> float:
-    """Return the exact p-value of a mean of zero, both signs equally likely."""
-    from scipy.stats import permutation_test
-
-    result = permutation_test(
-        (values,),
+    of_sign_flips = permutation_test(
+        (shares,),
         lambda x, axis: x.mean(axis=axis),
         permutation_type="samples",
         vectorized=True,
         n_resamples=2**MOST_EXACT,
     )
-    return float(result.pvalue)
+    return max(student, float(of_sign_flips.pvalue))
 
 
 def linearised(scores: Sequence[Score]) -> tuple[float, np.ndarray]:
@@ -250,9 +246,3 @@ def _studentised(
         return None
     studentised: np.ndarray = shift / np.sqrt(np.maximum(variance, DEGENERATE * observed))
     return studentised
-
-
-def _student_quantile(freedom: float, probability: float) -> float:
-    from scipy.special import stdtrit
-
-    return float(stdtrit(freedom, probability))
