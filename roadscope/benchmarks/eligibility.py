@@ -39,17 +39,13 @@ class Eligibility(Record):
 
     def of(self, truth: Truth) -> np.ndarray:
         """Return (M,) bool, which objects of a frame are eligible."""
-        eligible: np.ndarray = self._in_scope(truth) & ~self._invisible(truth)
+        few = (truth.lidar_returns >= 0) & (truth.lidar_returns < self.min_returns)
+        eligible: np.ndarray = self._in_scope(truth) & ~few
         return eligible
 
     def unseen(self, truth: Truth) -> int:
         """Return how many objects are not eligible only because they have too few returns."""
-        return int((self._in_scope(truth) & self._invisible(truth)).sum())
-
-    def _invisible(self, truth: Truth) -> np.ndarray:
-        """Return (M,) bool, which objects have too few returns."""
-        few: np.ndarray = (truth.lidar_returns >= 0) & (truth.lidar_returns < self.min_returns)
-        return few
+        return int((self._in_scope(truth) & ~self.of(truth)).sum())
 
     def _in_scope(self, truth: Truth) -> np.ndarray:
         """Return (M,) bool, which objects are of the families and in the range band."""

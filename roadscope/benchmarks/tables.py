@@ -7,16 +7,23 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from rich import box
-from rich.table import Table
+from rich.table import Column, Table
 from rich.text import Text
 
 from roadscope.benchmarks.cached_files import KindUsage, size_text
 from roadscope.benchmarks.metrics.score import Score
 
 
-def plain_table(**options: Any) -> Table:
+def plain_table(*headings: Column | str, **options: Any) -> Table:
     """Return a table with a rule below its headings and nothing else."""
-    return Table(box=box.SIMPLE_HEAD, show_edge=False, pad_edge=False, padding=0, **options)
+    return Table(
+        *headings, box=box.SIMPLE_HEAD, show_edge=False, pad_edge=False, padding=0, **options
+    )
+
+
+def right(heading: str, *, no_wrap: bool = False) -> Column:
+    """Return a column of figures."""
+    return Column(heading, justify="right", no_wrap=no_wrap)
 
 
 MEANINGS: Mapping[str, Mapping[str, str]] = {
@@ -65,44 +72,31 @@ def explained_table(kind: str, scores: Mapping[str, Score]) -> Table:
 
     kind: `detector`, `tracker` or `odometry`.
     """
-    table = plain_table()
-    table.add_column("metric", no_wrap=True)
-    table.add_column("value", justify="right", no_wrap=True)
-    table.add_column("unit", no_wrap=True)
-    table.add_column("best", no_wrap=True)
-    table.add_column("meaning")
+    metric, unit, best = (Column(each, no_wrap=True) for each in ("metric", "unit", "best"))
+    table = plain_table(metric, right("value", no_wrap=True), unit, best, "meaning")
     for name, meaning in MEANINGS[kind].items():
         if name in scores:
-            score = scores[name]
-            unit = "" if score.unit == "1" else score.unit
-            best = "high" if score.better == "higher" else "low"
-            table.add_row(name, _value(score), unit, best, meaning)
+            direction = "high" if scores[name].better == "higher" else "low"
+            table.add_row(name, *_value_and_unit(scores[name]), direction, meaning)
     return table
 
 
-def _value(score: Score) -> str:
-    return "-" if math.isnan(score.value) else f"{score.value:.3f}"
+def _value_and_unit(score: Score) -> tuple[str, str]:
+    value = "-" if math.isnan(score.value) else f"{score.value:.3f}"
+    return value, "" if score.unit == "1" else score.unit
 
 
 def score_table(scores: Mapping[str, Score]) -> Table:
     """Return all scores of one episode with their numbers of samples."""
-    table = plain_table()
-    table.add_column("metric")
-    table.add_column("value", justify="right")
-    table.add_column("unit")
-    table.add_column("samples", justify="right")
+    table = plain_table("metric", right("value"), "unit", right("samples"))
     for name, score in scores.items():
-        unit = "" if score.unit == "1" else score.unit
-        table.add_row(name, _value(score), unit, str(score.n))
+        table.add_row(name, *_value_and_unit(score), str(score.n))
     return table
 
 
 def speed_table(rows: Sequence[Any]) -> Table:
     """Return measured speeds; rows are `speed.rows.SpeedRow`s."""
-    table = plain_table()
-    table.add_column("measured", style="bold", ratio=1)
-    table.add_column("value", justify="right")
-    table.add_column("unit")
+    table = plain_table(Column("measured", style="bold", ratio=1), right("value"), "unit")
     for row in rows:
         table.add_row(row.name, "-" if row.value is None else f"{row.value:.4g}", row.unit)
     return table
@@ -110,17 +104,15 @@ def speed_table(rows: Sequence[Any]) -> Table:
 
 def pose_table(rows: Sequence[Any]) -> Table:
     """Return the errors by number of poses of the target; rows are `calibrating.PoseRow`s."""
-    table = plain_table()
-    for name in (
-        "poses",
-        "reprojection\npx",
-        "8 to 30 m\npx",
-        "worst\npx",
-        "position\ncm",
-        "rotation\ndeg",
-        "by corners\npx",
-    ):
-        table.add_column(f"  {name}" if name != "poses" else name, justify="right")
+    table = plain_table(
+        right("poses"),
+        right("  reprojection\npx"),
+        right("  8 to 30 m\npx"),
+        right("  worst\npx"),
+        right("  position\ncm"),
+        right("  rotation\ndeg"),
+        right("  by corners\npx"),
+    )
     for row in rows:
         figures = (
             row.reprojection_px,
@@ -137,11 +129,8 @@ def pose_table(rows: Sequence[Any]) -> Table:
 
 def usage_table(usages: Sequence[KindUsage]) -> Table:
     """Return numbers of files and sizes by kind, with their sum."""
-    table = plain_table()
-    table.add_column("kind", style="cyan", no_wrap=True)
-    table.add_column("files", justify="right", no_wrap=True)
-    table.add_column("size", justify="right", no_wrap=True)
-    table.add_column("what")
+    kind = Column("kind", style="cyan", no_wrap=True)
+    table = plain_table(kind, right("files", no_wrap=True), right("size", no_wrap=True), "what")
     for usage in usages:
         size = size_text(usage.size_bytes)
         table.add_row(usage.kind, f" {usage.files}", f" {size}", f" {usage.description}")
@@ -152,10 +141,14 @@ def usage_table(usages: Sequence[KindUsage]) -> Table:
 
 def name_table(kind: str, names: Sequence[tuple[str, str]]) -> Table:
     """Return names with their descriptions."""
-    table = plain_table(title=kind, title_justify="left", title_style="bold")
-    table.show_header = False
-    table.add_column("name", style="cyan", no_wrap=True)
-    table.add_column("description")
+    table = plain_table(
+        Column(style="cyan", no_wrap=True),
+        "",
+        title=kind,
+        title_justify="left",
+        title_style="bold",
+        show_header=False,
+    )
     for name, text in names:
         table.add_row(name, Text(text))
     return table

@@ -7,13 +7,12 @@ import html
 import re
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass, fields, replace
-from functools import partial
 from io import StringIO
 from pathlib import Path
 from typing import Any
 
 from roadscope.benchmarks.boards import board_named
-from roadscope.benchmarks.cache import write_atomically
+from roadscope.benchmarks.cache import write_text
 from roadscope.benchmarks.report.board_files import CURVES, NAME, label_of, set_aside
 from roadscope.benchmarks.report.breakdowns import parts_of
 from roadscope.benchmarks.report.curves import draw_curves, has_curves
@@ -64,7 +63,7 @@ def save_all(results: Results, folder: Path) -> list[Path]:
     }
     paths = [folder / f"{NAME}.{ending}" for ending in contents]
     for path, content in zip(paths, contents.values(), strict=True):
-        write_atomically(path, partial(_write, content))
+        write_text(path, content)
     if has_curves(results):
         paths.append(folder / CURVES)
         draw_curves(results, paths[-1])
@@ -84,7 +83,7 @@ def save_logs(results: Results, folder: Path) -> Results:
         place = f"{failure.scenario}, seed {failure.seed}, {failure.condition}"
         texts[path] = texts.get(path, "") + f"{place}: {failure.reason}\n{failure.log}\n\n"
     for path, text in texts.items():
-        write_atomically(path, partial(_write, text))
+        write_text(path, text)
     named = (replace(f, log_file=str(files.get(f, ""))) for f in results.failures)
     return replace(results, failures=tuple(named))
 
@@ -130,10 +129,6 @@ def latex_text(text: str) -> str:
     # After the end of a row, LaTeX takes these for arguments of it.
     start = "{}" if line.startswith(("[", "*")) else ""
     return start + "".join(LATEX_ESCAPES.get(letter, letter) for letter in line)
-
-
-def _write(content: str, path: Path) -> None:
-    path.write_text(content, encoding="utf-8")
 
 
 def _board_table(results: Results, name: str) -> TextTable:

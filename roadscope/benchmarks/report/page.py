@@ -10,9 +10,9 @@ import base64
 import hashlib
 import json
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from importlib import resources
 from itertools import combinations
+from operator import itemgetter
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -100,26 +100,15 @@ def _read_run(board: Path) -> Run:
         return Run(results, note=f"There is no replay, as {replay} cannot be read: {error}")
 
 
-def save_page(runs: Sequence[Run], path: Path) -> list[str]:
-    """Write the page of some runs; return what is not on it, and why."""
-    page = _fitting(runs)
-    write_text(path, page.text)
-    return page.left_out
-
-
-class _Page(NamedTuple):
-    text: str
-    left_out: list[str]
-
-
 Boards = list[dict[str, Any]]
 
 
-def _fitting(runs: Sequence[Run]) -> _Page:
-    """Return a page that is not larger than `MOST_BYTES`, with as many moments as fit.
+def save_page(runs: Sequence[Run], path: Path) -> list[str]:
+    """Write the page of some runs; return what is not on it, and why.
 
-    Moments are left out first, the least bad ones before others. Where a page without any is too
-    large, parts of boards are left out, one kind after the other, until it fits.
+    It is not larger than `MOST_BYTES`. Moments are left out first, the least bad ones before
+    others. Where a page without any is too large, parts of boards are left out, one kind after the
+    other, until it fits.
     """
     boards = [board for run in runs for board in _boards(run)]
     moments = [board.pop("moments") for board in boards]
@@ -139,7 +128,9 @@ def _fitting(runs: Sequence[Run]) -> _Page:
     shown: list[list[Any]] = [[] for _ in bare]
     every = sum(map(len, moments))
     too_much = sum(map(len, moments[len(bare) :]))
-    for number, moment in _in_turn(moments[: len(bare)]):
+    # One of each board at a time, the worst ones first.
+    for place, number in sorted((p, n) for n in range(len(bare)) for p in range(len(moments[n]))):
+        moment = moments[number][place]
         size = len(_as_json(moment)) + 1
         if size > space:
             too_much += 1
@@ -151,7 +142,8 @@ def _fitting(runs: Sequence[Run]) -> _Page:
             f"{too_much} of {every} moments are left out, as the page would be too large."
         )
     full = [{**b, "moments": own} for b, own in zip(bare, shown, strict=True)]
-    return _Page(_rendered(full, left_out), left_out)
+    write_text(path, _rendered(full, left_out))
+    return left_out
 
 
 def _cuts() -> Iterator[tuple[str, Callable[[Boards], Boards]]]:
@@ -173,11 +165,7 @@ def _cuts() -> Iterator[tuple[str, Callable[[Boards], Boards]]]:
             without("entries", most),
         )
     for most in (*HALVED, 0):
-        yield f"Boards beyond the first {most} are left out, {too_large}.", _first_boards(most)
-
-
-def _first_boards(count: int) -> Callable[[Boards], Boards]:
-    return lambda boards: boards[:count]
+        yield f"Boards beyond the first {most} are left out, {too_large}.", itemgetter(slice(most))
 
 
 def _without_logs(boards: Boards) -> Boards:
@@ -199,12 +187,6 @@ def _with_few_columns(boards: Boards) -> Boards:
     ]
 
 
-def _in_turn(queues: Sequence[Sequence[Any]]) -> Iterator[tuple[int, Any]]:
-    """Yield the items of all queues with the number of the queue, one of each at a time."""
-    for place in range(max(map(len, queues), default=0)):
-        yield from ((n, queue[place]) for n, queue in enumerate(queues) if place < len(queue))
-
-
 # --------------------------------------------------------------------------------------------------
 # What is on the page.
 
@@ -215,6 +197,7 @@ def _boards(run: Run) -> Iterator[dict[str, Any]]:
     for name in results.boards():
         board, entries = board_named(name), results.entries(name)
         columns = measured_columns(results, board)
+        calibration = str(results.manifest.get("calibration", ""))
         scale = _Scale.of([results.row(name, entry, board.headline) for entry in entries])
         yield {
             "name": name,
@@ -223,9 +206,7 @@ def _boards(run: Run) -> Iterator[dict[str, Any]]:
             f"{results.manifest.get('suite_version', '')}".strip(),
             "headline": board.headline,
             "sample": board.sample,
-            "remark": " ".join(
-                filter(None, [comparison(results, name), board.remark(_calibration(results))])
-            ),
+            "remark": f"{comparison(results, name)} {board.remark(calibration)}".strip(),
             "predictions": prediction_lines(results, name),
             "columns": [_column(results, board, each) for each in columns],
             "entries": [
@@ -268,10 +249,6 @@ class _Scale(NamedTuple):
             None if end is None else round(6 + (end - self.low) / width * (BAR_WIDTH - 12), 1)
             for end in _ends(row)
         ]
-
-
-def _calibration(results: Results) -> str:
-    return str(results.manifest.get("calibration", ""))
 
 
 def _column(results: Results, board: Board, column: Column) -> dict[str, Any]:
@@ -388,28 +365,6 @@ def _short(value: float | None) -> float | None:
 # HTML.
 
 
-@dataclass(frozen=True, slots=True)
-class _Parts:
-    """The text files of the page."""
-
-    template: str
-    style: str
-    script: str
-
-    @staticmethod
-    def read() -> _Parts:
-        folder = resources.files("roadscope.benchmarks.report") / "page_parts"
-        names = ("page.html.jinja", "page.css", "page.js")
-        template, style, script = ((folder / name).read_text("utf-8") for name in names)
-        light, dark = _variables(PAGE_LIGHT, "light"), _variables(PAGE_DARK, "dark")
-        colours = (
-            f":root {light}\n"
-            f':root[data-theme="dark"] {dark}\n'
-            f'@media (prefers-color-scheme: dark) {{ :root:not([data-theme="light"]) {dark} }}\n'
-        )
-        return _Parts(template, colours + style, script)
-
-
 def _variables(colours: Mapping[str, str], scheme: str) -> str:
     """Return the colours of the page as a block of its style sheet."""
     named = " ".join(f"--{name}: {value};" for name, value in colours.items())
@@ -419,19 +374,27 @@ def _variables(colours: Mapping[str, str], scheme: str) -> str:
 def _rendered(boards: Sequence[Mapping[str, Any]], left_out: Sequence[str] = ()) -> str:
     from jinja2 import Environment, StrictUndefined
 
-    parts = _Parts.read()
+    folder = resources.files("roadscope.benchmarks.report") / "page_parts"
+    names = ("page.html.jinja", "page.css", "page.js")
+    template, style, script = ((folder / name).read_text("utf-8") for name in names)
+    light, dark = _variables(PAGE_LIGHT, "light"), _variables(PAGE_DARK, "dark")
+    colours = (
+        f":root {light}\n"
+        f':root[data-theme="dark"] {dark}\n'
+        f'@media (prefers-color-scheme: dark) {{ :root:not([data-theme="light"]) {dark} }}\n'
+    )
     environment = Environment(
         autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
     )
     drawn = ("name", "headline", "columns", "entries", "breakdowns", "differences", "moments")
     content = [{key: board[key] for key in drawn} for board in boards]
-    digest = base64.b64encode(hashlib.sha256(parts.script.encode()).digest()).decode()
-    return environment.from_string(parts.template).render(
+    digest = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
+    return environment.from_string(template).render(
         boards=boards,
         first_columns=FIRST_COLUMNS,
         left_out=left_out,
-        style=parts.style,
-        script=parts.script,
+        style=colours + style,
+        script=script,
         script_digest=digest,
         # A less-than sign could end the script element that holds the text.
         content=_as_json(content),
