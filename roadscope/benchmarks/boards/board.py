@@ -19,8 +19,16 @@ from roadscope.benchmarks.metrics.score import Score
 from roadscope.benchmarks.recorded.recording import SequenceSettings
 from roadscope.benchmarks.recorded.suite import DataFolder
 from roadscope.benchmarks.records import CallTimes
+from roadscope.benchmarks.references import (
+    IMITATION,
+    LOWER_MARK,
+    LOWER_ODOMETRIES,
+    UPPER_MARK,
+    is_noise,
+)
 from roadscope.benchmarks.suite import BoardSettings, Suite
 from roadscope.core import Spec, Truth
+from roadscope.core.spec import ORACLE
 
 Scores = Mapping[str, Score]
 Condition = Callable[[Any], str]
@@ -254,6 +262,15 @@ def episodes(suite: Suite) -> list[Episode]:
         for scenario in suite.scenarios
         for each in conditions
     ]
+
+
+def mark_of(source: Spec) -> str | None:
+    """Return the mark of a source of image boxes or poses; None if it has a rank."""
+    if source.kind == ORACLE:
+        return UPPER_MARK
+    if is_noise(source):
+        return IMITATION
+    return LOWER_MARK if str(source) in LOWER_ODOMETRIES else None
 
 
 def call_cost(times: CallTimes, percentiles: Sequence[int] = (50, 99)) -> dict[str, Score]:

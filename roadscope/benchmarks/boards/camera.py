@@ -16,6 +16,7 @@ from roadscope.benchmarks.boards.board import (
     call_cost,
     check_camera,
     episodes,
+    mark_of,
     slow_calls_column,
     time_columns,
 )
@@ -28,11 +29,8 @@ from roadscope.benchmarks.metrics.score import Score
 from roadscope.benchmarks.nodes.images import ImageNode, extinction_per_m
 from roadscope.benchmarks.records import EpisodeImageDetections
 from roadscope.benchmarks.references import (
-    IMITATION,
-    UPPER_MARK,
     check_image_source,
     image_source,
-    is_noise,
     made_from_truth,
 )
 from roadscope.benchmarks.suite import BoardSettings, Positive, Suite
@@ -110,13 +108,7 @@ class CameraBoard(Board):
         if options.marks:
             sources[ORACLE] = image_source(ORACLE)
         return [
-            Job(
-                self,
-                name,
-                episode,
-                ImageNode(source, episode, every_s),
-                mark=_mark(source),
-            )
+            Job(self, name, episode, ImageNode(source, episode, every_s), mark=mark_of(source))
             for episode in episodes(suite)
             for name, source in sources.items()
         ]
@@ -142,9 +134,3 @@ class CameraBoard(Board):
 def image_scores(answers: EpisodeImageDetections, episode: Episode) -> dict[str, Score]:
     """Return a camera detector's scores on an episode, without times of calls."""
     return camera_scores(answers.filled, answers.labels(extinction_per_m(episode)))
-
-
-def _mark(source: Spec) -> str | None:
-    if source.kind == ORACLE:
-        return UPPER_MARK
-    return IMITATION if is_noise(source) else None

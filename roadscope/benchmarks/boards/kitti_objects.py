@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from collections.abc import Mapping, Sequence
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -24,13 +25,13 @@ from roadscope.benchmarks.boards.detection import DetectionBoard
 from roadscope.benchmarks.boards.fusion import INPUTS, PASSED_ON, FusionBoard
 from roadscope.benchmarks.eligibility import Eligibility
 from roadscope.benchmarks.formats.kitti_frames import LabelCamera, kitti_results
-from roadscope.benchmarks.formats.kitti_labels import DETECTED_TYPES, KittiObjects, KittiType
+from roadscope.benchmarks.formats.kitti_labels import DETECTED_TYPES, KittiObjects
 from roadscope.benchmarks.formats.kitti_scans import IMAGES, SCANS
 from roadscope.benchmarks.graph import Job, Node
 from roadscope.benchmarks.kinds import CAMERA_DETECTOR, DETECTOR, FUSION
 from roadscope.benchmarks.loop import RunOptions
 from roadscope.benchmarks.metrics.breakdown import part_name
-from roadscope.benchmarks.metrics.score import Score, mean
+from roadscope.benchmarks.metrics.score import mean
 from roadscope.benchmarks.nodes.kitti import (
     AllDrives,
     KittiDetectionNode,
@@ -127,7 +128,10 @@ class KittiObjectsBoard(Board):
         return kitti_object_settings(place, self.simulated_board, self.sensors)
 
     def score(self, job: Job, answers: Sequence[Any], options: RunOptions) -> Scores:
-        """Return average precisions, the number of boxes, and times of calls."""
+        """Return average precisions, the number of boxes, and times of calls.
+
+        The precisions of each sequence are by the first overlap alone.
+        """
         assert isinstance(job.episode, KittiDrives)
         kind, drives = DETECTED_TYPES[self.category], job.episode.drives
         labels = [rows for drive in drives for rows in labels_of(drive)]
@@ -139,7 +143,15 @@ class KittiObjectsBoard(Board):
         shown = sum(int((rows.types == kind).sum()) for rows in boxes)
         scores = precision_scores(labels, boxes, kind, self.overlaps)
         scores["boxes_per_frame"] = mean(shown, len(boxes), "1/frame")
-        scores |= self._by_sequence(drives, labels, boxes, kind)
+        first = 0
+        # KITTI's object data have no sequences.
+        for drive in drives if drives[0].files.layout.by_sequence else ():
+            rows = slice(first, first + len(drive.files.numbers))
+            first = rows.stop
+            of_drive = precision_scores(labels[rows], boxes[rows], kind, self.overlaps[:1])
+            scores |= {
+                part_name(name, SEQUENCE, drive.name): score for name, score in of_drive.items()
+            }
         if job.mark:
             return scores
         return scores | call_cost(_joined([each.times for each in answers]))
@@ -147,29 +159,6 @@ class KittiObjectsBoard(Board):
     def explanation(self, suite: Suite) -> str:
         """Return as text which frames there are, and what plug-ins get."""
         return suite.settings(self.name, KittiSettings).remark
-
-    def _by_sequence(
-        self,
-        drives: Sequence[KittiDrive],
-        labels: Sequence[KittiObjects],
-        boxes: Sequence[KittiObjects],
-        kind: KittiType,
-    ) -> Scores:
-        """Return the average precisions of each sequence by the first overlap.
-
-        KITTI's object data have no sequences: the result is empty.
-        """
-        scores: dict[str, Score] = {}
-        end = 0
-        for drive in drives if drives[0].files.layout.by_sequence else ():
-            begin, end = end, end + len(drive.files.numbers)
-            of_drive = precision_scores(
-                labels[begin:end], boxes[begin:end], kind, self.overlaps[:1]
-            )
-            scores |= {
-                part_name(name, SEQUENCE, drive.name): score for name, score in of_drive.items()
-            }
-        return scores
 
 
 class OneSensorBoard(KittiObjectsBoard):
@@ -186,11 +175,11 @@ class OneSensorBoard(KittiObjectsBoard):
         if options.marks:
             sources[ORACLE] = detection_source(ORACLE)
         return [
-            _job(
+            Job(
                 self,
                 name,
-                [self.node(source, drive) for drive in drives],
-                drives,
+                KittiDrives(drives),
+                AllDrives(tuple(self.node(source, drive) for drive in drives)),
                 mark=UPPER_MARK if source.kind == ORACLE else None,
             )
             for name, source in sources.items()
@@ -256,27 +245,21 @@ class KittiFusionBoard(KittiObjectsBoard):
         rows = [(str(entry), entry, "") for entry in dict.fromkeys(entries)]
         if options.marks:
             rows += [(alone, passed_on, alone) for alone in (LIDAR_ALONE, CAMERA_ALONE)]
-        return [
-            _job(
-                self,
-                name,
-                nodes := [
-                    KittiFusionNode(
-                        KittiDetectionNode(detection_source(lidar), drive, EVERYTHING),
-                        KittiImageNode(image_source(camera), drive, 0.0),
-                        fusion,
-                        alone=alone,
-                    )
-                    for drive in settings.drives
-                ],
-                settings.drives,
-                mark=ONE_SENSOR if alone else None,
-                inputs=nodes[0].inputs,
+        jobs = []
+        for lidar, camera, (name, fusion, alone) in product(settings.lidar, settings.camera, rows):
+            nodes = tuple(
+                KittiFusionNode(
+                    KittiDetectionNode(detection_source(lidar), drive, EVERYTHING),
+                    KittiImageNode(image_source(camera), drive, 0.0),
+                    fusion,
+                    alone=alone,
+                )
+                for drive in settings.drives
             )
-            for lidar in settings.lidar
-            for camera in settings.camera
-            for name, fusion, alone in rows
-        ]
+            mark = ONE_SENSOR if alone else None
+            every = KittiDrives(settings.drives), AllDrives(nodes)
+            jobs.append(Job(self, name, *every, mark=mark, inputs=nodes[0].inputs))
+        return jobs
 
     def rows(self, drive: KittiDrive, answers: EpisodeFusions) -> list[KittiObjects]:
         """Return the targets: image boxes of their own, else those around their boxes in space."""
@@ -288,26 +271,6 @@ class KittiFusionBoard(KittiObjectsBoard):
         settings = suite.settings(self.name, KittiSettings)
         lidar, camera = " and ".join(settings.lidar), " and ".join(settings.camera)
         return f"{settings.remark} Fusions get the detections of {lidar} with those of {camera}."
-
-
-def _job(
-    board: Board,
-    name: str,
-    nodes: Sequence[Node],
-    drives: Sequence[KittiDrive],
-    *,
-    mark: str | None,
-    inputs: str = "",
-) -> Job:
-    """Return the job of an entry on all drives."""
-    return Job(
-        board,
-        name,
-        KittiDrives(tuple(drives)),
-        AllDrives(tuple(nodes)),
-        mark=mark,
-        inputs=inputs,
-    )
 
 
 def _joined(times: Sequence[CallTimes]) -> CallTimes:

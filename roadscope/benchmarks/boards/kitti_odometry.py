@@ -5,35 +5,25 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
-import numpy as np
-
 from roadscope.benchmarks.boards.board import (
-    Board,
     Breakdown,
     Column,
     Condition,
     JobOptions,
     Scores,
-    call_cost,
+    mark_of,
 )
-from roadscope.benchmarks.boards.odometry import OdometryBoard, entry_mark
+from roadscope.benchmarks.boards.odometry import OdometryBoard, pose_scores
 from roadscope.benchmarks.graph import Job
-from roadscope.benchmarks.kinds import ODOMETRY
 from roadscope.benchmarks.loop import RunOptions
-from roadscope.benchmarks.metrics.odometry import (
-    DISTANCE,
-    by_distance,
-    score_odometry,
-    score_standing,
-)
-from roadscope.benchmarks.metrics.score import ratio
+from roadscope.benchmarks.metrics.odometry import DISTANCE
 from roadscope.benchmarks.metrics.trajectory_errors import KITTI_EVERY, KITTI_M
 from roadscope.benchmarks.nodes.kitti import KittiPoseNode
 from roadscope.benchmarks.recorded.kitti_odometry import KittiOdometryDrive, KittiOdometrySettings
 from roadscope.benchmarks.recorded.recording import SequenceSettings
 from roadscope.benchmarks.recorded.suite import DataFolder, kitti_odometry_settings
 from roadscope.benchmarks.records import EpisodePoses
-from roadscope.benchmarks.references import check_pose_source, missing_for_poses
+from roadscope.benchmarks.references import missing_for_poses
 from roadscope.benchmarks.suite import Suite
 from roadscope.core import Spec, SpecError
 from roadscope.core.spec import ORACLE
@@ -51,16 +41,12 @@ def _columns() -> tuple[Column, ...]:
     return (replace(columns[0], note=note), turn, *columns[1:])
 
 
-class KittiOdometryBoard(Board):
+class KittiOdometryBoard(OdometryBoard):
     """Ranks odometries on KITTI's sequences by translational drift."""
 
     name = "kitti odometry"
-    kind = ODOMETRY
     simulated_board = OdometryBoard.name
     kitti_markers = (("sequences",),)
-    headline = OdometryBoard.headline
-    medians = OdometryBoard.medians
-    three_digits = True
     settings_type = KittiOdometrySettings
     columns = _columns()
     breakdowns = (
@@ -74,6 +60,8 @@ class KittiOdometryBoard(Board):
         Column("end", "error of the last position (m)"),
     )
     conditions: Mapping[str, Condition] = {"sequence": lambda drive: drive.sequence.name}
+    marks_note = ""
+    by_distance: Mapping[str, str] = {}
     sample = "sequences"
 
     def kitti_settings(self, place: DataFolder) -> Mapping[str, SequenceSettings]:
@@ -82,7 +70,7 @@ class KittiOdometryBoard(Board):
 
     def check_entry(self, spec: Spec) -> Spec:
         """Return an odometry's resolved spec; which returns move is not known here."""
-        resolved = check_pose_source(spec)
+        resolved = super().check_entry(spec)
         if resolved.kind == ORACLE:
             raise SpecError(f"'{spec}': KITTI does not say which returns come from moving objects")
         return resolved
@@ -95,7 +83,7 @@ class KittiOdometryBoard(Board):
                 str(source),
                 drive,
                 KittiPoseNode(source, drive),
-                mark=entry_mark(source),
+                mark=mark_of(source),
                 missing=missing_for_poses(source),
             )
             for drive in suite.settings(self.name, KittiOdometrySettings).drives
@@ -106,14 +94,10 @@ class KittiOdometryBoard(Board):
         """Return the scores of the camera's poses, as KITTI's evaluation takes them."""
         assert isinstance(job.episode, KittiOdometryDrive)
         both = job.episode.of_camera(answers.trajectories)
-        timed = len(answers.times.wall_ms) > 0
-        return {
-            **score_odometry(both, lengths_m=KITTI_M, every=KITTI_EVERY).named(),
-            **score_standing(both, answers.stamps_s).named(),
-            "degraded": ratio(int(np.sum(answers.degraded)), len(answers.degraded), "lower"),
-            **(call_cost(answers.times, (50, 90, 99)) if timed else {}),
-            **by_distance(both, KITTI_M, every=KITTI_EVERY),
-        }
+        of_camera = replace(answers, estimate=both.estimate, truth=both.truth)
+        return pose_scores(
+            of_camera, KITTI_M, marks_m=KITTI_M, every=KITTI_EVERY, without_movers=True
+        )
 
     def explanation(self, suite: Suite) -> str:
         """Return as text which sequences there are, and which stretches they have."""

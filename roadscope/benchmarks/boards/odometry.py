@@ -17,6 +17,7 @@ from roadscope.benchmarks.boards.board import (
     Scores,
     call_cost,
     episodes,
+    mark_of,
     slow_calls_column,
     time_columns,
 )
@@ -26,6 +27,7 @@ from roadscope.benchmarks.kinds import ODOMETRY
 from roadscope.benchmarks.loop import RunOptions
 from roadscope.benchmarks.metrics.odometry import (
     DISTANCE,
+    MARKS_M,
     by_distance,
     score_moving,
     score_odometry,
@@ -36,10 +38,6 @@ from roadscope.benchmarks.metrics.trajectory_errors import SHORT_M
 from roadscope.benchmarks.nodes.poses import PoseNode
 from roadscope.benchmarks.records import EpisodePoses
 from roadscope.benchmarks.references import (
-    IMITATION,
-    LOWER_MARK,
-    LOWER_ODOMETRIES,
-    UPPER_MARK,
     check_pose_source,
     is_noise,
     missing_for_poses,
@@ -148,7 +146,7 @@ class OdometryBoard(Board):
 
     def jobs(self, suite: Suite, entries: Sequence[Spec], options: JobOptions) -> list[Job]:
         """Return every odometry on all episodes, and on scans without moving objects as marks."""
-        ranked = [entry for entry in entries if entry_mark(entry) is None]
+        ranked = [entry for entry in entries if mark_of(entry) is None]
         oracles = [pose_source(f"{ORACLE}?odometry={entry}") for entry in ranked]
         sources = dict.fromkeys([*entries, *(oracles if options.marks else [])])
         return [
@@ -157,7 +155,7 @@ class OdometryBoard(Board):
                 _entry_name(source),
                 episode,
                 PoseNode(source, episode),
-                mark=entry_mark(source),
+                mark=mark_of(source),
                 settings=suite.settings(self.name, OdometrySettings).lengths_m,
                 missing=missing_for_poses(source),
             )
@@ -188,33 +186,30 @@ class OdometryBoard(Board):
 
 
 def pose_scores(
-    answers: EpisodePoses, lengths_m: Sequence[float] = SHORT_M, *, without_movers: bool = False
+    answers: EpisodePoses,
+    lengths_m: Sequence[float] = SHORT_M,
+    *,
+    marks_m: Sequence[float] = MARKS_M,
+    every: int = 1,
+    without_movers: bool = False,
 ) -> dict[str, Score]:
     """Return an odometry's scores on an episode and the times of its calls.
 
-    lengths_m: lengths of the stretches over which drift is measured.
+    lengths_m, marks_m: lengths of the stretches over which drift is measured, all together and
+        broken down. every: of how many frames one begins a stretch.
     without_movers: its scans had no moving objects, or were not used: dynamic returns are not
         scored.
     """
     both, timed = answers.trajectories, len(answers.times.wall_ms) > 0
     moving = score_moving(answers.dynamic, answers.moving).named() if not without_movers else {}
     return {
-        **score_odometry(both, lengths_m=lengths_m).named(),
+        **score_odometry(both, lengths_m=lengths_m, every=every).named(),
         **score_standing(both, answers.stamps_s).named(),
         "degraded": ratio(int(np.sum(answers.degraded)), len(answers.degraded), "lower"),
         **moving,
         **(call_cost(answers.times, (50, 90, 99)) if timed else {}),
-        **by_distance(both),
+        **by_distance(both, marks_m, every=every),
     }
-
-
-def entry_mark(source: Spec) -> str | None:
-    """Return the mark of a source of poses; None if it has a rank."""
-    if source.kind == ORACLE:
-        return UPPER_MARK
-    if is_noise(source):
-        return IMITATION
-    return LOWER_MARK if str(source) in LOWER_ODOMETRIES else None
 
 
 def _entry_name(source: Spec) -> str:
