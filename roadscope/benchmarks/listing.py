@@ -5,8 +5,7 @@ from __future__ import annotations
 import inspect
 from collections.abc import Callable, Mapping
 from functools import partial
-from operator import attrgetter
-from typing import Any, TypeVar
+from typing import Any
 
 from roadscope.benchmarks.kinds import (
     CAMERA_DETECTOR,
@@ -15,7 +14,6 @@ from roadscope.benchmarks.kinds import (
     FUSION,
     ODOMETRY,
     TRACKER,
-    Kind,
 )
 from roadscope.benchmarks.noisy import NOISES
 from roadscope.benchmarks.noisy_camera import CAMERA_NOISES
@@ -28,7 +26,8 @@ from roadscope.core import Registry, SpecError
 from roadscope.core.names import unknown
 from roadscope.core.spec import FUSED, ORACLE
 
-T = TypeVar("T")
+Names = list[tuple[str, str]]
+"""Names with descriptions."""
 
 
 def names_of(kind: str) -> list[tuple[str, str]]:
@@ -43,43 +42,40 @@ def names_of(kind: str) -> list[tuple[str, str]]:
     return kinds[kind]()
 
 
-def listed_kinds() -> dict[str, Callable[[], list[tuple[str, str]]]]:
+def listed_kinds() -> dict[str, Callable[[], Names]]:
     """Return `KINDS`, and after them the kinds of plug-in that boards bring."""
     from roadscope.benchmarks.boards import plugin_kinds
 
     plugins = {
-        kind.plural.replace(" ", "-"): partial(_plugins, kind) for kind in plugin_kinds().values()
+        kind.plural.replace(" ", "-"): partial(_registered, kind.registry)
+        for kind in plugin_kinds().values()
     }
     return {**KINDS, **{name: each for name, each in plugins.items() if name not in KINDS}}
 
 
-def _detectors() -> list[tuple[str, str]]:
+def _detectors() -> Names:
     composed = [
         (CLUSTER_BOXES, "A box for every cluster, people too; for fusions."),
         (FUSED, "LiDAR and camera fused: ?lidar=A&camera=B&fusion=C."),
         (ORACLE, "The true boxes of all eligible objects."),
     ]
-    return [*_plugins(DETECTOR), *composed, *_registered(NOISES)]
+    return [*_registered(DETECTOR.registry), *composed, *_registered(NOISES)]
 
 
-def _camera_detectors() -> list[tuple[str, str]]:
+def _camera_detectors() -> Names:
     oracle = (ORACLE, "The true boxes of all that images show.")
-    return [*_plugins(CAMERA_DETECTOR), oracle, *_registered(CAMERA_NOISES)]
+    return [*_registered(CAMERA_DETECTOR.registry), oracle, *_registered(CAMERA_NOISES)]
 
 
-def _odometries() -> list[tuple[str, str]]:
+def _odometries() -> Names:
     oracle = (
         f"{ORACLE}?odometry=A",
         "The odometry A on scans without moving objects; on boards.",
     )
-    return [*_plugins(ODOMETRY), oracle, *_registered(ODOMETRY_NOISES)]
+    return [*_registered(ODOMETRY.registry), oracle, *_registered(ODOMETRY_NOISES)]
 
 
-def _plugins(kind: Kind) -> list[tuple[str, str]]:
-    return _registered(kind.registry)
-
-
-def _registered(registry: Registry[Any]) -> list[tuple[str, str]]:
+def _registered(registry: Registry[Any]) -> Names:
     """Return names with summaries; plug-ins of other packages have that of their class."""
     return [
         (name, registry.summaries.get(name) or _described(registry, name))
@@ -101,7 +97,7 @@ def _first_line(thing: Any) -> str:
     return (inspect.getdoc(thing) or "").partition("\n")[0]
 
 
-def _stages() -> list[tuple[str, str]]:
+def _stages() -> Names:
     from roadscope.detectors.stages import STAGES, listed, options_of
 
     return [
@@ -111,85 +107,75 @@ def _stages() -> list[tuple[str, str]]:
     ]
 
 
-def _scenarios() -> list[tuple[str, str]]:
+def _scenarios() -> Names:
     from roadscope.envs.traffic.scenarios import SCENARIOS
 
-    return _each(SCENARIOS, attrgetter("description"))
+    return [(name, scenario.description) for name, scenario in SCENARIOS.items()]
 
 
-def _suites() -> list[tuple[str, str]]:
-    suites = {name: load_suite(name) for name in SUITES}
-    recorded = [
+def _suites() -> Names:
+    suites = [(name, load_suite(name)) for name in SUITES]
+    names = [(name, f"v{suite.version}: {suite.summary_with_seeds}.") for name, suite in suites]
+    return names + [
         (table.name, f"v{table.version}: {table.summary} (--{table.name} DIR).")
         for table in map(recorded_table, (KITTI, MOT))
     ]
-    return [*_each(suites, lambda s: f"v{s.version}: {s.summary_with_seeds}."), *recorded]
 
 
-def _rigs() -> list[tuple[str, str]]:
-    from roadscope.envs.sensors.rigs import RIGS, RigPreset
+def _rigs() -> Names:
+    from roadscope.envs.sensors.rigs import RIGS
 
-    def described(preset: RigPreset) -> str:
-        camera = f" Camera {preset.camera}." if preset.camera else ""
-        ahead = f"{preset.x_m:g} m ahead of the rear axle, {preset.z_m:g} m above ground."
-        imu = f" IMU {preset.imu}, wheel speed, swaying body." if preset.imu else ""
-        return f"LiDAR {preset.sensor}, {ahead}{camera}{imu}"
+    names = []
+    for name, rig in RIGS.items():
+        ahead = f"{rig.x_m:g} m ahead of the rear axle, {rig.z_m:g} m above ground."
+        camera = f" Camera {rig.camera}." if rig.camera else ""
+        imu = f" IMU {rig.imu}, wheel speed, swaying body." if rig.imu else ""
+        names.append((name, f"LiDAR {rig.sensor}, {ahead}{camera}{imu}"))
+    return names
 
-    return _each(RIGS, described)
 
-
-def _sensors() -> list[tuple[str, str]]:
+def _sensors() -> Names:
     from roadscope.envs.sensors.camera_spec import CAMERAS
     from roadscope.envs.sensors.imu_spec import IMUS
     from roadscope.envs.sensors.lidar_spec import SPECS
 
-    lidars = _each(
-        SPECS,
-        lambda s: (
-            f"LiDAR: {s.beams} beams, {s.columns} columns, {1 / s.period_s:g} Hz, "
-            f"to {s.range_max_m:g} m, range noise {s.range_noise_m * 100:g} cm."
-        ),
-    )
-    cameras = _each(
-        CAMERAS,
-        lambda s: (
-            f"Camera: {s.pinhole.width} x {s.pinhole.height} pixels, "
-            f"focal length {s.pinhole.focal_px[0]:g} pixels, {1 / s.period_s:g} Hz."
-        ),
-    )
-    units = _each(
-        IMUS,
-        lambda s: (
-            f"IMU: {s.rate_hz:g} Hz, noise {s.gyro_noise:.3g} rad/s and "
-            f"{s.accelerometer_noise:.3g} m/s2 per root of a Hz."
-        ),
-    )
-    return [*lidars, *cameras, *units]
+    lidars = {
+        name: f"LiDAR: {s.beams} beams, {s.columns} columns, {1 / s.period_s:g} Hz, "
+        f"to {s.range_max_m:g} m, range noise {s.range_noise_m * 100:g} cm."
+        for name, s in SPECS.items()
+    }
+    cameras = {
+        name: f"Camera: {s.pinhole.width} x {s.pinhole.height} pixels, "
+        f"focal length {s.pinhole.focal_px[0]:g} pixels, {1 / s.period_s:g} Hz."
+        for name, s in CAMERAS.items()
+    }
+    units = {
+        name: f"IMU: {s.rate_hz:g} Hz, noise {s.gyro_noise:.3g} rad/s and "
+        f"{s.accelerometer_noise:.3g} m/s2 per root of a Hz."
+        for name, s in IMUS.items()
+    }
+    return [*lidars.items(), *cameras.items(), *units.items()]
 
 
-def _weathers() -> list[tuple[str, str]]:
+def _weathers() -> Names:
     from roadscope.envs.sensors.weathers import WEATHERS
 
-    return _each(WEATHERS, attrgetter("summary"))
+    return [(name, weather.summary) for name, weather in WEATHERS.items()]
 
 
-def _faults() -> list[tuple[str, str]]:
+def _faults() -> Names:
     from roadscope.envs.sensors.faults import FAULTS, summary_of
 
     return [(kind, summary_of(kind)) for kind in FAULTS]
 
 
-def _lights() -> list[tuple[str, str]]:
+def _lights() -> Names:
     from roadscope.envs.imaging.light import LIGHTS
 
-    return _each(LIGHTS, _first_line)
+    return [(name, _first_line(light)) for name, light in LIGHTS.items()]
 
 
-def _each(things: Mapping[str, T], describe: Callable[[T], str]) -> list[tuple[str, str]]:
-    return [(name, describe(thing)) for name, thing in things.items()]
-
-
-def _boards() -> list[tuple[str, str]]:
+def _boards() -> Names:
     from roadscope.benchmarks.boards import BOARDS
 
     return [
@@ -198,14 +184,14 @@ def _boards() -> list[tuple[str, str]]:
     ]
 
 
-KINDS: Mapping[str, Callable[[], list[tuple[str, str]]]] = {
+KINDS: Mapping[str, Callable[[], Names]] = {
     "detectors": _detectors,
     "stages": _stages,
     "camera-detectors": _camera_detectors,
-    "fusions": partial(_plugins, FUSION),
-    "trackers": partial(_plugins, TRACKER),
+    "fusions": partial(_registered, FUSION.registry),
+    "trackers": partial(_registered, TRACKER.registry),
     "odometries": _odometries,
-    "drivers": partial(_plugins, DRIVER),
+    "drivers": partial(_registered, DRIVER.registry),
     "boards": _boards,
     "scenarios": _scenarios,
     "suites": _suites,

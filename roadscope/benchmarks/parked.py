@@ -35,9 +35,7 @@ def parked_owners(truth: Truth) -> set[int]:
 def parked_centres(episode: Episode, owners: Iterable[int]) -> np.ndarray:
     """Return (P, 2) box centres of parked cars, metres, world frame. owners: their numbers."""
     numbers = sorted(owners)
-    if not numbers:
-        return np.empty((0, 2))
-    return _centres_of(_last_scenery(traffic_of(episode)), numbers)
+    return _centres_of(_last_scenery(traffic_of(episode)), numbers) if numbers else np.empty((0, 2))
 
 
 def parked_centres_on(timeline: Timeline, seed: int, owners: Iterable[int]) -> np.ndarray:

@@ -16,7 +16,6 @@ from roadscope.benchmarks.boards.board import (
     check_camera,
     episodes,
 )
-from roadscope.benchmarks.eligibility import Eligibility
 from roadscope.benchmarks.episode import Episode
 from roadscope.benchmarks.graph import Job
 from roadscope.benchmarks.kinds import DETECTOR, DRIVER, KINDS, check_plugin_spec, traits_of
@@ -165,7 +164,9 @@ class DrivingBoard(Board):
         scores["driver_p50_ms"] = call_cost(answers.driver_times, (50,))["call_p50_ms"]
         if answers.sensed:
             scores |= call_cost(answers.perception_times, (50,))
-            scores |= perception_scores(answers, job.settings)
+            pairings = job.settings.pairings(answers.believed, answers.sensed, answers.parked)
+            tracked = score_tracks(answers.believed, answers.sensed, pairings).named()
+            scores |= {name: tracked[name] for name in PERCEPTION}
         return scores
 
     def explanation(self, suite: Suite) -> str:
@@ -207,10 +208,3 @@ def drive_of(answers: EpisodeDrive, planned_s: float) -> ScoredDrive:
         planned_s,
         answers.collided_with >= 0,
     )
-
-
-def perception_scores(answers: EpisodeDrive, rule: Eligibility) -> Scores:
-    """Return the scores of the tracks at each scan."""
-    pairings = rule.pairings(answers.believed, answers.sensed, answers.parked)
-    every = score_tracks(answers.believed, answers.sensed, pairings).named()
-    return {name: every[name] for name in PERCEPTION}

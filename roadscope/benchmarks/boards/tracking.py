@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
+from itertools import product
 from typing import Annotated
 
 from msgspec import Meta
@@ -198,7 +199,7 @@ class TrackingBoard(Board):
 
         If the oracle is the only detector, trackers are ranked on it.
         """
-        settings = suite.settings(self.name, TrackingSettings)
+        settings, rule = suite.settings(self.name, TrackingSettings), suite.eligibility
         if entries and not settings.detectors:
             raise SpecError(
                 f"suite {suite.title} names no tracking.detectors whose detections trackers get"
@@ -212,32 +213,35 @@ class TrackingBoard(Board):
             for tracker in filter(is_tuned, trackers)
             for detector, source in sources.items()
         }
-        return [
-            Job(
-                self,
-                str(tracker) if detector != ORACLE or alone else f"{tracker} on {detector}",
-                episode,
-                _with_threshold(
-                    track_node(tracker, source, episode, suite.eligibility),
-                    suite.eligibility,
-                    tuned.get((tracker, detector)),
-                ),
-                mark=UPPER_MARK if detector == ORACLE and not alone else None,
-                inputs=detector,
-                settings=suite.eligibility,
-                missing=missing[tracker],
+        jobs = []
+        for episode, (detector, source), tracker in product(
+            episodes(suite), sources.items(), trackers
+        ):
+            is_mark = detector == ORACLE and not alone
+            node = track_node(tracker, source, episode, rule)
+            candidates = hota_nodes(node, rule) if is_tuned(tracker) else ()
+            tracks = tuple(each.tracks for each in candidates)
+            jobs.append(
+                Job(
+                    self,
+                    f"{tracker} on {detector}" if is_mark else str(tracker),
+                    episode,
+                    TunedNode(tracks, tuned[tracker, detector]) if tracks else node,
+                    mark=UPPER_MARK if is_mark else None,
+                    inputs=detector,
+                    settings=rule,
+                    missing=missing[tracker],
+                )
             )
-            for episode in episodes(suite)
-            for detector, source in sources.items()
-            for tracker in trackers
-        ]
+        return jobs
 
     def score(self, job: Job, answers: EpisodeTracks, options: RunOptions) -> Scores:
         """Return the scores of a job's answers."""
         assert isinstance(job.answers, TrackNode | TunedNode)
         inputs: EpisodeDetections = job.answers.detections.read(options)
         scores = tracking_scores(answers, inputs, job.settings)
-        scores |= tracking_parts(answers, inputs, job.settings)
+        pairings = job.settings.pairings(answers.tracks, inputs.truths, inputs.parked)
+        scores |= score_alphas(answers.tracks, inputs.truths, pairings)
         if is_offline(job.answers.tracker):
             scores |= offline_score(len(answers.tracks))
         return scores
@@ -300,15 +304,6 @@ def _training(tracker: Spec, source: Spec, suite: Suite) -> Training:
     )
 
 
-def _with_threshold(
-    node: TrackNode, rule: Eligibility, training: Training | None
-) -> TrackNode | TunedNode:
-    """Return the node that chooses a threshold by its training; without any, the node itself."""
-    if training is None:
-        return node
-    return TunedNode(tuple(each.tracks for each in hota_nodes(node, rule)), training)
-
-
 def track_node(tracker: Spec, source: Spec, episode: Episode, rule: Eligibility) -> TrackNode:
     """Return the node of a tracker on the detections of a `references.detection_source`."""
     detections: Node = detection_node(source, episode, rule)
@@ -335,14 +330,6 @@ def tracking_scores(
     pairings = rule.pairings(answers.tracks, inputs.truths, inputs.parked)
     scores = score_tracks(answers.tracks, inputs.truths, pairings).named()
     return scores | call_cost(answers.times)
-
-
-def tracking_parts(
-    answers: EpisodeTracks, inputs: EpisodeDetections, rule: Eligibility
-) -> dict[str, Score]:
-    """Return a tracker's scores on an episode at each alpha."""
-    pairings = rule.pairings(answers.tracks, inputs.truths, inputs.parked)
-    return score_alphas(answers.tracks, inputs.truths, pairings)
 
 
 def offline_score(frames: int, offline: bool = True) -> dict[str, Score]:
