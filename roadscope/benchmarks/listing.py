@@ -7,14 +7,7 @@ from collections.abc import Callable, Mapping
 from functools import partial
 from typing import Any
 
-from roadscope.benchmarks.kinds import (
-    CAMERA_DETECTOR,
-    DETECTOR,
-    DRIVER,
-    FUSION,
-    ODOMETRY,
-    TRACKER,
-)
+from roadscope.benchmarks.kinds import CAMERA_DETECTOR, DETECTOR, DRIVER, FUSION, ODOMETRY, TRACKER
 from roadscope.benchmarks.noisy import NOISES
 from roadscope.benchmarks.noisy_camera import CAMERA_NOISES
 from roadscope.benchmarks.noisy_odometry import ODOMETRY_NOISES
@@ -68,10 +61,7 @@ def _camera_detectors() -> Names:
 
 
 def _odometries() -> Names:
-    oracle = (
-        f"{ORACLE}?odometry=A",
-        "The odometry A on scans without moving objects; on boards.",
-    )
+    oracle = (f"{ORACLE}?odometry=A", "The odometry A on scans without moving objects; on boards.")
     return [*_registered(ODOMETRY.registry), oracle, *_registered(ODOMETRY_NOISES)]
 
 

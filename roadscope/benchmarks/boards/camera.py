@@ -28,11 +28,7 @@ from roadscope.benchmarks.metrics.image_detection import camera_scores
 from roadscope.benchmarks.metrics.score import Score
 from roadscope.benchmarks.nodes.images import ImageNode, extinction_per_m
 from roadscope.benchmarks.records import EpisodeImageDetections
-from roadscope.benchmarks.references import (
-    check_image_source,
-    image_source,
-    made_from_truth,
-)
+from roadscope.benchmarks.references import check_image_source, image_source, made_from_truth
 from roadscope.benchmarks.suite import BoardSettings, Positive, Suite
 from roadscope.core import Spec
 from roadscope.core.spec import ORACLE

@@ -56,10 +56,7 @@ class DrivingBoard(Board):
     headline = "reward"
     columns = (
         Column(
-            "reward",
-            "reward",
-            3,
-            "reward: mean of speed over desired speed, 0 after a collision.",
+            "reward", "reward", 3, "reward: mean of speed over desired speed, 0 after a collision."
         ),
         Column("collided", "collided", 2, "collided: share of drives that end in a collision."),
         Column(

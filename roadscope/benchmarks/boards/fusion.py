@@ -98,14 +98,7 @@ class FusionBoard(Board):
         *(Breakdown(by) for by in CONDITIONS),
         Breakdown(INPUTS, note="In brackets: the rank on these detections."),
     )
-    by_condition = (
-        "ap",
-        "f1",
-        "detection_rate",
-        "false_alarms",
-        "distance_right",
-        "family_right",
-    )
+    by_condition = ("ap", "f1", "detection_rate", "false_alarms", "distance_right", "family_right")
     shown_parts = (
         Column("ap", "AP"),
         Column("detection_rate", "detected"),

@@ -38,12 +38,7 @@ from roadscope.benchmarks.nodes.kitti import (
     KittiFusionNode,
     KittiImageNode,
 )
-from roadscope.benchmarks.recorded.kitti_drive import (
-    KittiDrive,
-    KittiDrives,
-    labels_of,
-    places_of,
-)
+from roadscope.benchmarks.recorded.kitti_drive import KittiDrive, KittiDrives, labels_of, places_of
 from roadscope.benchmarks.recorded.object_rules import precision_scores
 from roadscope.benchmarks.recorded.recording import KITTI_CLASSES, SequenceSettings
 from roadscope.benchmarks.recorded.settings import KittiSettings

@@ -260,10 +260,7 @@ class KittiBoard(RecordedBoard):
         *HEADING_ERRORS,
         Column("wrong_associations", "wrong assoc", 0, SUMS_NOTE),
     )
-    breakdowns = (
-        ALPHA_BREAKDOWN,
-        Breakdown("sequence", note=f"{SEQUENCES_NOTE} {NEES_BAND_NOTE}"),
-    )
+    breakdowns = (ALPHA_BREAKDOWN, Breakdown("sequence", note=f"{SEQUENCES_NOTE} {NEES_BAND_NOTE}"))
     by_condition = ("hota", "mota", "idf1", "hota_3d", "false_alarms", "nees_position", *NEES_BAND)
     shown_parts = (
         Column("hota", "HOTA"),
@@ -292,10 +289,7 @@ class MotBoard(RecordedBoard):
         Column("fragmentations", "frag.", 0, SUMS_NOTE),
         slow_calls_column(2),
     )
-    breakdowns = (
-        ALPHA_BREAKDOWN,
-        Breakdown("sequence", note=SEQUENCES_NOTE),
-    )
+    breakdowns = (ALPHA_BREAKDOWN, Breakdown("sequence", note=SEQUENCES_NOTE))
     by_condition = ("hota", "mota", "idf1", "false_alarms")
     shown_parts = (
         Column("hota", "HOTA"),

@@ -17,12 +17,7 @@ from roadscope.benchmarks.results import Results, Row
 from roadscope.benchmarks.tables import plain_table
 from roadscope.core.text import one_line
 
-NEES, ALL, FALSE_ALARMS, DETECTION_RATE = (
-    "nees_position",
-    "all",
-    "false_alarms",
-    "detection_rate",
-)
+NEES, ALL, FALSE_ALARMS, DETECTION_RATE = ("nees_position", "all", "false_alarms", "detection_rate")
 NAME_WIDTH, LONGEST_WORD = 24, 22
 """Greatest width of the entry's column and of a word in a heading, characters."""
 

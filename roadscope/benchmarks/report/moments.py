@@ -35,11 +35,7 @@ from roadscope.benchmarks.metrics.tracking.scores import (
     counted_sequence,
     matched_rows,
 )
-from roadscope.benchmarks.metrics.trajectory_errors import (
-    absolute_errors,
-    aligned,
-    relative_errors,
-)
+from roadscope.benchmarks.metrics.trajectory_errors import absolute_errors, aligned, relative_errors
 from roadscope.benchmarks.nodes.drives import EpisodeDrive
 from roadscope.benchmarks.nodes.tracks import TrackNode
 from roadscope.benchmarks.nodes.traffic import TrafficNode

@@ -167,10 +167,7 @@ class _Table:
 
 
 def _table(
-    jobs: Sequence[JobScores],
-    metric: str,
-    names: Sequence[str],
-    blocks: Sequence[tuple[str, int]],
+    jobs: Sequence[JobScores], metric: str, names: Sequence[str], blocks: Sequence[tuple[str, int]]
 ) -> _Table:
     shape = len(names), len(blocks)
     sums, weights, sign = np.zeros(shape), np.zeros(shape), 1.0
