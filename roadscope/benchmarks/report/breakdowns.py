@@ -163,14 +163,10 @@ def _remarks(
 
 def _ranks(cells: Cells) -> Remarks:
     """Return the rank of each entry on the same inputs, 1 for the best."""
-    bands: dict[str, list[float]] = {}
-    for (_, band), row in cells.items():
-        if row.value is not None:
-            bands.setdefault(band, []).append(row.value)
+    values = {cell: row.value for cell, row in cells.items() if row.value is not None}
     return {
-        (entry, band): str(1 + sum(other > row.value for other in bands[band]))
-        for (entry, band), row in cells.items()
-        if row.value is not None
+        (entry, band): str(1 + sum(v > value for (_, own), v in values.items() if own == band))
+        for (entry, band), value in values.items()
     }
 
 

@@ -238,14 +238,15 @@ class JudgedScene:
     switches: Mapping[int, Sequence[str]]
     reach_m: float
 
+    def wrong(self, kind: str) -> list[np.ndarray]:
+        """Return for each frame (N,) bool, which objects, or answers, something is wrong with."""
+        boxes = self.answers if kind == ALARMS else self.objects
+        letter = {SWITCHES: "s", MISSES: "x", ALARMS: "f"}[kind]
+        return [frame.states == letter for frame in boxes]
+
     def counts(self, kind: str) -> np.ndarray:
         """Return (T,) how often something went wrong in each frame."""
-        boxes, letter = {
-            SWITCHES: (self.objects, "s"),
-            MISSES: (self.objects, "x"),
-            ALARMS: (self.answers, "f"),
-        }[kind]
-        return np.array([int((frame.states == letter).sum()) for frame in boxes])
+        return np.array([int(rows.sum()) for rows in self.wrong(kind)])
 
     def hits(self) -> np.ndarray:
         """Return (T,) how many objects were matched in each frame."""
@@ -319,10 +320,9 @@ def _of_scene(job: Job, kind: str, scene: JudgedScene, event: int, lanes: Sequen
     truths = [scene.truths[t] for t in frames]
     origin = planar(scene.truths[event].world_from_ego.matrix[None])[0]
     egos = planar(np.array([truth.world_from_ego.matrix for truth in truths]))
-    letter = {SWITCHES: "s", MISSES: "x", ALARMS: "f"}[kind]
-    wrong = (scene.answers if kind == ALARMS else scene.objects)[event]
-    rows = wrong.states == letter
-    moved = moved_into(np.column_stack([wrong.centres[rows], wrong.yaws[rows]]), origin)[:, :2]
+    boxes, rows = (scene.answers if kind == ALARMS else scene.objects)[event], scene.wrong(kind)
+    centres, yaws = boxes.centres[rows[event]], boxes.yaws[rows[event]]
+    moved = moved_into(np.column_stack([centres, yaws]), origin)[:, :2]
     if np.linalg.norm(moved, axis=1).min() < NEAR_M:
         moved = np.vstack([moved, np.zeros(2)])
     return Moment(
@@ -356,14 +356,13 @@ def _text(scene: JudgedScene, kind: str, event: int) -> str:
     if kind == SWITCHES:
         return "; ".join(scene.switches[event])
     truth, objects = scene.truths[event], scene.objects[event]
+    rows = np.flatnonzero(scene.wrong(kind)[event])
     if kind == MISSES:
-        rows = np.flatnonzero(objects.states == "x")
         counted = int((objects.states != "i").sum())
         named = [_object_text(truth, int(row)) for row in rows[:3]]
         more = [f"{len(rows) - 3} more"] if len(rows) > 3 else []
         return f"{len(rows)} of {counted} objects are missed: {'; '.join([*named, *more])}"
     answers = scene.answers[event]
-    rows = np.flatnonzero(answers.states == "f")
     gaps = np.linalg.norm(answers.centres[rows][:, None] - objects.centres[None], axis=2)
     nearest = [f"{gap:.1f} m" for gap in gaps.min(axis=1)[:3]] if gaps.size else []
     beside = f"; the nearest objects are {', '.join(nearest)} away" if nearest else ""
@@ -432,25 +431,21 @@ def _of_drive(job: Job, kind: str, answers: EpisodeDrive, rule: Eligibility) -> 
             _Boxes(tracks.ids, tracks.centres[:, :2], tracks.sizes[:, :2], tracks.yaws, true)
         )
     origin, egos = answers.poses[event, 0], answers.poses[near, 0]
+    # The page draws the middle of the ego at its place.
+    ahead = np.column_stack([np.cos(egos[:, 2]), np.sin(egos[:, 2]), np.zeros(len(egos))])
     moment = Moment(
         **_named(job),
         kind=kind,
         text=_text_of_drive(answers, kind, event),
         event=int(np.searchsorted(near, event)),
         times_s=[round(float(t), 2) for t in answers.stamps_s[near]],
-        ego=motion_of(moved_into(_behind(egos, MARKER_AHEAD_M), origin)),
+        ego=motion_of(moved_into(egos - MARKER_AHEAD_M * ahead, origin)),
         focus=focus_on(np.zeros((1, 2))),
         objects=_series(objects, origin, egos, reach_m),
         answers=_series(believed, origin, egos, reach_m),
         lanes=near_lanes(lanes_of(job.episode), origin, egos, reach_m),
     )
     return [moment]
-
-
-def _behind(poses: np.ndarray, back_m: float) -> np.ndarray:
-    """Return planar poses that are so far behind others."""
-    back = back_m * np.column_stack([np.cos(poses[:, 2]), np.sin(poses[:, 2])])
-    return np.column_stack([poses[:, :2] - back, poses[:, 2]])
 
 
 def _event_mask(drive: ScoredDrive, kind: str) -> np.ndarray:

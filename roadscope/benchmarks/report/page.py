@@ -35,8 +35,7 @@ from roadscope.benchmarks.report.tables import (
 )
 from roadscope.benchmarks.results import Results, Row
 from roadscope.benchmarks.results.results import entry_results
-from roadscope.benchmarks.results.rows import blocks, samples_of
-from roadscope.benchmarks.results.statistics import paired_interval
+from roadscope.benchmarks.results.rows import blocks, paired, samples_of
 from roadscope.core.palette import PAGE_DARK, PAGE_LIGHT
 from roadscope.core.text import last_lines, one_line
 
@@ -326,12 +325,7 @@ def _differences(results: Results, board: Board, columns: Sequence[Column]) -> l
         ]
         pairs = []
         for i, j in combinations(range(len(entries)), 2):
-            common = [block for block in scores[i] if block in scores[j]]
-            interval = paired_interval(
-                [scores[i][block] for block in common],
-                [scores[j][block] for block in common],
-                [scenario for scenario, _ in common],
-            )
+            interval = paired(scores[i], scores[j])
             if interval.n:
                 ends = interval.mean, interval.low, interval.high
                 pairs.append([i, j, *map(_short, ends)])

@@ -116,7 +116,7 @@ def _save(task: _SequenceTask, answers: Sequence[EpisodeTracks]) -> None:
         rows, boxes = _rows(tracks, recording)
         _write_mot(task, recording, boxes)
         # Each class has a tracker of its own, so ids repeat; in a file they must differ.
-        kitti.append([_renumbered(row, next_id) for row in rows])
+        kitti.append([replace(row, ids=row.ids + next_id) for row in rows])
         next_id += 1 + max((int(row.ids.max(initial=-1)) for row in rows), default=-1)
         sequence = recording.sequence
     if not kitti:
@@ -141,8 +141,3 @@ def _rows(
 def _write_mot(task: _SequenceTask, recording: Recording, rows: Sequence[MotRows]) -> None:
     place = task.folder / MOT_FOLDER / task.name / recording.category
     write_atomically(place / f"{recording.sequence}.txt", lambda part: write_mot(part, rows))
-
-
-def _renumbered(rows: KittiObjects, first: int) -> KittiObjects:
-    """Return rows with `first` added to their ids."""
-    return replace(rows, ids=rows.ids + first)

@@ -21,10 +21,11 @@ from roadscope.benchmarks.results.rows import (
     JobScores,
     Row,
     headline_scores,
+    paired,
     part_rows,
     whole_rows,
 )
-from roadscope.benchmarks.results.statistics import Interval, paired_interval, pooled_interval
+from roadscope.benchmarks.results.statistics import Interval, pooled_interval
 from roadscope.benchmarks.store import Outcome
 from roadscope.core.names import unknown
 
@@ -316,12 +317,6 @@ def _place(
 
 def _compared(ones: Mapping[Block, Score], others: Mapping[Block, Score], level: float) -> Interval:
     """Return by how much `ones` are better than `others`, with an interval."""
-    common = [block for block in ones if block in others]
-    if any(ones[block].better == "lower" for block in common):
+    if any(score.better == "lower" for score in ones.values()):
         ones, others = others, ones
-    return paired_interval(
-        [ones[block] for block in common],
-        [others[block] for block in common],
-        [scenario for scenario, _ in common],
-        level=level,
-    )
+    return paired(ones, others, level=level)

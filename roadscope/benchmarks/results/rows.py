@@ -11,7 +11,12 @@ from typing import Any, NamedTuple, Self
 from roadscope.benchmarks.boards import Board
 from roadscope.benchmarks.metrics.breakdown import part_name, split_name
 from roadscope.benchmarks.metrics.score import Score
-from roadscope.benchmarks.results.statistics import merged, pooled_interval
+from roadscope.benchmarks.results.statistics import (
+    Interval,
+    merged,
+    paired_interval,
+    pooled_interval,
+)
 
 Block = tuple[str, int]
 """Scenario and seed: jobs of a block are on the same traffic."""
@@ -178,6 +183,19 @@ def blocks(samples: Samples) -> dict[Block, Score]:
     for block, score in samples:
         groups.setdefault(block, []).append(score)
     return {block: merged(scores) for block, scores in groups.items()}
+
+
+def paired(
+    ones: Mapping[Block, Score], others: Mapping[Block, Score], *, level: float = 0.95
+) -> Interval:
+    """Return by how much one metric exceeds another on the blocks that both have."""
+    common = [block for block in ones if block in others]
+    return paired_interval(
+        [ones[block] for block in common],
+        [others[block] for block in common],
+        [scenario for scenario, _ in common],
+        level=level,
+    )
 
 
 def headline_scores(result: EntryResult) -> dict[Block, Score]:
