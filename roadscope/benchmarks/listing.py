@@ -18,6 +18,14 @@ from roadscope.benchmarks.suite_files import SUITES, load_suite
 from roadscope.core import Registry, SpecError
 from roadscope.core.names import unknown
 from roadscope.core.spec import FUSED, ORACLE
+from roadscope.envs.imaging.light import LIGHTS
+from roadscope.envs.sensors.camera_spec import CAMERAS
+from roadscope.envs.sensors.faults import FAULTS, summary_of
+from roadscope.envs.sensors.imu_spec import IMUS
+from roadscope.envs.sensors.lidar_spec import SPECS
+from roadscope.envs.sensors.rigs import RIGS
+from roadscope.envs.sensors.weathers import WEATHERS
+from roadscope.envs.traffic.scenarios import SCENARIOS
 
 Names = list[tuple[str, str]]
 """Names with descriptions."""
@@ -97,12 +105,6 @@ def _stages() -> Names:
     ]
 
 
-def _scenarios() -> Names:
-    from roadscope.envs.traffic.scenarios import SCENARIOS
-
-    return [(name, scenario.description) for name, scenario in SCENARIOS.items()]
-
-
 def _suites() -> Names:
     suites = [(name, load_suite(name)) for name in SUITES]
     names = [(name, f"v{suite.version}: {suite.summary_with_seeds}.") for name, suite in suites]
@@ -113,8 +115,6 @@ def _suites() -> Names:
 
 
 def _rigs() -> Names:
-    from roadscope.envs.sensors.rigs import RIGS
-
     names = []
     for name, rig in RIGS.items():
         ahead = f"{rig.x_m:g} m ahead of the rear axle, {rig.z_m:g} m above ground."
@@ -125,10 +125,6 @@ def _rigs() -> Names:
 
 
 def _sensors() -> Names:
-    from roadscope.envs.sensors.camera_spec import CAMERAS
-    from roadscope.envs.sensors.imu_spec import IMUS
-    from roadscope.envs.sensors.lidar_spec import SPECS
-
     lidars = {
         name: f"LiDAR: {s.beams} beams, {s.columns} columns, {1 / s.period_s:g} Hz, "
         f"to {s.range_max_m:g} m, range noise {s.range_noise_m * 100:g} cm."
@@ -145,24 +141,6 @@ def _sensors() -> Names:
         for name, s in IMUS.items()
     }
     return [*lidars.items(), *cameras.items(), *units.items()]
-
-
-def _weathers() -> Names:
-    from roadscope.envs.sensors.weathers import WEATHERS
-
-    return [(name, weather.summary) for name, weather in WEATHERS.items()]
-
-
-def _faults() -> Names:
-    from roadscope.envs.sensors.faults import FAULTS, summary_of
-
-    return [(kind, summary_of(kind)) for kind in FAULTS]
-
-
-def _lights() -> Names:
-    from roadscope.envs.imaging.light import LIGHTS
-
-    return [(name, _first_line(light)) for name, light in LIGHTS.items()]
 
 
 def _boards() -> Names:
@@ -183,12 +161,12 @@ KINDS: Mapping[str, Callable[[], Names]] = {
     "odometries": _odometries,
     "drivers": partial(_registered, DRIVER.registry),
     "boards": _boards,
-    "scenarios": _scenarios,
+    "scenarios": lambda: [(name, each.description) for name, each in SCENARIOS.items()],
     "suites": _suites,
     "rigs": _rigs,
     "sensors": _sensors,
-    "weathers": _weathers,
-    "lights": _lights,
-    "faults": _faults,
+    "weathers": lambda: [(name, each.summary) for name, each in WEATHERS.items()],
+    "lights": lambda: [(name, _first_line(light)) for name, light in LIGHTS.items()],
+    "faults": lambda: [(kind, summary_of(kind)) for kind in FAULTS],
 }
 """What is listed, without kinds of plug-in that only their board knows."""
