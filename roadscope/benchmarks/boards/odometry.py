@@ -62,9 +62,9 @@ class OdometryBoard(Board):
 
     name = "odometry"
     kind = ODOMETRY
-    settings_type = OdometrySettings
+    settings_type: type[BoardSettings] = OdometrySettings
     headline = "t_rel"
-    columns = (
+    columns: Sequence[Column] = (
         Column("t_rel", "t_rel %", 2, "t_rel: drift of the position as KITTI defines it."),
         Column("t_rel_median", "t_rel median", 2, "t_rel median: over the episodes."),
         Column(
@@ -110,7 +110,7 @@ class OdometryBoard(Board):
         ),
         *(Breakdown(by) for by in CONDITIONS),
     )
-    by_condition = (
+    by_condition: Sequence[str] = (
         "failed",
         "t_rel",
         "below_1",
@@ -121,7 +121,7 @@ class OdometryBoard(Board):
         "dynamic_recall",
         "degraded",
     )
-    shown_parts = (
+    shown_parts: Sequence[Column] = (
         Column("failed", "failure rate"),
         Column("t_rel", "t_rel (%)"),
         Column("end", "error of the last position (m)"),

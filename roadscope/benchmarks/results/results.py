@@ -283,12 +283,14 @@ def standings(results: Sequence[EntryResult]) -> list[Standing]:
     places = []
     for i, result in enumerate(ranked):
         best, worst = _place(i, scores, sound) if i in sound else (None, None)
-        behind = _compared(scores[sound[0]], scores[i], LEVEL) if sound and scores[i] else None
-        ends = () if behind is None else (behind.mean, behind.low, behind.high)
-        gap = [end if math.isfinite(end) else None for end in ends] or [None] * 3
-        board, rank = result.board.name, i + 1 if result.sound else None
-        place = Standing(board, result.entry, None, rank, best, worst, *gap, result.reason)
-        places.append(place)
+        # Without a common block the difference is NaN.
+        gap = _compared(scores[sound[0]] if sound else {}, scores[i], LEVEL)
+        ends = (gap.mean, gap.low, gap.high)
+        behind, low, high = (end if math.isfinite(end) else None for end in ends)
+        name, rank = result.board.name, i + 1 if result.sound else None
+        places.append(
+            Standing(name, result.entry, None, rank, best, worst, behind, low, high, result.reason)
+        )
     return places + [Standing(r.board.name, r.entry, r.mark, reason=r.reason) for r in marks]
 
 
