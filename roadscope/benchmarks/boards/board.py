@@ -40,7 +40,6 @@ CONDITIONS: Mapping[str, Condition] = {
 }
 """By what whole episodes of simulated traffic are broken down; `condition` is weather, light and
 faults together."""
-CALIBRATION_ERROR = "calibration_error"
 
 
 @dataclass(frozen=True, slots=True)
@@ -213,7 +212,7 @@ class Board(ABC):
     def pooled(self, metric: str, scores: Sequence[Scores]) -> list[Score]:
         """Return a score for each episode; pooled, they are the figure of a metric on the board."""
         bins = [part_name(EXCESS, "score", band) for band in BANDS["score"].labels]
-        if metric == CALIBRATION_ERROR and all(b in each for b in bins for each in scores):
+        if metric == "calibration_error" and all(b in each for b in bins for each in scores):
             return pooled_calibration([[each[b] for b in bins] for each in scores])
         return [each[metric] for each in scores]
 

@@ -32,8 +32,6 @@ from roadscope.envs.traffic.driven import check_driven
 
 BY_STACK = "stack"
 """The breakdown by the perception stack that a driver gets."""
-ON = " on "
-"""Stands between driver and stack in the name of an entry."""
 PERCEPTION = ("recall", "precision", "hota", "velocity_rmse_m_s")
 """Metrics of the tracks that a driver gets, beside those of driving."""
 
@@ -141,7 +139,7 @@ class DrivingBoard(Board):
         return [
             Job(
                 self,
-                f"{driver}{ON}{text}",
+                f"{driver} on {text}",
                 episode,
                 DriveNode(driver, stack, episode),
                 mark=marks.get(text),

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
@@ -26,15 +26,6 @@ from roadscope.core import Tracks
 KITTI_FOLDER, MOT_FOLDER = "kitti", "motchallenge"
 MOST_NAME = 50
 """Characters of an entry in the name of a file, the last ones; file systems allow 255 bytes."""
-
-
-@dataclass(frozen=True, slots=True)
-class _SequenceTask:
-    """Jobs of one tracker on one sequence, one for each class, and the folder of their files."""
-
-    jobs: tuple[Job, ...]
-    folder: Path
-    name: str
 
 
 def save_tracks(
@@ -63,19 +54,18 @@ def save_tracks(
     for job in jobs:
         if isinstance(job.episode, Recording):
             groups.setdefault((job.entry, job.episode.sequence), []).append(job)
-    tasks = [
-        _SequenceTask(tuple(group), root, names[entry]) for (entry, _), group in groups.items()
-    ]
+    tasks = list(groups.values())
     failed = []
     report = progress or silent
     work = partial(_answers, options or RunOptions())
     with open_workers(workers or WorkerSettings()) as opened:
         for done, (index, answers) in enumerate(opened.each(work, tasks), start=1):
             report("tracks", done, len(tasks))
+            entry = tasks[index][0].entry
             if answers is None:
-                failed.append(tasks[index].jobs[0].entry)
+                failed.append(entry)
             else:
-                _save(tasks[index], answers)
+                _save(tasks[index], answers, root, names[entry])
     return list(dict.fromkeys(failed))
 
 
@@ -91,37 +81,38 @@ def folder_names(entries: Sequence[str]) -> Mapping[str, str]:
     return names
 
 
-def _answers(options: RunOptions, task: _SequenceTask) -> list[EpisodeTracks] | None:
+def _answers(options: RunOptions, jobs: Sequence[Job]) -> list[EpisodeTracks] | None:
     """Return the tracks of each job of one sequence, None where the tracker failed."""
-    if any(job.missing for job in task.jobs):
+    if any(job.missing for job in jobs):
         return None
     try:
         with options.probing():
-            return [job.answers.read(options) for job in task.jobs]
+            return [job.answers.read(options) for job in jobs]
     except PluginError:
         return None
 
 
-def _save(task: _SequenceTask, answers: Sequence[EpisodeTracks]) -> None:
-    """Write the files of one sequence."""
+def _save(jobs: Sequence[Job], answers: Sequence[EpisodeTracks], folder: Path, name: str) -> None:
+    """Write the files of one tracker on one sequence, whose jobs are those of each class."""
     kitti: list[list[KittiObjects]] = []
     sequence, next_id = "", 0
-    for job, answer in zip(task.jobs, answers, strict=True):
+    for job, answer in zip(jobs, answers, strict=True):
         recording = job.episode
         assert isinstance(recording, Recording)
         tracks = [each.sure for each in answer.tracks]
+        place = folder / MOT_FOLDER / name / recording.category / f"{recording.sequence}.txt"
         if isinstance(recording, MotRecording):
-            _write_mot(task, recording, recording.rows(tracks))
+            write_atomically(place, partial(write_mot, frames=recording.rows(tracks)))
             continue
         rows, boxes = _rows(tracks, recording)
-        _write_mot(task, recording, boxes)
+        write_atomically(place, partial(write_mot, frames=boxes))
         # Each class has a tracker of its own, so ids repeat; in a file they must differ.
         kitti.append([replace(row, ids=row.ids + next_id) for row in rows])
         next_id += 1 + max((int(row.ids.max(initial=-1)) for row in rows), default=-1)
         sequence = recording.sequence
     if not kitti:
         return
-    path = task.folder / KITTI_FOLDER / task.name / f"{sequence}.txt"
+    path = folder / KITTI_FOLDER / name / f"{sequence}.txt"
     merged = [row for frame in zip(*kitti, strict=True) for row in frame]
     write_atomically(path, lambda part: write_kitti_results(part, merged))
 
@@ -136,8 +127,3 @@ def _rows(
         boxes[np.isin(record.ids, rows.ids)] = rows.boxes
         image_rows.append(mot_rows(record, frame, boxes))
     return kitti, image_rows
-
-
-def _write_mot(task: _SequenceTask, recording: Recording, rows: Sequence[MotRows]) -> None:
-    place = task.folder / MOT_FOLDER / task.name / recording.category
-    write_atomically(place / f"{recording.sequence}.txt", lambda part: write_mot(part, rows))
