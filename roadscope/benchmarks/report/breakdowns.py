@@ -71,12 +71,19 @@ def breakdown_tables(
         for number, bands in enumerate(_pages(widths, width - name_width)):
             table = _table(results, name, part, bands, name_width=name_width)
             table.title = part.title + (", continued" if number else "")
+            rows, board = results.breakdown(by, name), board_named(name)
             if part.metric == DETECTION_RATE:
-                _add_counts(table, results.breakdown(by, name), bands)
-            board = board_named(name)
+                eligible = [(r.band, r.samples) for r in rows if r.metric == DETECTION_RATE]
+                unseen = [
+                    (r.band, round((r.value or 0.0) * r.samples))
+                    for r in rows
+                    if r.metric == "unseen_per_frame"
+                ]
+                _add_counts(table, "to be found", eligible, bands)
+                _add_counts(table, "too few returns", unseen, bands)
             if by == "sequence" and part.metric == board.headline and board.object_metric:
-                rows = [r for r in results.breakdown(by, name) if r.metric == board.object_metric]
-                _add_object_frames(table, rows, bands)
+                frames = [(r.band, r.samples) for r in rows if r.metric == board.object_metric]
+                _add_counts(table, "object frames", frames, bands, even_zero=True)
             tables.append(table)
     return tables
 
@@ -204,26 +211,21 @@ def _pages(widths: Mapping[str, int], width: int) -> list[list[str]]:
     return pages
 
 
-def _add_counts(table: Table, rows: Sequence[Row], bands: Sequence[str]) -> None:
-    """Add rows with the numbers of eligible objects and of those with too few returns."""
-    counts = {band: [0, 0] for band in bands}
-    for row in rows:
-        if row.band in counts and row.metric == DETECTION_RATE:
-            # Entries that failed in some episodes have fewer eligible objects.
-            counts[row.band][0] = max(counts[row.band][0], row.samples)
-        if row.band in counts and row.metric == "unseen_per_frame":
-            unseen = round((row.value or 0.0) * row.samples)
-            counts[row.band][1] = max(counts[row.band][1], unseen)
-    for index, label in enumerate(("to be found", "too few returns")):
-        figures = [count[index] for count in counts.values()]
-        if any(figures):
-            table.add_row(Text(label, style="not bold"), *map(str, figures), style="dim")
+def _add_counts(
+    table: Table,
+    label: str,
+    counts: Sequence[tuple[str, int]],
+    bands: Sequence[str],
+    *,
+    even_zero: bool = False,
+) -> None:
+    """Add a row with the greatest count in each band, unless all are zero.
 
-
-def _add_object_frames(table: Table, rows: Sequence[Row], bands: Sequence[str]) -> None:
-    """Add a row with the number of frames of all objects of each sequence.
-
-    rows: of the metric whose samples these are.
+    counts: bands with counts of entries; those that failed in some episodes have less.
     """
-    counts = [max((r.samples for r in rows if r.band == band), default=0) for band in bands]
-    table.add_row(Text("object frames", style="not bold"), *map(str, counts), style="dim")
+    most = dict.fromkeys(bands, 0)
+    for band, count in counts:
+        if band in most:
+            most[band] = max(most[band], count)
+    if even_zero or any(most.values()):
+        table.add_row(Text(label, style="not bold"), *map(str, most.values()), style="dim")

@@ -5,7 +5,7 @@ They are chosen by the scores of a run and read from its kept files; no plug-in 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import zip_longest
 from typing import Any, NamedTuple
@@ -27,7 +27,6 @@ from roadscope.benchmarks.metrics.driving import (
     times_to_collision,
 )
 from roadscope.benchmarks.metrics.matching import match
-from roadscope.benchmarks.metrics.score import Score
 from roadscope.benchmarks.metrics.tracking.clear import switched
 from roadscope.benchmarks.metrics.tracking.matching import match_tracks
 from roadscope.benchmarks.metrics.tracking.scores import (
@@ -128,36 +127,17 @@ class Moment(msgspec.Struct, frozen=True, kw_only=True):
     errors: list[int] = []
 
 
-Severity = Callable[[Mapping[str, Score]], float]
-"""Returns how bad the scores of an episode are in one respect."""
-
-
-def _failed_samples(metric: str) -> Severity:
-    """Return how many samples of a ratio are failures, such as the misses of a recall."""
-    return lambda scores: (1.0 - scores[metric].value) * scores[metric].n
-
-
-SEVERITIES: Mapping[type, Mapping[str, Severity]] = {
-    EpisodeTracks: {
-        SWITCHES: lambda scores: scores["id_switches"].value,
-        MISSES: _failed_samples("recall"),
-        ALARMS: _failed_samples("precision"),
-    },
-    EpisodeDetections: {
-        MISSES: _failed_samples("detection_rate"),
-        ALARMS: _failed_samples("precision"),
-    },
-    EpisodePoses: {
-        DRIFT: lambda scores: scores["end"].value,
-        JUMP: lambda scores: scores["rpe"].value,
-    },
+SEVERITIES: Mapping[type, Mapping[str, str]] = {
+    EpisodeTracks: {SWITCHES: "id_switches", MISSES: "recall", ALARMS: "precision"},
+    EpisodeDetections: {MISSES: "detection_rate", ALARMS: "precision"},
+    EpisodePoses: {DRIFT: "end", JUMP: "rpe"},
     EpisodeDrive: {
-        COLLISION: lambda scores: scores["collided"].value,
-        NEAR_MISS: lambda scores: scores["near_misses"].value,
-        PHANTOM: lambda scores: scores["phantom_braking"].value,
+        COLLISION: "collided",
+        NEAR_MISS: "near_misses",
+        PHANTOM: "phantom_braking",
     },
 }
-"""For each record of answers, what can be wrong with them, and how bad it is."""
+"""For each record of answers, what can be wrong with them, and the metric of how bad it is."""
 
 
 def worst_moments(
@@ -174,17 +154,21 @@ def worst_moments(
             of_entry.setdefault((job.board.name, job.entry), []).append((job, scored))
     queues: list[list[Moment]] = []
     for done, pairs in enumerate(of_entry.values(), start=1):
-        for kind, severity in SEVERITIES[pairs[0][0].answers.record].items():
-            chosen = _worst(pairs, severity)
+        for kind, metric in SEVERITIES[pairs[0][0].answers.record].items():
+            chosen = _worst(pairs, kind, metric)
             queues.append([] if chosen is None else _read(chosen, kind))
         progress("worst moments", done, len(of_entry))
     turns = zip_longest(*queues)
     return [moment for turn in turns for moment in turn if moment is not None]
 
 
-def _worst(pairs: Sequence[tuple[Job, JobScores]], severity: Severity) -> Job | None:
-    """Return the job with the worst scores; None if all are perfect."""
-    figures = [np.nan_to_num(severity(scored.scores), nan=0.0) for _, scored in pairs]
+def _worst(pairs: Sequence[tuple[Job, JobScores]], kind: str, metric: str) -> Job | None:
+    """Return the job with the worst score; None if all are perfect."""
+    scores = [scored.scores[metric] for _, scored in pairs]
+    # Of a ratio, how many of its samples are failures.
+    counted = kind in (MISSES, ALARMS)
+    severities = [(1.0 - score.value) * score.n if counted else score.value for score in scores]
+    figures = np.nan_to_num(severities, nan=0.0)
     worst = int(np.argmax(figures))
     return pairs[worst][0] if figures[worst] > 0 else None
 
