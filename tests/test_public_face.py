@@ -200,7 +200,7 @@ PUBLIC_FILES = {"roadscope": "__main__ metrics formats"}
 LOADED_BY_FOLDER = {"roadscope.benchmarks.boards": "board"}
 """The tests' sixth board is loaded by its folder, so it imports from the file beside it."""
 MODULES = {
-    "roadscope.benchmarks": "cache calibrating calibration_views single",
+    "roadscope.benchmarks": "calibrating calibration_views single",
     "roadscope.benchmarks.isolation": "host",
     "roadscope.benchmarks.papers": "li2021 lu2018 lu2018_measures lu2018_scene reproduction "
     "zhang2017 zhang2017_claims zhang2017_tables zhang2022",

@@ -116,7 +116,8 @@ __all__ = [
 ]
 
 _PARTS = {
-    "cache": "FolderError cache_folder write_kept",
+    "cache": "FolderError cache_dir cache_folder digest_of read_kept read_or_make write_atomically "
+    "write_kept",
     "cached_files": "cache_usage clear_cache size_text",
     "calibrating": "PoseRow sufficient_poses",
     "calibration_views": "TargetPose TargetViews calibrate_from_corners held_out_error_px "

@@ -9,33 +9,40 @@ import pytest
 from hypothesis import HealthCheck, assume, given, settings
 from hypothesis import strategies as st
 
-from roadscope.benchmarks import cache
+from roadscope.benchmarks import (
+    cache_dir,
+    digest_of,
+    read_kept,
+    read_or_make,
+    write_atomically,
+    write_kept,
+)
 from roadscope.core import RecordError
 
 
 def test_the_variable_names_the_folder(tmp_path, monkeypatch) -> None:
-    monkeypatch.setenv(cache.ENVIRONMENT_VARIABLE, str(tmp_path / "a" / "b"))
-    assert cache.cache_dir() == tmp_path / "a" / "b"
-    assert cache.cache_dir().is_dir()
+    monkeypatch.setenv("ROADSCOPE_CACHE", str(tmp_path / "a" / "b"))
+    assert cache_dir() == tmp_path / "a" / "b"
+    assert cache_dir().is_dir()
 
 
 def test_without_it_the_users_cache_folder(tmp_path, monkeypatch) -> None:
-    monkeypatch.delenv(cache.ENVIRONMENT_VARIABLE)
+    monkeypatch.delenv("ROADSCOPE_CACHE")
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     monkeypatch.setenv("HOME", str(tmp_path))
-    assert tmp_path in cache.cache_dir().parents
+    assert tmp_path in cache_dir().parents
 
 
 def test_where_nothing_can_be_written_a_temporary_folder_serves(tmp_path, monkeypatch) -> None:
     blocked = tmp_path / "file"
     blocked.write_text("in the way")
-    monkeypatch.setenv(cache.ENVIRONMENT_VARIABLE, str(blocked / "cache"))
+    monkeypatch.setenv("ROADSCOPE_CACHE", str(blocked / "cache"))
     with pytest.warns(UserWarning, match="cannot write to"):
-        spare = cache.cache_dir()
+        spare = cache_dir()
     assert spare.is_dir()
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        assert cache.cache_dir() == spare
+        assert cache_dir() == spare
 
 
 class Text(str):
@@ -49,13 +56,13 @@ class Text(str):
 
 def test_what_is_kept_is_made_once_and_again_on_request(tmp_path: Path) -> None:
     path, made = tmp_path / "sub" / "file.cache", iter(map(Text, ("one", "two", "three")))
-    assert cache.read_or_make(path, Text.load, lambda: next(made)) == "one"
-    first = cache.digest_of(path)
-    assert cache.read_or_make(path, Text.load, lambda: next(made)) == "one"
-    assert cache.digest_of(path) == first
-    assert cache.read_or_make(path, Text.load, lambda: next(made), recompute=True) == "two"
-    assert cache.digest_of(path) != first
-    assert cache.read_kept(path, Text.load) == "two"
+    assert read_or_make(path, Text.load, lambda: next(made)) == "one"
+    first = digest_of(path)
+    assert read_or_make(path, Text.load, lambda: next(made)) == "one"
+    assert digest_of(path) == first
+    assert read_or_make(path, Text.load, lambda: next(made), recompute=True) == "two"
+    assert digest_of(path) != first
+    assert read_kept(path, Text.load) == "two"
 
 
 class Arrays(dict[str, np.ndarray]):
@@ -105,14 +112,14 @@ def test_every_damaged_file_is_named_and_made_again(
     tmp_path: Path, damage: Callable[[bytes], bytes]
 ) -> None:
     path = tmp_path / "arrays.cache"
-    cache.write_kept(path, _arrays())
+    write_kept(path, _arrays())
     whole = path.read_bytes()
     damaged = damage(whole)
     assume(damaged != whole)
     path.write_bytes(damaged)
     made = []
     with pytest.warns(UserWarning, match="arrays.cache is damaged"):
-        cache.read_or_make(path, Arrays.load, lambda: made.append(1) or _arrays())
+        read_or_make(path, Arrays.load, lambda: made.append(1) or _arrays())
     assert made == [1]
     assert path.read_bytes() == whole
 
@@ -122,7 +129,7 @@ def test_every_damaged_file_is_named_and_made_again(
 )
 def test_content_that_cannot_be_read_is_made_again(tmp_path: Path, error: Exception) -> None:
     path = tmp_path / "file.cache"
-    cache.write_kept(path, Text("old"))
+    write_kept(path, Text("old"))
 
     def load(file: BinaryIO) -> Text:
         if file.read() == b"old":
@@ -130,31 +137,31 @@ def test_content_that_cannot_be_read_is_made_again(tmp_path: Path, error: Except
         return Text("read")
 
     with pytest.warns(UserWarning, match=r"file\.cache .*" + type(error).__name__):
-        assert cache.read_or_make(path, load, lambda: Text("new")) == "new"
-    assert cache.read_or_make(path, load, lambda: Text("newest")) == "read"
+        assert read_or_make(path, load, lambda: Text("new")) == "new"
+    assert read_or_make(path, load, lambda: Text("newest")) == "read"
 
 
 def test_a_folder_in_the_place_of_a_file_is_named(tmp_path: Path) -> None:
     with pytest.raises(RecordError, match="cannot read"):
-        cache.read_kept(tmp_path, Text.load)
+        read_kept(tmp_path, Text.load)
 
 
 def test_files_of_others_have_no_digest(tmp_path: Path) -> None:
     np.savez(tmp_path / "other.npz", a=np.zeros(3))
-    assert cache.digest_of(tmp_path / "other.npz") is None
-    assert cache.digest_of(tmp_path / "missing") is None
+    assert digest_of(tmp_path / "other.npz") is None
+    assert digest_of(tmp_path / "missing") is None
 
 
 def test_a_write_that_fails_leaves_the_old_file(tmp_path) -> None:
     path = tmp_path / "sub" / "file.txt"
-    cache.write_atomically(path, lambda p: _write(p, "old"))
+    write_atomically(path, lambda p: _write(p, "old"))
 
     def fail(part: Path) -> None:
         _write(part, "half")
         raise OSError("disk full")
 
     with pytest.raises(OSError, match="disk full"):
-        cache.write_atomically(path, fail)
+        write_atomically(path, fail)
     assert path.read_text() == "old"
     assert list(path.parent.iterdir()) == [path]
 
@@ -166,5 +173,5 @@ def _write(path: Path, text: str) -> None:
 def test_what_is_written_can_be_read_by_whoever_may_read_other_files(tmp_path: Path) -> None:
     usual = tmp_path / "usual"
     usual.write_text("x")
-    cache.write_atomically(tmp_path / "kept", lambda p: _write(p, "x"))
+    write_atomically(tmp_path / "kept", lambda p: _write(p, "x"))
     assert (tmp_path / "kept").stat().st_mode == usual.stat().st_mode
