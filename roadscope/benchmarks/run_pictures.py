@@ -23,7 +23,15 @@ from roadscope.benchmarks.report.moments import ALARMS, MISSES, SWITCHES, judged
 from roadscope.benchmarks.single import Summary
 from roadscope.core import ImageDetections, NotInstalledError, Pose, Requirement
 from roadscope.core.answers import STAMP_TOLERANCE_S
-from roadscope.core.palette import ASPHALT, DETECTIONS, HIDDEN, LABEL, ODOMETRY, TRACKS, TRUTH
+from roadscope.core.palette import (
+    ASPHALT_COLOUR,
+    DETECTION_COLOURS,
+    HIDDEN_COLOUR,
+    LABEL_COLOUR,
+    ODOMETRY_COLOUR,
+    TRACK_COLOURS,
+    TRUTH_COLOUR,
+)
 from roadscope.envs.drawing.birds_eye import OBJECT
 from roadscope.envs.drawing.composed import WIDTH, Snapshot, composed_frame
 from roadscope.envs.drawing.panels import RunningScore
@@ -327,9 +335,20 @@ def _gif_colours(video: _Video) -> Any:
     """Return an image with the colours of four frames, and of all that has a colour of its own."""
     from PIL import Image
 
-    own = np.array([TRUTH, HIDDEN, ODOMETRY, LABEL, *DETECTIONS.values(), *TRACKS])
+    own = np.array(
+        [
+            TRUTH_COLOUR,
+            HIDDEN_COLOUR,
+            ODOMETRY_COLOUR,
+            LABEL_COLOUR,
+            *DETECTION_COLOURS.values(),
+            *TRACK_COLOURS,
+        ]
+    )
     # Smooth edges need tints.
-    tints = np.concatenate([np.array(ASPHALT) + share * (own - ASPHALT) for share in TINTS])
+    tints = np.concatenate(
+        [np.array(ASPHALT_COLOUR) + share * (own - ASPHALT_COLOUR) for share in TINTS]
+    )
     samples = np.unique(np.linspace(0, len(video.rows) - 1, 4).astype(int)).tolist()
     frames = np.concatenate([np.asarray(video.frame(video.rows[k])) for k in samples])
     sampled = Image.fromarray(frames).quantize(GIF_COLOURS - len(tints))

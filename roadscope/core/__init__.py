@@ -62,6 +62,9 @@ _PARTS = {
     "constructing": "construct",
     "loading": "load_class",
     "names": "unknown",
+    "palette": "ASPHALT_COLOUR COLOUR_SCALE DETECTION_COLOURS GROUND_COLOUR HIDDEN_COLOUR "
+    "LABEL_COLOUR ODOMETRY_COLOUR PAGE_DARK PAGE_LIGHT PANEL_COLOUR RETURN_COLOURS TRACK_COLOURS "
+    "TRUTH_COLOUR hex_colour track_colour",
     "pixel_truth": "GROUND_CLASS SCENERY_CLASS SKY_CLASS",
     "projection": "Projection",
     "record": "same_value",

@@ -18,28 +18,28 @@ Rgb = tuple[int, int, int]
 # --------------------------------------------------------------------------------------------------
 # On dark ground: frames of videos, bird's-eye views and camera images.
 
-TRUTH: Rgb = (245, 245, 245)
-HIDDEN: Rgb = (112, 116, 122)
+TRUTH_COLOUR: Rgb = (245, 245, 245)
+HIDDEN_COLOUR: Rgb = (112, 116, 122)
 """True boxes, the ego and its true path; true boxes without any return."""
-DETECTIONS: Mapping[Family, Rgb] = MappingProxyType(
+DETECTION_COLOURS: Mapping[Family, Rgb] = MappingProxyType(
     {
         Family.VEHICLE: (230, 159, 0),
         Family.CYCLIST: (213, 94, 0),
         Family.PEDESTRIAN: (240, 228, 66),
     }
 )
-TRACKS: tuple[Rgb, ...] = ((86, 180, 233), (0, 178, 126), (150, 110, 255), (183, 236, 125))
+TRACK_COLOURS: tuple[Rgb, ...] = ((86, 180, 233), (0, 178, 126), (150, 110, 255), (183, 236, 125))
 """In turn by id, as `track_colour` says."""
-ODOMETRY: Rgb = (235, 85, 160)
-GROUND: Rgb = (16, 19, 24)
-PANEL: Rgb = (27, 31, 38)
-ASPHALT: Rgb = (44, 49, 57)
-VERGE: Rgb = (31, 35, 42)
-PAVEMENT: Rgb = (35, 36, 45)
-MARKING: Rgb = (92, 99, 110)
-RING: Rgb = (52, 59, 70)
-LABEL: Rgb = (196, 203, 212)
-RETURNS: Mapping[str, Rgb] = MappingProxyType(
+ODOMETRY_COLOUR: Rgb = (235, 85, 160)
+GROUND_COLOUR: Rgb = (16, 19, 24)
+PANEL_COLOUR: Rgb = (27, 31, 38)
+ASPHALT_COLOUR: Rgb = (44, 49, 57)
+VERGE_COLOUR: Rgb = (31, 35, 42)
+PAVEMENT_COLOUR: Rgb = (35, 36, 45)
+MARKING_COLOUR: Rgb = (92, 99, 110)
+RING_COLOUR: Rgb = (52, 59, 70)
+LABEL_COLOUR: Rgb = (196, 203, 212)
+RETURN_COLOURS: Mapping[str, Rgb] = MappingProxyType(
     {
         "ground": (70, 78, 92),
         "scenery": (112, 124, 138),
@@ -48,7 +48,7 @@ RETURNS: Mapping[str, Rgb] = MappingProxyType(
     }
 )
 """By what a return came from."""
-SCALE: tuple[Rgb, ...] = ((38, 52, 84), (62, 96, 140), (112, 150, 182), (198, 220, 234))
+COLOUR_SCALE: tuple[Rgb, ...] = ((38, 52, 84), (62, 96, 140), (112, 150, 182), (198, 220, 234))
 """Of measured values, low to high: intensities, ranges, heights."""
 
 
@@ -59,7 +59,7 @@ def hex_colour(colour: Rgb) -> str:
 
 def track_colour(number: int) -> Rgb:
     """Return the colour of a track by its id; ids that are a few apart differ."""
-    return TRACKS[number % len(TRACKS)]
+    return TRACK_COLOURS[number % len(TRACK_COLOURS)]
 
 
 # --------------------------------------------------------------------------------------------------

@@ -7,7 +7,12 @@ from PIL import Image
 
 from roadscope import Episode, run_episode
 from roadscope.benchmarks import FolderError, RunPictures, save_picture, save_video
-from roadscope.core import NotInstalledError, palette
+from roadscope.core import (
+    ODOMETRY_COLOUR,
+    RETURN_COLOURS,
+    NotInstalledError,
+    track_colour,
+)
 
 EPISODE = Episode("lu2018-occlusion", 0, "lux", 1.0)
 
@@ -29,9 +34,9 @@ def test_frames_have_one_size_and_show_all_answers(summary):
     }
     assert len(summary.tracks[-1]) > 0
     for number in summary.tracks[-1].ids.tolist():
-        assert has(frames[-1][:, :720], palette.track_colour(number))
+        assert has(frames[-1][:, :720], track_colour(number))
     # An odometry that stands still is left behind.
-    assert has(frames[-1][400:, :720], palette.ODOMETRY, 30)
+    assert has(frames[-1][400:, :720], ODOMETRY_COLOUR, 30)
 
 
 def test_running_scores_end_at_the_scores_of_the_episode(summary):
@@ -61,8 +66,8 @@ def test_returns_are_coloured_as_asked(summary):
     by_object, by_intensity = (
         RunPictures(summary, colour_by=each).frame(5)[:, :720] for each in ("object", "intensity")
     )
-    assert has(by_object, palette.RETURNS["road user"])
-    assert not has(by_intensity, palette.RETURNS["road user"])
+    assert has(by_object, RETURN_COLOURS["road user"])
+    assert not has(by_intensity, RETURN_COLOURS["road user"])
 
 
 def test_a_gif_is_read_back(summary, tmp_path):

@@ -3,7 +3,21 @@ from itertools import combinations, pairwise
 import numpy as np
 import pytest
 
-from roadscope.core import palette
+from roadscope.core import (
+    ASPHALT_COLOUR,
+    COLOUR_SCALE,
+    DETECTION_COLOURS,
+    GROUND_COLOUR,
+    HIDDEN_COLOUR,
+    ODOMETRY_COLOUR,
+    PAGE_DARK,
+    PAGE_LIGHT,
+    PANEL_COLOUR,
+    TRACK_COLOURS,
+    TRUTH_COLOUR,
+    hex_colour,
+    track_colour,
+)
 
 # Machado, Oliveira and Fernandes 2009, severity 1.
 VISION = {
@@ -31,11 +45,11 @@ VISION = {
     ),
 }
 MEANINGS = {
-    "truth": palette.TRUTH,
-    "hidden": palette.HIDDEN,
-    "odometry": palette.ODOMETRY,
-    **{f"detected {family}": colour for family, colour in palette.DETECTIONS.items()},
-    **{f"track {number}": colour for number, colour in enumerate(palette.TRACKS)},
+    "truth": TRUTH_COLOUR,
+    "hidden": HIDDEN_COLOUR,
+    "odometry": ODOMETRY_COLOUR,
+    **{f"detected {family}": colour for family, colour in DETECTION_COLOURS.items()},
+    **{f"track {number}": colour for number, colour in enumerate(TRACK_COLOURS)},
 }
 
 
@@ -64,13 +78,13 @@ def test_colours_of_different_meanings_are_told_apart_by_everybody(vision):
 
 
 @pytest.mark.parametrize("vision", VISION)
-@pytest.mark.parametrize("ground", [palette.GROUND, palette.ASPHALT, palette.PANEL])
+@pytest.mark.parametrize("ground", [GROUND_COLOUR, ASPHALT_COLOUR, PANEL_COLOUR])
 def test_everything_stands_out_from_the_ground(vision, ground):
     for name, colour in MEANINGS.items():
         assert lab(colour, vision)[0] - lab(ground, vision)[0] > 25, name
 
 
-@pytest.mark.parametrize("page", [palette.PAGE_LIGHT, palette.PAGE_DARK])
+@pytest.mark.parametrize("page", [PAGE_LIGHT, PAGE_DARK])
 @pytest.mark.parametrize("vision", VISION)
 def test_the_page_has_different_colours_for_right_and_wrong(page, vision):
     names = ("right", "missed", "false", "switch", "truth")
@@ -80,16 +94,16 @@ def test_the_page_has_different_colours_for_right_and_wrong(page, vision):
 
 
 def test_the_scale_of_measured_values_gets_lighter_all_along():
-    lightness = [lab(colour, vision)[0] for vision in VISION for colour in palette.SCALE]
+    lightness = [lab(colour, vision)[0] for vision in VISION for colour in COLOUR_SCALE]
     steps = np.diff(np.reshape(lightness, (len(VISION), -1)), axis=1)
     assert (steps > 8).all()
 
 
 def test_consecutive_tracks_have_different_colours():
-    colours = [palette.track_colour(number) for number in range(20)]
+    colours = [track_colour(number) for number in range(20)]
     assert all(a != b for a, b in pairwise(colours))
-    assert set(colours) == set(palette.TRACKS)
+    assert set(colours) == set(TRACK_COLOURS)
 
 
 def test_colours_of_figures_are_written_in_hexadecimal():
-    assert palette.hex_colour((86, 180, 3)) == "#56b403"
+    assert hex_colour((86, 180, 3)) == "#56b403"

@@ -17,7 +17,7 @@ from roadscope.benchmarks.papers.reproduction import FIRST_SEED
 from roadscope.benchmarks.sensor_pairs import SensorPair, sense_pairs
 from roadscope.core import Category, Detections, Frame, ImageDetections
 from roadscope.core.fused import FusedDetections
-from roadscope.core.palette import DETECTIONS, hex_colour
+from roadscope.core.palette import DETECTION_COLOURS, hex_colour
 from roadscope.detectors.camera import CAMERA_DETECTORS
 from roadscope.fusion.cluster_boxes import ClusterBoxes
 
@@ -85,7 +85,7 @@ def _draw_scene(axes: Axes, scene: DrawnScene, method: str | None) -> None:
     for k in np.flatnonzero(fused.has_image_box & (fused.scores >= LEAST_SCORE)):
         left, top, right, bottom = fused.image_boxes[k]
         category = Category(int(fused.categories[k]))
-        colour = hex_colour(DETECTIONS[category.family])
+        colour = hex_colour(DETECTION_COLOURS[category.family])
         box = Rectangle((left, top), right - left, bottom - top, fill=False, color=colour)
         axes.add_patch(box)
         if method != LIDAR:

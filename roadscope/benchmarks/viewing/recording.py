@@ -32,8 +32,16 @@ from roadscope.core import (
     TrackState,
     Truth,
 )
-from roadscope.core import palette as colours_of
-from roadscope.core.palette import track_colour
+from roadscope.core.palette import (
+    ASPHALT_COLOUR,
+    DETECTION_COLOURS,
+    GROUND_COLOUR,
+    MARKING_COLOUR,
+    ODOMETRY_COLOUR,
+    RETURN_COLOURS,
+    TRUTH_COLOUR,
+    track_colour,
+)
 from roadscope.envs.drawing.birds_eye import COASTING_PX, TRACK_PX
 from roadscope.envs.sensors.rigs import rig
 from roadscope.envs.traffic.terrain import Terrain
@@ -106,7 +114,7 @@ class _Recording:
             box = self.rr.Boxes3D(
                 centers=[centre],
                 sizes=view.timeline.sizes[:1],
-                colors=colours_of.TRUTH,
+                colors=TRUTH_COLOUR,
                 radii=self._px(LINE_PX),
             )
             self.log("world/ego/body", box)
@@ -141,12 +149,12 @@ class _Recording:
     def _write_frames(self) -> None:
         rr = self.rr
         infos = [
-            rr.AnnotationInfo(each.value, each.name.lower(), colours_of.TRUTH) for each in Category
+            rr.AnnotationInfo(each.value, each.name.lower(), TRUTH_COLOUR) for each in Category
         ]
         infos += [
-            rr.AnnotationInfo(GROUND_CLASS, "ground", colours_of.RETURNS["ground"]),
-            rr.AnnotationInfo(SCENERY_CLASS, "scenery", colours_of.RETURNS["scenery"]),
-            rr.AnnotationInfo(WEATHER_CLASS, "rain or fog", colours_of.RETURNS["rain, fog"]),
+            rr.AnnotationInfo(GROUND_CLASS, "ground", RETURN_COLOURS["ground"]),
+            rr.AnnotationInfo(SCENERY_CLASS, "scenery", RETURN_COLOURS["scenery"]),
+            rr.AnnotationInfo(WEATHER_CLASS, "rain or fog", RETURN_COLOURS["rain, fog"]),
         ]
         self.log("world", rr.AnnotationContext(infos))
         self.log("world", rr.ViewCoordinates.RIGHT_HAND_Z_UP)
@@ -187,15 +195,13 @@ class _Recording:
             count += 2 * len(line)
         if not borders:
             return
-        lines = self.rr.LineStrips3D(
-            borders, colors=colours_of.MARKING, radii=self._px(LINE_PX / 2)
-        )
+        lines = self.rr.LineStrips3D(borders, colors=MARKING_COLOUR, radii=self._px(LINE_PX / 2))
         self.log("world/road/borders", lines)
         vertices = np.concatenate(points) - [0, 0, BELOW_M]
         asphalt = self.rr.Mesh3D(
             vertex_positions=vertices,
             triangle_indices=np.concatenate(triangles),
-            vertex_colors=np.tile(np.array(colours_of.ASPHALT, np.uint8), (len(vertices), 1)),
+            vertex_colors=np.tile(np.array(ASPHALT_COLOUR, np.uint8), (len(vertices), 1)),
         )
         self.log("world/road/asphalt", asphalt)
 
@@ -211,15 +217,15 @@ class _Recording:
             estimates = aligned(poses.trajectories, "origin") @ lidar_from_ego
             if not len(path):
                 path = (poses.trajectories.truth @ lidar_from_ego)[:, :3, 3]
-            self._write_path("world/paths/odometry", estimates[:, :3, 3], colours_of.ODOMETRY)
-            box = self.rr.Boxes3D(half_sizes=[[1.0, 0.5, 0.2]], colors=colours_of.ODOMETRY)
+            self._write_path("world/paths/odometry", estimates[:, :3, 3], ODOMETRY_COLOUR)
+            box = self.rr.Boxes3D(half_sizes=[[1.0, 0.5, 0.2]], colors=ODOMETRY_COLOUR)
             self.log("world/odometry", box)
             for stamp_s, estimate in zip(poses.stamps_s, estimates, strict=True):
                 self.at(stamp_s)
                 pose = self.rr.Transform3D(translation=estimate[:3, 3], mat3x3=estimate[:3, :3])
                 self.log("world/odometry", pose, static=False)
         if len(path):
-            self._write_path(f"world/paths/{body}", path, colours_of.TRUTH)
+            self._write_path(f"world/paths/{body}", path, TRUTH_COLOUR)
 
     def _write_path(self, entity: str, points: np.ndarray, colour: Sequence[int]) -> None:
         self.log(entity, self.rr.LineStrips3D([points], colors=colour, radii=self._px(LINE_PX)))
@@ -379,7 +385,7 @@ def _object_names(truth: Truth) -> list[str]:
 def _family_colours(categories: np.ndarray) -> np.ndarray:
     """Return (N, 3) colours of detections by (N,) categories."""
     families = [Category(number).family for number in categories.tolist()]
-    return np.array([colours_of.DETECTIONS[family] for family in families]).reshape(-1, 3)
+    return np.array([DETECTION_COLOURS[family] for family in families]).reshape(-1, 3)
 
 
 def _detection_names(categories: np.ndarray, scores: np.ndarray) -> list[str]:
@@ -457,7 +463,7 @@ def _world_view(view: EpisodeView, rrb: Any) -> Any:
     return rrb.Spatial3DView(
         origin="world",
         name="world",
-        background=colours_of.GROUND,
+        background=GROUND_COLOUR,
         eye_controls=rrb.EyeControls3D(**eye),
     )
 

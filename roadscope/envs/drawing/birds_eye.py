@@ -21,8 +21,24 @@ from roadscope.core import (
     TrackState,
     Truth,
 )
-from roadscope.core import palette as colours
-from roadscope.core.palette import Rgb, track_colour
+from roadscope.core.palette import (
+    ASPHALT_COLOUR,
+    COLOUR_SCALE,
+    DETECTION_COLOURS,
+    GROUND_COLOUR,
+    HIDDEN_COLOUR,
+    LABEL_COLOUR,
+    MARKING_COLOUR,
+    ODOMETRY_COLOUR,
+    PAVEMENT_COLOUR,
+    RETURN_COLOURS,
+    RING_COLOUR,
+    TRACK_COLOURS,
+    TRUTH_COLOUR,
+    VERGE_COLOUR,
+    Rgb,
+    track_colour,
+)
 from roadscope.envs.drawing.canvas import Canvas, text_px
 from roadscope.envs.drawing.labels import (
     ROW_PX,
@@ -118,7 +134,7 @@ def draw_rings(canvas: Canvas, view: BirdsEyeView) -> None:
     """Draw a ring around the ego every 20 m."""
     step = RING_M / view.metres_per_px
     for ring in range(1, int(view.radius_m / RING_M) + 1):
-        canvas.circle(view.home, ring * step, colours.RING, line_px=1.0)
+        canvas.circle(view.home, ring * step, RING_COLOUR, line_px=1.0)
 
 
 def draw_road(canvas: Canvas, view: BirdsEyeView, timeline: Timeline) -> None:
@@ -126,18 +142,18 @@ def draw_road(canvas: Canvas, view: BirdsEyeView, timeline: Timeline) -> None:
     surface = surface_of(timeline.road)
     strips = surface.strips[view.near((surface.strips[:, :2] + surface.strips[:, 2:4]) / 2, 12.0)]
     beside_m = SHOULDERS_M.get(timeline.style, 0.0)
-    verge = colours.PAVEMENT if timeline.style in PAVED else colours.VERGE
-    for wider_m, colour in ((beside_m, verge), (0.0, colours.ASPHALT)):
+    verge = PAVEMENT_COLOUR if timeline.style in PAVED else VERGE_COLOUR
+    for wider_m, colour in ((beside_m, verge), (0.0, ASPHALT_COLOUR)):
         for corners in _strip_corners(view, strips, wider_m):
             canvas.polygon(corners, colour)
     lines = surface.lines[view.near(surface.lines)]
     lines = lines[(lines[:, 5] == 0) | (lines[:, 4] % GAP_M < DASH_M)]
     ends = view.pixels(lines[:, :4].reshape(-1, 2, 2))
     for each in ends:
-        canvas.line(each, colours.MARKING, 1.0)
+        canvas.line(each, MARKING_COLOUR, 1.0)
     for x, y, yaw, length, width, _ in timeline.obstacles:
         corners = box_corners(np.array([x, y]), np.array([length, width]), yaw)
-        canvas.polygon(view.pixels(corners), colours.RETURNS["scenery"], fill=0.5)
+        canvas.polygon(view.pixels(corners), RETURN_COLOURS["scenery"], fill=0.5)
 
 
 def _strip_corners(view: BirdsEyeView, strips: np.ndarray, wider_m: float) -> np.ndarray:
@@ -153,17 +169,17 @@ def _strip_corners(view: BirdsEyeView, strips: np.ndarray, wider_m: float) -> np
 # --------------------------------------------------------------------------------------------------
 # Returns.
 
-_KINDS = tuple(colours.RETURNS)
+_KINDS = tuple(RETURN_COLOURS)
 _SCALE_COLOURS = np.stack(
     [
-        np.interp(np.linspace(0, len(colours.SCALE) - 1, LEVELS), range(len(colours.SCALE)), each)
-        for each in np.array(colours.SCALE, float).T
+        np.interp(np.linspace(0, len(COLOUR_SCALE) - 1, LEVELS), range(len(COLOUR_SCALE)), each)
+        for each in np.array(COLOUR_SCALE, float).T
     ],
     axis=1,
 )
 SCALE_COLOURS = np.concatenate([[(0, 0, 0)], _SCALE_COLOURS])
 """(1 + LEVELS, 3) colours of levels of measured values, from 1 on."""
-OBJECT_COLOURS = np.array([(0, 0, 0), *colours.RETURNS.values()], float)
+OBJECT_COLOURS = np.array([(0, 0, 0), *RETURN_COLOURS.values()], float)
 
 
 def scale_levels(values: np.ndarray, low: float, high: float) -> np.ndarray:
@@ -247,7 +263,7 @@ def draw_truth(canvas: Canvas, view: BirdsEyeView, truth: Truth) -> None:
     """Draw true road users in white, those without any return in grey."""
     boxes = view.pixels(box_corners(truth.centres, truth.sizes, truth.yaws))
     for row in np.flatnonzero(view.near(truth.centres, LONGEST_M)):
-        colour = colours.HIDDEN if truth.lidar_returns[row] == 0 else colours.TRUTH
+        colour = HIDDEN_COLOUR if truth.lidar_returns[row] == 0 else TRUTH_COLOUR
         draw_user(canvas, boxes[row], Category(int(truth.categories[row])).family, colour)
 
 
@@ -272,23 +288,23 @@ def draw_ego(canvas: Canvas, view: BirdsEyeView, timeline: Timeline) -> None:
 
 
 def _draw_own(canvas: Canvas, corners: np.ndarray) -> None:
-    canvas.polygon(corners, colours.TRUTH)
+    canvas.polygon(corners, TRUTH_COLOUR)
     front = (corners[1] + corners[2]) / 2 + (corners[0] - corners[1]) * 0.1
     base = corners[1:3] * 0.7 + front * 0.3 + (corners[[0, 3]] - corners[1:3]) * 0.2
-    canvas.polygon(np.stack([front, base[1], base[0]]), colours.GROUND)
+    canvas.polygon(np.stack([front, base[1], base[0]]), GROUND_COLOUR)
 
 
 def draw_odometry(canvas: Canvas, points: np.ndarray) -> None:
     """Draw the (K, 2) pixels of a path that an odometry estimates, with a ring at its end."""
-    canvas.dashes(points, colours.ODOMETRY, PATH_PX, 6.0)
-    canvas.circle(points[-1], 5.0, colours.ODOMETRY, line_px=PATH_PX)
+    canvas.dashes(points, ODOMETRY_COLOUR, PATH_PX, 6.0)
+    canvas.circle(points[-1], 5.0, ODOMETRY_COLOUR, line_px=PATH_PX)
 
 
 def draw_detections(canvas: Canvas, view: BirdsEyeView, detections: Detections) -> None:
     """Draw detections, world frame, in the colours of their families."""
     boxes = view.pixels(box_corners(detections.centres, detections.sizes, detections.yaws))
     for row in np.flatnonzero(view.near(detections.centres, LONGEST_M)):
-        colour = colours.DETECTIONS[Category(int(detections.categories[row])).family]
+        colour = DETECTION_COLOURS[Category(int(detections.categories[row])).family]
         draw_detection(canvas, boxes[row], colour)
 
 
@@ -351,7 +367,7 @@ def write_distances(labels: LabelPlacer, view: BirdsEyeView) -> None:
     for ring in range(1, int(view.radius_m / RING_M) + 1):
         text = f"{ring * RING_M:.0f} m"
         place = view.home + ring * step * diagonal - np.array(text_px(text, TEXT_PX)) / 2
-        labels.write(text, place[None], colours.LABEL)
+        labels.write(text, place[None], LABEL_COLOUR)
 
 
 def write_ids(labels: LabelPlacer, view: BirdsEyeView, tracks: Tracks) -> None:
@@ -401,7 +417,7 @@ def _dot_symbol(canvas: Canvas, low: np.ndarray, high: np.ndarray, *, colour: Rg
 
 
 def _path_symbol(canvas: Canvas, low: np.ndarray, high: np.ndarray) -> None:
-    canvas.line(_level(low, high), colours.TRUTH, PATH_PX)
+    canvas.line(_level(low, high), TRUTH_COLOUR, PATH_PX)
 
 
 def _odometry_symbol(canvas: Canvas, low: np.ndarray, high: np.ndarray) -> None:
@@ -423,22 +439,22 @@ def truth_rows() -> Iterator[LegendRow]:
     yield LegendRow("ego", _ego_symbol)
     yield LegendRow("ego's path", _path_symbol)
     for family in Family:
-        draw = partial(_user_symbol, family=family, colour=colours.TRUTH)
+        draw = partial(_user_symbol, family=family, colour=TRUTH_COLOUR)
         yield LegendRow(f"true {family.value}", draw)
-    hidden = partial(_user_symbol, family=Family.VEHICLE, colour=colours.HIDDEN)
+    hidden = partial(_user_symbol, family=Family.VEHICLE, colour=HIDDEN_COLOUR)
     yield LegendRow("without returns", hidden)
 
 
 def detection_rows() -> Iterator[LegendRow]:
     """Yield the legend of detections."""
-    for family, colour in colours.DETECTIONS.items():
+    for family, colour in DETECTION_COLOURS.items():
         yield LegendRow(f"detected {family.value}", partial(_box_symbol, colour=colour))
 
 
 def track_rows() -> Iterator[LegendRow]:
     """Yield the legend of tracks."""
     first, second = (
-        partial(_track_symbol, colour=colours.TRACKS[0], coasting=coasting)
+        partial(_track_symbol, colour=TRACK_COLOURS[0], coasting=coasting)
         for coasting in (False, True)
     )
     yield LegendRow("track (by id)", first)
@@ -452,7 +468,7 @@ def odometry_row() -> LegendRow:
 
 def return_rows() -> Iterator[LegendRow]:
     """Yield the legend of returns by what they came from."""
-    for name, colour in colours.RETURNS.items():
+    for name, colour in RETURN_COLOURS.items():
         yield LegendRow(f"return: {name}", partial(_dot_symbol, colour=colour))
 
 
@@ -480,10 +496,10 @@ def scan_view(
     canvas.dots(view.pixels(placed[:, :2]), scale_levels(placed[:, 2], *HEIGHTS_M), SCALE_COLOURS)
     draw_detections(canvas, view, detections)
     lidar = view.pixels(ego_from_lidar.translation[:2])
-    canvas.circle(lidar, LEAST_RADIUS_PX, colours.TRUTH)
+    canvas.circle(lidar, LEAST_RADIUS_PX, TRUTH_COLOUR)
     labels = LabelPlacer(canvas)
     rows = [
-        LegendRow("LiDAR", lambda c, low, high: c.circle((low + high) / 2, 3.0, colours.TRUTH)),
+        LegendRow("LiDAR", lambda c, low, high: c.circle((low + high) / 2, 3.0, TRUTH_COLOUR)),
         *detection_rows(),
         LegendRow(f"return, {HEIGHTS_M[0]:g} to {HEIGHTS_M[1]:g} m high", scale_symbol),
     ]

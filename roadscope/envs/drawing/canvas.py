@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
-from roadscope.core.palette import GROUND, Rgb
+from roadscope.core.palette import GROUND_COLOUR, Rgb
 
 FINER = 2
 """Shapes are drawn so many times larger, and averaged at the end."""
@@ -34,7 +34,7 @@ class Canvas:
     Letters lie above all shapes.
     """
 
-    def __init__(self, width: int, height: int, ground: Rgb = GROUND) -> None:
+    def __init__(self, width: int, height: int, ground: Rgb = GROUND_COLOUR) -> None:
         self.width, self.height = width, height
         self._image = Image.new("RGB", (width * FINER, height * FINER), ground)
         self._opaque = ImageDraw.Draw(self._image)
@@ -135,7 +135,7 @@ class Canvas:
             if plate:
                 width, height = text_px(text, size)
                 box = [x - 2, y - 1, x + width + 1, y + height]
-                pen.rectangle(box, fill=_with_opacity(GROUND, PLATE))
+                pen.rectangle(box, fill=_with_opacity(GROUND_COLOUR, PLATE))
             final.paste(colour, (x, y), _letters(text, size))
         return np.array(final)
 

@@ -11,7 +11,11 @@ import numpy as np
 from PIL import Image
 
 from roadscope.core import Detections, Frame, ImageDetections, Tracks, Truth
-from roadscope.core import palette as colours
+from roadscope.core.palette import (
+    GROUND_COLOUR,
+    LABEL_COLOUR,
+    TRUTH_COLOUR,
+)
 from roadscope.core.record import Record
 from roadscope.envs.drawing.birds_eye import (
     INTENSITY,
@@ -110,7 +114,7 @@ def view_from_above(
     draw_rings(canvas, view)
     draw_returns(canvas, view, shown.frame, shown.truth, shown.timeline, colour_by=colour_by)
     if shown.path is not None:
-        canvas.line(view.pixels(shown.path), colours.TRUTH, PATH_PX)
+        canvas.line(view.pixels(shown.path), TRUTH_COLOUR, PATH_PX)
     if shown.odometry is not None:
         draw_odometry(canvas, view.pixels(shown.odometry))
     draw_truth(canvas, view, shown.truth)
@@ -130,7 +134,7 @@ def _side(shown: Snapshot, width: int, *, colour_by: str) -> np.ndarray:
     """Return title, camera image, range image, scores and legend, from top to bottom."""
     inner = width - 2 * MARGIN
     legend = _legend(_Contents.of(shown, colour_by), inner)
-    picture = np.array(Image.new("RGB", (width, HEIGHT), colours.GROUND))
+    picture = np.array(Image.new("RGB", (width, HEIGHT), GROUND_COLOUR))
     top = MARGIN
     for panel, gap in (
         (_title(shown, inner), 8),
@@ -146,8 +150,8 @@ def _title(shown: Snapshot, width: int) -> np.ndarray:
     canvas = Canvas(width, TITLE_PX + 4)
     clock = f"{max(shown.truth.stamp_s, 0.0):.1f} s"
     right = width - text_px(clock, TITLE_PX)[0]
-    canvas.text(_shortened(shown.title, right - MARGIN), np.zeros(2), colours.TRUTH, TITLE_PX)
-    canvas.text(clock, np.array([right, 0]), colours.TRUTH, TITLE_PX)
+    canvas.text(_shortened(shown.title, right - MARGIN), np.zeros(2), TRUTH_COLOUR, TITLE_PX)
+    canvas.text(clock, np.array([right, 0]), TRUTH_COLOUR, TITLE_PX)
     return canvas.image()
 
 
@@ -164,7 +168,7 @@ def _shortened(title: str, width: int) -> str:
 @lru_cache
 def _caption(text: str, width: int) -> np.ndarray:
     canvas = Canvas(width, SMALL_PX + 5)
-    canvas.text(text, np.zeros(2), colours.LABEL, SMALL_PX)
+    canvas.text(text, np.zeros(2), LABEL_COLOUR, SMALL_PX)
     return canvas.image()
 
 

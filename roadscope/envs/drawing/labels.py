@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from roadscope.core.palette import LABEL, Rgb
+from roadscope.core.palette import LABEL_COLOUR, Rgb
 from roadscope.envs.drawing.canvas import Canvas, text_px
 
 MARGIN_PX = 2.0
@@ -89,7 +89,7 @@ def draw_legend(canvas: Canvas, rows: Sequence[LegendRow], low: np.ndarray, widt
         corner = low + np.array([column * (width // columns), line * ROW_PX])
         start = corner + np.array([0, (ROW_PX - SWATCH_PX[1]) / 2])
         row.draw(canvas, start, start + SWATCH_PX)
-        canvas.text(row.text, corner + np.array([SWATCH_PX[0] + 8, 2]), LABEL, LEGEND_PX)
+        canvas.text(row.text, corner + np.array([SWATCH_PX[0] + 8, 2]), LABEL_COLOUR, LEGEND_PX)
 
 
 def _lines(rows: Sequence[LegendRow], width: int) -> int:

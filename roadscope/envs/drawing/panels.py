@@ -8,8 +8,15 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from roadscope.core import Category, Frame, ImageDetections, LidarScan, Tracks, Truth
-from roadscope.core import palette as colours
-from roadscope.core.palette import track_colour
+from roadscope.core.palette import (
+    DETECTION_COLOURS,
+    GROUND_COLOUR,
+    LABEL_COLOUR,
+    PANEL_COLOUR,
+    RING_COLOUR,
+    TRUTH_COLOUR,
+    track_colour,
+)
 from roadscope.core.projection import NEAR_M, Projection
 from roadscope.core.record import Record
 from roadscope.envs.drawing.birds_eye import SCALE_COLOURS, box_corners, scale_levels
@@ -66,12 +73,12 @@ def camera_panel(
     frame, truth: of the image; without an image the panel says so.
     tracks: world frame, drawn at the stamp of the image.
     """
-    canvas = Canvas(width, height, colours.PANEL)
+    canvas = Canvas(width, height, PANEL_COLOUR)
     image = None if frame is None else frame.camera
     if frame is None or image is None:
         text = "no image"
         place = (np.array([width, height]) - text_px(text, SMALL_PX)) / 2
-        canvas.text(text, place, colours.LABEL, SMALL_PX)
+        canvas.text(text, place, LABEL_COLOUR, SMALL_PX)
         return canvas.image()
     scale = min(width / image.size_px[0], height / image.size_px[1])
     canvas.paste(
@@ -82,7 +89,7 @@ def camera_panel(
     )
     if truth is not None and truth.image_boxes is not None:
         for box in truth.image_boxes[truth.visible_pixels >= LEAST_VISIBLE_PX]:
-            canvas.polygon(_rectangle(box * scale), colours.TRUTH, fill=0.0, line_px=1.0)
+            canvas.polygon(_rectangle(box * scale), TRUTH_COLOUR, fill=0.0, line_px=1.0)
     if detections is not None:
         _draw_boxes(canvas, detections, scale)
     if tracks is not None and truth is not None:
@@ -104,13 +111,13 @@ def image_view(pixels: np.ndarray, detections: ImageDetections) -> np.ndarray:
         category = Category(int(detections.categories[row]))
         text = f"{category.name.lower()} {detections.scores[row]:.2f}"
         places = places_beside(_rectangle(detections.boxes[row]), text, SMALL_PX)
-        labels.write(text, places[OVER_FIRST], colours.DETECTIONS[category.family], SMALL_PX)
+        labels.write(text, places[OVER_FIRST], DETECTION_COLOURS[category.family], SMALL_PX)
     return canvas.image()
 
 
 def _draw_boxes(canvas: Canvas, detections: ImageDetections, scale: float) -> None:
     for box, number in zip(detections.boxes, detections.categories.tolist(), strict=True):
-        colour = colours.DETECTIONS[Category(number).family]
+        colour = DETECTION_COLOURS[Category(number).family]
         canvas.polygon(_rectangle(box * scale), colour, fill=0.0, line_px=2.0)
 
 
@@ -172,7 +179,7 @@ def range_panel(
         levels[spec.beams - 1 - scan.ring, columns * width // spec.columns] = values
     rows = np.arange(height) * spec.beams // height
     table = SCALE_COLOURS.astype(np.uint8)
-    table[0] = colours.PANEL
+    table[0] = PANEL_COLOUR
     return table[levels[rows]]
 
 
@@ -182,27 +189,27 @@ def range_panel(
 
 def score_panel(width: int, height: int, scores: Sequence[RunningScore]) -> np.ndarray:
     """Return a (height, width, 3) image of figures with their courses so far."""
-    canvas = Canvas(width, height, colours.GROUND)
+    canvas = Canvas(width, height, GROUND_COLOUR)
     cell = width / max(len(scores), 1)
     for number, score in enumerate(scores):
         low = np.array([number * cell, 0.0])
         box = np.array([low[0], 0, low[0] + cell - 6, height])
-        canvas.polygon(_rectangle(box), colours.PANEL)
-        canvas.text(score.name, low + np.array([8, 6]), colours.LABEL, SMALL_PX)
+        canvas.polygon(_rectangle(box), PANEL_COLOUR)
+        canvas.text(score.name, low + np.array([8, 6]), LABEL_COLOUR, SMALL_PX)
         value = score.values[-1] if len(score.values) else np.nan
         text = "-" if np.isnan(value) else f"{value:.{score.decimals}f}"
-        canvas.text(text, low + np.array([8, 20]), colours.TRUTH, VALUE_PX)
+        canvas.text(text, low + np.array([8, 20]), TRUTH_COLOUR, VALUE_PX)
         _draw_course(canvas, score, np.array([low[0] + 8, 50, low[0] + cell - 14, height - 8]))
     return canvas.image()
 
 
 def _draw_course(canvas: Canvas, score: RunningScore, box: np.ndarray) -> None:
     """Draw the values of a score from left to right, from 0 at the bottom to its top."""
-    canvas.line(box[[[0, 3], [2, 3]]], colours.RING, 1.0)
+    canvas.line(box[[[0, 3], [2, 3]]], RING_COLOUR, 1.0)
     rows = np.flatnonzero(np.isfinite(score.values))
     if len(rows) < 2:
         return
     top = score.top or max(float(score.values[rows].max()), 1e-9)
     x = box[0] + (box[2] - box[0]) * rows / (len(score.values) - 1)
     y = box[3] + (box[1] - box[3]) * np.clip(score.values[rows] / top, 0.0, 1.0)
-    canvas.line(np.stack([x, y], axis=1), colours.LABEL, 1.5)
+    canvas.line(np.stack([x, y], axis=1), LABEL_COLOUR, 1.5)

@@ -4,6 +4,13 @@ import numpy as np
 import pytest
 
 from roadscope.core import (
+    ASPHALT_COLOUR,
+    DETECTION_COLOURS,
+    HIDDEN_COLOUR,
+    ODOMETRY_COLOUR,
+    RETURN_COLOURS,
+    TRACK_COLOURS,
+    TRUTH_COLOUR,
     WEATHER,
     Calibration,
     Category,
@@ -14,7 +21,7 @@ from roadscope.core import (
     Tracks,
     TrackState,
     Truth,
-    palette,
+    track_colour,
 )
 from roadscope.envs import find_rig
 from roadscope.envs.drawing import (
@@ -29,7 +36,7 @@ from tests.envs.worlds import platoon
 
 SIZE, SCALE = 400, 0.2
 HOME = (int(0.64 * SIZE), SIZE // 2)
-DETECTION = palette.DETECTIONS["vehicle"]
+DETECTION = DETECTION_COLOURS["vehicle"]
 
 
 def _truth(timeline, offsets=((15.0, 0.0),), returns=0) -> Truth:
@@ -86,7 +93,7 @@ def test_the_picture_is_an_rgb_array_and_repeats():
 
 
 def test_the_ego_drives_up_the_page_from_its_rear_axle():
-    rows, columns = _close(_draw(truth=_truth(platoon(), ())), palette.TRUTH).T
+    rows, columns = _close(_draw(truth=_truth(platoon(), ())), TRUTH_COLOUR).T
     assert rows.max() == pytest.approx(HOME[0], abs=2)
     assert rows.min() == pytest.approx(HOME[0] - 4.5 / SCALE, abs=2)
     assert columns.mean() == pytest.approx(HOME[1], abs=2)
@@ -104,8 +111,8 @@ def test_boxes_lie_where_they_are(offset, place):
 
 def test_asphalt_lies_under_the_lanes_and_nowhere_else():
     image = _draw()
-    assert np.array_equal(image[12, HOME[1] + 5], palette.ASPHALT)
-    assert (image[12, 20] < np.array(palette.ASPHALT)).all()
+    assert np.array_equal(image[12, HOME[1] + 5], ASPHALT_COLOUR)
+    assert (image[12, 20] < np.array(ASPHALT_COLOUR)).all()
 
 
 def test_returns_are_drawn_at_their_place():
@@ -126,8 +133,8 @@ def test_returns_are_coloured_by_what_they_came_from():
     truth = _truth(platoon(), ((-15.0, 0.0),), returns=len(points))
     for source, kind in ((0, "road user"), (-1, "ground"), (WEATHER, "rain, fog"), (-2, "scenery")):
         image = _draw(_frame(points), replace(truth, sources=np.full(len(points), source)))
-        assert len(_close(image, palette.RETURNS[kind], 2)) > 10
-        others = [colour for name, colour in palette.RETURNS.items() if name != kind]
+        assert len(_close(image, RETURN_COLOURS[kind], 2)) > 10
+        others = [colour for name, colour in RETURN_COLOURS.items() if name != kind]
         assert all(len(_close(image, colour, 2)) == 0 for colour in others)
 
 
@@ -232,11 +239,11 @@ def _tracks(numbers, offsets, state=TrackState.CONFIRMED) -> Tracks:
     )
 
 
-@pytest.mark.parametrize("number", range(len(palette.TRACKS)))
+@pytest.mark.parametrize("number", range(len(TRACK_COLOURS)))
 @pytest.mark.parametrize("offset", [(12.0, 8.0), (-10.0, -6.0), (25.0, 0.0)])
 def test_the_colour_of_a_track_appears_where_the_track_is(number, offset):
     image = _draw(truth=_truth(platoon(), ()), tracks=_tracks([number], [offset]))
-    rows, columns = _close(image, palette.track_colour(number), 3).T
+    rows, columns = _close(image, track_colour(number), 3).T
     middle = np.array([HOME[0] - offset[0] / SCALE, HOME[1] - offset[1] / SCALE])
     # The box is 20 by 10 pixels; its number stands beside it.
     near = np.hypot(rows - middle[0], columns - middle[1]) < 45
@@ -258,17 +265,17 @@ def test_a_coasting_track_has_a_thinner_outline():
         _draw(tracks=_tracks([17], [(12.0, 8.0)], state))
         for state in (TrackState.CONFIRMED, TrackState.COASTING)
     )
-    count = [len(_close(image, palette.track_colour(17), 3)) for image in (confirmed, coasting)]
+    count = [len(_close(image, track_colour(17), 3)) for image in (confirmed, coasting)]
     assert count[1] < 0.7 * count[0]
 
 
 def test_road_users_without_returns_are_grey():
     truth = _truth(platoon(), ((15.0, 8.0),))
-    alone = len(_close(_draw(truth=_truth(platoon(), ())), palette.TRUTH, 3))
+    alone = len(_close(_draw(truth=_truth(platoon(), ())), TRUTH_COLOUR, 3))
     hidden = _draw(truth=replace(truth, lidar_returns=np.zeros(1, int)))
-    assert len(_close(hidden, palette.HIDDEN, 3)) > 20
-    assert len(_close(hidden, palette.TRUTH, 3)) == alone
-    assert len(_close(_draw(truth=truth), palette.TRUTH, 3)) > alone + 20
+    assert len(_close(hidden, HIDDEN_COLOUR, 3)) > 20
+    assert len(_close(hidden, TRUTH_COLOUR, 3)) == alone
+    assert len(_close(_draw(truth=truth), TRUTH_COLOUR, 3)) > alone + 20
 
 
 def test_paths_of_the_ego_and_of_an_odometry_are_told_apart():
@@ -276,7 +283,7 @@ def test_paths_of_the_ego_and_of_an_odometry_are_told_apart():
     back = np.array([[-30.0, 0.0, 0.0], [-2.0, 0.0, 0.0]])
     drifted = pose.apply(back + np.array([0, 4.0, 0]))[:, :2]
     image = _draw(truth=_truth(platoon(), ()), path=pose.apply(back)[:, :2], odometry=drifted)
-    white, pink = _close(image, palette.TRUTH, 3), _close(image, palette.ODOMETRY, 3)
+    white, pink = _close(image, TRUTH_COLOUR, 3), _close(image, ODOMETRY_COLOUR, 3)
     assert white[:, 0].max() > HOME[0] + 25 / SCALE
     assert np.abs(pink[:, 1] - (HOME[1] - 4 / SCALE)).max() <= 6
     assert np.ptp(pink[:, 0]) > 20 / SCALE

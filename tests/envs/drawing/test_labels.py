@@ -1,7 +1,13 @@
 import numpy as np
 import pytest
 
-from roadscope.core import Pose, Tracks, TrackState, palette
+from roadscope.core import (
+    LABEL_COLOUR,
+    Pose,
+    Tracks,
+    TrackState,
+    track_colour,
+)
 from roadscope.envs.drawing import (
     BirdsEyeView,
     Canvas,
@@ -61,7 +67,7 @@ def _written(tracks: Tracks) -> list[int]:
         write(text, *rest, **more),
     )
     write_ids(labels, VIEW, tracks)
-    assert (labels.canvas.image() == palette.track_colour(ids[0])).all(axis=2).any()
+    assert (labels.canvas.image() == track_colour(ids[0])).all(axis=2).any()
     return sorted(ids)
 
 
@@ -124,8 +130,8 @@ def test_distances_are_bright_on_any_ground_and_lie_on_their_rings():
         assert len(boxes) > 0
         x, y = middles[0].astype(int)
         around = labels.canvas.image()[y - 7 : y + 7, x - 18 : x + 18]
-        assert (around == palette.LABEL).all(axis=2).any()
-        assert np.median(around) < 0.3 * np.mean(palette.LABEL)
+        assert (around == LABEL_COLOUR).all(axis=2).any()
+        assert np.median(around) < 0.3 * np.mean(LABEL_COLOUR)
 
 
 def _dot(canvas, low, high):
