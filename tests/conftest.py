@@ -6,6 +6,7 @@ import sys
 import warnings
 from collections import Counter
 from collections.abc import Callable, Generator, Iterator
+from importlib import metadata
 from pathlib import Path
 
 import pytest
@@ -139,3 +140,20 @@ def answer(
         return int(ended.value.code or 0), text.out, text.err
 
     return run_it
+
+
+@pytest.fixture
+def uninstall(monkeypatch: pytest.MonkeyPatch) -> Callable[[str], None]:
+    """Return a function that takes the name of a distribution, which is then not installed."""
+
+    def hide(hidden: str) -> None:
+        find = metadata.distribution
+
+        def found(name: str) -> metadata.Distribution:
+            if name == hidden:
+                raise metadata.PackageNotFoundError(name)
+            return find(name)
+
+        monkeypatch.setattr(metadata, "distribution", found)
+
+    return hide

@@ -209,7 +209,7 @@ MODULES = {
     "roadscope.benchmarks.speed": "detectors odometry trackers",
     "roadscope.benchmarks.train": "crops driver pictures training",
     "roadscope.commands": "terminal",
-    "roadscope.core": "jit loading registry",
+    "roadscope.core": "jit",
     "roadscope.detectors.camera": "precision",
     "roadscope.envs.traffic": "scenarios",
     "roadscope.odometry": "lidar_inertial",

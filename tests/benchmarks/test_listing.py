@@ -1,13 +1,15 @@
 """What can be named is described."""
 
-from importlib.metadata import EntryPoint
+import json
+import os
+import subprocess
+import sys
 
 import pytest
 from rich.console import Console
 
 from roadscope.benchmarks import KINDS, SUITES, name_table, names_of
 from roadscope.benchmarks.recorded import KITTI, MOT
-from roadscope.core import registry
 from roadscope.detectors import DETECTORS
 from roadscope.detectors.camera import CAMERA_DETECTORS
 from roadscope.fusion import FUSIONS
@@ -46,23 +48,35 @@ def test_suites_of_recorded_data_say_what_they_need():
     assert "--mot DIR" in told[MOT]
 
 
+THEIRS = """
 class Theirs:
-    """Finds nothing.
+    '''Finds nothing.
 
     Whatever it is given.
-    """
+    '''
+"""
+POINTS = """
+[roadscope.detectors]
+whole = theirs:Theirs
+set = theirs:Theirs?gate_m=2
+broken = theirs:Nobody
+"""
 
 
-def test_a_plug_in_of_another_package_is_described_by_its_class(monkeypatch):
-    points = [
-        EntryPoint("whole", f"{__name__}:Theirs", "ours"),
-        EntryPoint("set", f"{__name__}:Theirs?gate_m=2", "ours"),
-        EntryPoint("broken", f"{__name__}:Nobody", "ours"),
-    ]
-    monkeypatch.setattr(registry, "entry_points", lambda group: points)
-    # A group of its own: entry points are read once for each.
-    monkeypatch.setattr(DETECTORS, "_group", "ours")
-    told = dict(names_of("detectors"))
+def test_a_plug_in_of_another_package_is_described_by_its_class(tmp_path):
+    info = tmp_path / "theirs-1.0.dist-info"
+    info.mkdir()
+    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: theirs\nVersion: 1.0\n")
+    (info / "entry_points.txt").write_text(POINTS)
+    (tmp_path / "theirs.py").write_text(THEIRS)
+    done = subprocess.run(
+        [sys.executable, "-m", "roadscope", "list", "detectors", "--json"],
+        env={**os.environ, "PYTHONPATH": os.pathsep.join([str(tmp_path), *filter(None, sys.path)])},
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    told = json.loads(done.stdout)["detectors"]
     assert told["whole"] == "Finds nothing."
     assert told["set"] == "Finds nothing. (gate_m=2)"
     assert told["broken"].startswith("cannot be loaded: no class 'Nobody'")

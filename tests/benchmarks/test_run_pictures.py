@@ -1,5 +1,4 @@
 from dataclasses import replace
-from importlib import metadata
 
 import numpy as np
 import pytest
@@ -115,15 +114,8 @@ def test_an_mp4_is_read_back(summary, tmp_path):
     assert [each.name for each in tmp_path.iterdir()] == ["drive.mp4"]
 
 
-def test_an_mp4_without_moviepy_names_the_extra(summary, tmp_path, monkeypatch):
-    version = metadata.version
-
-    def missing(name):
-        if name == "moviepy":
-            raise metadata.PackageNotFoundError(name)
-        return version(name)
-
-    monkeypatch.setattr("roadscope.core.loading.version", missing)
+def test_an_mp4_without_moviepy_names_the_extra(summary, tmp_path, uninstall):
+    uninstall("moviepy")
     with pytest.raises(NotInstalledError, match=r"roadscope\[video\]"):
         save_video(summary, tmp_path / "drive.mp4")
     save_video(summary, tmp_path / "drive.gif", width=320)

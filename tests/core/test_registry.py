@@ -1,4 +1,4 @@
-from importlib.metadata import PackageNotFoundError
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -124,6 +124,14 @@ def test_a_helper_beside_the_plug_in_counts_as_its_source(
     assert source_hash(f"{path}:Mine") != before
 
 
+def write_distribution(site: Path, name: str, version: str) -> Path:
+    """Write what tells that a distribution is installed; return the folder."""
+    info = site / f"{name.replace('-', '_')}-{version}.dist-info"
+    info.mkdir(parents=True)
+    (info / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {name}\nVersion: {version}\n")
+    return info
+
+
 @pytest.mark.parametrize("distribution", ["lib_of_others", "another-name"])
 def test_the_version_of_an_imported_package_counts(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, distribution: str
@@ -133,11 +141,7 @@ def test_the_version_of_an_imported_package_counts(
     hashes = [source_hash(f"{path}:Mine")]
     for version in ("1.0", "1.1"):
         site = tmp_path / version
-        info = site / f"{distribution.replace('-', '_')}-{version}.dist-info"
-        info.mkdir(parents=True)
-        (info / "METADATA").write_text(
-            f"Metadata-Version: 2.1\nName: {distribution}\nVersion: {version}\n"
-        )
+        info = write_distribution(site, distribution, version)
         (info / "top_level.txt").write_text("lib_of_others\n")
         monkeypatch.syspath_prepend(site)
         distribution_version.cache_clear()
@@ -174,12 +178,9 @@ def test_what_is_not_installed_is_named_with_what_installs_it() -> None:
 
 
 def test_names_that_need_what_is_not_installed_are_known_before_they_are_made(
-    monkeypatch: pytest.MonkeyPatch,
+    uninstall: Callable[[str], None],
 ) -> None:
-    def version(name: str) -> str:
-        raise PackageNotFoundError(name)
-
-    monkeypatch.setattr("roadscope.core.loading.version", version)
+    uninstall("norfair")
     assert "norfair" in TRACKERS.names()
     assert "norfair" not in TRACKERS.installed()
     assert "nearest" in TRACKERS.installed()
@@ -190,12 +191,14 @@ def test_names_that_need_what_is_not_installed_are_known_before_they_are_made(
 
 
 def test_the_version_of_what_a_plug_in_of_ours_needs_counts_as_its_source(
-    monkeypatch: pytest.MonkeyPatch,
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     plugin = TRACKERS.resolve("norfair")
     assert plugin.requirement is not None
     before = plugin_hash(plugin)
-    monkeypatch.setattr("roadscope.core.loading.version", lambda name: "0")
+    write_distribution(tmp_path, "norfair", "0")
+    monkeypatch.syspath_prepend(tmp_path)
+    assert plugin.requirement.version == "0"
     assert plugin_hash(plugin) != before
 
 

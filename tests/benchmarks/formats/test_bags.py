@@ -132,14 +132,9 @@ def test_bags_that_are_cut_off_are_refused(tmp_path, mcap, share):
             list(ScanFolder.find(path))
 
 
-def test_an_extra_that_is_missing_is_named(tmp_path, monkeypatch):
-    from importlib import metadata
-
-    def missing(name):
-        raise metadata.PackageNotFoundError(name)
-
+def test_an_extra_that_is_missing_is_named(tmp_path, uninstall):
     bag = write_bag(tmp_path / "bag", clouds())
-    monkeypatch.setattr("roadscope.core.loading.version", missing)
+    uninstall("rosbags")
     with pytest.raises(FormatError, match=r"rosbags is not installed: .*\[bags\]"):
         ScanFolder.find(bag)
 

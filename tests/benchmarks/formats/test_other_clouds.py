@@ -100,14 +100,9 @@ def test_damaged_las_files_are_refused(tmp_path, ending, kept):
 
 
 @pytest.mark.parametrize("ending", ["las", "laz"])
-def test_an_extra_that_is_missing_is_named(tmp_path, ending, monkeypatch):
-    from importlib import metadata
-
-    def missing(name):
-        raise metadata.PackageNotFoundError(name)
-
+def test_an_extra_that_is_missing_is_named(tmp_path, ending, uninstall):
     write_las(tmp_path / f"0.{ending}")
-    monkeypatch.setattr("roadscope.core.loading.version", missing)
+    uninstall("laspy")
     with pytest.raises(FormatError, match=r"laspy is not installed: .*\[bags\]"):
         read_scan(tmp_path / f"0.{ending}", 0.0)
 

@@ -46,9 +46,9 @@ def test_wrong_input_is_refused_before_anything_is_trained(tmp_path) -> None:
     assert not list(tmp_path.iterdir())
 
 
-def test_without_the_library_it_says_what_to_install(tmp_path, monkeypatch) -> None:
-    monkeypatch.setattr("roadscope.core.loading.Requirement.missing", "not here: pip install it")
-    with pytest.raises(NotInstalledError, match="pip install it"):
+def test_without_the_library_it_says_what_to_install(tmp_path, uninstall) -> None:
+    uninstall("stable-baselines3")
+    with pytest.raises(NotInstalledError, match=r"pip install 'roadscope\[rl\]'"):
         train_driver(tmp_path / "agent", SHORT)
 
 
