@@ -74,10 +74,12 @@ def complain(text: str) -> None:
 
 
 @contextmanager
-def progress_bars(*, quiet: bool = False) -> Iterator[Callable[[str, int, int], None]]:
+def progress_bars(
+    *, quiet: bool = False, clock: Callable[[], float] = monotonic
+) -> Iterator[Callable[[str, int, int], None]]:
     """Yield a function that shows progress: a bar for each stage; without a terminal, lines.
 
-    quiet: show nothing.
+    quiet: show nothing. clock: returns the seconds by which lines are timed.
     """
     if quiet:
         yield lambda stage, done, total: None
@@ -94,7 +96,7 @@ def progress_bars(*, quiet: bool = False) -> Iterator[Callable[[str, int, int], 
     )
     display = bars.Progress(*columns, console=console(stderr=True))
     if not display.console.is_terminal:
-        with _Lines() as lines:
+        with _Lines(clock) as lines:
             yield lines.update
         return
     tasks: dict[str, bars.TaskID] = {}
@@ -125,8 +127,8 @@ def count_kernels() -> int:
 class _Lines:
     """Progress as lines on stderr, also while nothing is reported; a context manager."""
 
-    def __init__(self) -> None:
-        self._start_s = monotonic()
+    def __init__(self, clock: Callable[[], float]) -> None:
+        self._clock, self._start_s = clock, clock()
         self._written_s = -math.inf
         self._latest: tuple[str, int, int] | None = None
         self._kernels = self._kernels_at_start = count_kernels()
@@ -161,7 +163,7 @@ class _Lines:
             self.repeat()
 
     def _is_due(self) -> bool:
-        now_s = monotonic()
+        now_s = self._clock()
         if now_s - self._written_s < LINE_EACH_S:
             return False
         often = now_s - self._start_s < FIRST_S or self._is_compiling()
@@ -171,12 +173,12 @@ class _Lines:
         """Whether kernels were added within the last `COMPILING_S`, or there are none yet."""
         before, self._kernels = self._kernels, count_kernels()
         if self._kernels > before:
-            self._compiled_s = monotonic()
-        return not self._kernels or monotonic() - self._compiled_s < COMPILING_S
+            self._compiled_s = self._clock()
+        return not self._kernels or self._clock() - self._compiled_s < COMPILING_S
 
     def _write(self) -> None:
         stage, done, total = cast("tuple[str, int, int]", self._latest)
-        self._written_s = monotonic()
+        self._written_s = self._clock()
         line = f"{stage} {done}/{total}, {self._written_s - self._start_s:.0f} s"
         if done < total and self._is_compiling():
             new = self._kernels - self._kernels_at_start

@@ -3,27 +3,45 @@ import time
 
 import pytest
 
-from roadscope.commands import terminal
+from roadscope.commands import headline, progress_bars
+
+
+class Clock:
+    """A clock that only goes on when told."""
+
+    now_s = 100.0
+
+    def __call__(self):
+        return self.now_s
 
 
 @pytest.fixture
-def clock(monkeypatch):
-    """A clock that only goes on when told, in seconds."""
-    now = [100.0]
-    monkeypatch.setattr(terminal, "monotonic", lambda: now[0])
-    return now
+def clock():
+    return Clock()
+
+
+@pytest.fixture
+def keep_kernels(tmp_path, monkeypatch):
+    """Return a function that keeps so many pieces of machine code in all; 7 are kept already."""
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
+
+    def keep(count):
+        for number in range(count):
+            (tmp_path / f"kernel.{number}.nbc").touch()
+
+    keep(7)
+    return keep
 
 
 def steps_logged(text, stage):
     return [int(step) for step in re.findall(rf"^{stage} (\d+)/\d+", text, re.MULTILINE)]
 
 
-def test_a_pipe_gets_lines_and_one_at_the_end_of_a_stage(clock, capsys, monkeypatch):
-    monkeypatch.setattr(terminal, "count_kernels", lambda: 7)
-    with terminal.progress_bars() as tell:
+def test_a_pipe_gets_lines_and_one_at_the_end_of_a_stage(clock, keep_kernels, capsys):
+    with progress_bars(clock=clock) as tell:
         for done in range(11):
             tell("episodes", done, 10)
-            clock[0] += 1.0
+            clock.now_s += 1.0
         tell("scores", 0, 2)
         tell("scores", 2, 2)
     written = capsys.readouterr()
@@ -35,23 +53,21 @@ def test_a_pipe_gets_lines_and_one_at_the_end_of_a_stage(clock, capsys, monkeypa
     assert "\r" not in written.err
 
 
-def test_lines_are_fewer_after_a_minute(clock, capsys, monkeypatch):
-    monkeypatch.setattr(terminal, "count_kernels", lambda: 7)
-    with terminal.progress_bars() as tell:
+def test_lines_are_fewer_after_a_minute(clock, keep_kernels, capsys):
+    with progress_bars(clock=clock) as tell:
         for done in range(0, 31):
             tell("episodes", done, 100)
-            clock[0] += 4.0
+            clock.now_s += 4.0
     late = [step for step in steps_logged(capsys.readouterr().err, "episodes") if step > 15]
     assert late == [17, 20, 23, 26, 29]
 
 
-def test_a_pipe_gets_lines_while_a_stage_compiles_its_kernels(clock, capsys, monkeypatch):
-    kept = [0]
-    monkeypatch.setattr(terminal, "count_kernels", lambda: kept[0])
-    with terminal.progress_bars() as tell:
+def test_a_pipe_gets_lines_while_a_stage_compiles_its_kernels(clock, keep_kernels, capsys):
+    with progress_bars(clock=clock) as tell:
         tell("episodes", 1, 10)
-        for kept[0] in (3, 5):
-            clock[0] += 2.0
+        for new in (3, 5):
+            keep_kernels(7 + new)
+            clock.now_s += 2.0
             written = []
             for _ in range(100):
                 written += capsys.readouterr().err.splitlines()
@@ -64,13 +80,13 @@ def test_a_pipe_gets_lines_while_a_stage_compiles_its_kernels(clock, capsys, mon
 
 
 def test_quiet_is_quiet(clock, capsys):
-    with terminal.progress_bars(quiet=True) as tell:
+    with progress_bars(quiet=True, clock=clock) as tell:
         for done in range(11):
             tell("episodes", done, 10)
-            clock[0] += 30.0
+            clock.now_s += 30.0
     assert capsys.readouterr() == ("", "")
 
 
 def test_a_headline_is_one_line_without_control_characters(capsys):
-    terminal.headline("odometry \x1b[31mred\nnext.py:Mine")
+    headline("odometry \x1b[31mred\nnext.py:Mine")
     assert capsys.readouterr().out == "odometry ?[31mred next.py:Mine\n"
