@@ -5,7 +5,17 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 from roadscope._lazy import lazy_names
-from roadscope.benchmarks.boards.board import Board
+from roadscope.benchmarks.boards.board import (
+    CONDITIONS,
+    Board,
+    Breakdown,
+    Column,
+    JobOptions,
+    Scores,
+    call_cost,
+    episodes,
+    time_columns,
+)
 from roadscope.benchmarks.boards.camera import CameraBoard
 from roadscope.benchmarks.boards.detection import DetectionBoard
 from roadscope.benchmarks.boards.driving import DrivingBoard
@@ -39,12 +49,20 @@ RECORDED_BOARDS: Mapping[str, Board] = {
 
 __all__ = [
     "BOARDS",
+    "CONDITIONS",
     "RECORDED_BOARDS",
     "Board",
+    "Breakdown",
+    "Column",
+    "JobOptions",
+    "Scores",
     "board_named",
     "boards_of",
+    "call_cost",
     "chosen_boards",
+    "episodes",
     "plugin_kinds",
+    "time_columns",
 ]
 
 
@@ -89,7 +107,6 @@ def chosen_boards(suite: Suite, names: Sequence[str] | None) -> list[Board]:
 
 
 _PARTS = {
-    "board": "Breakdown CONDITIONS Column JobOptions Scores call_cost episodes time_columns",
     "camera": "CameraSettings image_scores",
     "detection": "detection_parts detection_scores",
     "driving": "DrivingSettings",

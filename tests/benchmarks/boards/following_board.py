@@ -2,7 +2,7 @@
 
 This file is all of a board whose plug-ins act on the world: its kind of plug-in, its settings, its
 node and its scores. `test_sixth_board.py` puts it into a copy of the package, beside the other
-boards: it imports from their file as they do, since their folder imports this one.
+boards.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from roadscope.benchmarks import (
     Suite,
     run_plugin,
 )
-from roadscope.benchmarks.boards.board import (
+from roadscope.benchmarks.boards import (
     CONDITIONS,
     Board,
     Breakdown,
