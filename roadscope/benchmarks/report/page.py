@@ -102,10 +102,10 @@ def _read_run(board: Path) -> Run:
 Boards = list[dict[str, Any]]
 
 
-def save_page(runs: Sequence[Run], path: Path) -> list[str]:
+def save_page(runs: Sequence[Run], path: Path, *, most_bytes: int = MOST_BYTES) -> list[str]:
     """Write the page of some runs; return what is not on it, and why.
 
-    It is not larger than `MOST_BYTES`. Moments are left out first, the least bad ones before
+    It is not larger than `most_bytes`. Moments are left out first, the least bad ones before
     others. Where a page without any is too large, parts of boards are left out, one kind after the
     other, until it fits.
     """
@@ -115,7 +115,7 @@ def save_page(runs: Sequence[Run], path: Path) -> list[str]:
     bare = [{**board, "moments": []} for board in boards]
     text = _rendered(bare, left_out)
     cuts = _cuts()
-    while len(text.encode()) > MOST_BYTES - NOTICE_BYTES:
+    while len(text.encode()) > most_bytes - NOTICE_BYTES:
         note, cut = next(cuts)
         before, bare = bare, cut(bare)
         if bare == before:
@@ -123,7 +123,7 @@ def save_page(runs: Sequence[Run], path: Path) -> list[str]:
         # Of cuts of one kind, such as fewer and fewer entries, the last one is named.
         left_out = [each for each in left_out if each.split()[0] != note.split()[0]] + [note]
         text = _rendered(bare, left_out)
-    space = MOST_BYTES - NOTICE_BYTES - len(text.encode())
+    space = most_bytes - NOTICE_BYTES - len(text.encode())
     shown: list[list[Any]] = [[] for _ in bare]
     every = sum(map(len, moments))
     too_much = sum(map(len, moments[len(bare) :]))
