@@ -212,10 +212,11 @@ def test_what_is_not_installed_is_said_before_anything_runs(
     answer, monkeypatch, tmp_path, kind, method
 ) -> None:
     (tmp_path / "needy.py").write_text(NEEDY.format(method=method))
-    monkeypatch.setattr("roadscope.benchmarks.single.timeline_of", None)
+    monkeypatch.setenv("ROADSCOPE_CACHE", str(tmp_path / "cache"))
     status, out, errors = answer("run", "motorway", f"--{kind}", f"{tmp_path}/needy.py:Needy")
     assert (status, out) == (1, "")
     assert "no-such-distribution is not installed" in errors
+    assert not (tmp_path / "cache" / "timelines").exists(), "traffic was recorded"
 
 
 def test_bad_input_ends_the_program_too() -> None:

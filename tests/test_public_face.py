@@ -197,24 +197,16 @@ if __name__ == "__main__":
 # What tests import, so that files of a folder can be merged or split without touching tests.
 
 PUBLIC_FILES = {"roadscope": "__main__ metrics formats"}
-LOADED_BY_FOLDER = {"roadscope.benchmarks.boards": "board"}
-"""The tests' sixth board is loaded by its folder, so it imports from the file beside it."""
 MODULES = {
-    "roadscope.benchmarks": "calibrating calibration_views single",
-    "roadscope.benchmarks.isolation": "host",
+    "roadscope.benchmarks": "calibrating calibration_views",
     "roadscope.benchmarks.papers": "li2021 lu2018 lu2018_measures lu2018_scene reproduction "
     "zhang2017 zhang2017_claims zhang2017_tables zhang2022",
-    "roadscope.benchmarks.recorded": "result_files",
-    "roadscope.benchmarks.report": "page",
     "roadscope.benchmarks.speed": "detectors odometry trackers",
     "roadscope.benchmarks.train": "crops driver pictures training",
-    "roadscope.commands": "terminal",
-    "roadscope.core": "jit",
     "roadscope.detectors.camera": "precision",
     "roadscope.envs.traffic": "scenarios",
     "roadscope.odometry": "lidar_inertial",
     "roadscope.odometry.inertial": "speed_check start",
-    "roadscope.trackers": "_jpda",
 }
 """Files that tests import as a whole, through their folder too: to replace a part of them while a
 test runs, or for many names of the same kind, as those of a paper or of colours."""
@@ -238,7 +230,7 @@ def is_file(module: str) -> bool:
 
 
 def test_tests_import_folders_not_files() -> None:
-    lists = PUBLIC_FILES, LOADED_BY_FOLDER, MODULES
+    lists = PUBLIC_FILES, MODULES
     excused = {
         f"{folder}.{file}"
         for each in lists

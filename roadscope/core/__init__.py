@@ -60,6 +60,7 @@ _PARTS = {
     "box_overlap": "box_overlaps box_overlaps_3d overlapping_pairs pair_overlaps",
     "fused": "FusedDetections",
     "constructing": "construct",
+    "jit": "compiled sources_of",
     "loading": "load_class",
     "names": "unknown",
     "palette": "ASPHALT_COLOUR COLOUR_SCALE DETECTION_COLOURS GROUND_COLOUR HIDDEN_COLOUR "

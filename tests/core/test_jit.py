@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import inspect
 import os
 import shutil
 import subprocess
@@ -14,12 +15,15 @@ import numba
 import pytest
 
 import roadscope
-from roadscope.core import jit
+from roadscope.core import compiled, sources_of
+from roadscope.envs.raycast import cast_all
+from roadscope.envs.sensors import sweep
+from roadscope.envs.traffic import record
 
 HOUSE = Path(roadscope.__file__).parent
 
 KERNELS = """
-from roadscope.core.jit import compiled
+from roadscope.core import compiled
 
 @compiled()
 def double(x):
@@ -46,12 +50,10 @@ def run(script: Path, **environment: str) -> list[int]:
 
 CAST = """
 import numpy as np
-from roadscope.envs.sensors.lidar import sweep
-from roadscope.envs.sensors.lidar_spec import SPECS
 from roadscope.core import Pose
-from roadscope.envs.world.prisms import Prisms
-from roadscope.envs.raycast.kernels import cast_all
-from roadscope.envs.raycast.scene import Scene
+from roadscope.envs.raycast import Scene, cast_all
+from roadscope.envs.sensors import SPECS, sweep
+from roadscope.envs.world import Prisms
 
 scene = Scene.still(Prisms.empty(), Prisms.empty(), np.empty((0, 3)))
 scan, _ = sweep(scene, SPECS["vlp16"], [Pose.planar(0, 0, 0, 1)], 0.0, rng=np.random.default_rng(0))
@@ -91,7 +93,7 @@ def test_any_source_of_the_folder_makes_the_code_stale(script: Path) -> None:
 
 
 PARTS = """
-from roadscope.core.jit import compiled
+from roadscope.core import compiled
 
 OFFSET = {offset}
 
@@ -100,7 +102,7 @@ def scaled(x):
     return {factor} * x
 """
 USER = """
-from roadscope.core.jit import compiled
+from roadscope.core import compiled
 from parts import OFFSET, scaled
 
 @compiled()
@@ -135,7 +137,7 @@ def test_a_part_has_no_machine_code_of_its_own(tmp_path: Path) -> None:
 
 
 def test_a_part_can_be_called_from_python_too() -> None:
-    assert jit.compiled(borrowing=True)(_plus_one)(2.0) == 3.0
+    assert compiled(borrowing=True)(_plus_one)(2.0) == 3.0
 
 
 @pytest.mark.slow
@@ -186,7 +188,7 @@ def test_a_source_that_cannot_be_written_beside_uses_the_users_folder(
 
 def test_others_kernels_are_cached_where_they_were_before() -> None:
     before = numba.config.CACHE_DIR
-    assert jit.compiled()(_plus_one)(1.0) == 2.0
+    assert compiled()(_plus_one)(1.0) == 2.0
     assert before == numba.config.CACHE_DIR
 
 
@@ -247,8 +249,8 @@ def test_kernels_are_tied_to_the_files_of_all_kernels_and_constants_they_use() -
     kernels, used, loose = _kernels(), 0, []
     for module in kernels:
         path = _path_of(module)
-        tied = jit.sources_of(path)
-        assert {path, Path(jit.__file__)} <= tied
+        tied = sources_of(path)
+        assert {path, Path(inspect.getfile(compiled))} <= tied
         for node in ast.walk(ast.parse(path.read_text("utf-8"))):
             if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("roadscope"):
                 used += 1
@@ -259,9 +261,11 @@ def test_kernels_are_tied_to_the_files_of_all_kernels_and_constants_they_use() -
 
 
 def test_what_is_imported_is_followed_from_file_to_file() -> None:
-    tied = jit.sources_of(HOUSE / "envs" / "sensors" / "lidar.py")
-    assert HOUSE / "envs" / "raycast" / "kernels.py" in tied
-    assert HOUSE / "envs" / "traffic" / "scenarios.py" not in tied
+    lidar, kernels, traffic = (
+        Path(inspect.getfile(inspect.unwrap(each))) for each in (sweep, cast_all, record)
+    )
+    assert kernels in sources_of(lidar)
+    assert traffic not in sources_of(lidar)
 
 
 def _path_of(module: str) -> Path:

@@ -4,6 +4,7 @@ from roadscope._lazy import lazy_names
 
 _PARTS = {
     "casting": "Columns GROUND Hits NOTHING cast",
+    "kernels": "cast_all",
     "scene": "Scene",
     "shapes": "CACHED_SHAPES clear_shapes shapes_of",
 }

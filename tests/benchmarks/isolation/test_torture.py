@@ -14,7 +14,7 @@ import psutil
 import pytest
 
 import roadscope.core
-from roadscope.benchmarks.isolation import Limits, PluginError, PluginHandle, host, open_plugin
+from roadscope.benchmarks.isolation import Limits, PluginError, PluginHandle, open_plugin
 from roadscope.core import Pose, RecordError, Tracks
 from tests.benchmarks.isolation.specs import Named, bad, detections, written
 
@@ -224,8 +224,8 @@ def test_who_harms_its_guard_costs_no_other_plugin(name: str) -> None:
         assert isinstance(one_call(bad("Good")), Tracks)
 
 
-def test_a_guard_that_does_not_report_is_ended_alone(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(host, "REPORT_S", 0.3)
+@pytest.mark.slow
+def test_a_guard_that_does_not_report_is_ended_alone() -> None:
     with open_plugin(bad("Good")) as other:
         with open_plugin(bad("StopsGuard")) as plugin:
             number = plugin.call("update", detections(), None).answer

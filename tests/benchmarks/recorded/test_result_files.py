@@ -9,7 +9,7 @@ import pytest
 from toy_kitti import write_kitti
 
 from roadscope.benchmarks import score_kitti_results, score_mot_results
-from roadscope.benchmarks.recorded import apply_mot_rules, result_files
+from roadscope.benchmarks.recorded import apply_mot_rules
 from roadscope.core import Category
 from roadscope.formats import FormatError, read_mot
 
@@ -36,8 +36,8 @@ def example(folder: Path, results: str) -> tuple[Path, Path]:
 ONE = mot_lines(f"1,7,{A}", f"2,7,{A}", tail=",0.9,-1,-1,-1")
 
 
-@pytest.mark.parametrize("name", ["score_mot_results", "score_kitti_results"])
-def test_examples_work_as_printed(name, tmp_path, monkeypatch):
+@pytest.mark.parametrize("function", [score_mot_results, score_kitti_results])
+def test_examples_work_as_printed(function, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     example(tmp_path, ONE)
     write_kitti(tmp_path)
@@ -45,8 +45,7 @@ def test_examples_work_as_printed(name, tmp_path, monkeypatch):
     (tmp_path / "mine" / "0000.txt").write_text(
         mot_lines(*(line for line in labels if "DontCare" not in line))
     )
-    finder = doctest.DocTestFinder(recurse=False)
-    (case,) = finder.find(getattr(result_files, name), name)
+    (case,) = doctest.DocTestFinder(recurse=False).find(function, function.__name__)
     assert doctest.DocTestRunner().run(case).failed == 0
     assert len(case.examples) == 3
 
