@@ -119,7 +119,7 @@ _PARTS = {
     "cache": "FolderError cache_dir cache_folder digest_of read_kept read_or_make write_atomically "
     "write_kept",
     "cached_files": "cache_usage clear_cache size_text",
-    "calibrating": "PoseRow sufficient_poses",
+    "calibrating": "CalibrationTrial PoseRow calibration_from_views sufficient_poses",
     "calibration_views": "TargetPose TargetViews calibrate_from_corners held_out_error_px "
     "random_poses target_prisms target_view target_views true_corners",
     "drive_steps": "drive imu_mounting moving_in",

@@ -107,15 +107,49 @@ def calibrate_rig(
         scans=scans,
         tilted=not upright,
     )
+    trial = CalibrationTrial(rig, seed, known_intrinsics, corners_only)
+    return calibration_from_views(trial, views, poses, outliers=outliers, progress=report)
+
+
+@dataclass(frozen=True, slots=True)
+class CalibrationTrial:
+    """The settings with which a rig is calibrated from some of its views; see `calibrate_rig`."""
+
+    rig: Rig
+    seed: int = 0
+    known_intrinsics: bool = False
+    corners_only: bool = False
+
+    def calibrate(self, views: TargetViews) -> tuple[CalibrationResult, CalibrationResult]:
+        """Return the paper's calibration, and the refined one unless corners alone are used."""
+        known = self.known_intrinsics
+        start = calibrate_from_corners(self.rig, views, self.seed, known_intrinsics=known)
+        if self.corners_only:
+            return start, start
+        return start, refine_jointly(self.rig, views, start, known_intrinsics=known)
+
+
+def calibration_from_views(
+    trial: CalibrationTrial,
+    views: TargetViews,
+    poses: int,
+    *,
+    outliers: float = 0.0,
+    progress: Progress | None = None,
+) -> RigCalibration:
+    """Estimate the matrix from the views of `poses` poses, and from fewer and fewer of them.
+
+    outliers, progress: as in `calibrate_rig`. `CalibrationError` where there are too few views.
+    """
+    report = progress or silent
     if len(views) < LEAST_POSES:
         raise CalibrationError(
             f"both sensors saw the whole target in {len(views)} of {poses} poses only, "
             f"{LEAST_POSES} are needed"
         )
     if outliers:
-        views = with_misread_corners(views, outliers, np.random.default_rng([seed, poses, 1]))
+        views = with_misread_corners(views, outliers, np.random.default_rng([trial.seed, poses, 1]))
     counts = [n for n in STEPS if n < len(views)] + [len(views)]
-    trial = _Trial(rig, seed, known_intrinsics, corners_only)
     rows = []
     for number, count in enumerate(counts):
         report("solving", number, len(counts))
@@ -155,25 +189,7 @@ def sufficient_poses(rows: Sequence[PoseRow], factor: float = 1.5) -> int:
     return poses
 
 
-@dataclass(frozen=True, slots=True)
-class _Trial:
-    """The settings with which a rig is calibrated from some of its views."""
-
-    rig: Rig
-    seed: int
-    known_intrinsics: bool
-    corners_only: bool
-
-    def calibrate(self, views: TargetViews) -> tuple[CalibrationResult, CalibrationResult]:
-        """Return the paper's calibration, and the refined one unless corners alone are used."""
-        known = self.known_intrinsics
-        start = calibrate_from_corners(self.rig, views, self.seed, known_intrinsics=known)
-        if self.corners_only:
-            return start, start
-        return start, refine_jointly(self.rig, views, start, known_intrinsics=known)
-
-
-def _row(trial: _Trial, views: TargetViews, count: int) -> PoseRow:
+def _row(trial: CalibrationTrial, views: TargetViews, count: int) -> PoseRow:
     rng = np.random.default_rng([trial.seed, count])
     draws = 1 if count == len(views) else DRAWS
     errors = []

@@ -13,11 +13,12 @@ from typer.testing import CliRunner
 
 from roadscope.__main__ import app
 from roadscope.benchmarks import (
+    CalibrationTrial,
     PoseRow,
+    RigCalibration,
     TargetViews,
     calibrate_rig,
-    calibrating,
-    calibration_views,
+    calibration_from_views,
     projection_of,
     random_poses,
     save_rig_calibration,
@@ -41,51 +42,43 @@ def true_views(carrier, poses: int, noise_px: float, seed: int = 0) -> TargetVie
     return TargetViews(tuple(points), tuple(pixels))
 
 
-@pytest.fixture
-def quick(monkeypatch):
-    """No target is sensed: its corners are known to half a pixel."""
-
-    def views(carrier, poses, rng, *, progress=None, **_):
-        for number in range(1, poses + 1):
-            progress(number)
-        return true_views(carrier, poses, 0.5)
-
-    monkeypatch.setattr(calibrating, "target_views", views)
+def calibrated(poses: int, noise_px: float = 0.5, *, outliers=0.0, **settings) -> RigCalibration:
+    """Calibrate from corners that are known to half a pixel: no target is sensed."""
+    carrier = find_rig("wide")
+    views = true_views(carrier, poses, noise_px)
+    trial = CalibrationTrial(carrier, **settings)
+    return calibration_from_views(trial, views, poses, outliers=outliers)
 
 
-def test_corners_without_errors_give_the_truth(monkeypatch) -> None:
-    monkeypatch.setattr(calibrating, "target_views", lambda c, n, *_, **__: true_views(c, n, 0.0))
-    last = calibrate_rig("wide", poses=8).rows[-1]
+def test_corners_without_errors_give_the_truth() -> None:
+    last = calibrated(8, 0.0).rows[-1]
     assert last.held_out_px < 1e-3
     assert last.position_m < 1e-4
     assert last.rotation_deg < 1e-3
 
 
-@pytest.mark.usefixtures("quick")
 def test_more_poses_are_told_to_be_better() -> None:
-    told = []
-    found = calibrate_rig("wide", poses=20, progress=lambda *t: told.append(t))
-    rows = found.rows
+    rows = calibrated(20).rows
     assert [row.poses for row in rows] == [4, 6, 8, 10, 12, 16, 20]
     assert rows[0].held_out_px > rows[-1].held_out_px
-    assert told[0] == ("poses", 0, 20)
-    assert ("poses", 20, 20) in told
-    assert told[-1] == ("solving", 7, 7)
 
 
-@pytest.mark.usefixtures("quick")
+def test_the_progress_of_both_stages_is_reported() -> None:
+    told = []
+    found = calibrate_rig("wide", poses=6, scans=2, progress=lambda *t: told.append(t))
+    assert [row.poses for row in found.rows] == [4, 6]
+    assert told[:7] == [("poses", done, 6) for done in range(7)]
+    assert told[7:] == [("solving", done, 2) for done in range(3)]
+
+
 def test_known_intrinsics_leave_less_to_be_wrong() -> None:
-    free, known = (
-        calibrate_rig("wide", poses=6, known_intrinsics=k).rows[-1].rotation_deg
-        for k in (False, True)
-    )
+    free, known = (calibrated(6, known_intrinsics=k).rows[-1].rotation_deg for k in (False, True))
     assert known < free
 
 
 @pytest.mark.slow
-@pytest.mark.usefixtures("quick")
 def test_misread_corners_are_left_out() -> None:
-    clean, spoilt = (calibrate_rig("wide", poses=20, outliers=share) for share in (0.0, 0.3))
+    clean, spoilt = (calibrated(20, outliers=share) for share in (0.0, 0.3))
     assert clean.result.inliers.all()
     assert (~spoilt.result.inliers).sum() == 6
     assert spoilt.rows[-1].held_out_px < 2 * clean.rows[-1].held_out_px
@@ -113,9 +106,8 @@ def test_how_many_are_enough() -> None:
     assert sufficient_poses([row(4, 1.0), row(6, 1.0)]) == 4
 
 
-@pytest.mark.usefixtures("quick")
 def test_what_is_written_is_what_fusion_reads(tmp_path: Path) -> None:
-    found = calibrate_rig("wide", poses=6)
+    found = calibrated(6)
     for name in ("rig.json", "rig.toml"):
         save_rig_calibration(found, tmp_path / name, "a target")
         assert np.allclose(
@@ -125,29 +117,24 @@ def test_what_is_written_is_what_fusion_reads(tmp_path: Path) -> None:
     assert sorted(p.name for p in tmp_path.iterdir()) == ["rig.json", "rig.toml"]
 
 
-def test_what_cannot_be_calibrated_is_named(monkeypatch) -> None:
+def test_what_cannot_be_calibrated_is_named() -> None:
     with pytest.raises(CalibrationError, match="at least 4, got 3"):
         calibrate_rig("wide", poses=3)
     with pytest.raises(ValueError, match="rig 'lux' has no camera"):
         calibrate_rig("lux")
-    few = true_views(find_rig("wide"), 3, 0.0)
-    monkeypatch.setattr(calibrating, "target_views", lambda *_, **__: few)
+    carrier = find_rig("wide")
+    few = true_views(carrier, 3, 0.0)
     with pytest.raises(CalibrationError, match="in 3 of 20 poses only, 4 are needed"):
-        calibrate_rig("wide")
-
-    def blind(*_, **__):
-        raise CalibrationError("the image cuts the target")
-
-    monkeypatch.setattr(calibration_views, "target_view", blind)
+        calibration_from_views(CalibrationTrial(carrier), few, 20)
+    tiny = TriangularTarget(base_m=0.05, height_m=0.05)
     with pytest.raises(CalibrationError, match="none of 5 poses showed the target"):
-        target_views(find_rig("wide"), 5, np.random.default_rng(0))
+        target_views(carrier, 5, np.random.default_rng(0), target=tiny, scans=1)
 
 
-@pytest.mark.usefixtures("quick")
 def test_the_command_tells_errors_and_a_table(tmp_path: Path) -> None:
     out = tmp_path / "calibration.json"
     said = CliRunner().invoke(
-        app, ["calibrate", "--rig", "wide", "--poses", "8", "--out", str(out)]
+        app, ["calibrate", "--rig", "wide", "--poses", "8", "--scans", "2", "--out", str(out)]
     )
     assert said.exit_code == 0, said.output
     for words in ("reprojection error", "camera's pose", "poses", f"written: {out}"):
