@@ -9,10 +9,11 @@ from roadscope.odometry.inertial import (
     LEAST_M_S,
     ImuInterval,
     InertialNoise,
+    InertialStart,
     InertialTrack,
     IntegratedSpeed,
     Speed,
-    speed_check,
+    SpeedCheck,
     started,
 )
 
@@ -89,28 +90,27 @@ def after_a_rest():
     return drive, odometry
 
 
-def test_traffic_that_moves_along_does_not_mislead_after_a_rest(after_a_rest, monkeypatch):
+def test_traffic_that_moves_along_does_not_mislead_after_a_rest(after_a_rest):
     drive, odometry = after_a_rest
     track = odometry._track
-    monkeypatch.setattr(
-        speed_check, "standing_speed_of", lambda *_: Speed(0.4, 2.0, by_fixtures=True)
-    )
+    odometry._check.measure = lambda *_: Speed(0.4, 2.0, by_fixtures=True)
     driven(odometry, drive, range(12, 40))
     assert odometry._track is track
     assert track.twist()[0] == pytest.approx(8.0, abs=0.2)
 
 
-def test_a_speed_below_the_integrated_one_causes_a_restart(after_a_rest, monkeypatch):
+def test_a_speed_below_the_integrated_one_causes_a_restart(after_a_rest):
     drive, odometry = after_a_rest
     wrong = odometry._track
     wrong.state.velocity = np.zeros(3)
-    monkeypatch.setattr(
-        "roadscope.odometry.inertial.start.speed_of", lambda *_: Speed(0.0, 2.0, by_fixtures=True)
+    told = driven(odometry, drive, range(12, 17))
+    assert {each.reason for each in told} == {"the speed is below the integrated acceleration"}
+    assert odometry._track is None
+    odometry._start = InertialStart(
+        NOISE, anew=True, search=lambda *_: Speed(0.0, 2.0, by_fixtures=True)
     )
-    told = driven(odometry, drive, range(12, 14))
-    assert told[-1].reason == "the speed is below the integrated acceleration"
-    monkeypatch.setattr(speed_check, "standing_speed_of", lambda *_: Speed(0.0, 0.0))
-    told = driven(odometry, drive, range(14, 30))
+    odometry._check = SpeedCheck(measure=lambda *_: Speed(0.0, 0.0))
+    told = driven(odometry, drive, range(17, 30))
     assert odometry._track is not wrong
     assert odometry._track.twist()[0] == pytest.approx(8.0, abs=0.3)
     assert not told[-1].ok

@@ -1,79 +1,80 @@
 """Checks of the estimated speed by fixtures."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from toy_drive import Drive
 
-from roadscope.odometry import ODOMETRIES, lidar_inertial
+from roadscope.odometry import ODOMETRIES
 from roadscope.odometry.inertial import (
     BELIEVED_S,
     FAR_M_S,
+    SCANS,
     SLOW_M_S,
     InertialNoise,
     InertialTrack,
     Speed,
     SpeedCheck,
     resume,
-    speed_check,
     started,
 )
 
 HELD_M_S = 11.0
 
 
-@pytest.fixture
-def answers(monkeypatch):
-    """Return a function from consecutive measurements to the answers of a check, m/s."""
-
-    def of(*looks, hidden_acceleration_m_s2=100.0, least_m_s=-np.inf):
-        told = iter(looks)
-        monkeypatch.setattr(
-            speed_check, "standing_speed_of", lambda *_: Speed(next(told), 2.0, by_fixtures=True)
-        )
-        monkeypatch.setattr(speed_check, "SCANS", 1)
-        check = SpeedCheck()
-        seen = [
-            check.speed_error(
-                Drive().scan(10 * k), HELD_M_S, 0.0, hidden_acceleration_m_s2, least_m_s
-            )
-            for k in range(len(looks))
-        ]
-        return [each and each[0] for each in seen]
-
-    return of
+def answers(*looks, hidden_acceleration_m_s2=100.0, least_m_s=-np.inf):
+    """Return the answers of a check to consecutive measurements, one each second, m/s."""
+    measured = iter(looks)
+    check = SpeedCheck(measure=lambda *_: Speed(next(measured), 2.0, by_fixtures=True))
+    seen = []
+    for second in range(len(looks)):
+        for number in range(SCANS):
+            scan = Drive().scan(10 * second + number)
+            error = check.speed_error(scan, HELD_M_S, 0.0, hidden_acceleration_m_s2, least_m_s)
+            assert error is None or number == SCANS - 1
+        seen.append(error and error[0])
+    return seen
 
 
-def test_one_measurement_against_a_confirmed_speed_is_rejected(answers):
+def test_the_speed_of_a_drive_past_fixtures_is_measured():
+    check, drive = SpeedCheck(), Drive()
+    *before, error = (check.speed_error(drive.scan(k), 9.0, 0.1, 0.6) for k in range(SCANS))
+    assert before == [None] * (SCANS - 1)
+    assert error[0] == pytest.approx(-1.0, abs=0.2)
+
+
+def test_one_measurement_against_a_confirmed_speed_is_rejected():
     assert answers(11.1, 0.5, 11.2) == pytest.approx([0.1, None, 0.2])
     assert answers(11.1, 0.5, 20.0, 11.0) == pytest.approx([0.1, None, None, 0.0])
 
 
-def test_two_equal_measurements_are_accepted(answers):
+def test_two_equal_measurements_are_accepted():
     told = answers(11.1, 0.5, 0.6)
     assert told == pytest.approx([0.1, None, -10.4])
     assert abs(told[-1]) > FAR_M_S
 
 
-def test_a_change_of_speed_that_samples_exclude_is_rejected(answers):
+def test_a_change_of_speed_that_samples_exclude_is_rejected():
     """A wall that fades away along the road seems to move along."""
     assert answers(11.1, 7.0, 7.0, hidden_acceleration_m_s2=0.6) == pytest.approx([0.1, None, None])
     assert answers(11.1, 7.0, 7.0, hidden_acceleration_m_s2=4.0) == pytest.approx([0.1, None, -4.0])
 
 
-def test_a_speed_confirmed_by_a_wall_is_corrected_upwards(answers):
+def test_a_speed_confirmed_by_a_wall_is_corrected_upwards():
     """Traffic gives too low a speed; two higher measurements are right with any samples."""
     assert answers(11.1, 22.0, 22.0, hidden_acceleration_m_s2=0.6) == pytest.approx(
         [0.1, None, 11.0]
     )
 
 
-def test_a_measurement_below_the_gained_speed_is_ignored(answers):
+def test_a_measurement_below_the_gained_speed_is_ignored():
     """Neither once nor repeatedly, nor as the first measurement."""
     told = answers(0.5, 0.5, 0.5, 9.5, 11.0, least_m_s=9.0)
     assert told == pytest.approx([None, None, None, -1.5, 0.0])
 
 
-def test_an_unconfirmed_speed_is_corrected_at_once(answers):
+def test_an_unconfirmed_speed_is_corrected_at_once():
     assert answers(0.5) == pytest.approx([-10.5])
 
 
@@ -84,25 +85,15 @@ def test_two_unlikely_differences_of_one_sign_contradict():
     assert told == [False, False, False, False, True, False]
 
 
-@pytest.fixture
-def levels(monkeypatch):
-    """Return a list of whether each restart got the direction of gravity."""
-    told = []
-    monkeypatch.setattr(
-        lidar_inertial, "resume", lambda *_, with_gravity: told.append(with_gravity)
-    )
-    return told
-
-
 @pytest.mark.slow
-def test_a_wrong_speed_with_too_small_a_covariance_causes_a_restart(monkeypatch, levels):
+def test_a_wrong_speed_with_too_small_a_covariance_causes_a_restart():
     """With a small error of the speed: gravity is not kept either."""
     odometry, drive = ODOMETRIES.make("lidar-inertial"), Drive()
     for k in range(12):
         odometry.update(drive.scan(k), drive.imu(k))
     track, speed_m_s = odometry._track, odometry._track.twist()[0]
     seen = Speed(speed_m_s - 0.7 * FAR_M_S, 2.0, by_fixtures=True)
-    monkeypatch.setattr(speed_check, "standing_speed_of", lambda *_: seen)
+    odometry._check.measure = lambda *_: seen
     told = []
     for k in range(12, 60):
         track.state.velocity = np.array([speed_m_s, 0, 0])
@@ -111,9 +102,10 @@ def test_a_wrong_speed_with_too_small_a_covariance_causes_a_restart(monkeypatch,
             break
     assert "repeatedly" in told[-1].reason
     assert all(each.ok for each in told[:-1])
+    track.state.gravity = np.array([-1.0, 0.0, -9.76])
     for n in range(k + 1, k + 8):
         odometry.update(drive.scan(n), drive.imu(n))
-    assert levels == [False]
+    assert odometry._track.state.gravity[0] == pytest.approx(0.0, abs=0.2)
 
 
 @pytest.mark.parametrize("with_gravity", [True, False])
@@ -135,13 +127,14 @@ def test_a_speed_confirmed_by_fixtures_prevents_a_restart(monkeypatch):
     for k in range(12):
         odometry.update(drive.scan(k), drive.imu(k))
     track = odometry._track
-    monkeypatch.setattr(lidar_inertial, "_reason_to_reject", lambda _: "nothing agrees")
+    matched = track.matched
+    monkeypatch.setattr(track, "matched", lambda *given: replace(matched(*given), fits=0.0))
     for k in range(12, 25):
         told = odometry.update(drive.scan(k), drive.imu(k))
     assert odometry._track is track
-    assert told.reason == "nothing agrees"
-    monkeypatch.setattr(SpeedCheck, "speed_error", lambda *_: None)
-    for k in range(25, 25 + 10 * int(BELIEVED_S) + lidar_inertial.LOST):
+    assert told.reason == "only 0% of the points agree with the map"
+    monkeypatch.setattr(odometry._check, "speed_error", lambda *_: None)
+    for k in range(25, 25 + 10 * int(BELIEVED_S) + 5):
         odometry.update(drive.scan(k), drive.imu(k))
     assert odometry._track is not track
 

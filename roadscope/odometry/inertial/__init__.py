@@ -5,10 +5,11 @@ from roadscope._lazy import lazy_names
 _PARTS = {
     "filter": "FORCE GRAVITY GYRO InertialNoise POSE POSITION SIZE SPEED TURN WHEELS diffusion "
     "integrated propagate resume started transition update_linear update_pose",
-    "speed_check": "BELIEVED_S FAR_M_S SpeedCheck",
+    "speed_check": "BELIEVED_S FAR_M_S SCANS SpeedCheck",
     "speed_search": "BeamTable Ends Speed count_separate gathered joined marked_fixtures slim "
     "speed_of standing_speed_of",
     "standstill": "DOUBT_M IntegratedSpeed LEAST_M_S NEAR_M RestHistory measured_rest",
+    "start": "InertialStart",
     "track": "ImuInterval InertialTrack SLOW_M_S matched_with_prediction",
     "wheel_buffer": "WheelBuffer",
 }

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 
 from roadscope.core import LidarScan
-from roadscope.odometry.inertial.speed_search import Ends, standing_speed_of
+from roadscope.odometry.inertial.speed_search import Ends, Speed, standing_speed_of
 
 SCANS, EVERY_S = 5, 0.5
 """Number of scans of a measurement, half a second at 10 Hz; pause after one that succeeds."""
@@ -25,7 +27,9 @@ class SpeedCheck:
     inertial samples contradict it.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, measure: Callable[[list[Ends], float], Speed] = standing_speed_of) -> None:
+        """Take what returns the speed of some scans with a turn rate, rad/s."""
+        self.measure = measure
         self._ends: list[Ends] = []
         self._speeds: list[float] = []
         self._done_s, self._confirmed_s = -np.inf, -np.inf
@@ -51,7 +55,7 @@ class SpeedCheck:
         self._speeds.append(ahead_m_s)
         if len(self._ends) < SCANS:
             return None
-        measured = standing_speed_of(self._ends, rate_rad_s)
+        measured = self.measure(self._ends, rate_rad_s)
         estimated_m_s = float(np.mean(self._speeds))
         self._ends, self._speeds = [], []
         if not measured.reliable or measured.ahead_m_s < least_m_s:
