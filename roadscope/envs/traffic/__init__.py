@@ -13,7 +13,8 @@ _PARTS = {
     "recording": "rear_axles",
     "road_maps": "RoadMap",
     "roads": "greatest_curvature",
-    "scenarios": "SCENARIOS ScenarioError accept find record scenario_of_environment",
+    "scenarios": "SCENARIOS ScenarioError accept accepted_traffic find record "
+    "scenario_of_environment",
     "script": "Change ScriptedMotion",
     "scripts": "convoy_pull_away",
     "terrain": "Terrain",

@@ -8,7 +8,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -263,7 +263,7 @@ def record(name: str, seed: int, duration_s: float | None = None) -> Timeline:
         return timeline
     from roadscope.envs.traffic.mix import with_unseen_bodies
 
-    timeline = _accepted(scenario, seed, duration_s)[1]
+    timeline = accepted_traffic(scenario, seed, duration_s).timeline
     if scenario.uneven:
         ground = np.random.default_rng([_GROUND_SALT, seed])
         return with_terrain(timeline, scenario.name, ground)
@@ -282,13 +282,18 @@ def accepted_stage(name: str, seed: int, duration_s: float | None = None) -> Sta
 @lru_cache(maxsize=4096)
 def _accepted_key(scenario: Scenario, seed: int, duration_s: float | None) -> tuple[int, ...]:
     """Return the spawn key of the accepted sub-seed; to find it, the traffic is recorded."""
-    return _accepted(scenario, seed, duration_s)[0].spawn_key
+    return accepted_traffic(scenario, seed, duration_s).draw.spawn_key
 
 
-def _accepted(
-    scenario: Scenario, seed: int, duration_s: float | None
-) -> tuple[np.random.SeedSequence, Timeline]:
-    """Return the first sub-seed whose traffic is accepted, and that traffic."""
+class AcceptedTraffic(NamedTuple):
+    """Traffic that is accepted. draw: the sub-seed from which its stage was drawn."""
+
+    draw: np.random.SeedSequence
+    timeline: Timeline
+
+
+def accepted_traffic(scenario: Scenario, seed: int, duration_s: float | None) -> AcceptedTraffic:
+    """Return the traffic of the first sub-seed whose traffic is accepted."""
     from roadscope.envs.traffic.simulated import play
 
     build = scenario.build()
@@ -300,7 +305,7 @@ def _accepted(
             style=scenario.style,
         )
         if accept(timeline).accepted:
-            return draw, timeline
+            return AcceptedTraffic(draw, timeline)
     raise ScenarioError(f"'{scenario.name}' with seed {seed}: no traffic accepted in {TRIES} tries")
 
 

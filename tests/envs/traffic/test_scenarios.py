@@ -10,7 +10,14 @@ import numpy as np
 import pytest
 
 from roadscope.core import Category
-from roadscope.envs.traffic import SCENARIOS, ScenarioError, accept, find, record, scenarios
+from roadscope.envs.traffic import (
+    SCENARIOS,
+    ScenarioError,
+    accept,
+    accepted_traffic,
+    find,
+    record,
+)
 from roadscope.envs.world import STYLES
 
 # Vehicles of unseen shapes drive as those do that they stand in for: `test_unseen.py`. On uneven
@@ -170,16 +177,11 @@ def test_the_same_seed_gives_the_same_bytes_in_another_process():
 
 
 @pytest.mark.slow
-def test_most_traffic_is_accepted_as_first_drawn(monkeypatch):
+def test_most_traffic_is_accepted_as_first_drawn():
     """Scenarios do not live on being drawn again: 3 of 4 pass at once, and each with some seed."""
-    monkeypatch.setattr(scenarios, "TRIES", 1)
 
     def is_refused(name, seed):
-        try:
-            record(name, seed)
-        except ScenarioError:
-            return True
-        return False
+        return accepted_traffic(find(name), seed, None).draw.spawn_key[0] > 0
 
     refused = [name for name in FLOWING if is_refused(name, 100)]
     assert len(refused) <= len(FLOWING) // 4, refused
@@ -218,25 +220,34 @@ def test_acceptance_counts_objects_and_crashes(recorded):
     assert not accept(replace(line, present=present)).accepted
 
 
-def test_traffic_that_is_never_accepted_is_reported_by_name(monkeypatch):
-    monkeypatch.setattr(scenarios, "LEAST_OBJECTS", 1000)
-    monkeypatch.setattr(scenarios, "TRIES", 2)
+def deserted(rng):
+    """Build a car park with nobody but the ego, which is never accepted."""
+    stage = find("parking-lot").build()(rng)
+    bodies = stage.flow.bodies
+    bodies["gone"] = bodies["number"] != stage.ego
+    stage.flow.remove_gone()
+    return stage
+
+
+def deserted_when_first_drawn(rng):
+    first = rng.bit_generator.seed_seq.spawn_key[0] == 0
+    return deserted(rng) if first else find("parking-lot").build()(rng)
+
+
+def test_traffic_that_is_never_accepted_is_reported_by_name():
+    scenario = replace(find("parking-lot"), builder=f"{__name__}:deserted")
     with pytest.raises(ScenarioError, match="'parking-lot' with seed 5"):
-        record("parking-lot", 5, 1.0)
+        accepted_traffic(scenario, 5, 1.0)
 
 
-def test_refused_traffic_is_drawn_again_the_same_way(monkeypatch):
-    calls = []
-
-    def refuse_first(line):
-        calls.append(line)
-        return replace(accept(line), accepted=len(calls) % 2 == 0)
-
-    monkeypatch.setattr(scenarios, "accept", refuse_first)
-    drawn, again = record("parking-lot", 5, 1.0), record("parking-lot", 5, 1.0)
-    assert len(calls) == 4
-    assert drawn == again
-    assert drawn != calls[0]
+def test_refused_traffic_is_drawn_again_the_same_way():
+    usual = find("parking-lot")
+    scenario = replace(usual, builder=f"{__name__}:deserted_when_first_drawn")
+    drawn, again = (accepted_traffic(scenario, 5, 1.0) for _ in range(2))
+    assert drawn.timeline == again.timeline
+    first = accepted_traffic(usual, 5, 1.0)
+    assert (first.draw.spawn_key[0], drawn.draw.spawn_key[0]) == (0, 1)
+    assert drawn.timeline != first.timeline
 
 
 @pytest.mark.parametrize(
@@ -259,7 +270,7 @@ def test_durations_must_be_positive():
 
 def test_naming_scenarios_loads_no_simulator():
     script = (
-        "import sys, roadscope.envs.traffic.scenarios\n"
+        "import sys\nfrom roadscope.envs.traffic import SCENARIOS\n"
         "heavy = ('highway_env', 'torch', 'matplotlib', 'scipy.stats')\n"
         "print([name for name in heavy if name in sys.modules])"
     )
