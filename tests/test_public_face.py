@@ -198,15 +198,10 @@ if __name__ == "__main__":
 
 PUBLIC_FILES = {"roadscope": "__main__ metrics formats"}
 MODULES = {
-    "roadscope.benchmarks": "calibrating calibration_views",
     "roadscope.benchmarks.papers": "li2021 lu2018 lu2018_measures lu2018_scene reproduction "
     "zhang2017 zhang2017_claims zhang2017_tables zhang2022",
     "roadscope.benchmarks.speed": "detectors odometry trackers",
     "roadscope.benchmarks.train": "crops driver pictures training",
-    "roadscope.detectors.camera": "precision",
-    "roadscope.envs.traffic": "scenarios",
-    "roadscope.odometry": "lidar_inertial",
-    "roadscope.odometry.inertial": "speed_check start",
 }
 """Files that tests import as a whole, through their folder too: to replace a part of them while a
 test runs, or for many names of the same kind, as those of a paper or of colours."""

@@ -25,6 +25,7 @@ _PARTS = {
     "distinct",
     "detector": "BlankImageWarning CameraDetector squared",
     "network": "ARCHITECTURE CentreNetwork Maps channels_last finer squares",
+    "precision": "fastest",
     "weight_file": "BoxCalibration SHIPPED WeightsError load save",
 }
 """Names by the file that defines them, loaded when first used: the face of this folder."""

@@ -13,16 +13,19 @@ PROCESSOR = Path("/proc/cpuinfo")
 """Where Linux lists what the processor can do."""
 
 
-def has_bfloat16(device: str) -> bool:
-    """Return whether bfloat16 is faster than float32 on a device such as `cpu` or `cuda:0`."""
+def has_bfloat16(device: str, processor: Path = PROCESSOR) -> bool:
+    """Return whether bfloat16 is faster than float32 on a device such as `cpu` or `cuda:0`.
+
+    processor: the file that lists what the processor can do.
+    """
     if device.partition(":")[0] == "cuda":
         return True
-    return PROCESSOR.exists() and "avx512_bf16" in PROCESSOR.read_text("utf-8", errors="replace")
+    return processor.exists() and "avx512_bf16" in processor.read_text("utf-8", errors="replace")
 
 
-def fastest(device: str) -> str:
-    """Return the faster of `float32` and `bfloat16` on a device."""
-    return "bfloat16" if has_bfloat16(device) else "float32"
+def fastest(device: str, processor: Path = PROCESSOR) -> str:
+    """Return the faster of `float32` and `bfloat16` on a device; see `has_bfloat16`."""
+    return "bfloat16" if has_bfloat16(device, processor) else "float32"
 
 
 @contextmanager
