@@ -204,7 +204,7 @@ MODULES = {
     "roadscope.benchmarks.train": "crops driver pictures training",
 }
 """Files that tests import as a whole, through their folder too: to replace a part of them while a
-test runs, or for many names of the same kind, as those of a paper or of colours."""
+test runs, or for many names of the same kind, as those of a paper."""
 
 
 def imported_modules(source: str) -> Iterator[str]:
