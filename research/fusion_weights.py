@@ -21,7 +21,7 @@ from roadscope import CAMERA_DETECTORS, Detections, Episode, ImageDetections
 from roadscope.benchmarks.metrics.fusion import match_targets
 from roadscope.benchmarks.metrics.ranked_precision import FALSE_ALARM, IGNORED
 from roadscope.benchmarks.noisy_camera import FAMILY
-from roadscope.benchmarks.sensor_pairs import SensorPair, sense_pairs
+from roadscope.benchmarks.papers.li2021_pairs import SensorPair, sense_pairs
 from roadscope.fusion import weights
 from roadscope.fusion.assembly import Views, assemble
 from roadscope.fusion.candidates import (

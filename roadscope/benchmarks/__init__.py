@@ -119,9 +119,9 @@ _PARTS = {
     "cache": "FolderError cache_dir cache_folder digest_of read_kept read_or_make write_atomically "
     "write_kept",
     "cached_files": "cache_usage clear_cache size_text",
-    "calibrating": "CalibrationTrial PoseRow calibration_from_views sufficient_poses",
-    "calibration_views": "TargetPose TargetViews calibrate_from_corners held_out_error_px "
-    "random_poses target_prisms target_view target_views true_corners",
+    "calibrating": "CalibrationTrial PoseRow TargetPose TargetView calibrate_from_corners "
+    "calibration_from_views held_out_error_px random_poses sufficient_poses target_prisms "
+    "target_view target_views true_corners",
     "drive_steps": "drive imu_mounting moving_in",
     "episode": "check_episode sensed sensing_of timeline_of timeline_path",
     "fingerprints": "PACKAGE code_hash fingerprint package_version plugin_hash sensing_hash "
@@ -145,7 +145,6 @@ _PARTS = {
     "run": "RunError agreements plan",
     "run_manifest": "manifest",
     "run_pictures": "RunPictures",
-    "sensor_pairs": "SensorPair sense_pairs",
     "sources": "distribution_version package source_hash",
     "store": "LOG_LENGTH Outcome Store StoreError StoredJob",
     "suite": "SPLITS Positive SuiteError check_names",

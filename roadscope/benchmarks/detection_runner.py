@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import ExitStack
+from contextlib import nullcontext
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -20,9 +19,8 @@ from roadscope.benchmarks.formats.point_fields import READERS
 from roadscope.benchmarks.formats.scan_folder import ScanFolder, scan_files
 from roadscope.benchmarks.formats.table import FormatError, names_in
 from roadscope.benchmarks.formats.tracking_rows import ImageSize
-from roadscope.benchmarks.isolation import Limits, PluginHandle, open_plugin
-from roadscope.benchmarks.kinds import CAMERA_DETECTOR, DETECTOR, traits_of
-from roadscope.benchmarks.loop import checked
+from roadscope.benchmarks.kinds import CAMERA_DETECTOR, DETECTOR, FUSION, traits_of
+from roadscope.benchmarks.loop import opened
 from roadscope.benchmarks.odometry_runner import TruePoses
 from roadscope.benchmarks.progress import Progress, silent
 from roadscope.benchmarks.references import (
@@ -41,21 +39,13 @@ from roadscope.core import (
     Spec,
     SpecError,
 )
-from roadscope.core.answers import (
-    AnswerError,
-    check_detections,
-    check_fused,
-    check_image_detections,
-    same_stamp,
-)
+from roadscope.core.answers import AnswerError, check_detections, same_stamp
 from roadscope.core.fused import FusedDetections
 from roadscope.core.spec import FUSED, FUSED_PARTS
 from roadscope.fusion.pairing import ALONE, ClocksApartError, nearest_images
 from roadscope.odometry.above_ground import NEAR_M, sensor_height
 from roadscope.odometry.travel import turned_scan
 
-LIMITS = Limits(episode_s=float("inf"))
-"""A recording may be of any length."""
 LIDAR, CAMERA = "lidar", "camera"
 """The names of the sensors in `Calibration`."""
 SCAN_DETECTOR, IMAGE_DETECTOR, BOTH_DETECTORS = "distance-l-shape", "network", "fused"
@@ -73,8 +63,6 @@ FLATTEST = 15.0
 """Greatest median distance of the ground, in heights of the LiDAR. Chosen by hand: on our motorway
 it is 2.8 for an HDL-32E and 5.1 for a VLP-16; it is 126 where the flat beams of a LUX meet people
 and cars in place of the ground."""
-
-A = TypeVar("A")
 
 
 class DetectorSet(NamedTuple):
@@ -209,11 +197,8 @@ class DetectionJob:
             points[row] = detections
             alone = self._frame(row, FusedDetections.of(detections, None))
             yield row, replace(alone, fused=False)
-        with ExitStack() as stack:
-            spec = self.detectors.fusion
-            fusion = stack.enter_context(open_plugin(spec.plain, limits=LIMITS)) if spec else None
-            if fusion is not None:
-                fusion.call("reset")
+        spec = self.detectors.fusion
+        with opened(spec, FUSION) if spec else nullcontext() as fusion:
             for row, image in enumerate(self._image_detections(progress)):
                 yield row, self._frame(row, self._fused(fusion, row, points.get(row), image), image)
 
@@ -233,16 +218,13 @@ class DetectionJob:
         assert scans is not None
         calibration = Calibration(((LIDAR, self.ego_from_lidar),))
         answered: list[Detections] = []
-        stamps_s: list[float] = []
-        with open_plugin(spec.plain, limits=LIMITS) as plugin:
-            plugin.call("reset")
+        check = partial(_answered_scan, answered, self.stamps_s)
+        with opened(spec, DETECTOR, check) as detect:
             for now, scan in enumerate(scans):
                 motion = self._motion(now)
                 frame = Frame(scan.stamp_s, calibration, lidar=scan, previous_from_ego=motion)
                 answered.append(Detections.empty(scan.stamp_s))
-                stamps_s.append(scan.stamp_s)
-                check = partial(_answered_scan, answered, stamps_s)
-                row, detections = _answer(plugin, spec, "detect", (frame,), check)
+                row, detections = detect(frame)
                 answered[row] = detections
                 progress("scans", now + 1, len(scans))
                 if row != now:
@@ -262,16 +244,13 @@ class DetectionJob:
         spec, images = self.detectors.camera, self.images
         assert spec is not None
         assert images is not None
-        with open_plugin(spec.plain, limits=LIMITS) as plugin:
-            plugin.call("reset")
+        with opened(spec, CAMERA_DETECTOR) as detect:
             for row, image in enumerate(self.image_rows):
                 pixels = None if image == ALONE else images.read(image)
                 if pixels is None:
                     yield None
                 else:
-                    frame = self._image_frame(row, pixels)
-                    check = partial(check_image_detections, stamp_s=frame.stamp_s)
-                    boxes = _answer(plugin, spec, "detect", (frame,), check)
+                    boxes = detect(self._image_frame(row, pixels))
                     yield DetectedImage(boxes, ImageSize(*pixels.shape[1::-1]))
                 progress("images", row + 1, len(self))
 
@@ -290,18 +269,18 @@ class DetectionJob:
 
     def _fused(
         self,
-        fusion: PluginHandle | None,
+        fuse: Callable[..., FusedDetections] | None,
         row: int,
         points: Detections | None,
         image: DetectedImage | None,
     ) -> FusedDetections:
         """Return the targets of one frame; without a fusion those of the camera."""
-        boxes, spec = None if image is None else image.detections, self.detectors.fusion
+        boxes = None if image is None else image.detections
         if points is not None and self._problem(row, of_lidar=True):
             points = None
         if points is None and boxes is None:
             return FusedDetections.of(Detections.empty(self.stamps_s[row]), None)
-        if fusion is None or spec is None:
+        if fuse is None:
             return FusedDetections.of(None, boxes)
         assert self.cameras is not None
         assert self.images is not None
@@ -310,8 +289,7 @@ class DetectionJob:
             return FusedDetections.of(points, None)
         camera = self.cameras.of(self.names[row])
         projection = camera.projection_of(self.ego_from_lidar, *size)
-        check = partial(check_fused, stamp_s=self.stamps_s[row])
-        return _answer(fusion, spec, "fuse", (points, boxes, projection), check)
+        return fuse(points, boxes, projection)
 
     def _frame(
         self, row: int, detections: FusedDetections, image: DetectedImage | None = None
@@ -338,32 +316,18 @@ class DetectionJob:
         return "; ".join(str(error) for error in errors if error is not None)
 
 
-def _answer(
-    plugin: PluginHandle,
-    spec: Spec,
-    method: str,
-    arguments: tuple[Any, ...],
-    check: Callable[[Any], A],
-) -> A:
-    """Return the checked answer of a plug-in, whose warnings are not shown to the reader."""
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        answer = plugin.call(method, *arguments).answer
-    return checked(spec, check, answer)
-
-
 def _answered_scan(
-    answered: Sequence[Detections], stamps_s: Sequence[float], answer: Any
+    answered: Sequence[Detections], stamps_s: Sequence[float], answer: Any, call_input: object
 ) -> tuple[int, Detections]:
     """Return the scan that an answer is for, and its detections.
 
     answered: the answers to all scans so far; one that has detections is not answered again.
-    stamps_s: of these scans.
+    stamps_s: of all scans.
     """
-    detections = check_detections(answer, stamps_s=stamps_s)
+    detections = check_detections(answer, stamps_s=stamps_s[: len(answered)])
     if detections.frame != "ego":
         raise AnswerError(f"detections in frame '{detections.frame}'; possible here: ego")
-    rows = range(len(stamps_s) - 1, -1, -1)
+    rows = range(len(answered) - 1, -1, -1)
     row = next(k for k in rows if same_stamp(detections.stamp_s, stamps_s[k]))
     if len(answered[row]):
         raise AnswerError(f"two answers to the frame at {stamps_s[row]:.6g} s")

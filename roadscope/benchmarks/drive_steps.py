@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, fields, replace
+from functools import singledispatch
 from typing import TypeVar
 
 import numpy as np
@@ -41,6 +42,8 @@ class Step(Record):
 
 def imu_mounting(episode: Episode) -> Pose | None:
     """Return `lidar_from_imu` as the user believes it to be; None without an IMU."""
+    if not episode.simulated:
+        return None
     sensing = sensing_of(episode)
     imu = sensing.rig.imu
     if imu is None:
@@ -49,6 +52,7 @@ def imu_mounting(episode: Episode) -> Pose | None:
     return believed.pose(sensing.rig.lidar.name).inverse() @ believed.pose(imu.name)
 
 
+@singledispatch
 def drive(episode: Episode) -> Iterator[Step]:
     """Yield the scans of an episode that arrive, the same bytes every time, in fresh arrays.
 

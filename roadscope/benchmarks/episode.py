@@ -8,9 +8,9 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator
 from copy import deepcopy
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import partial, singledispatch
 from pathlib import Path
-from typing import TYPE_CHECKING, Generic, TypeVar
+from typing import TYPE_CHECKING, ClassVar, Generic, TypeVar
 
 from roadscope.benchmarks.cache import cache_dir, read_or_make
 from roadscope.benchmarks.fingerprints import fingerprint, sensing_hash, timeline_hash
@@ -49,6 +49,9 @@ class Episode:
     weather: str = "clear"
     light: str = "day"
     faults: tuple[str, ...] = ()
+
+    simulated: ClassVar[bool] = True
+    """Whether traffic is simulated and sensed; episodes of recorded data have neither."""
 
     @property
     def condition(self) -> str:
@@ -152,6 +155,7 @@ class LastEpisode(Generic[T]):
 _last_scans = LastEpisode[tuple[Frame, Truth]](most_bytes=600_000_000)
 
 
+@singledispatch
 def sensed(episode: Episode) -> Iterator[tuple[Frame, Truth]]:
     """Yield the frames with scans of an episode and their truth; a camera is not used.
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from copy import deepcopy
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import partial, singledispatch
 
 import numpy as np
 
@@ -78,12 +78,21 @@ def projection_of(rig: Rig, ego_from_camera: Pose | None = None) -> Projection:
     return Projection.of(pinhole.intrinsics, mounting, pinhole.width, pinhole.height)
 
 
+@singledispatch
+def believed_projections(episode: Episode, scans: int) -> list[Projection]:
+    """Return the projection that the user believes, at the stamp of an image, of each scan."""
+    sensing = sensing_of(episode)
+    mounting = sensing.calibration.pose(camera_of(sensing.rig).name)
+    return [projection_of(sensing.rig, mounting)] * scans
+
+
 def sensing_without_pixels(episode: Episode) -> Sensing:
     """Return the sensing of an episode that draws no images."""
     drawing = sensing_of(episode)
     return WithoutPixels(drawing.rig, episode.seed, weather=episode.weather, faults=episode.faults)
 
 
+@singledispatch
 def image_rows(episode: Episode, every_s: float) -> list[int]:
     """Return the numbers of images that are about `every_s` apart, each once."""
     camera, end_s = camera_of(rig_of(episode.rig)), timeline_of(episode).end_s
@@ -120,6 +129,7 @@ def image_rows_of_scans(episode: Episode, every_s: float) -> list[int]:
 _last_images = LastEpisode[Picture](most_bytes=400_000_000)
 
 
+@singledispatch
 def pictures(episode: Episode, rows: tuple[int, ...], *, pixels: bool = True) -> Iterator[Picture]:
     """Yield images by number, the same bytes every time, in arrays that a plug-in may write to.
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from contextlib import AbstractContextManager
+from contextlib import AbstractContextManager, contextmanager
 from copy import deepcopy
 from dataclasses import dataclass, field, replace
 from itertools import chain, islice
@@ -23,8 +23,18 @@ from roadscope.benchmarks.isolation import (
 )
 from roadscope.benchmarks.kinds import Kind
 from roadscope.benchmarks.records import CallTimes
-from roadscope.core import Spec
-from roadscope.core.answers import AnswerError
+from roadscope.core import Detections, ImageDetections, Spec
+from roadscope.core.answers import (
+    AnswerError,
+    check_command,
+    check_detections,
+    check_estimate,
+    check_fused,
+    check_image_detections,
+    check_masses,
+    check_tracks,
+)
+from roadscope.core.fused import FusedDetections
 
 A = TypeVar("A")
 C = TypeVar("C")
@@ -54,6 +64,17 @@ class RunOptions:
     def probing(self) -> AbstractContextManager[None]:
         """Apply these options while classes are loaded to read their traits."""
         return probing(self.limits, sandbox=self.sandbox, trust=self.trust)
+
+
+def open_with(options: RunOptions, spec: Spec) -> AbstractContextManager[PluginHandle]:
+    """Make a resolved plug-in, in a process of its own unless it is ours or trusted."""
+    return open_plugin(
+        spec.plain,
+        limits=options.limits,
+        isolated=spec.isolated and not options.trust,
+        sandbox=options.sandbox,
+        hidden=options.hidden,
+    )
 
 
 @dataclass(frozen=True, slots=True)
@@ -92,7 +113,7 @@ def run_plugin(
     spec: Spec,
     kind: Kind,
     inputs: Iterable[CallInput[C]],
-    check: Callable[[Any, CallInput[C]], A],
+    check: Callable[[Any, CallInput[C]], A] | None = None,
     *,
     reset: Sequence[Any] = (),
     finish: Callable[[PluginHandle], Timed] | None = None,
@@ -100,25 +121,19 @@ def run_plugin(
 ) -> Replies[C, A]:
     """Run a plug-in over the moments of an episode; raise `PluginError` if it fails.
 
-    check: returns the checked answer or raises `AnswerError`.
+    check: returns the checked answer or raises `AnswerError`; None: `AnswerCheck`.
     reset: arguments of `reset`.
     finish: called with the plug-in after the last moment; its time is shared among the calls.
     """
     options = options or RunOptions()
-    isolated = spec.isolated and not options.trust
-    if not isolated and spec.ours:
+    check = check or AnswerCheck(kind.name)
+    if spec.ours and (options.trust or not spec.isolated):
         inputs = _warmed_up(spec, kind, iter(inputs), reset)
     contexts: list[C] = []
     answers: list[A | None] = []
     processor_ms: list[float] = []
     wall_ms: list[float] = []
-    with open_plugin(
-        spec.plain,
-        limits=options.limits,
-        isolated=isolated,
-        sandbox=options.sandbox,
-        hidden=options.hidden,
-    ) as plugin:
+    with open_with(options, spec) as plugin:
         plugin.call("reset", *reset)
         for call_input in inputs:
             reply = _call(plugin, kind, call_input)
@@ -137,6 +152,63 @@ def run_plugin(
         times.shifted(last.processor_ms / share, last.wall_ms / share),
         last.answer,
     )
+
+
+class AnswerCheck:
+    """Checks consecutive answers of a plug-in by the arguments of its calls.
+
+    kind: the name of its kind.
+    """
+
+    def __init__(self, kind: str) -> None:
+        self._kind = kind
+        self._stamps_s: list[float] = []
+        self._columns: set[int] = set()
+
+    def __call__(self, answer: Any, call_input: CallInput[Any]) -> Any:
+        """Return the answer to a call, or raise `AnswerError`."""
+        first, *others = call_input.arguments
+        if self._kind == "tracker":
+            return check_tracks(answer, stamp_s=first.stamp_s, posed=others[0] is not None)
+        if self._kind == "odometry":
+            return check_estimate(answer, stamp_s=first.stamp_s, returns=len(first))
+        if self._kind == "driver":
+            return check_command(answer, lanes=first.lanes)
+        detections: Detections | ImageDetections | FusedDetections
+        if self._kind == "detector":
+            self._stamps_s.append(first.stamp_s)
+            detections = check_detections(answer, stamps_s=self._stamps_s)
+        elif self._kind == "camera detector":
+            detections = check_image_detections(answer, stamp_s=first.stamp_s)
+        else:
+            sensed = others[0] if first is None else first
+            detections = check_fused(answer, stamp_s=sensed.stamp_s)
+        check_masses(detections.masses, self._columns)
+        return detections
+
+
+@contextmanager
+def opened(
+    spec: Spec,
+    kind: Kind,
+    check: Callable[[Any, CallInput[None]], Any] | None = None,
+    *,
+    reset: Sequence[Any] = (),
+) -> Iterator[Callable[..., Any]]:
+    """Start a plug-in and yield a function that returns its checked answer to some arguments.
+
+    It may take any time, as recordings are of any length.
+    check, reset: as of `run_plugin`. The function's argument `wheels` is that of `CallInput`.
+    """
+    check = check or AnswerCheck(kind.name)
+    with open_plugin(spec.plain, limits=Limits(episode_s=float("inf"))) as plugin:
+        plugin.call("reset", *reset)
+
+        def answer(*arguments: Any, wheels: Any = None) -> Any:
+            call_input = CallInput(arguments, None, wheels=wheels)
+            return checked(spec, check, _call(plugin, kind, call_input).answer, call_input)
+
+        yield answer
 
 
 def checked(spec: Spec, check: Callable[..., A], *arguments: Any) -> A:

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, fields
-from functools import partial
 from pathlib import Path
 from typing import Generic, NamedTuple, TypeVar
 
@@ -20,11 +19,9 @@ from roadscope.benchmarks.formats.trajectories import (
     read_trajectory,
     trajectory_text,
 )
-from roadscope.benchmarks.isolation import Limits, open_plugin
-from roadscope.benchmarks.loop import checked
-from roadscope.core import ImuSamples, LidarScan, OdometryEstimate, Pose, WheelSamples
-from roadscope.core.answers import check_estimate
-from roadscope.odometry import ODOMETRIES
+from roadscope.benchmarks.kinds import ODOMETRY
+from roadscope.benchmarks.loop import opened
+from roadscope.core import ImuSamples, OdometryEstimate, Pose, WheelSamples
 from roadscope.odometry.travel import turned_back, turned_scan
 
 TRUTH_STEPS = 3.0
@@ -96,77 +93,43 @@ def folder_estimates(
     wheels: RecordedWheels | None = None,
     ahead_from_lidar: Pose | None = None,
 ) -> Iterator[OdometryEstimate]:
-    """Return an iterator over an odometry's estimates, scan by scan.
+    """Yield an odometry's estimates, scan by scan.
 
     ahead_from_lidar: a rotation that brings the LiDAR's axes to x ahead, y left, z up; None: they
         are so. Scans are turned by it, and estimates turned back.
 
-    An unknown spec raises `SpecError` at once; a plug-in that fails raises `PluginError` later. A
-    plug-in that is not part of roadscope runs in a process of its own, without a time limit for
-    the whole recording.
+    An unknown spec raises `SpecError`, a plug-in that fails `PluginError`. A plug-in that is not
+    part of roadscope runs in a process of its own, without a time limit for the whole recording.
     """
-    spec = ODOMETRIES.resolve(odometry)
-    limits = Limits(episode_s=float("inf"))
-
-    def estimates() -> Iterator[OdometryEstimate]:
-        with open_plugin(spec, limits=limits) as plugin:
-            plugin.call("reset", _mounting(imu, ahead_from_lidar))
-            for scan, inertial, speeds in _with_samples(folder, imu, wheels):
-                if ahead_from_lidar is not None:
-                    scan = turned_scan(scan, ahead_from_lidar.rotation)
-                if speeds is not None and plugin.traits.takes_wheels:
-                    plugin.call("add_wheels", speeds)
-                answer = plugin.call("update", scan, inertial).answer
-                check = partial(check_estimate, stamp_s=scan.stamp_s, returns=len(scan))
-                estimate = checked(spec, check, answer)
-                turn = ahead_from_lidar
-                yield estimate if turn is None else turned_back(estimate, turn)
-
-    return estimates()
-
-
-def _mounting(imu: RecordedImu | None, ahead_from_lidar: Pose | None) -> Pose | None:
-    """Return the mounting of an IMU in the axes of the scans that an odometry gets."""
-    if imu is None or ahead_from_lidar is None:
-        return imu.lidar_from_imu if imu else None
-    return ahead_from_lidar @ (imu.lidar_from_imu or Pose.identity())
-
-
-def _with_samples(
-    folder: ScanFolder, imu: RecordedImu | None, wheels: RecordedWheels | None
-) -> Iterator[tuple[LidarScan, ImuSamples | None, WheelSamples | None]]:
-    """Yield scans with the samples since the last scan, up to the end of the sweep."""
-    start_s = -np.inf
-    for scan in folder:
-        end_s = max(start_s, scan.stamp_s + float(scan.time_offset_s.max(initial=0)))
-        yield (
-            scan,
-            imu.between(start_s, end_s) if imu else None,
-            wheels.between(start_s, end_s) if wheels else None,
-        )
-        start_s = end_s
+    spec, start_s = ODOMETRY.registry.resolve(odometry), -np.inf
+    lidar_from_imu = imu.lidar_from_imu if imu else None
+    if imu is not None and ahead_from_lidar is not None:
+        lidar_from_imu = ahead_from_lidar @ (lidar_from_imu or Pose.identity())
+    with opened(spec, ODOMETRY, reset=(lidar_from_imu,)) as update:
+        for scan in folder:
+            # Samples since the last scan, up to the end of the sweep.
+            end_s = max(start_s, scan.stamp_s + float(scan.time_offset_s.max(initial=0)))
+            inertial = imu.between(start_s, end_s) if imu else None
+            speeds = wheels.between(start_s, end_s) if wheels else None
+            start_s = end_s
+            if ahead_from_lidar is None:
+                yield update(scan, inertial, wheels=speeds)
+            else:
+                turned = turned_scan(scan, ahead_from_lidar.rotation)
+                estimate = update(turned, inertial, wheels=speeds)
+                yield turned_back(estimate, ahead_from_lidar)
 
 
 def write_estimates(
-    folder: ScanFolder,
-    odometry: str,
-    out: Path,
-    form: str = "kitti",
-    *,
-    imu: RecordedImu | None = None,
-    wheels: RecordedWheels | None = None,
-    ahead_from_lidar: Pose | None = None,
+    estimates: Iterable[OdometryEstimate], out: Path, form: str = "kitti"
 ) -> Iterator[OdometryEstimate]:
-    """Yield the estimates of `folder_estimates`, and write each pose before the next is estimated.
+    """Yield estimates, and write each pose before the next is estimated.
 
     An existing file is overwritten only when the first pose is there. Poses are those of the LiDAR
     in its first frame and its own axes, in either format.
 
     form: `kitti` or `tum`.
     """
-    estimates = folder_estimates(
-        folder, odometry, imu=imu, wheels=wheels, ahead_from_lidar=ahead_from_lidar
-    )
     trajectory_text(form, (), ())
     for number, estimate in enumerate(estimates):
         with out.open("a" if number else "w", encoding="utf-8") as file:

@@ -1,4 +1,7 @@
-"""Pictures and videos of one episode with its detections, tracks, odometry and running scores."""
+"""Pictures and videos of one episode with its detections, tracks, odometry and running scores.
+
+And its middle image with the boxes of a camera detector.
+"""
 
 from __future__ import annotations
 
@@ -12,7 +15,8 @@ import numpy as np
 
 from roadscope.benchmarks.cache import FolderError, usable_file, write_atomically
 from roadscope.benchmarks.episode import Episode, check_episode, sensing_of, timeline_of
-from roadscope.benchmarks.images import image_rows
+from roadscope.benchmarks.images import camera_of, image_rows, pictures
+from roadscope.benchmarks.loop import RunOptions
 from roadscope.benchmarks.metrics.trajectory_errors import absolute_errors
 from roadscope.benchmarks.nodes.images import ImageNode
 from roadscope.benchmarks.nodes.poses import start_from_ego
@@ -21,7 +25,7 @@ from roadscope.benchmarks.records import EpisodeTracks
 from roadscope.benchmarks.references import check_image_source
 from roadscope.benchmarks.report.moments import ALARMS, MISSES, SWITCHES, judged_scene
 from roadscope.benchmarks.single import Summary
-from roadscope.core import ImageDetections, NotInstalledError, Pose, Requirement
+from roadscope.core import CameraImage, ImageDetections, NotInstalledError, Pose, Requirement
 from roadscope.core.answers import STAMP_TOLERANCE_S
 from roadscope.core.palette import (
     ASPHALT_COLOUR,
@@ -34,7 +38,8 @@ from roadscope.core.palette import (
 )
 from roadscope.envs.drawing.birds_eye import OBJECT
 from roadscope.envs.drawing.composed import WIDTH, Snapshot, composed_frame
-from roadscope.envs.drawing.panels import RunningScore
+from roadscope.envs.drawing.panels import RunningScore, image_view
+from roadscope.envs.sensors.rigs import rig
 
 PICTURES = (".png", ".jpg", ".webp")
 GIF, MP4 = ".gif", ".mp4"
@@ -255,6 +260,48 @@ def _share(hits: np.ndarray, misses: np.ndarray) -> np.ndarray:
     return shares
 
 
+# --------------------------------------------------------------------------------------------------
+# The boxes of camera detectors.
+
+
+def check_camera_detector(episode: Episode, detector: str) -> None:
+    """Refuse a rig without camera, and a wrong detector."""
+    check_episode(episode)
+    camera_of(rig(episode.rig))
+    check_image_source(detector)
+
+
+def check_view(episode: Episode, detector: str, path: Path | str) -> None:
+    """Refuse a rig without camera, a wrong detector, and a file that cannot be written."""
+    check_camera_detector(episode, detector)
+    usable_file(path, PICTURES, "an image")
+
+
+def save_view(episode: Episode, detector: str, path: Path | str) -> int:
+    """Write the middle image with boxes drawn in to a file; return the number of boxes.
+
+    detector: spec of a camera detector, `oracle` or a noise model. Boxes have a score of at least
+    `LEAST_SCORE`. Images that are lost by a fault are left out; `ValueError` if all are lost.
+    """
+    check_view(episode, detector, path)
+    row, image = _middle_image(episode)
+    boxes = _image_boxes(episode, detector, rows=[row])[row]
+    assert boxes is not None
+    save_image(image_view(image.pixels, boxes), Path(path))
+    return len(boxes)
+
+
+def _middle_image(episode: Episode) -> tuple[int, CameraImage]:
+    """Return the number of the middle image of those that are not lost, and the image."""
+    rows = image_rows(episode, 0.0)
+    middle = len(rows) // 2
+    for row in sorted(rows, key=lambda number: abs(number - rows[middle])):
+        (picture,) = pictures(episode, (row,))
+        if picture.frame.camera is not None:
+            return row, picture.frame.camera
+    raise ValueError(f"no image of {episode.scenario} is left: {episode.condition}")
+
+
 @dataclass(frozen=True)
 class _DrawnImages(ImageNode):
     """The detections in the images that pictures show."""
@@ -269,8 +316,6 @@ def _image_boxes(
     episode: Episode, detector: str, *, rows: Sequence[int]
 ) -> dict[int, ImageDetections | None]:
     """Return the boxes of a camera detector by the number of the image."""
-    from roadscope.benchmarks.loop import RunOptions
-
     node = _DrawnImages(check_image_source(detector), episode, 0.0, rows=tuple(rows))
     answers = node.compute(RunOptions())
     return {

@@ -4,23 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
-from typing import Any, NamedTuple
+from typing import Any
 
 from roadscope.benchmarks.boards.detection import detection_scores
 from roadscope.benchmarks.boards.odometry import pose_scores
-from roadscope.benchmarks.boards.tracking import (
-    missing_requirement,
-    track_node,
-    tracking_scores,
-)
+from roadscope.benchmarks.boards.tracking import missing_requirement, track_node, tracking_scores
 from roadscope.benchmarks.eligibility import Eligibility
 from roadscope.benchmarks.episode import Episode, check_episode, timeline_of
 from roadscope.benchmarks.kinds import DETECTOR, TRACKER, check_plugin_spec, traits_of
 from roadscope.benchmarks.loop import RunOptions
 from roadscope.benchmarks.metrics.score import Score
 from roadscope.benchmarks.nodes.fusions import detection_node
-from roadscope.benchmarks.nodes.poses import PoseNode, start_from_ego
-from roadscope.benchmarks.nodes.tracks import track
+from roadscope.benchmarks.nodes.poses import PoseNode
 from roadscope.benchmarks.nodes.tuned import is_tuned
 from roadscope.benchmarks.progress import Progress, silent
 from roadscope.benchmarks.records import EpisodeDetections, EpisodePoses
@@ -89,7 +84,10 @@ def run_episode(
     progress: called with the stage, steps done and steps in all.
     options: how plug-ins that are not part of roadscope are run; `PluginError` if one fails.
     """
-    source, tracker_spec, pose_spec = _checked(detector, tracker, odometry)
+    source, tracker_spec = check_detection_source(detector), _checked_tracker(tracker)
+    pose_spec = None if odometry is None else check_pose_source(odometry)
+    if missing := _missing(source, tracker_spec, pose_spec):
+        raise NotInstalledError(missing)
     check_episode(episode)
     rule = Eligibility() if eligibility is None else eligibility
     options = options or RunOptions()
@@ -103,15 +101,8 @@ def run_episode(
     report("detection", 1, 1)
     report("tracking", 0, 1)
     node = track_node(tracker_spec, source, episode, rule)
-    poses = ego_poses = None
-    if node.ego is not None:
-        stamps_s = [truth.stamp_s for truth in detections.truths]
-        ego_poses = node.ego.compute(options)
-        poses = start_from_ego(ego_poses, episode, stamps_s)
-    no_poses = [None] * len(detections.truths)
-    answers = track(
-        tracker_spec, detections, poses=poses if node.posed else no_poses, options=options
-    )
+    ego_poses = None if node.ego is None else node.ego.compute(options)
+    answers = node.track(detections, ego_poses, options)
     report("tracking", 1, 1)
     pose_figures: Mapping[str, Score] = {}
     if pose_spec is not None:
@@ -131,28 +122,21 @@ def run_episode(
     )
 
 
-class _Specs(NamedTuple):
-    """What runs: what makes detections, a tracker, and an odometry or none."""
+def _checked_tracker(text: str) -> Spec:
+    spec = Spec.parse(text)
+    if is_tuned(spec):
+        raise SpecError(f"{text}: a board chooses thresholds, one episode cannot")
+    resolved = check_plugin_spec(spec, TRACKER)
+    if resolved.ego is not None:
+        check_ego(resolved.ego)
+    return resolved
 
-    source: Spec
-    tracker: Spec
-    odometry: Spec | None
 
-
-def _checked(detector: str, tracker: str, odometry: str | None) -> _Specs:
-    """Return what runs; raise for unknown names and for what is not installed."""
-    source = check_detection_source(detector)
-    if is_tuned(Spec.parse(tracker)):
-        raise SpecError(f"{tracker}: a board chooses thresholds, one episode cannot")
-    tracker_spec = check_plugin_spec(Spec.parse(tracker), TRACKER)
-    if tracker_spec.ego is not None:
-        check_ego(tracker_spec.ego)
-    pose_spec = None if odometry is None else check_pose_source(odometry)
-    missing = missing_requirement(tracker_spec) or (
-        missing_for_poses(pose_spec) if pose_spec else ""
-    )
+def _missing(source: Spec, tracker: Spec, odometry: Spec | None) -> str:
+    """Return what is needed and not installed; empty if nothing."""
+    missing = missing_requirement(tracker)
+    if not missing and odometry is not None:
+        missing = missing_for_poses(odometry)
     if not missing and source.kind == DETECTOR.name:
         missing = traits_of(source).requires
-    if missing:
-        raise NotInstalledError(missing)
-    return _Specs(source, tracker_spec, pose_spec)
+    return missing

@@ -95,9 +95,13 @@ def detect(
     LiDAR without a calibration), and detections.json, in the LiDAR's axes. Results so far are
     written after Ctrl-C. A scan that cannot be read counts as empty.
     """
-    from roadscope.benchmarks.detection_files import ResultWriter
+    from roadscope.benchmarks.detection_files import (
+        picture_folder,
+        result_folder,
+        save_views,
+        write_results,
+    )
     from roadscope.benchmarks.detection_runner import RecordingOptions, detection_job
-    from roadscope.benchmarks.detection_views import picture_folder, save_views
     from roadscope.benchmarks.formats.point_layout import parse_columns
 
     columns = parse_columns(layout) if layout else ()
@@ -116,7 +120,7 @@ def detect(
     job = detection_job(folder, options)
     for note in job.notes:
         complain(note)
-    writer = ResultWriter.open(out, job)
+    result_folder(out, job)
     views = None if pictures is None else picture_folder(pictures, job)
     found: dict[int, DetectedFrame] = {}
     with progress_bars(quiet=quiet) as progress:
@@ -126,7 +130,7 @@ def detect(
             frames = [found[row] for row in sorted(found)]
             about = _about(job)
             if frames:
-                writer.write(frames, about)
+                write_results(out, job, frames, about)
             _report_missing(job, frames, out)
         for row, frame in enumerate(frames if views is not None else ()):
             assert views is not None

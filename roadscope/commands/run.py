@@ -93,13 +93,15 @@ def run_scenario(
     Exit status: 1 if a name is unknown or a plug-in fails.
     """
     _refuse_without_effect(context)
-    from roadscope.benchmarks.camera_view import check_camera_detector, check_view, save_view
     from roadscope.benchmarks.episode import Episode
     from roadscope.benchmarks.run_pictures import (
+        check_camera_detector,
         check_video,
+        check_view,
         picture_path,
         save_picture,
         save_video,
+        save_view,
     )
     from roadscope.benchmarks.single import run_episode
     from roadscope.benchmarks.tables import explained_table, score_table

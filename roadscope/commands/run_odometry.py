@@ -113,7 +113,7 @@ def run_odometry(
     """
     from roadscope.benchmarks.formats.point_layout import parse_columns
     from roadscope.benchmarks.formats.scan_folder import ScanFolder
-    from roadscope.benchmarks.odometry_runner import TruePoses, write_estimates
+    from roadscope.benchmarks.odometry_runner import TruePoses, folder_estimates, write_estimates
 
     columns = parse_columns(layout) if layout else ()
     topics = tuple(topic or ())
@@ -138,15 +138,10 @@ def run_odometry(
     poses: list[Pose] = []
     try:
         with progress_bars(quiet=quiet) as progress:
-            for estimate in write_estimates(
-                scans,
-                odometry,
-                out,
-                format,
-                imu=inertial,
-                wheels=wheel_speeds,
-                ahead_from_lidar=turn,
-            ):
+            estimates = folder_estimates(
+                scans, odometry, imu=inertial, wheels=wheel_speeds, ahead_from_lidar=turn
+            )
+            for estimate in write_estimates(estimates, out, format):
                 poses.append(estimate.start_from_lidar)
                 reasons.update([estimate.reason] if estimate.reason else [])
                 progress("scans", len(poses), len(scans))

@@ -16,7 +16,7 @@ from roadscope.benchmarks import (
     CalibrationTrial,
     PoseRow,
     RigCalibration,
-    TargetViews,
+    TargetView,
     calibrate_rig,
     calibration_from_views,
     projection_of,
@@ -30,16 +30,15 @@ from roadscope.envs import find_rig
 from roadscope.fusion import CalibrationError, TriangularTarget, read_calibration
 
 
-def true_views(carrier, poses: int, noise_px: float, seed: int = 0) -> TargetViews:
+def true_views(carrier, poses: int, noise_px: float, seed: int = 0) -> list[TargetView]:
     """Corners where they truly are, without scans and images."""
     rng = np.random.default_rng(seed)
-    points, pixels = [], []
+    views = []
     for pose in random_poses(carrier, poses, rng):
         corners = true_corners(TriangularTarget(), pose)
-        points.append(corners)
-        pixels.append(projection_of(carrier).project(corners)[0])
-        pixels[-1] = pixels[-1] + noise_px * rng.standard_normal((3, 2))
-    return TargetViews(tuple(points), tuple(pixels))
+        pixels = projection_of(carrier).project(corners)[0]
+        views.append(TargetView(corners, pixels + noise_px * rng.standard_normal((3, 2))))
+    return views
 
 
 def calibrated(poses: int, noise_px: float = 0.5, *, outliers=0.0, **settings) -> RigCalibration:

@@ -5,7 +5,8 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from roadscope.benchmarks import Episode, SensorPair, sense_pairs
+from roadscope.benchmarks import Episode
+from roadscope.benchmarks.papers import SensorPair, sense_pairs
 from roadscope.core import Category, Detections, ImageDetections
 from roadscope.detectors.camera import CAMERA_DETECTORS
 from roadscope.fusion import MOST, ClusterBoxes, camera_masses, ious, lidar_masses, masses_of

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from itertools import product
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -32,12 +33,9 @@ from roadscope.benchmarks.kinds import CAMERA_DETECTOR, DETECTOR, FUSION
 from roadscope.benchmarks.loop import RunOptions
 from roadscope.benchmarks.metrics.breakdown import part_name
 from roadscope.benchmarks.metrics.score import mean
-from roadscope.benchmarks.nodes.kitti import (
-    AllDrives,
-    KittiDetectionNode,
-    KittiFusionNode,
-    KittiImageNode,
-)
+from roadscope.benchmarks.nodes.detections import DetectionNode
+from roadscope.benchmarks.nodes.fusions import FusionNode
+from roadscope.benchmarks.nodes.images import ImageNode
 from roadscope.benchmarks.recorded.kitti_drive import KittiDrive, KittiDrives, labels_of, places_of
 from roadscope.benchmarks.recorded.object_rules import precision_scores
 from roadscope.benchmarks.recorded.recording import KITTI_CLASSES, SequenceSettings
@@ -84,6 +82,33 @@ def precision_columns(*overlaps: str) -> tuple[Column, ...]:
         for overlap in overlaps
         for name in ("moderate", "easy", "hard")
     )
+
+
+@dataclass(frozen=True)
+class AllDrives(Node):
+    """The answers on all drives of a folder; only those of each drive are kept as files."""
+
+    parts: tuple[Node, ...]
+
+    stage = "reading"
+    record: ClassVar[Any] = None
+    recomputed_if_fresh = False
+
+    def content(self) -> Mapping[str, Any]:
+        """Return what the answers depend on."""
+        return {"parts": [part.content() for part in self.parts]}
+
+    def sources(self) -> tuple[Node, ...]:
+        """Return the answers on each drive."""
+        return self.parts
+
+    def compute(self, options: RunOptions) -> Any:
+        """Return the answers on each drive."""
+        return tuple(part.read(options) for part in self.parts)
+
+    def read(self, options: RunOptions | None = None, *, recompute: bool = False) -> Any:
+        """Return the answers on each drive, from their files."""
+        return self.compute(options or RunOptions())
 
 
 class KittiObjectsBoard(Board):
@@ -195,7 +220,7 @@ class KittiDetectionBoard(OneSensorBoard):
 
     def node(self, source: Spec, drive: KittiDrive) -> Node:
         """Return the node with the boxes of a detector in a drive."""
-        return KittiDetectionNode(source, drive, EVERYTHING)
+        return DetectionNode(source, drive, EVERYTHING)
 
     def rows(self, drive: KittiDrive, answers: EpisodeDetections) -> list[KittiObjects]:
         """Return the boxes in space, with the image boxes around them."""
@@ -212,7 +237,7 @@ class KittiCameraBoard(OneSensorBoard):
 
     def node(self, source: Spec, drive: KittiDrive) -> Node:
         """Return the node with the image boxes of a detector in a drive."""
-        return KittiImageNode(source, drive, 0.0)
+        return ImageNode(source, drive, 0.0)
 
     def rows(self, drive: KittiDrive, answers: EpisodeImageDetections) -> list[KittiObjects]:
         """Return the image boxes."""
@@ -243,9 +268,9 @@ class KittiFusionBoard(KittiObjectsBoard):
         jobs = []
         for lidar, camera, (name, fusion, alone) in product(settings.lidar, settings.camera, rows):
             nodes = tuple(
-                KittiFusionNode(
-                    KittiDetectionNode(detection_source(lidar), drive, EVERYTHING),
-                    KittiImageNode(image_source(camera), drive, 0.0),
+                FusionNode(
+                    DetectionNode(detection_source(lidar), drive, EVERYTHING),
+                    ImageNode(image_source(camera), drive, 0.0),
                     fusion,
                     alone=alone,
                 )

@@ -18,7 +18,7 @@ from roadscope.benchmarks.graph import Job
 from roadscope.benchmarks.loop import RunOptions
 from roadscope.benchmarks.metrics.odometry import DISTANCE
 from roadscope.benchmarks.metrics.trajectory_errors import KITTI_EVERY, KITTI_M
-from roadscope.benchmarks.nodes.kitti import KittiPoseNode
+from roadscope.benchmarks.nodes.poses import PoseNode
 from roadscope.benchmarks.recorded.kitti_odometry import KittiOdometryDrive, KittiOdometrySettings
 from roadscope.benchmarks.recorded.recording import SequenceSettings
 from roadscope.benchmarks.recorded.suite import DataFolder, kitti_odometry_settings
@@ -82,7 +82,7 @@ class KittiOdometryBoard(OdometryBoard):
                 self,
                 str(source),
                 drive,
-                KittiPoseNode(source, drive),
+                PoseNode(source, drive),
                 mark=mark_of(source),
                 missing=missing_for_poses(source),
             )

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import AbstractContextManager, ExitStack
+from collections.abc import Iterator, Mapping
+from contextlib import ExitStack
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -11,32 +11,31 @@ import numpy as np
 
 from roadscope.benchmarks.episode import Episode
 from roadscope.benchmarks.fingerprints import code_hash, plugin_hash
-from roadscope.benchmarks.graph import Node
-from roadscope.benchmarks.isolation import PluginHandle, open_plugin
-from roadscope.benchmarks.kinds import DRIVER, KINDS, traits_of
-from roadscope.benchmarks.loop import CallInput, RunOptions, checked, run_plugin
-from roadscope.benchmarks.nodes.traffic import TrafficNode
+from roadscope.benchmarks.isolation import PluginHandle
+from roadscope.benchmarks.kinds import DRIVER, KINDS, Kind, traits_of
+from roadscope.benchmarks.loop import (
+    AnswerCheck,
+    CallInput,
+    RunOptions,
+    checked,
+    open_with,
+    run_plugin,
+)
+from roadscope.benchmarks.nodes.traffic import SensingNode
 from roadscope.benchmarks.parked import parked_centres_on, parked_owners
 from roadscope.benchmarks.records import CallTimes, EpisodeRecord, without_sources
 from roadscope.benchmarks.references import resolved_plugin
 from roadscope.core import (
     DrivingCommand,
     DrivingScene,
-    Frame,
     Registry,
     Spec,
     SpecError,
     Tracks,
     Truth,
+    WheelSamples,
 )
-from roadscope.core.answers import (
-    check_command,
-    check_detections,
-    check_estimate,
-    check_fused,
-    check_image_detections,
-    check_tracks,
-)
+from roadscope.core.answers import check_command
 from roadscope.core.spec import FUSED, NO_POSES, TRUE_POSES
 from roadscope.driving import ClosedLoop, Perception
 from roadscope.driving.perception import BLIND, TRUTH, parts_of
@@ -124,11 +123,11 @@ class EpisodeDrive(EpisodeRecord):
 
 
 @dataclass(frozen=True)
-class DriveNode(Node):
+class DriveNode(SensingNode):
     """A drive through traffic that reacts to the ego.
 
     The plug-ins of the stack and the driver each run in a process of their own, unless they are
-    part of roadscope.
+    part of roadscope. The report reads the lanes from the recorded traffic.
     """
 
     driver: Spec
@@ -146,10 +145,6 @@ class DriveNode(Node):
         """Yield the driver and the plug-ins of the stack."""
         yield self.driver
         yield from self.stack.plugins()
-
-    def sources(self) -> tuple[Node, ...]:
-        """Return the recorded traffic: the report reads the lanes from it."""
-        return (TrafficNode.of(self.episode),)
 
     def compute(self, options: RunOptions) -> EpisodeDrive:
         """Drive until the time is up, the road ends or the ego collides."""
@@ -260,10 +255,6 @@ class _DriveLog:
         )
 
 
-# --------------------------------------------------------------------------------------------------
-# The plug-ins of a stack.
-
-
 class _StackCalls:
     """Makes plug-ins whose calls are checked and timed."""
 
@@ -273,17 +264,16 @@ class _StackCalls:
 
     def make(self, registry: Registry[Any], spec: Spec) -> Any:
         """Make a plug-in of a registry, in a process of its own unless it is ours."""
-        resolved, options = resolved_plugin(registry, spec).plain, self._options
-        handle: AbstractContextManager[PluginHandle] = open_plugin(
-            resolved,
-            limits=options.limits,
-            isolated=resolved.isolated and not options.trust,
-            sandbox=options.sandbox,
-            hidden=options.hidden,
-        )
-        plugin = _CALLED[registry.kind](self._opened.enter_context(handle), resolved)
-        plugin.note = self._note
-        return plugin
+        resolved = resolved_plugin(registry, spec)
+        handle = self._opened.enter_context(open_with(self._options, resolved))
+        return _CalledPlugin(self, handle, resolved, KINDS[registry.kind])
+
+    def call(self, handle: PluginHandle, method: str, *arguments: Any) -> Any:
+        """Call a method, and add its time to those of the stack."""
+        timed = handle.call(method, *arguments)
+        self._processor_ms += timed.processor_ms
+        self._wall_ms += timed.wall_ms
+        return timed.answer
 
     def take_times(self) -> tuple[float, float]:
         """Return the processor and wall time of all calls since the last time, milliseconds."""
@@ -291,91 +281,23 @@ class _StackCalls:
         self._processor_ms = self._wall_ms = 0.0
         return times
 
-    def _note(self, processor_ms: float, wall_ms: float) -> None:
-        self._processor_ms += processor_ms
-        self._wall_ms += wall_ms
-
 
 class _CalledPlugin:
-    """A plug-in as an object, whose methods call its handle."""
+    """A plug-in of any kind as an object, whose methods call its handle."""
 
-    note: Callable[[float, float], None]
-
-    def __init__(self, handle: PluginHandle, spec: Spec) -> None:
-        self._handle, self._spec = handle, spec
-        self._stamps_s: list[float] = []
+    def __init__(self, calls: _StackCalls, handle: PluginHandle, spec: Spec, kind: Kind) -> None:
+        self._calls, self._handle, self._spec, self._kind = calls, handle, spec, kind
 
     def reset(self, *arguments: Any) -> None:
         self._handle.call("reset", *arguments)
-        self._stamps_s = []
+        self._check = AnswerCheck(self._kind.name)
 
-    def _call(self, check: Callable[[Any], Any], method: str, *arguments: Any) -> Any:
-        timed = self._handle.call(method, *arguments)
-        self.note(timed.processor_ms, timed.wall_ms)
-        return checked(self._spec, check, timed.answer)
+    def add_wheels(self, wheels: WheelSamples) -> None:
+        if self._handle.traits.takes_wheels:
+            self._calls.call(self._handle, "add_wheels", wheels)
 
+    def _answer(self, *arguments: Any) -> Any:
+        answer = self._calls.call(self._handle, self._kind.method, *arguments)
+        return checked(self._spec, self._check, answer, CallInput(arguments, None))
 
-class _CalledDetector(_CalledPlugin):
-    def detect(self, frame: Frame) -> Any:
-        assert frame.lidar is not None
-        self._stamps_s.append(frame.lidar.stamp_s)
-        return self._call(
-            lambda answer: check_detections(answer, stamps_s=self._stamps_s), "detect", frame
-        )
-
-
-class _CalledCameraDetector(_CalledPlugin):
-    def detect(self, frame: Frame) -> Any:
-        assert frame.camera is not None
-        stamp_s = frame.camera.stamp_s
-        return self._call(
-            lambda answer: check_image_detections(answer, stamp_s=stamp_s), "detect", frame
-        )
-
-
-class _CalledFusion(_CalledPlugin):
-    def fuse(self, lidar: Any, camera: Any, projection: Any) -> Any:
-        return self._call(
-            lambda answer: check_fused(answer, stamp_s=lidar.stamp_s),
-            "fuse",
-            lidar,
-            camera,
-            projection,
-        )
-
-
-class _CalledTracker(_CalledPlugin):
-    def update(self, detections: Any, pose: Any) -> Any:
-        return self._call(
-            lambda answer: check_tracks(answer, stamp_s=detections.stamp_s, posed=pose is not None),
-            "update",
-            detections,
-            pose,
-        )
-
-
-class _CalledOdometry(_CalledPlugin):
-    @property
-    def wheels(self) -> bool:
-        return self._handle.traits.takes_wheels
-
-    def add_wheels(self, wheels: Any) -> None:
-        if self.wheels:
-            self._call(lambda answer: answer, "add_wheels", wheels)
-
-    def update(self, scan: Any, imu: Any) -> Any:
-        return self._call(
-            lambda answer: check_estimate(answer, stamp_s=scan.stamp_s, returns=len(scan)),
-            "update",
-            scan,
-            imu,
-        )
-
-
-_CALLED: Mapping[str, type[_CalledPlugin]] = {
-    "detector": _CalledDetector,
-    "camera detector": _CalledCameraDetector,
-    "tracker": _CalledTracker,
-    "fusion": _CalledFusion,
-    "odometry": _CalledOdometry,
-}
+    detect = fuse = update = _answer

@@ -2,26 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
 from roadscope.benchmarks.eligibility import Eligibility
 from roadscope.benchmarks.episode import Episode, sensing_of
 from roadscope.benchmarks.graph import Node
-from roadscope.benchmarks.images import camera_of, projection_of
+from roadscope.benchmarks.images import believed_projections, projection_of
 from roadscope.benchmarks.kinds import FUSION
-from roadscope.benchmarks.loop import CallInput, RunOptions, run_plugin
+from roadscope.benchmarks.loop import CallInput, Replies, RunOptions, run_plugin
 from roadscope.benchmarks.metrics.fusion import FARTHEST_M, FusionTargets
 from roadscope.benchmarks.nodes.detections import DetectionNode
 from roadscope.benchmarks.nodes.images import ImageNode
 from roadscope.benchmarks.noisy_camera import FAMILY
 from roadscope.benchmarks.records import EpisodeDetections, EpisodeFusions, EpisodeImageDetections
 from roadscope.benchmarks.references import CALIBRATION, CAMERA_ALONE, LIDAR_ALONE
-from roadscope.core import Detections, ImageDetections, Pose, Spec, Truth
-from roadscope.core.answers import check_fused, check_masses
+from roadscope.core import Detections, Pose, Spec, Truth
 from roadscope.core.fused import FusedDetections
 from roadscope.core.projection import Projection
 from roadscope.core.spec import FUSED
@@ -34,13 +33,6 @@ NEAREST_M = 3.0
 """Least distance of eligible objects; the next four limits are explained in `targets_of`."""
 LEAST_RETURNS, LEAST_PIXELS, LEAST_HEIGHT_PX = 5, 60, 12.0
 MOST_HIDDEN = 0.9
-
-
-class Lost(NamedTuple):
-    """Of each scan and of each image, whether it is lost."""
-
-    scans: Sequence[bool]
-    images: Sequence[bool]
 
 
 @dataclass(frozen=True)
@@ -106,15 +98,9 @@ class FusionNode(Node):
         lidar: EpisodeDetections = self.lidar.read(options)
         camera: EpisodeImageDetections = self.camera.read(options)
         rows = self.scan_rows(len(lidar.truths))
-        columns: set[int] = set()
-
-        def check(answer: Any, call_input: CallInput[float]) -> FusedDetections:
-            targets = check_fused(answer, stamp_s=_expected_stamp_s(call_input))
-            check_masses(targets.masses, columns)
-            return targets
-
         inputs = self._inputs(lidar, camera, rows)
-        replies = run_plugin(self.fusion, FUSION, inputs, check, options=options)
+        replies: Replies[float, FusedDetections]
+        replies = run_plugin(self.fusion, FUSION, inputs, options=options)
         fused = tuple(
             FusedDetections.of(Detections.empty(stamp_s), None)
             if answer is None
@@ -124,60 +110,58 @@ class FusionNode(Node):
         return EpisodeFusions(rows, fused, self.targets(lidar, camera, rows), replies.times)
 
     def scan_rows(self, scans: int) -> np.ndarray:
-        """Return (K,) int64, which of the scans are fused."""
-        return scan_rows(self.episode, scans, self.every_s)
-
-    def lost(self, rows: Sequence[int], images: Sequence[int]) -> Lost:
-        """Return which scans and images are lost by a fault."""
-        sensing = sensing_of(self.episode)
-        return Lost(
-            [sensing.scan_lost(row) for row in rows],
-            [sensing.image_lost(image) is not None for image in images],
-        )
-
-    def projections(self, rows: Sequence[int]) -> Sequence[Projection]:
-        """Return the projection that the user believes, at the stamp of an image, of each scan."""
-        return [self._believed_projection()] * len(rows)
+        """Return (K,) int64, which scans are fused: all, or one every `every_s` but the first."""
+        if not self.every_s:
+            return np.arange(scans)
+        step = max(1, round(self.every_s / rig(self.episode.rig).lidar.spec.period_s))
+        return np.arange(0 if step == 1 else step, scans, step)
 
     def targets(
         self, lidar: EpisodeDetections, camera: EpisodeImageDetections, rows: np.ndarray
     ) -> tuple[FusionTargets, ...]:
-        """Return the objects at each scan that is fused."""
-        return _targets(self.episode, lidar, camera, rows)
+        """Return the objects at each scan; their image boxes are of the nearest image, lost or not.
+
+        None for recorded data: their rules need the labels themselves. rows: of the fused scans.
+        """
+        if not self.episode.simulated:
+            return ()
+        true_projection = projection_of(rig(self.episode.rig))
+        image_s = np.array([t.stamp_s for t in camera.truths])
+        targets = []
+        for row in rows.tolist():
+            truth = lidar.truths[row]
+            image = camera.truths[int(np.abs(image_s - truth.stamp_s).argmin())]
+            moved = _moved(true_projection, lidar, row, image.stamp_s - truth.stamp_s)
+            targets.append(targets_of(truth, image, lidar.parked, moved))
+        return tuple(targets)
 
     def _inputs(
         self, lidar: EpisodeDetections, camera: EpisodeImageDetections, rows: np.ndarray
     ) -> Iterator[CallInput[float]]:
         """Yield the detections of scans paired with those of images, with the projection."""
-        lost = self.lost(rows.tolist(), camera.rows.tolist())
+        sensing = sensing_of(self.episode) if self.episode.simulated else None
         # Detections in a lost (black) image say nothing about the scene.
         usable = [
             detections
-            for detections, image_lost in zip(camera.detections, lost.images, strict=True)
-            if detections is not None and not image_lost
+            for detections, image in zip(camera.detections, camera.rows.tolist(), strict=True)
+            if detections is not None and (sensing is None or not sensing.image_lost(image))
         ]
         scan_s = np.array([lidar.truths[row].stamp_s for row in rows])
         nearest = _nearest_images(scan_s, np.array([d.stamp_s for d in usable]))
-        projections = self.projections(rows.tolist())
-        for row, image, scan_lost, believed in zip(
-            rows.tolist(), nearest.tolist(), lost.scans, projections, strict=True
-        ):
+        projections = believed_projections(self.episode, len(rows))
+        if self.calibration and projections:
+            calibration = fitting_calibration(self.calibration, projections[0])
+            projections = [calibration] * len(rows)
+        for row, image, believed in zip(rows.tolist(), nearest.tolist(), projections, strict=True):
             truth = lidar.truths[row]
             boxes = None if image == ALONE or self.alone == LIDAR_ALONE else usable[image]
+            scan_lost = sensing is not None and sensing.scan_lost(row)
             no_scan = scan_lost or self.alone == CAMERA_ALONE
             points = lidar.detections[row].moved(truth.world_from_ego.inverse(), "ego")
             gap_s = 0.0 if boxes is None else boxes.stamp_s - truth.stamp_s
             projection = _moved(believed, lidar, row, gap_s)
             arguments = (None if no_scan else points, boxes, projection)
             yield CallInput(arguments, truth.stamp_s, call=not (no_scan and boxes is None))
-
-    def _believed_projection(self) -> Projection:
-        """Return the projection that the user believes, at the stamp of an image."""
-        sensing = sensing_of(self.episode)
-        if self.calibration:
-            return fitting_calibration(self.calibration, projection_of(sensing.rig))
-        mounting = sensing.calibration.pose(camera_of(sensing.rig).name)
-        return projection_of(sensing.rig, mounting)
 
 
 @dataclass(frozen=True)
@@ -224,12 +208,6 @@ def detection_node(source: Spec, episode: Episode, rule: Eligibility) -> Node:
     return DetectionNode(source, episode, rule)
 
 
-def scan_rows(episode: Episode, scans: int, every_s: float) -> np.ndarray:
-    """Return (K,) int64, which scans are fused: all, or one every `every_s`, not the first scan."""
-    step = max(1, round(every_s / rig(episode.rig).lidar.spec.period_s))
-    return np.arange(0 if step == 1 else step, scans, step)
-
-
 def fitting_calibration(path: str, rig_projection: Projection) -> Projection:
     """Read a calibration; raise `ValueError` if it is for images of another size than the rig's."""
     calibration = read_calibration(path)
@@ -240,13 +218,6 @@ def fitting_calibration(path: str, rig_projection: Projection) -> Projection:
             f"rig's have {width} x {height}"
         )
     return calibration
-
-
-def _expected_stamp_s(call_input: CallInput[float]) -> float:
-    """Return the stamp that an answer must have: that of the scan, else that of the image."""
-    points, boxes, _ = call_input.arguments
-    first: Detections | ImageDetections = boxes if points is None else points
-    return first.stamp_s
 
 
 def _nearest_images(scan_s: np.ndarray, image_s: np.ndarray) -> np.ndarray:
@@ -265,24 +236,6 @@ def _moved(projection: Projection, lidar: EpisodeDetections, row: int, gap_s: fl
     before, now = truths[max(row, 1) - 1], truths[max(row, 1)]
     motion: Pose = before.world_from_ego.inverse() @ now.world_from_ego
     return moved_projection(projection, motion, now.stamp_s - before.stamp_s, gap_s)
-
-
-def _targets(
-    episode: Episode,
-    lidar: EpisodeDetections,
-    camera: EpisodeImageDetections,
-    rows: np.ndarray,
-) -> tuple[FusionTargets, ...]:
-    """Return the objects at each scan; their image boxes are of the nearest image, lost or not."""
-    true_projection = projection_of(rig(episode.rig))
-    image_s = np.array([t.stamp_s for t in camera.truths])
-    targets = []
-    for row in rows.tolist():
-        truth = lidar.truths[row]
-        image = camera.truths[int(np.abs(image_s - truth.stamp_s).argmin())]
-        moved = _moved(true_projection, lidar, row, image.stamp_s - truth.stamp_s)
-        targets.append(targets_of(truth, image, lidar.parked, moved))
-    return tuple(targets)
 
 
 def targets_of(

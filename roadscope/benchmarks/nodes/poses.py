@@ -4,27 +4,25 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
 from roadscope.benchmarks.drive_steps import Step, drive, imu_mounting
 from roadscope.benchmarks.episode import Episode, sensing_of
-from roadscope.benchmarks.graph import Node
 from roadscope.benchmarks.kinds import ODOMETRY
-from roadscope.benchmarks.loop import CallInput, RunOptions, run_plugin
-from roadscope.benchmarks.nodes.traffic import TrafficNode
+from roadscope.benchmarks.loop import CallInput, Replies, RunOptions, run_plugin
+from roadscope.benchmarks.nodes.traffic import SensingNode
 from roadscope.benchmarks.noisy_odometry import noisy_poses
 from roadscope.benchmarks.records import CallTimes, EpisodePoses
 from roadscope.benchmarks.references import is_noise
 from roadscope.core import OdometryEstimate, Pose, Spec
-from roadscope.core.answers import STAMP_TOLERANCE_S, check_estimate
+from roadscope.core.answers import STAMP_TOLERANCE_S
 from roadscope.core.spec import ORACLE
 from roadscope.odometry.rigid import orthonormal
 
 
 @dataclass(frozen=True)
-class PoseNode(Node):
+class PoseNode(SensingNode):
     """The poses of an odometry, of one whose scans lack moving objects, or made from truth."""
 
     source: Spec
@@ -34,30 +32,17 @@ class PoseNode(Node):
     folder = "poses"
     record = EpisodePoses
 
-    @property
-    def plugin(self) -> Spec:
-        """The odometry that runs."""
-        return self.source.parts["odometry"] if self.source.kind == ORACLE else self.source
-
-    def sources(self) -> tuple[Node, ...]:
-        """Return the traffic."""
-        return (TrafficNode.of(self.episode),)
-
     def compute(self, options: RunOptions) -> EpisodePoses:
         """Run the odometry over the scans that arrive."""
-        steps = self.steps()
+        steps, odometry = self.steps(), self.source
         if is_noise(self.source):
             return _from_truth(self.source, list(steps), self.episode.seed)
         if self.source.kind == ORACLE:
             steps = (step.without_moving() for step in steps)
-        replies = run_plugin(
-            self.plugin,
-            ODOMETRY,
-            _inputs(steps),
-            _check,
-            reset=(self.mounting(),),
-            options=options,
-        )
+            odometry = self.source.parts["odometry"]
+        reset = (imu_mounting(self.episode),)
+        replies: Replies[_ScanTruth, OdometryEstimate]
+        replies = run_plugin(odometry, ODOMETRY, _inputs(steps), reset=reset, options=options)
         if not replies.contexts:
             raise ValueError("no scan arrives: the episode is too short, or all are lost")
         answers = [answer for answer in replies.answers if answer is not None]
@@ -74,10 +59,6 @@ class PoseNode(Node):
     def steps(self) -> Iterable[Step]:
         """Return the scans of the episode that arrive."""
         return drive(self.episode)
-
-    def mounting(self) -> Pose | None:
-        """Return `lidar_from_imu` as the user believes it to be; None without an IMU."""
-        return imu_mounting(self.episode)
 
 
 def start_from_ego(poses: EpisodePoses, episode: Episode, stamps_s: Sequence[float]) -> list[Pose]:
@@ -98,22 +79,16 @@ def start_from_ego(poses: EpisodePoses, episode: Episode, stamps_s: Sequence[flo
 
 @dataclass(frozen=True, slots=True)
 class _ScanTruth:
-    """The truth of a scan: its stamp, the LiDAR's pose (4, 4), and the moving returns (N,)."""
+    """The truth of a scan: the LiDAR's pose (4, 4), and the moving returns (N,)."""
 
-    stamp_s: float
     world_from_lidar: np.ndarray
     moving: np.ndarray
 
 
 def _inputs(steps: Iterable[Step]) -> Iterator[CallInput[_ScanTruth]]:
     for step in steps:
-        truth = _ScanTruth(step.scan.stamp_s, step.world_from_lidar.matrix, step.moving)
+        truth = _ScanTruth(step.world_from_lidar.matrix, step.moving)
         yield CallInput((step.scan, step.imu), truth, wheels=step.wheels)
-
-
-def _check(answer: Any, call_input: CallInput[_ScanTruth]) -> OdometryEstimate:
-    truth = call_input.context
-    return check_estimate(answer, stamp_s=truth.stamp_s, returns=len(truth.moving))
 
 
 def _from_truth(source: Spec, steps: Sequence[Step], seed: int) -> EpisodePoses:

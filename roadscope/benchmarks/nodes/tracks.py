@@ -12,11 +12,11 @@ import numpy as np
 from roadscope.benchmarks.graph import Node
 from roadscope.benchmarks.isolation import PluginHandle, Timed
 from roadscope.benchmarks.kinds import TRACKER, traits_of
-from roadscope.benchmarks.loop import CallInput, RunOptions, checked, run_plugin
+from roadscope.benchmarks.loop import AnswerCheck, CallInput, RunOptions, checked, run_plugin
 from roadscope.benchmarks.nodes.poses import PoseNode, start_from_ego
-from roadscope.benchmarks.records import EpisodeDetections, EpisodeTracks
-from roadscope.core import Detections, Pose, Spec, Tracks, Truth
-from roadscope.core.answers import check_rescored, check_tracks
+from roadscope.benchmarks.records import EpisodeDetections, EpisodePoses, EpisodeTracks
+from roadscope.core import Detections, Pose, Spec, Tracks
+from roadscope.core.answers import check_rescored
 
 
 @dataclass(frozen=True)
@@ -49,26 +49,25 @@ class TrackNode(Node):
 
     def compute(self, options: RunOptions) -> EpisodeTracks:
         """Run the tracker over the detections of an episode."""
-        detections: EpisodeDetections = self.detections.read(options)
+        poses = None if self.ego is None else self.ego.read(options)
+        return self.track(self.detections.read(options), poses, options)
+
+    def track(
+        self, detections: EpisodeDetections, poses: EpisodePoses | None, options: RunOptions
+    ) -> EpisodeTracks:
+        """Run the tracker over detections. poses: the content of `ego`."""
         if self.least_score:
             chosen = [d.select(d.scores >= self.least_score) for d in detections.detections]
             detections = replace(detections, detections=tuple(chosen))
-        return track(
-            self.tracker,
-            detections,
-            poses=self._poses(detections.truths, options),
-            tentative=self.tentative,
-            options=options,
-        )
-
-    def _poses(self, truths: Sequence[Truth], options: RunOptions) -> Sequence[Pose | None] | None:
-        """Return the poses that the tracker gets, frame by frame; None: the true ones."""
+        ego_poses: Sequence[Pose | None] | None = None
         if not self.posed:
-            return [None] * len(truths)
-        if self.ego is None:
-            return None
-        stamps_s = [truth.stamp_s for truth in truths]
-        return start_from_ego(self.ego.read(options), self.ego.episode, stamps_s)
+            ego_poses = [None] * len(detections.truths)
+        elif self.ego is not None and poses is not None:
+            stamps_s = [truth.stamp_s for truth in detections.truths]
+            ego_poses = start_from_ego(poses, self.ego.episode, stamps_s)
+        return track(
+            self.tracker, detections, poses=ego_poses, tentative=self.tentative, options=options
+        )
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,13 +75,10 @@ class _Ego:
     """The ego at one frame, in the world frame of the tracker.
 
     world_from_ego: the pose that the tracker gets; the identity if it gets none.
-    posed: whether the tracker gets the pose.
     motion: (3,) velocity in x and y, m/s, and yaw rate, rad/s.
     """
 
-    stamp_s: float
     world_from_ego: Pose
-    posed: bool
     motion: np.ndarray
 
     def in_world(self, tracks: Tracks) -> Tracks:
@@ -114,8 +110,10 @@ def track(
     true_poses = [truth.world_from_ego for truth in inputs.truths]
     stamps_s = [truth.stamp_s for truth in inputs.truths]
     ego_poses = true_poses if poses is None else list(poses)
-    egos = _egos(stamps_s, ego_poses)
-    history: list[Tracks] = []
+    pairs = zip(true_poses, ego_poses, strict=True)
+    believed = [Pose.identity() if pose is None else pose for _, pose in pairs]
+    egos = list(map(_Ego, believed, ego_motions(stamps_s, believed)))
+    check_answer, history = AnswerCheck(TRACKER.name), list[Tracks]()
 
     def calls() -> Iterator[CallInput[_Ego]]:
         frames = zip(inputs.detections, true_poses, ego_poses, egos, strict=True)
@@ -123,13 +121,12 @@ def track(
             yield CallInput((_in_ego(detections, true_pose), pose), ego)
 
     def check(answer: Any, call_input: CallInput[_Ego]) -> Tracks:
-        ego = call_input.context
-        history.append(check_tracks(answer, stamp_s=ego.stamp_s, posed=ego.posed))
+        history.append(check_answer(answer, call_input))
         return history[-1]
 
     def rescore(plugin: PluginHandle) -> Timed:
         timed = plugin.call("rescored", tuple(history))
-        posed = [ego.posed for ego in egos]
+        posed = [pose is not None for pose in ego_poses]
         check_all = partial(check_rescored, stamps_s=stamps_s, posed=posed)
         return replace(timed, answer=checked(tracker, check_all, timed.answer))
 
@@ -168,15 +165,6 @@ def ego_motions(stamps_s: Sequence[float], poses: Sequence[Pose]) -> np.ndarray:
     )
     rates: np.ndarray = np.gradient(states, np.array(stamps_s), axis=0)
     return rates
-
-
-def _egos(stamps_s: Sequence[float], poses: Sequence[Pose | None]) -> list[_Ego]:
-    """Return the ego at each frame. poses: None where the tracker gets no pose."""
-    believed = [
-        Pose.identity() if pose is None else pose for _, pose in zip(stamps_s, poses, strict=True)
-    ]
-    posed = [pose is not None for pose in poses]
-    return list(map(_Ego, stamps_s, believed, posed, ego_motions(stamps_s, believed)))
 
 
 def _in_ego(detections: Detections, world_from_ego: Pose) -> Detections:

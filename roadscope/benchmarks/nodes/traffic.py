@@ -1,4 +1,4 @@
-"""The recorded traffic of an episode."""
+"""The recorded traffic of an episode, and nodes that depend on it."""
 
 from __future__ import annotations
 
@@ -41,3 +41,13 @@ class TrafficNode(Node):
     def compute(self, options: RunOptions) -> Timeline:
         """Record the traffic."""
         return record_timeline(self.episode)
+
+
+class SensingNode(Node):
+    """A node whose plug-in gets what is sensed in an episode."""
+
+    episode: Episode
+
+    def sources(self) -> tuple[Node, ...]:
+        """Return the traffic; recorded data have none."""
+        return (TrafficNode.of(self.episode),) if self.episode.simulated else ()

@@ -64,6 +64,7 @@ def note_of(paper: str, experiment: str) -> str | None:
 
 
 _PARTS = {
+    "li2021_pairs": "SensorPair sense_pairs",
     "lu2018_measures": "NO_TRACK TargetHistories track_targets",
     "lu2018_scene": "KINDS sense_experiment",
     "printed_tables": "MOST_COLUMNS reproduction_tables verdict_table",

@@ -36,6 +36,7 @@ from roadscope.benchmarks.metrics.fusion import (
     rates_by_hidden,
     threshold_at,
 )
+from roadscope.benchmarks.papers.li2021_pairs import SensorPair, sense_pairs
 from roadscope.benchmarks.papers.reproduction import (
     MORE_THAN_NONE,
     POINTS,
@@ -52,7 +53,6 @@ from roadscope.benchmarks.papers.reproduction import (
     judge_share,
     summarise,
 )
-from roadscope.benchmarks.sensor_pairs import SensorPair, sense_pairs
 from roadscope.core import Detections
 from roadscope.core.fused import FusedDetections
 from roadscope.detectors import Detector

@@ -13,8 +13,8 @@ import numpy as np
 
 from roadscope.benchmarks.episode import Episode
 from roadscope.benchmarks.papers.li2021 import DURATION_S, EVERY, RIG, fuse
+from roadscope.benchmarks.papers.li2021_pairs import SensorPair, sense_pairs
 from roadscope.benchmarks.papers.reproduction import FIRST_SEED
-from roadscope.benchmarks.sensor_pairs import SensorPair, sense_pairs
 from roadscope.core import Category, Detections, Frame, ImageDetections
 from roadscope.core.fused import FusedDetections
 from roadscope.core.palette import DETECTION_COLOURS, hex_colour

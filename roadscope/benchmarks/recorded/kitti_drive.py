@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import NamedTuple
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 
-from roadscope.benchmarks.episode import Episode
+from roadscope.benchmarks.episode import Episode, sensed
 from roadscope.benchmarks.fingerprints import code_hash
 from roadscope.benchmarks.formats.image_folder import read_image
 from roadscope.benchmarks.formats.kitti_frames import (
@@ -28,6 +28,8 @@ from roadscope.benchmarks.formats.kitti_scans import (
     KittiView,
     check_frames,
 )
+from roadscope.benchmarks.images import Picture, believed_projections, image_rows, pictures
+from roadscope.benchmarks.metrics.image_labels import ParkedBoxes
 from roadscope.core import (
     Calibration,
     CameraImage,
@@ -65,6 +67,7 @@ class KittiDrive(Episode):
     lidar_height_m: height of the LiDAR above the road, which no file gives.
     """
 
+    simulated: ClassVar[bool] = False
     files: KittiFrames
     sensors: tuple[str, ...]
     digest: str
@@ -136,6 +139,26 @@ class KittiDrive(Episode):
         """Return detections of each frame, world frame, as KITTI's rows: those in the image."""
         pairs = zip(detections, places_of(self), strict=True)
         return [place.rows(each) for each, place in pairs]
+
+
+sensed.register(KittiDrive, KittiDrive.scans)
+
+
+@believed_projections.register
+def _projections(drive: KittiDrive, scans: int) -> list[Projection]:
+    return [place.projection for place in places_of(drive)]
+
+
+@image_rows.register
+def _all_image_rows(drive: KittiDrive, every_s: float) -> list[int]:
+    return list(range(len(drive.files.numbers)))
+
+
+@pictures.register
+def _pictures(drive: KittiDrive, rows: Sequence[int], *, pixels: bool = True) -> Iterator[Picture]:
+    nobody = ParkedBoxes(np.empty((0, 4)), np.empty(0))
+    for row, (frame, truth) in enumerate(drive.images(pixels=pixels)):
+        yield Picture(row, frame, truth, nobody)
 
 
 @dataclass(frozen=True, slots=True)

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 
-from roadscope.benchmarks.drive_steps import Step
+from roadscope.benchmarks.drive_steps import Step, drive
 from roadscope.benchmarks.episode import Episode
 from roadscope.benchmarks.fingerprints import code_hash
 from roadscope.benchmarks.formats.kitti_odometry import KittiOdometrySequence
@@ -19,6 +20,7 @@ from roadscope.benchmarks.recorded.recording import SequenceSettings
 class KittiOdometryDrive(Episode):
     """A sequence of KITTI's odometry data as an episode. digest: of the files' content."""
 
+    simulated: ClassVar[bool] = False
     sequence: KittiOdometrySequence
     digest: str
 
@@ -56,6 +58,9 @@ class KittiOdometryDrive(Episode):
         """Return the trajectories of the camera, which KITTI compares, for those of the LiDAR."""
         lidar_from_camera = self.sequence.camera_from_lidar().inverse().matrix
         return Trajectories(lidar.estimate @ lidar_from_camera, lidar.truth @ lidar_from_camera)
+
+
+drive.register(KittiOdometryDrive, KittiOdometryDrive.steps)
 
 
 class KittiOdometrySettings(SequenceSettings, frozen=True, kw_only=True):

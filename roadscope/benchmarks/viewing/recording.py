@@ -122,11 +122,14 @@ class _Recording:
         for truth in view.truths:
             self.at(truth.stamp_s)
             self._write_ego(truth)
-            self.log("world/truth", self._truth_boxes(truth), static=False)
+            names = _object_names(truth)
+            boxes = self._boxes(truth, class_ids=truth.categories, labels=names, show_labels=False)
+            self.log("world/truth", boxes, static=False)
         for detections in view.detections:
             self.at(detections.stamp_s)
             place = "world" if detections.frame == "world" else "world/ego"
-            self.log(f"{place}/detections", self._detection_boxes(detections), static=False)
+            boxes = self._boxes(detections, **_looks(detections), show_labels=False)
+            self.log(f"{place}/detections", boxes, static=False)
         self._write_tracks(view.tracks)
         self._write_scores()
         if view.episode is not None:
@@ -235,24 +238,6 @@ class _Recording:
     def _write_ego(self, truth: Truth) -> None:
         self.log("world/ego", self._transform(truth.world_from_ego), static=False)
 
-    def _truth_boxes(self, truth: Truth) -> Any:
-        return self.rr.Boxes3D(
-            **_boxes(truth),
-            class_ids=truth.categories,
-            labels=_object_names(truth),
-            show_labels=False,
-            radii=self._px(LINE_PX),
-        )
-
-    def _detection_boxes(self, detections: Detections) -> Any:
-        return self.rr.Boxes3D(
-            **_boxes(detections),
-            colors=_family_colours(detections.categories),
-            labels=_detection_names(detections.categories, detections.scores),
-            show_labels=False,
-            radii=self._px(LINE_PX),
-        )
-
     def _write_tracks(self, tracks: Sequence[Tracks]) -> None:
         """Write the boxes of tracks with their ids, their motion in 1 s, and tails behind them."""
         tails: dict[int, list[tuple[float, np.ndarray]]] = {}
@@ -261,13 +246,8 @@ class _Recording:
             ids = each.ids.tolist()
             colours = np.array([track_colour(number) for number in ids]).reshape(-1, 3)
             widths = np.where(each.states == TrackState.COASTING, COASTING_PX, TRACK_PX).tolist()
-            boxes = self.rr.Boxes3D(
-                **_boxes(each),
-                colors=colours,
-                labels=[str(number) for number in ids],
-                show_labels=True,
-                radii=self._px(widths),
-            )
+            names = [str(number) for number in ids]
+            boxes = self._boxes(each, widths, colors=colours, labels=names, show_labels=True)
             self.log("world/tracks", boxes, static=False)
             ahead = np.column_stack([each.velocities, np.zeros(len(each))])
             arrows = self.rr.Arrows3D(
@@ -342,12 +322,7 @@ class _Recording:
             self.log(f"{place}/image/truth", self._image_truth(truth), static=False)
             if picture.index in detected:
                 detections = detected[picture.index]
-                boxes = self.rr.Boxes2D(
-                    array=detections.boxes,
-                    array_format=self.rr.Box2DFormat.XYXY,
-                    colors=_family_colours(detections.categories),
-                    labels=_detection_names(detections.categories, detections.scores),
-                )
+                boxes = self._image_boxes(detections.boxes, **_looks(detections))
                 self.log(f"{place}/image/detections", boxes, static=False)
         progress("images", len(rows), len(rows))
 
@@ -356,11 +331,25 @@ class _Recording:
         assert truth.image_boxes is not None
         rows = np.flatnonzero(truth.visible_pixels > 0)
         names = _object_names(truth)
-        return self.rr.Boxes2D(
-            array=truth.image_boxes[rows],
-            array_format=self.rr.Box2DFormat.XYXY,
+        return self._image_boxes(
+            truth.image_boxes[rows],
             class_ids=truth.categories[rows],
             labels=[names[row] for row in rows],
+        )
+
+    def _image_boxes(self, boxes: np.ndarray, **looks: Any) -> Any:
+        return self.rr.Boxes2D(array=boxes, array_format=self.rr.Box2DFormat.XYXY, **looks)
+
+    def _boxes(
+        self, record: Truth | Detections | Tracks, px: float | list[float] = LINE_PX, **looks: Any
+    ) -> Any:
+        half, none = record.yaws / 2, np.zeros(len(record))
+        return self.rr.Boxes3D(
+            centers=record.centres,
+            sizes=record.sizes,
+            quaternions=np.column_stack([none, none, np.sin(half), np.cos(half)]),
+            radii=self._px(px),
+            **looks,
         )
 
 
@@ -370,27 +359,20 @@ def _on_ground(places: np.ndarray, terrain: Terrain | None) -> np.ndarray:
     return np.column_stack([places, heights])
 
 
-def _boxes(record: Truth | Detections | Tracks) -> dict[str, Any]:
-    half = record.yaws / 2
-    none = np.zeros(len(record))
-    turns = np.column_stack([none, none, np.sin(half), np.cos(half)])
-    return {"centers": record.centres, "sizes": record.sizes, "quaternions": turns}
-
-
 def _object_names(truth: Truth) -> list[str]:
     pairs = zip(truth.categories.tolist(), truth.ids.tolist(), strict=True)
     return [f"{Category(category).name.lower()} {number}" for category, number in pairs]
 
 
-def _family_colours(categories: np.ndarray) -> np.ndarray:
-    """Return (N, 3) colours of detections by (N,) categories."""
-    families = [Category(number).family for number in categories.tolist()]
-    return np.array([DETECTION_COLOURS[family] for family in families]).reshape(-1, 3)
-
-
-def _detection_names(categories: np.ndarray, scores: np.ndarray) -> list[str]:
-    pairs = zip(categories.tolist(), scores.tolist(), strict=True)
-    return [f"{Category(category).name.lower()} {score:.2f}" for category, score in pairs]
+def _looks(detections: Detections | ImageDetections) -> dict[str, Any]:
+    """Return the colours and the labels of detections: category and score."""
+    pairs = zip(detections.categories.tolist(), detections.scores.tolist(), strict=True)
+    categories = [(Category(number), score) for number, score in pairs]
+    colours = [DETECTION_COLOURS[category.family] for category, _ in categories]
+    return {
+        "colors": np.array(colours).reshape(-1, 3),
+        "labels": [f"{category.name.lower()} {score:.2f}" for category, score in categories],
+    }
 
 
 def _classes(truth: Truth) -> np.ndarray:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -69,10 +69,14 @@ class EpisodeChoice:
     condition: str | None = None
     inputs: str | None = None
 
+    @property
+    def named(self) -> dict[str, str | int]:
+        """What is not any."""
+        return {name: value for name, value in asdict(self).items() if value is not None}
+
     def allows(self, job: JobScores) -> bool:
         """Return whether a job is such an episode."""
-        names = {name: getattr(self, name) for name in self.__slots__}
-        return all(wanted in (None, getattr(job, name)) for name, wanted in names.items())
+        return all(value == getattr(job, name) for name, value in self.named.items())
 
 
 def view_of_results(folder: Path | str, choice: EpisodeChoice) -> EpisodeView:
@@ -93,7 +97,8 @@ def view_of_results(folder: Path | str, choice: EpisodeChoice) -> EpisodeView:
             f"{_named(job)} is scored on all drives together, which no view shows; choose another "
             "board with --board"
         )
-    answers = list(_stored_answers(content))
+    parts = list(_parts("answers", content))
+    answers = [answer for _, part in parts for answer in _stored_answers(part)]
     if not answers:
         raise StoredAnswersError(
             f"no answer of {_named(job)} is stored in {cache_dir()}: it was removed, or the run "
@@ -101,7 +106,7 @@ def view_of_results(folder: Path | str, choice: EpisodeChoice) -> EpisodeView:
         )
     detections, tracks = _first(answers, EpisodeDetections), _first(answers, EpisodeTracks)
     fusions, poses = _first(answers, EpisodeFusions), _first(answers, EpisodePoses)
-    episode_spec = next(_episode_specs(content), {})
+    episode_spec = next((part for name, part in parts if name == "episode"), {})
     episode = _episode(episode_spec, job, results)
     truths: Sequence[Truth] = () if detections is None else detections.truths
     if not truths and episode is not None:
@@ -174,25 +179,18 @@ def _chosen(runs: Sequence[Results], choice: EpisodeChoice) -> tuple[Results, Jo
     jobs = [job for results in runs for job in results.jobs]
     if choice == EpisodeChoice():
         raise StoredAnswersError("every entry failed in every episode")
+    wanted = ", ".join(f"{name} '{value}'" for name, value in choice.named.items())
+    possible_values = "; ".join(_possible(jobs, name) for name in choice.named)
     raise StoredAnswersError(
-        f"no episode that did not fail has {_wanted(choice)}; {_possible(jobs, choice)}"
+        f"no episode that did not fail has {wanted}; the results have {possible_values}"
     )
 
 
-def _wanted(choice: EpisodeChoice) -> str:
-    named = ((name, getattr(choice, name)) for name in choice.__slots__)
-    return ", ".join(f"{name} '{value}'" for name, value in named if value is not None)
-
-
-def _possible(jobs: Sequence[JobScores], choice: EpisodeChoice) -> str:
-    """Return what the results have of each property that was chosen."""
-    texts = []
-    for name in choice.__slots__:
-        if getattr(choice, name) is not None:
-            values = list(dict.fromkeys(str(getattr(job, name)) for job in jobs))
-            more = f" and {len(values) - MOST_NAMED} more" if len(values) > MOST_NAMED else ""
-            texts.append(f"{name}: {', '.join(values[:MOST_NAMED])}{more}")
-    return f"the results have {'; '.join(texts)}"
+def _possible(jobs: Sequence[JobScores], name: str) -> str:
+    """Return what the results have of a property."""
+    values = list(dict.fromkeys(str(getattr(job, name)) for job in jobs))
+    more = f" and {len(values) - MOST_NAMED} more" if len(values) > MOST_NAMED else ""
+    return f"{name}: {', '.join(values[:MOST_NAMED])}{more}"
 
 
 def _named(job: JobScores) -> str:
@@ -217,7 +215,7 @@ def _score_spec(folder: Path, job: JobScores) -> Mapping[str, Any]:
 
 
 def _stored_answers(content: Mapping[str, Any]) -> Iterator[Any]:
-    """Yield the stored records of an answer and of everything that it was computed from."""
+    """Yield the stored record of an answer: of a node with this content."""
     key = fingerprint(content)
     for node in STORED_NODES:
         path = cache_dir() / node.folder / f"{key}.cache"
@@ -226,22 +224,18 @@ def _stored_answers(content: Mapping[str, Any]) -> Iterator[Any]:
                 yield read_kept(path, node.record.load)
             except RecordError:
                 continue
-    for value in content.values():
-        if isinstance(value, Mapping):
-            yield from _stored_answers(value)
 
 
 def _first(answers: Sequence[Any], record: type[R]) -> R | None:
     return next((each for each in answers if isinstance(each, record)), None)
 
 
-def _episode_specs(content: Mapping[str, Any]) -> Iterator[Mapping[str, Any]]:
-    """Yield what the episodes of an answer and of its sources depended on."""
-    for name, value in content.items():
+def _parts(name: str, content: Mapping[str, Any]) -> Iterator[tuple[str, Mapping[str, Any]]]:
+    """Yield what an answer and everything that it was computed from depended on, with its name."""
+    yield name, content
+    for inner, value in content.items():
         if isinstance(value, Mapping):
-            if name == "episode":
-                yield value
-            yield from _episode_specs(value)
+            yield from _parts(inner, value)
 
 
 def _episode(spec: Mapping[str, Any], job: JobScores, results: Results) -> Episode | None:

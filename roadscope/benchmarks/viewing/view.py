@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
-from roadscope.benchmarks.camera_view import check_camera_detector
 from roadscope.benchmarks.eligibility import Eligibility
 from roadscope.benchmarks.episode import Episode, check_episode, timeline_of
 from roadscope.benchmarks.loop import RunOptions
@@ -14,6 +13,7 @@ from roadscope.benchmarks.nodes.images import ImageNode
 from roadscope.benchmarks.progress import Progress, silent
 from roadscope.benchmarks.records import EpisodeImageDetections, EpisodePoses
 from roadscope.benchmarks.references import check_image_source
+from roadscope.benchmarks.run_pictures import check_camera_detector
 from roadscope.benchmarks.single import run_episode
 from roadscope.benchmarks.viewing.curves import Curve, running_scores
 from roadscope.core import Detections, Tracks, Truth
@@ -69,10 +69,8 @@ def view_of_scenario(
     check_episode(episode)
     if camera_detector is None and rig(episode.rig).camera is not None:
         camera_detector = CAMERA_DETECTOR
-    image_node: ImageNode | None = None
     if camera_detector is not None:
         check_camera_detector(episode, camera_detector)
-        image_node = ImageNode(check_image_source(camera_detector), episode, 0.0)
     summary = run_episode(
         episode, detector=detector, tracker=tracker, odometry=odometry, progress=report
     )
@@ -80,9 +78,10 @@ def view_of_scenario(
     scores = {"detection": summary.detection, "tracking": summary.tracking}
     if summary.odometry:
         scores["odometry"] = summary.odometry
-    if image_node is not None:
+    if camera_detector is not None:
         report("images", 0, 1)
-        images = image_node.compute(RunOptions())
+        node = ImageNode(check_image_source(camera_detector), episode, 0.0)
+        images = node.compute(RunOptions())
         report("images", 1, 1)
     named = [detector, tracker, *([odometry] if odometry else [])]
     return EpisodeView(

@@ -1,9 +1,8 @@
 import numpy as np
 import pytest
 
-from roadscope.benchmarks import SensorPair
 from roadscope.benchmarks.metrics import FusionTargets, fusion_rates, match_targets
-from roadscope.benchmarks.papers import MOST_COLUMNS, li2021
+from roadscope.benchmarks.papers import MOST_COLUMNS, SensorPair, li2021
 from roadscope.core import Calibration, Detections, Frame, ImageDetections, Pose, Projection, Truth
 from roadscope.fusion import projected_boxes
 

@@ -15,8 +15,8 @@ from roadscope.benchmarks.episode import Episode, sensing_of, timeline_of
 from roadscope.benchmarks.images import camera_of, projection_of, sensing_without_pixels
 from roadscope.benchmarks.metrics.fusion import FusionTargets
 from roadscope.benchmarks.nodes.fusions import targets_of
-from roadscope.benchmarks.nodes.images import is_dark, lit_share
-from roadscope.benchmarks.noisy_camera import CameraNoise, NoisyCamera
+from roadscope.benchmarks.nodes.images import noisy_camera
+from roadscope.benchmarks.noisy_camera import CameraNoise
 from roadscope.benchmarks.parked import parked_among
 from roadscope.core import Frame, ImageDetections, Truth
 from roadscope.core.projection import Projection
@@ -88,14 +88,7 @@ def _sensed_pairs(
     timeline, sensors = timeline_of(episode), rig(episode.rig)
     pinhole, projection = camera_of(sensors).spec.pinhole, projection_of(sensors)
     sensing = sensing_without_pixels(episode) if detector is None else sensing_of(episode)
-    imitation = NoisyCamera(
-        noise,
-        episode.seed,
-        night=is_dark(episode),
-        lit=lit_share(episode),
-        extinction_per_m=sensing.weather.extinction_per_m,
-    )
-    period_s = sensors.lidar.spec.period_s
+    imitation, period_s = noisy_camera(noise, episode), sensors.lidar.spec.period_s
     for scan, image in _paired_numbers(sensors, timeline.end_s - UNUSED_END_S, every):
         frame, truth = sensing.sense(timeline, scan)
         picture, image_truth = sensing.sense_image(timeline, image)
