@@ -10,7 +10,7 @@ _PARTS = {
     "odometry": "LEAD_SCANS RIG measure_odometries own_odometries timed_scans",
     "rows": "SpeedRow SpeedStep",
     "trackers": "COUNTS CROWD LEAD_UPDATES UPDATES detected_crowd detected_traffic "
-    "measure_trackers own_trackers timed_updates",
+    "measure_trackers own_trackers timed_pass timed_updates",
 }
 """Names by the file that defines them, loaded when first used: the face of this folder."""
 

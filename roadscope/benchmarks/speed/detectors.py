@@ -44,10 +44,12 @@ FRAMES, LEAD = 12, 4
 answers nothing before it has had a few."""
 
 
-def detector_steps() -> list[SpeedStep]:
-    """Return a step for each rig."""
+def detector_steps(
+    names: Sequence[str] | None = None, scenes: Sequence[DrivenScene] = SCENES
+) -> list[SpeedStep]:
+    """Return a step for each rig; arguments as of `measure_detectors`."""
     return [
-        SpeedStep(f"detectors, {rig}", partial(measure_detectors, rig, runs))
+        SpeedStep(f"detectors, {rig}", partial(measure_detectors, rig, runs, names, scenes))
         for rig, runs in RUNS.items()
     ]
 

@@ -35,13 +35,15 @@ def odometry_steps() -> list[SpeedStep]:
     ]
 
 
-def measure_odometries(rig: str = RIG, names: Sequence[str] | None = None) -> list[SpeedRow]:
+def measure_odometries(
+    rig: str = RIG, names: Sequence[str] | None = None, duration_s: float = DURATION_S
+) -> list[SpeedRow]:
     """Measure whole updates: median, 90th percentile and slowest scan.
 
     names: specs of odometries; None: all that are registered and installed, of a larger LiDAR
-        those that need no other package.
+        those that need no other package. duration_s: of the drive.
     """
-    episode = Episode(SCENARIO, SEED, rig, DURATION_S)
+    episode = Episode(SCENARIO, SEED, rig, duration_s)
     if names is None:
         names = ODOMETRIES.installed() if rig == RIG else own_odometries()
     steps = list(drive(episode))

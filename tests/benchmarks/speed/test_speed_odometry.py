@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+from typing import ClassVar
+
 import numpy as np
 import pytest
 
@@ -8,7 +10,6 @@ from roadscope.benchmarks.speed import (
     LEAD_SCANS,
     RIG,
     measure_odometries,
-    odometry,
     own_odometries,
     timed_scans,
 )
@@ -16,13 +17,8 @@ from roadscope.core import OdometryEstimate
 from roadscope.odometry import StillOdometry
 
 
-@pytest.fixture(autouse=True)
-def short(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(odometry, "DURATION_S", 1.4)
-
-
 def test_rows_are_of_each_odometry() -> None:
-    rows = measure_odometries(RIG, ["still", "dead-reckoning"])
+    rows = measure_odometries(RIG, ["still", "dead-reckoning"], 1.4)
     named = {row.name: row.value for row in rows}
     for name in ("still", "dead-reckoning"):
         middle, most, worst = (
@@ -31,28 +27,31 @@ def test_rows_are_of_each_odometry() -> None:
         assert 0 < middle <= most <= worst
 
 
+class Noted:
+    """Stands still, notes its turns, and overwrites the scans that it gets."""
+
+    turns: ClassVar[list[tuple[str, float]]] = []
+
+    def __init__(self, *, name: str = "") -> None:
+        self.name = name
+
+    def reset(self, lidar_from_imu: object = None) -> None: ...
+
+    def update(self, scan, imu=None) -> OdometryEstimate:  # type: ignore[no-untyped-def]
+        Noted.turns.append((self.name, float(np.abs(scan.points).max())))
+        scan.points[:] = 0
+        return StillOdometry().update(scan)
+
+
 def test_odometries_take_turns_on_scans_of_their_own() -> None:
-    order: list[tuple[str, float, float]] = []
-
-    class Noted:
-        def __init__(self, name: str) -> None:
-            self.name = name
-
-        def reset(self, lidar_from_imu: object = None) -> None: ...
-
-        def update(self, scan, imu=None) -> OdometryEstimate:  # type: ignore[no-untyped-def]
-            order.append((self.name, scan.stamp_s, float(np.abs(scan.points).max())))
-            scan.points[:] = 0
-            return StillOdometry().update(scan)
-
+    names = [f"{__name__}:Noted?name={name}" for name in "ab"]
     steps = list(drive(Episode("two-way", 17, RIG, 1.4)))
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(odometry.ODOMETRIES, "make", Noted)
-        times_ms = timed_scans(["a", "b"], steps, None)
-    assert [name for name, _, _ in order] == ["a", "b"] * len(steps)
-    assert all(largest > 1 for _, _, largest in order)
+    Noted.turns.clear()
+    times_ms = timed_scans(names, steps, None)
+    assert [name for name, _ in Noted.turns] == ["a", "b"] * len(steps)
+    assert all(largest > 1 for _, largest in Noted.turns)
     assert {name: len(values) for name, values in times_ms.items()} == dict.fromkeys(
-        "ab", len(steps) - LEAD_SCANS
+        names, len(steps) - LEAD_SCANS
     )
     with pytest.raises(ValueError, match="more than 10 scans"):
         timed_scans(["still"], steps[:LEAD_SCANS], None)
