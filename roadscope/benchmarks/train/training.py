@@ -37,11 +37,13 @@ def train(
     episodes: Sequence[Pictures],
     checkpoint: Path,
     *,
+    checkpoint_every: int = CHECKPOINT_EVERY,
     progress: Progress = silent,
     on_step: Callable[[int, float], None] = lambda step, loss: None,
 ) -> CentreNetwork:
     """Train to the end, from the checkpoint if there is one; return the averaged network.
 
+    checkpoint_every: steps from one checkpoint to the next.
     on_step: is called after every step, with its number and its loss.
     """
     recipe = trainer.recipe
@@ -54,7 +56,7 @@ def train(
         trainer.seconds = earlier_s + time.monotonic() - start_s
         on_step(trainer.step, loss)
         progress("training", trainer.step, recipe.steps)
-        if trainer.step % CHECKPOINT_EVERY == 0 or trainer.step == recipe.steps:
+        if trainer.step % checkpoint_every == 0 or trainer.step == recipe.steps:
             trainer.save(checkpoint)
     return trainer.average
 

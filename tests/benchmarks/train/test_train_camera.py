@@ -1,40 +1,56 @@
+import shutil
 import tomllib
-from dataclasses import replace
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 import pytest
-from toy_pictures import toy_pictures
 
-from roadscope.benchmarks.train import RECIPES, crops, pictures, train_camera
+from roadscope.benchmarks.train import (
+    RECIPES,
+    TrainingResult,
+    read_pictures,
+    split_episodes,
+    train_camera,
+)
 from roadscope.core import Calibration as Mounting
 from roadscope.core import CameraImage, Frame
 from roadscope.detectors.camera import CameraDetector
 
 
-@pytest.fixture(autouse=True)
-def toy(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(pictures, "render", lambda episode: toy_pictures(episode.seed, 2))
-    monkeypatch.setattr(crops, "CROP_SIZES", (pictures.PixelSize(96, 128),))
-    small = replace(RECIPES["trial"], steps=3, pixels=2 * 96 * 128)
-    monkeypatch.setitem(RECIPES, "trial", small)
+class Run(NamedTuple):
+    """A run of training, its folder of pictures, and the progress that it reported."""
+
+    result: TrainingResult
+    work: Path
+    progress: list[tuple[str, int, int]]
+
+
+def trained(folder: Path, work: Path) -> Run:
+    progress: list[tuple[str, int, int]] = []
+    result = train_camera(
+        folder / "net", recipe="trial", work=work, progress=lambda *each: progress.append(each)
+    )
+    return Run(result, work, progress)
+
+
+@pytest.fixture(scope="module")
+def first(tmp_path_factory: pytest.TempPathFactory) -> Run:
+    folder = tmp_path_factory.mktemp("first")
+    return trained(folder, folder / "work")
 
 
 @pytest.mark.slow
-def test_a_run_writes_weights_that_detect_and_their_record(tmp_path: Path) -> None:
-    stages: set[str] = set()
-    done = train_camera(
-        tmp_path / "net",
-        recipe="trial",
-        work=tmp_path / "work",
-        progress=lambda stage, *_: stages.add(stage),
-    )
-    assert stages == {"pictures", "training", "scores"}
+def test_a_run_writes_weights_that_detect_and_their_record(first: Run) -> None:
+    done = first.result
+    assert {stage for stage, *_ in first.progress} == {"pictures", "training", "scores"}
     record = tomllib.loads(done.record.read_text("utf-8"))
     assert record["command"] == "roadscope train camera --recipe trial --seed 0 --jobs 1"
     assert record["precision"] in ("float32", "bfloat16")
     assert record["data"] == done.data_hash
-    assert record["validation"]["objects"] == done.scores.ap50.n == 12
+    (validation,) = split_episodes(RECIPES["trial"]).validation
+    objects = sum(int(each.eligible.sum()) for each in read_pictures(validation, first.work).labels)
+    assert record["validation"]["objects"] == done.scores.ap50.n == objects > 0
     held_out = {f"held_out_{name}" for name in ("scenarios", "looks", "weathers", "faults")}
     assert {*held_out, "clear_days", "test", "test_clear_days"} < set(record)
     image = CameraImage(np.full((64, 64, 3), 99, np.uint8), np.eye(3), 0.0, "camera")
@@ -42,22 +58,26 @@ def test_a_run_writes_weights_that_detect_and_their_record(tmp_path: Path) -> No
 
 
 @pytest.mark.slow
-def test_run_twice_nothing_is_done_twice(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    first = train_camera(tmp_path / "a", recipe="trial", work=tmp_path / "work")
-    monkeypatch.setattr(pictures, "render", None)
-    monkeypatch.setattr(crops, "batch", None)
-    again = train_camera(tmp_path / "b", recipe="trial", work=tmp_path / "work")
-    assert again.weights.read_bytes() == first.weights.read_bytes()
+def test_run_twice_nothing_is_done_twice(first: Run, tmp_path: Path) -> None:
+    written = {path: path.stat().st_mtime_ns for path in first.work.iterdir()}
+    again = trained(tmp_path, first.work)
+    steps = RECIPES["trial"].steps
+    assert [each for each in again.progress if each[0] != "scores"] == [("training", steps, steps)]
+    assert written == {path: path.stat().st_mtime_ns for path in first.work.iterdir()}
+    assert again.result.weights.read_bytes() == first.result.weights.read_bytes()
 
 
 @pytest.mark.slow
-def test_pictures_cut_short_are_taken_again(tmp_path: Path) -> None:
-    first = train_camera(tmp_path / "a", recipe="trial", work=tmp_path / "work")
-    for ending in ("npy", "npz"):
-        path = sorted((tmp_path / "work").glob(f"*.{ending}"))[0]
+def test_pictures_cut_short_are_taken_again(first: Run, tmp_path: Path) -> None:
+    work = shutil.copytree(first.work, tmp_path / "work")
+    pixels, labels = sorted(work.glob("*.npy"))[0], sorted(work.glob("*.npz"))[-1]
+    for path in (pixels, labels):
         path.write_bytes(path.read_bytes()[:200])
-    again = train_camera(tmp_path / "b", recipe="trial", work=tmp_path / "work")
-    assert again.weights.read_bytes() == first.weights.read_bytes()
+    again = trained(tmp_path, work)
+    assert ("pictures", 2, 2) in again.progress
+    assert pixels.read_bytes() == (first.work / pixels.name).read_bytes()
+    assert again.result.data_hash == first.result.data_hash
+    assert again.result.weights.read_bytes() == first.result.weights.read_bytes()
 
 
 def test_weights_are_not_written_under_another_ending(tmp_path: Path) -> None:

@@ -10,20 +10,15 @@ import pytest
 
 from roadscope import SpecError
 from roadscope.benchmarks.train import DriverRecipe, action_of, train_driver
-from roadscope.core import DrivingCommand, NotInstalledError
+from roadscope.core import DrivingCommand, NotInstalledError, Requirement
 from roadscope.driving import DRIVERS, AgentDriver, DriveEnv, load_agent
 from roadscope.envs.traffic import ScenarioError
 
-UPDATE = 256
-"""Decisions of an update of the network: fewer than users have."""
+UPDATE = 1024
+"""Decisions of an update of the network."""
 SHORT = DriverRecipe(
     scenarios=("merge",), teacher="", steps=UPDATE, duration_s=6.0, validation_seeds=2, seed=1
 )
-
-
-@pytest.fixture(autouse=True)
-def short_updates(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("roadscope.benchmarks.train.driver.STEPS_PER_UPDATE", UPDATE)
 
 
 def test_wrong_input_is_refused_before_anything_is_trained(tmp_path) -> None:

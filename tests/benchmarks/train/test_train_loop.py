@@ -5,25 +5,10 @@ import pytest
 import torch
 from toy_pictures import toy_pictures
 
-from roadscope.benchmarks.train import (
-    PixelSize,
-    Recipe,
-    ShuffledPictures,
-    Trainer,
-    batch,
-    crops,
-    train,
-    training,
-)
+from roadscope.benchmarks.train import Recipe, ShuffledPictures, Trainer, batch, train
 
 RECIPE = Recipe(steps=6, pixels=2 * 96 * 128, learning_rate=2e-3)
 CPU = torch.device("cpu")
-
-
-@pytest.fixture(autouse=True)
-def small_crops(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(crops, "CROP_SIZES", (PixelSize(96, 128),))
-    monkeypatch.setattr(training, "CHECKPOINT_EVERY", 3)
 
 
 def same(a: Trainer, b: Trainer) -> bool:
@@ -49,8 +34,9 @@ def test_killed_and_resumed_is_as_never_stopped(tmp_path: Path) -> None:
         if step == 5:
             raise Killed
 
+    part = Trainer(RECIPE, "key", CPU)
     with pytest.raises(Killed):
-        train(Trainer(RECIPE, "key", CPU), pictures, tmp_path / "part.pt", on_step=kill)
+        train(part, pictures, tmp_path / "part.pt", checkpoint_every=3, on_step=kill)
     again, steps = Trainer(RECIPE, "key", CPU), []
     train(again, pictures, tmp_path / "part.pt", on_step=lambda step, _: steps.append(step))
     assert steps == [4, 5, 6]
@@ -89,4 +75,15 @@ def test_batches_depend_on_their_number_alone() -> None:
     other = batch(ShuffledPictures(pictures, 0), RECIPE, 4)
     assert torch.equal(first.pixels, later.pixels)
     assert not torch.equal(first.pixels, other.pixels)
-    assert first.targets.heat.shape == (2, 3, 48, 64)
+
+
+def test_batches_have_the_pixels_of_the_recipe_in_crops_of_one_size_each() -> None:
+    recipe, pictures = replace(RECIPE, pixels=4 * 256 * 320), ShuffledPictures([toy_pictures(0)], 0)
+    sizes = set()
+    for step in range(10):
+        pixels, targets = batch(pictures, recipe, step)
+        count, height, width, _ = pixels.shape
+        sizes.add((height, width))
+        assert count * height * width == pytest.approx(recipe.pixels, rel=0.25)
+        assert targets.heat.shape == (count, 3, height // 2, width // 2)
+    assert len(sizes) > 3
