@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -12,6 +12,7 @@ from roadscope.core import SpecError
 from roadscope.core.names import unknown
 
 if TYPE_CHECKING:
+    from roadscope.benchmarks.papers.drawing import Draw
     from roadscope.benchmarks.papers.reproduction import Reproduction
 
 PAPERS = ("li2021", "lu2018", "zhang2017", "zhang2022")
@@ -52,8 +53,13 @@ def draw_figures(
     """
     from roadscope.benchmarks.papers.drawing import draw_all
 
-    module = f"{module_of(paper)}_figures"
-    return draw_all(paper, import_module(module).FIGURES, folder, progress)
+    return draw_all(paper, figures_of(paper), folder, progress)
+
+
+def figures_of(paper: str) -> Mapping[str, Draw]:
+    """Return the functions that draw the figures of a paper, by the figure's name."""
+    figures: Mapping[str, Draw] = import_module(f"{module_of(paper)}_figures").FIGURES
+    return figures
 
 
 def note_of(paper: str, experiment: str) -> str | None:
@@ -64,23 +70,33 @@ def note_of(paper: str, experiment: str) -> str | None:
 
 
 _PARTS = {
+    "li2021": "BY_BELIEF CALIBRATION CAMERA CAMERA_FAILS CLAIMS CLASS CONDITIONS CYCLISTS DISTANCE "
+    "EQUAL_FALSE_ALARMS EVERY_SCORE FALSE HIDDEN IMAGES IMITATED LIDAR LIDAR_FAILS MORE_BOTH "
+    "MORE_ONE PEDESTRIANS TARGETS VEHICLES WITH_BOTH crowds_only fuse named_quantities table_1 "
+    "with_camera without_camera",
     "li2021_pairs": "SensorPair sense_pairs",
-    "lu2018_measures": "NO_TRACK TargetHistories track_targets",
-    "lu2018_scene": "KINDS sense_experiment",
+    "lu2018": "FEWER_CLUSTERS FORCED IDENTITY KEPT LESS_CLUTTER NO_WRONG SHOWN_METHODS "
+    "TRACKER_FIGURES WRONG",
+    "lu2018_measures": "NO_TRACK TargetHistories axis_errors clutter_associations first_missing "
+    "first_tracked identity_changes identity_kept majority natural_misses reassociated_at_once "
+    "reassociated_in track_targets wrong_associations",
+    "lu2018_scene": "KINDS lux sense_experiment",
     "printed_tables": "MOST_COLUMNS reproduction_tables verdict_table",
-    "reproduction": "FAILS FigureKey HOLDS ClaimRange OPEN POINTS ReproductionRow Verdict "
-    "YES_OR_NO by_figure differences judge judge_share measure_paper reproduce_module summarise "
-    "write_reproduction",
-    "zhang2017_claims": "DriveMethod POSE_UNKNOWNS consistent nees_band our_claims paper_claims "
-    "time_claims",
+    "reproduction": "FAILS FIRST_SEED FigureKey HOLDS ClaimRange OPEN POINTS Paper ReproductionRow "
+    "Verdict YES_OR_NO by_figure differences judge judge_share measure_paper paper_of "
+    "reproduce_module summarise write_reproduction",
+    "zhang2017_claims": "BEATEN DriveMethod FALLING LIMITS_MS POSE_UNKNOWNS consistent nees_band "
+    "our_claims paper_claims time_claims",
     "zhang2017_methods": "FROM_PARTS HEADING LATERAL LONGITUDINAL METHODS MULTI NO_ANSWER "
     "ON_EVERY_DRIVE OURS POSITION RANSAC READINGS SINGLE TURNED errors estimate ford_fusion "
     "medians_and_shares nees rmse",
     "zhang2017_scene": "DRIVES FOLLOWED_M RobotLidar drive_of sense_drive sense_sweeps",
-    "zhang2017_tables": "INSIDE NEES PAPER PAPER_TIMES_MS SIMULATED frames_name",
+    "zhang2017_tables": "COUNTS FOLLOWING INSIDE NEES PAPER PAPER_TIMES_MS READING RMSE SIMULATED "
+    "TIMES frames_name",
     "zhang2022": "AFTER AS_PRINTED BEFORE CLAIMED END EXPERIMENTS LEGO_LOAM LONG_ROUTE "
     "OTHER_FIGURES OTHER_READINGS OdometryRun PRECISION READING_EXPERIMENTS READING_FIGURES RECALL "
-    "REMOVAL RemovalVariant SCAN_TO_SCAN TIME_MS WITH_MAP paper_figure removal",
+    "REMOVAL RemovalVariant SCAN_TO_SCAN TIME_MS WITH_MAP methods_of other_figures paper_figure "
+    "printed_figures removal run_odometries",
     "zhang2022_scene": "LOOP MiddleLine REMOVAL_CASES STRAIGHT STRAIGHT_M building sense_corridor",
 }
 """Names by the file that defines them, loaded when first used: the face of this folder."""

@@ -136,8 +136,8 @@ def two_vehicles(sensed: SensedExperiment, histories: TargetHistories) -> dict[s
     """Experiment 1: errors, the left car's coming and going, forced misses."""
     misses = sensed.script.of("missed", 1)
     return {
-        **measures.errors(histories, 1),
-        **measures.errors(histories, 2),
+        **measures.axis_errors(histories, 1),
+        **measures.axis_errors(histories, 2),
         "object 2 first tracked in frame": measures.first_tracked(histories, 2),
         "object 2 first missing for good in frame": measures.first_missing(histories, 2),
         FORCED: sum(measures.reassociated_at_once(histories, 1, miss) for miss in misses),
@@ -168,7 +168,7 @@ def three_vehicles(sensed: SensedExperiment, histories: TargetHistories) -> dict
     }
 
 
-EXPERIMENTS: Mapping[str, Callable[[SensedExperiment, TargetHistories], dict[str, float]]] = (
+TRACKER_FIGURES: Mapping[str, Callable[[SensedExperiment, TargetHistories], dict[str, float]]] = (
     MappingProxyType({TWO: two_vehicles, OCCLUSION: occlusion, THREE: three_vehicles})
 )
 """What is measured of a tracker in each experiment."""
@@ -208,7 +208,7 @@ def _by_method(
     for detector in methods.tracked:
         for tracker, spec in TRACKERS.items():
             histories = track_targets(sensed, detections[detector], spec)
-            yield f"{detector} + {tracker}", EXPERIMENTS[experiment](sensed, histories)
+            yield f"{detector} + {tracker}", TRACKER_FIGURES[experiment](sensed, histories)
     for detector, boxes in detections.items():
         yield detector, measures.clutter_of_detector(sensed, boxes)
     for clustering in CLUSTERINGS:
@@ -236,7 +236,7 @@ def claims(figures: Figures) -> Figures:
     holds: dict[tuple[str, str], bool] = {}
     tracked = [key.method for key in figures if (key.experiment, key.quantity) == (THREE, WRONG)]
     for method in tracked:
-        wrong = sum(figures[FigureKey(each, method, WRONG)] for each in EXPERIMENTS)
+        wrong = sum(figures[FigureKey(each, method, WRONG)] for each in TRACKER_FIGURES)
         identity = figures[FigureKey(OCCLUSION, method, KEPT)]
         holds[method, NO_WRONG] = wrong == 0
         holds[method, IDENTITY] = figures[FigureKey(TWO, method, FORCED)] == 4 and identity == 1
@@ -293,7 +293,7 @@ def note_of(experiment: str) -> str | None:
 
 REPRODUCTION = Paper(
     parts={
-        **{experiment: partial(measure, experiment) for experiment in EXPERIMENTS},
+        **{experiment: partial(measure, experiment) for experiment in TRACKER_FIGURES},
         **{name: partial(measure_with_noise, name) for name in NOISE_FACTORS},
     },
     of_seed=claims,

@@ -125,7 +125,7 @@ AHEAD, LEFT = "ahead (paper's y)", "left (paper's x)"
 AXES = (AHEAD, LEFT)
 
 
-def errors(histories: TargetHistories, target: int) -> dict[str, float]:
+def axis_errors(histories: TargetHistories, target: int) -> dict[str, float]:
     """Return root mean squares over the frames with a detection, metres, by axis."""
     row = target - 1
     used = histories.detected[row] & (histories.ids[row] != NO_TRACK)

@@ -90,36 +90,36 @@ RUNS = "runs"
 SIMULATED_RUNS, FOLLOWING_RUNS, HIGH_RUNS, NOISY_RUNS = "simulated", "following", "high", "noise"
 
 
-def measure_simulated(body: str, seed: int) -> Figures:
+# frames: how many are taken from the beginning of each drive.
+
+
+def measure_simulated(body: str, seed: int, frames: int | None = None) -> Figures:
     """Return the figures of all methods on the simulated drives of one body."""
     warm_up()
-    return _figures_of(
-        SIMULATED_RUNS,
-        (run_methods(sense_drive(drive, seed, body=body), tuple(METHODS)) for drive in SIMULATED),
-    )
+    runs = (sense_drive(drive, seed, body=body, frames=frames) for drive in SIMULATED)
+    return _figures_of(SIMULATED_RUNS, (run_methods(run, tuple(METHODS)) for run in runs))
 
 
-def measure_following(body: str, seed: int) -> Figures:
+def measure_following(body: str, seed: int, frames: int = FOLLOWED_FRAMES) -> Figures:
     """Return the figures of the following experiment with one body."""
     warm_up()
-    runs = (
-        sense_drive(following(metres), seed, body=body, frames=FOLLOWED_FRAMES)
-        for metres in FOLLOWED_M
-    )
+    runs = (sense_drive(following(metres), seed, body=body, frames=frames) for metres in FOLLOWED_M)
     return _figures_of(FOLLOWING_RUNS, (run_methods(run, ON_EVERY_DRIVE) for run in runs))
 
 
-def measure_with_noise(factor: float, seed: int) -> Figures:
+def measure_with_noise(factor: float, seed: int, frames: int | None = None) -> Figures:
     """Return the figures with other noise: no result may depend on a quiet sensor."""
     warm_up()
-    runs = (sense_drive(drive, seed, noise=factor) for drive in VARIED_DRIVES)
+    runs = (sense_drive(drive, seed, noise=factor, frames=frames) for drive in VARIED_DRIVES)
     return _figures_of(f"{NOISY_RUNS} {factor}", (run_methods(run, ON_EVERY_DRIVE) for run in runs))
 
 
-def measure_from_roof(seed: int) -> Figures:
+def measure_from_roof(seed: int, frames: int | None = None) -> Figures:
     """Return the figures from the roof of a car: the paper does not say where its sensor is."""
     warm_up()
-    runs = (sense_drive(drive, seed, sensor_height_m=HIGH_M) for drive in VARIED_DRIVES)
+    runs = (
+        sense_drive(drive, seed, sensor_height_m=HIGH_M, frames=frames) for drive in VARIED_DRIVES
+    )
     return _figures_of(HIGH_RUNS, (run_methods(run, ON_EVERY_DRIVE) for run in runs))
 
 
@@ -347,11 +347,11 @@ def _mean_ms(each: DriveFigures, method: str) -> float:
     return float(times_ms.mean()) if len(times_ms) else 0.0
 
 
-def measure_readings(seed: int) -> Figures:
+def measure_readings(seed: int, frames: int | None = None) -> Figures:
     """Return the errors with other readings of what the paper leaves open."""
     by_drive: dict[str, dict[str, dict[str, float]]] = {}
     for drive in SIMULATED:
-        run = sense_drive(drive, seed)
+        run = sense_drive(drive, seed, frames=frames)
         by_drive[drive] = {
             name: rmse(run, errors(run, estimate(method, run)[0]))
             for name, method in READINGS.items()

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from functools import partial
-from itertools import product
+from itertools import islice, product
 from time import process_time
 from types import MappingProxyType
 from typing import BinaryIO, NamedTuple
@@ -369,44 +369,54 @@ def methods_of(experiment: str) -> tuple[str, ...]:
     return (*(method for method in METHODS if method != "loam"), *LOOP_CLOSING)
 
 
-def measure_localisation(experiment: str, specs: Sequence[str], seed: int) -> Figures:
-    """Return the figures of methods in an experiment."""
+def measure_localisation(
+    experiment: str, specs: Sequence[str], seed: int, scans: int | None = None
+) -> Figures:
+    """Return the figures of methods in an experiment; scans: the first so many, all if None."""
     figures: Figures = {}
-    for spec, run in kept_runs(experiment, specs, seed).items():
+    for spec, run in kept_runs(experiment, specs, seed, scans).items():
         figures |= printed_figures(experiment, spec, run)
         figures |= other_figures(experiment, spec, run)
     return figures
 
 
-def measure_readings(experiment: str, seed: int) -> Figures:
-    """Return the figures of the chain before a map with other readings of the paper."""
+def measure_readings(experiment: str, seed: int, scans: int | None = None) -> Figures:
+    """Return the figures of the chain before a map with other readings of the paper.
+
+    scans: as of `measure_localisation`.
+    """
     figures: Figures = {}
     names = {WITH_MAP: "as taken", **OTHER_READINGS}
-    for spec, run in kept_runs(experiment, tuple(names), seed).items():
+    for spec, run in kept_runs(experiment, tuple(names), seed, scans).items():
         figures |= printed_figures(experiment, names[spec], run, READING_FIGURES)
     return figures
 
 
-def measure_with_noise(experiment: str, name: str, seed: int) -> Figures:
+def measure_with_noise(experiment: str, name: str, seed: int, scans: int | None = None) -> Figures:
     """Return the figures of the paper's chain and its rival with half or double noise.
 
-    No result may depend on quiet sensors.
+    No result may depend on quiet sensors. scans: as of `measure_localisation`.
     """
     figures: Figures = {}
-    sweeps = sense_corridor(EXPERIMENTS[experiment], seed, NOISE_FACTORS[name])
+    sweeps = islice(sense_corridor(EXPERIMENTS[experiment], seed, NOISE_FACTORS[name]), scans)
     for spec, run in run_odometries(sweeps, (*PAPERS_METHODS, LEGO_LOAM)).items():
         figures |= printed_figures(experiment, spec, run, f"{{}}, {name}")
     return figures
 
 
-def kept_runs(experiment: str, specs: Sequence[str], seed: int) -> dict[str, OdometryRun]:
-    """Return the runs of odometries over an experiment, by spec; they are kept for the figures."""
-    paths = {spec: kept_path("zhang2022-run", experiment, spec, seed) for spec in specs}
+def kept_runs(
+    experiment: str, specs: Sequence[str], seed: int, scans: int | None = None
+) -> dict[str, OdometryRun]:
+    """Return the runs of odometries over an experiment, by spec; they are kept for the figures.
+
+    scans: as of `measure_localisation`.
+    """
+    paths = {spec: kept_path("zhang2022-run", experiment, spec, seed, scans) for spec in specs}
     missing = [spec for spec, path in paths.items() if not path.exists()]
-    new_runs = _runs(experiment, missing, seed) if missing else {}
+    new_runs = _runs(experiment, missing, seed, scans) if missing else {}
 
     def make(spec: str) -> OdometryRun:
-        return new_runs[spec] if spec in new_runs else _runs(experiment, [spec], seed)[spec]
+        return new_runs[spec] if spec in new_runs else _runs(experiment, [spec], seed, scans)[spec]
 
     return {
         spec: read_or_make(path, OdometryRun.load, partial(make, spec))
@@ -414,11 +424,13 @@ def kept_runs(experiment: str, specs: Sequence[str], seed: int) -> dict[str, Odo
     }
 
 
-def _runs(experiment: str, specs: Sequence[str], seed: int) -> dict[str, OdometryRun]:
+def _runs(
+    experiment: str, specs: Sequence[str], seed: int, scans: int | None
+) -> dict[str, OdometryRun]:
     if experiment in EXPERIMENTS:
-        return run_odometries(sense_corridor(EXPERIMENTS[experiment], seed), specs)
+        return run_odometries(islice(sense_corridor(EXPERIMENTS[experiment], seed), scans), specs)
     episode = Episode(ROUTE_SCENARIO, seed, ROUTE_RIG, ROUTE_DURATION_S)
-    return run_odometries(sense_route(episode), specs, imu_mounting(episode))
+    return run_odometries(islice(sense_route(episode), scans), specs, imu_mounting(episode))
 
 
 def sense_route(episode: Episode) -> Iterator[OdometrySweep]:

@@ -1,13 +1,12 @@
 """A picture for every figure of the papers' experiments."""
 
-from importlib import import_module
 from pathlib import Path
 
 import numpy as np
 import pytest
 from matplotlib.image import imread
 
-from roadscope.benchmarks.papers import draw_figures
+from roadscope.benchmarks.papers import draw_figures, figures_of
 from roadscope.core import SpecError
 
 FIGURES = {
@@ -21,8 +20,7 @@ FIGURES = {
 
 @pytest.mark.parametrize("paper", FIGURES)
 def test_every_figure_of_a_paper_has_its_picture(paper: str) -> None:
-    drawn = import_module(f"roadscope.benchmarks.papers.{paper}_figures").FIGURES
-    assert list(drawn) == [f"figure-{number:02d}" for number in FIGURES[paper]]
+    assert list(figures_of(paper)) == [f"figure-{number:02d}" for number in FIGURES[paper]]
 
 
 def test_no_picture_of_an_unknown_paper(tmp_path: Path) -> None:

@@ -2,7 +2,31 @@ import numpy as np
 import pytest
 
 from roadscope.benchmarks.metrics import FusionTargets, fusion_rates, match_targets
-from roadscope.benchmarks.papers import MOST_COLUMNS, SensorPair, li2021
+from roadscope.benchmarks.papers import (
+    CAMERA,
+    CAMERA_FAILS,
+    CLAIMS,
+    CLASS,
+    CONDITIONS,
+    EVERY_SCORE,
+    FALSE,
+    HIDDEN,
+    IMAGES,
+    IMITATED,
+    LIDAR,
+    LIDAR_FAILS,
+    MORE_BOTH,
+    MORE_ONE,
+    MOST_COLUMNS,
+    SensorPair,
+    crowds_only,
+    fuse,
+    named_quantities,
+    note_of,
+    table_1,
+    with_camera,
+    without_camera,
+)
 from roadscope.core import Calibration, Detections, Frame, ImageDetections, Pose, Projection, Truth
 from roadscope.fusion import projected_boxes
 
@@ -16,7 +40,7 @@ PROJECTION = Projection.of(
 
 
 def test_table_1_is_the_papers_to_its_rounding_and_decides_as_printed() -> None:
-    rows = li2021.table_1()
+    rows = table_1()
     decided = [row for row in rows if row.quantity == "decided as printed"]
     assert len(decided) == 6
     assert all(row.ours == 1.0 for row in decided)
@@ -61,42 +85,35 @@ def a_pair() -> tuple[SensorPair, Detections]:
 @pytest.mark.parametrize(
     ("method", "condition", "count"),
     [
-        (li2021.LIDAR, "clear", 1),
-        (li2021.CAMERA, "clear", 1),
+        (LIDAR, "clear", 1),
+        (CAMERA, "clear", 1),
         ("li2021", "clear", 2),
-        ("li2021", li2021.LIDAR_FAILS, 1),
-        ("consistent", li2021.CAMERA_FAILS, 1),
+        ("li2021", LIDAR_FAILS, 1),
+        ("consistent", CAMERA_FAILS, 1),
     ],
 )
 def test_which_sensors_are_fused_in_which_condition(
     method: str, condition: str, count: int
 ) -> None:
     pair, lidar = a_pair()
-    fused = li2021.fuse(method, [pair], [lidar], condition)
+    fused = fuse(method, [pair], [lidar], condition)
     assert fused is not None
     assert len(fused[0]) == count
-    assert li2021.fuse(li2021.LIDAR, [pair], [lidar], li2021.LIDAR_FAILS) is None
+    assert fuse(LIDAR, [pair], [lidar], LIDAR_FAILS) is None
 
 
 def test_a_note_says_whose_detections_the_cameras_are() -> None:
-    tables = (
-        li2021.HIDDEN,
-        li2021.CLASS,
-        li2021.MORE_BOTH,
-        li2021.MORE_ONE,
-        li2021.CLAIMS,
-        li2021.EVERY_SCORE,
-    )
-    for camera, words in ((li2021.IMAGES, "shipped network's"), (li2021.IMITATED, "imitation")):
-        for experiment in (*li2021.CONDITIONS, *tables):
-            name = li2021.with_camera(experiment, camera)
-            assert li2021.without_camera(name) == (experiment, camera)
-            assert words in str(li2021.note_of(name))
+    tables = (HIDDEN, CLASS, MORE_BOTH, MORE_ONE, CLAIMS, EVERY_SCORE)
+    for camera, words in ((IMAGES, "shipped network's"), (IMITATED, "imitation")):
+        for experiment in (*CONDITIONS, *tables):
+            name = with_camera(experiment, camera)
+            assert without_camera(name) == (experiment, camera)
+            assert words in str(note_of("li2021", name))
 
 
 def test_crowds_are_people_beside_people() -> None:
     pair, _ = a_pair()
-    assert li2021.crowds_only(pair.targets).eligible.all()
+    assert crowds_only(pair.targets).eligible.all()
     apart = FusionTargets(
         np.array([2, 2, 0]),
         np.array([[15.0, 0, 1], [20.0, 0, 1], [15.5, 0, 1]]),
@@ -104,10 +121,10 @@ def test_crowds_are_people_beside_people() -> None:
         np.ones(3, bool),
         np.zeros(3),
     )
-    assert not li2021.crowds_only(apart).eligible.any()
+    assert not crowds_only(apart).eligible.any()
 
 
 def test_all_methods_of_a_condition_fit_one_table() -> None:
-    names = li2021.named_quantities(fusion_rates(match_targets([], [])))
+    names = named_quantities(fusion_rates(match_targets([], [])))
     assert len(names) <= MOST_COLUMNS
-    assert list(names)[-1] == li2021.FALSE
+    assert list(names)[-1] == FALSE

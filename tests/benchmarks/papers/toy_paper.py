@@ -4,28 +4,28 @@ import os
 from functools import partial
 from pathlib import Path
 
-from roadscope.benchmarks.papers import reproduction as r
+from roadscope.benchmarks.papers import FIRST_SEED, ClaimRange, FigureKey, Paper, judge, summarise
 
-KEY = r.FigureKey("toy", "ours", "error")
-FEW = r.FigureKey("toy", "ours", "of the first seed")
-TWICE = r.FigureKey("toy", "ours", "twice")
-HIDDEN = r.FigureKey("raw", "ours", "error")
+KEY = FigureKey("toy", "ours", "error")
+FEW = FigureKey("toy", "ours", "of the first seed")
+TWICE = FigureKey("toy", "ours", "twice")
+HIDDEN = FigureKey("raw", "ours", "error")
 
 
 def measure(part, key, seed):
     with Path(os.environ["TOY_PAPER_LOG"]).open("a") as log:
         log.write(f"{part} {seed}\n")
-    return {key: float(seed - r.FIRST_SEED), HIDDEN: 1.0}
+    return {key: float(seed - FIRST_SEED), HIDDEN: 1.0}
 
 
-REPRODUCTION = r.Paper(
+REPRODUCTION = Paper(
     parts={"long": partial(measure, "long", KEY), "short": partial(measure, "short", FEW)},
     seeds_of={"short": 1},
     of_seed=lambda figures: {TWICE: 2 * figures[KEY]},
     hidden=frozenset({"raw"}),
-    rows=lambda measured: [r.summarise(key, "m", values) for key, values in measured.items()],
+    rows=lambda measured: [summarise(key, "m", values) for key, values in measured.items()],
     verdicts=lambda measured: [
-        r.judge("errors are small", "ours", "m", measured[KEY], r.ClaimRange(high=1.5))
+        judge("errors are small", "ours", "m", measured[KEY], ClaimRange(high=1.5))
     ],
     note_of=lambda experiment: None,
 )

@@ -10,7 +10,7 @@ import pytest
 
 from roadscope import SpecError
 from roadscope.benchmarks.train import DriverRecipe, action_of, train_driver
-from roadscope.core import DrivingCommand, NotInstalledError, Requirement
+from roadscope.core import DrivingCommand, NotInstalledError
 from roadscope.driving import DRIVERS, AgentDriver, DriveEnv, load_agent
 from roadscope.envs.traffic import ScenarioError
 
