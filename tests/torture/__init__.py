@@ -1,11 +1,12 @@
-"""Hostile plug-ins of all five kinds against whole runs, by the public functions.
+"""Hostile plug-ins of all kinds against whole runs, by the public functions.
 
 `hostile.py` holds the plug-ins: an entry such as `hostile.py:Tracker?act=segfault` answers honestly
 but for its act. `acts.py` lists the acts, for which kinds they are, and what a failure must say.
-`boards.py` has a suite of all five boards that takes seconds, and runs it in folders of its own.
+`boards.py` has a suite of all six boards that takes seconds, and runs it in folders of its own.
 Runs without strangers are the measure: scores of all other entries are compared digit by digit, but
-for times. All acts are done for all kinds that can do them, with one worker and with two. All of
-this is `slow`; `tests/benchmarks/isolation` has quick tests of the same mechanisms.
+for times. All acts are done for all kinds that can do them, with one worker and with two; drivers
+drive on true tracks. In `test_stacks.py` plug-ins of perception stacks fail in the closed loop. All
+of this is `slow`; `tests/benchmarks/isolation` has quick tests of the same mechanisms.
 
 What is prevented
 -----------------

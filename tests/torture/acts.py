@@ -9,9 +9,11 @@ CLASSES = {
     "tracking": "Tracker",
     "fusion": "Fusion",
     "odometry": "Odometry",
+    "driving": "Driver",
 }
 """By board the class in `hostile.py`."""
 ALL = tuple(CLASSES)
+STAMPED = ("detection", "camera", "tracking", "fusion", "odometry")
 SCORED = ("detection", "camera", "tracking", "fusion")
 IN_SPACE = ("detection", "tracking", "fusion")
 
@@ -76,19 +78,26 @@ WRONG = (
     Act("far_pose", "1e+200", ("odometry",)),
     Act("short_mask", "returns", ("odometry",)),
     Act("negative_covariance", "covariance", ("odometry",)),
+    Act("nan_acceleration", "finite", ("driving",)),
+    Act("infinite_acceleration", "finite", ("driving",)),
+    Act("array_acceleration", "ndarray", ("driving",)),
+    Act("lane_99", "target_lane 99", ("driving",)),
+    Act("negative_lane", "target_lane -1", ("driving",)),
+    Act("half_lane", "target_lane", ("driving",)),
+    Act("huge_lane", "64 bits", ("driving",)),
     Act("none_mask", "none"),
     Act("missing_field", "missing"),
     Act("wrong_type", "tuple"),
     Act("other_record", "pose"),
     Act("nothing", "none"),
     Act("itself", "cannot be sent"),
-    Act("wrong_stamp", "stamp"),
-    Act("nan_stamp", "stamp"),
+    Act("wrong_stamp", "stamp", STAMPED),
+    Act("nan_stamp", "stamp", STAMPED),
     Act("wrong_frame", "moon", ("detection", "tracking")),
     Act("repeated_ids", "unique", ("tracking",)),
     Act("negative_sizes", "sizes", IN_SPACE),
     Act("inverted_boxes", "boxes", ("camera",)),
-    Act("wrong_shape", "shape"),
+    Act("wrong_shape", "shape", STAMPED),
     Act("enormous_values", "1e+300"),
     Act("enormous_velocities", "1e+200", ("tracking",)),
     Act("varying_masses", "masses", ("detection", "camera", "fusion")),
@@ -110,6 +119,7 @@ TOLERATED = (
     Act("singular_covariances", "", ("tracking",)),
     Act("indefinite_covariances", "", ("tracking",)),
     Act("tiny_sizes", "", IN_SPACE),
+    Act("wild_commands", "", ("driving",)),
 )
 """Odd answers that the contract allows: they are scored, badly."""
 FAILING = (*ENDS, *HANGS, *RESOURCES, *FORGERIES, *WRONG, *WATCHERS)

@@ -1,4 +1,4 @@
-"""Plug-ins of all five kinds that answer honestly, but for the act that they are asked for.
+"""Plug-ins of all kinds that answer honestly, but for the act that they are asked for.
 
 A run loads this file from a copy, in the process of a plug-in. An act is a function that takes the
 plug-in and its honest answer and returns what is answered instead.
@@ -28,6 +28,7 @@ import psutil
 import roadscope.core
 from roadscope.core import (
     Detections,
+    DrivingCommand,
     FusedDetections,
     ImageDetections,
     OdometryEstimate,
@@ -45,7 +46,7 @@ HIDDEN = ("motorway", "roundabout", 20123)
 
 
 class Plugin:
-    """What all five have in common.
+    """What all of them have in common.
 
     act: a function of this file. cache, results: folders, where a real one would guess them.
     """
@@ -104,6 +105,13 @@ class Odometry(Plugin):
     def update(self, scan, imu=None):
         still = np.zeros(len(scan), bool)
         return self.acted(OdometryEstimate(Pose.identity(), np.eye(6), still, scan.stamp_s))
+
+
+class Driver(Plugin):
+    kind = "driver"
+
+    def drive(self, scene):
+        return self.acted(scene.following)
 
 
 def boxes(stamp_s):
@@ -220,6 +228,8 @@ def many(answer, count):
         for name, value in values_of(answer).items()
         if isinstance(value, np.ndarray)
     }
+    if isinstance(answer, DrivingCommand):
+        arrays["acceleration_m_s2"] = np.zeros(10 * count)
     if "ids" in arrays:
         arrays["ids"] = np.arange(count)
     return forged(answer, **arrays)
@@ -315,8 +325,9 @@ def float_ids(plugin, answer):
 
 
 def object_arrays(plugin, answer):
-    name = "dynamic" if isinstance(answer, OdometryEstimate) else "scores"
-    return forged(answer, **{name: np.array([object()] * len(getattr(answer, name)))})
+    names = {OdometryEstimate: "dynamic", DrivingCommand: "acceleration_m_s2"}
+    name = names.get(type(answer), "scores")
+    return forged(answer, **{name: np.array([object()] * np.size(getattr(answer, name)))})
 
 
 def category_99(plugin, answer):
@@ -347,14 +358,52 @@ def negative_covariance(plugin, answer):
     return forged(answer, covariance=-np.eye(6))
 
 
+def nan_acceleration(plugin, answer):
+    return forged(answer, acceleration_m_s2=float("nan"))
+
+
+def infinite_acceleration(plugin, answer):
+    return forged(answer, acceleration_m_s2=-float("inf"))
+
+
+def array_acceleration(plugin, answer):
+    return forged(answer, acceleration_m_s2=np.zeros((2, 2)))
+
+
+def lane_99(plugin, answer):
+    return forged(answer, target_lane=99)
+
+
+def negative_lane(plugin, answer):
+    return forged(answer, target_lane=-1)
+
+
+def half_lane(plugin, answer):
+    return forged(answer, target_lane=0.5)
+
+
+def huge_lane(plugin, answer):
+    return forged(answer, target_lane=1 << 70)
+
+
+def wild_commands(plugin, answer):
+    return DrivingCommand(1e11 * (-1) ** plugin.calls, plugin.calls % 2)
+
+
 def none_mask(plugin, answer):
-    names = {OdometryEstimate: "dynamic", FusedDetections: "by_lidar", Tracks: "states"}
+    names = {
+        OdometryEstimate: "dynamic",
+        FusedDetections: "by_lidar",
+        Tracks: "states",
+        DrivingCommand: "target_lane",
+    }
     return forged(answer, **{names.get(type(answer), "scores"): None})
 
 
 def missing_field(plugin, answer):
     made = object.__new__(type(answer))
-    object.__setattr__(made, "stamp_s", answer.stamp_s)
+    name = fields(answer)[-1].name
+    object.__setattr__(made, name, getattr(answer, name))
     return made
 
 
@@ -405,6 +454,8 @@ def wrong_shape(plugin, answer):
 
 
 def enormous_values(plugin, answer):
+    if isinstance(answer, DrivingCommand):
+        return forged(answer, acceleration_m_s2=1e300)
     for name in ("centres", "boxes", "covariance"):
         if hasattr(answer, name):
             return forged(answer, **{name: np.full_like(getattr(answer, name), 1e300)})
@@ -442,9 +493,11 @@ def written_later(plugin, answer):
     def spoil():
         while plugin.calls == call:
             time.sleep(0.001)
-        for value in values_of(answer).values():
+        for name, value in values_of(answer).items():
             if isinstance(value, np.ndarray):
                 value.fill(1)
+            elif isinstance(value, float):
+                object.__setattr__(answer, name, 1.0)
 
     threading.Thread(target=spoil, daemon=True).start()
     return answer
@@ -472,11 +525,12 @@ def start_children():
 
 def patch(plugin, answer):
     """Change classes of ours, and functions of libraries that scores are made with."""
-    for kind in (Detections, ImageDetections, Tracks, FusedDetections, OdometryEstimate, Pose):
+    records = Detections, ImageDetections, Tracks, FusedDetections, OdometryEstimate, DrivingCommand
+    for kind in (*records, Pose):
         for name in ("moved", "select", "inverse", "apply", "sure"):
             if hasattr(kind, name):
                 setattr(kind, name, lambda *arguments, **named: arguments[0])
-    roadscope.core.Tracks = roadscope.core.Detections = None
+    roadscope.core.Tracks = roadscope.core.Detections = roadscope.core.DrivingCommand = None
     np.median = np.interp = np.gradient = lambda *arguments, **named: 0.0
     return answer
 

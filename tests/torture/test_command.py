@@ -10,7 +10,7 @@ import pytest
 
 from roadscope import TRACKERS
 from tests.torture.acts import ALL
-from tests.torture.boards import ONE_EPISODE, Workshop, left_running
+from tests.torture.boards import ONE_EPISODE, Workshop, left_running, shown
 
 PEERS = ("norfair", "stonesoup-gnn", "roboflow-sort")
 Made = Callable[..., Workshop]
@@ -21,21 +21,25 @@ NASTY = "=cmd|<script>alert(1)\x1b[31m\n\u202e&%_.py"
 
 def test_the_board_is_shown_and_the_status_is_1(new_workshop: Made) -> None:
     place = new_workshop(suite=ONE_EPISODE)
-    entries = [place.spec(board, act) for board in ALL for act in ACTS[board]]
+    entries, names = [], []
+    for board in ALL:
+        specs = [place.spec(board, act) for act in ACTS[board]]
+        entries += specs
+        names += [shown(board, spec) for spec in specs]
     words = [word for entry in entries for word in ("--entry", entry)]
     done = place.command("--jobs", "2", "--out", str(place.out), *words)
     assert done.returncode == 1
     for board in ALL:
         assert f"{board} board" in done.stdout
-    for own in ("distance", "nearest", "noisy-camera", "union", "still"):
+    for own in ("distance", "nearest", "noisy-camera", "union", "still", "idm on truth"):
         assert own in done.stdout
-    for entry in entries:
-        named = [line for line in done.stdout.splitlines() if line.startswith(f"{entry} failed")]
-        assert len(named) == ("honest" not in entry)
+    for name in names:
+        named = [line for line in done.stdout.splitlines() if line.startswith(f"{name} failed")]
+        assert len(named) == ("honest" not in name)
     assert "Traceback" not in done.stderr
     saved = json.loads((place.out / "leaderboard.json").read_text())
     failed = {f["entry"].removesuffix(" on oracle") for f in saved["failures"]}
-    assert failed == {e for e in entries if "honest" not in e}
+    assert failed == {name for name in names if "honest" not in name}
     raised = [f for f in saved["failures"] if "base_exception" in f["entry"]]
     for failure in raised:
         assert failure["log_file"] in done.stdout
