@@ -50,9 +50,11 @@ class RunOptions:
 
     limits: of time and memory, for a plug-in in a process of its own.
     trust: run every plug-in inside the run's own process, for debugging.
-    sandbox: hide network, cache and results from plug-ins, and let them write no file.
+    sandbox: hide network, cache, results and recorded data from plug-ins, and let them write no
+        file.
     fresh: compute again what an earlier run has computed.
     hidden: folders that look empty in the sandbox, beside that of the cache.
+    data: folders of recorded data, of which plug-ins in the sandbox can read nothing.
     """
 
     limits: Limits = field(default_factory=Limits)
@@ -60,10 +62,17 @@ class RunOptions:
     sandbox: bool = False
     fresh: bool = False
     hidden: tuple[Path, ...] = ()
+    data: tuple[Path, ...] = ()
 
     def probing(self) -> AbstractContextManager[None]:
         """Apply these options while classes are loaded to read their traits."""
-        return probing(self.limits, sandbox=self.sandbox, trust=self.trust)
+        return probing(
+            self.limits,
+            sandbox=self.sandbox,
+            trust=self.trust,
+            hidden=self.hidden,
+            data=self.data,
+        )
 
 
 def open_with(options: RunOptions, spec: Spec) -> AbstractContextManager[PluginHandle]:
@@ -74,6 +83,7 @@ def open_with(options: RunOptions, spec: Spec) -> AbstractContextManager[PluginH
         isolated=spec.isolated and not options.trust,
         sandbox=options.sandbox,
         hidden=options.hidden,
+        data=options.data,
     )
 
 

@@ -109,8 +109,8 @@ def leaderboard(
     limits: of such a plug-in's process.
     trust: run such plug-ins inside the processes of the run, for debugging: they can then crash or
         falsify it.
-    sandbox: hide network, cache and results from such plug-ins, and let them write no file (needs
-        bubblewrap).
+    sandbox: hide network, cache, results and the folder of recorded data from such plug-ins, and
+        let them write no file (needs bubblewrap).
     backend: what provides worker processes, `loky` (on this machine), `ray` or `dask`.
     address: of a running cluster of Ray or Dask; None: workers are started on this machine.
         Machines of a cluster need this package, the files of plug-ins and of recorded data at the
@@ -135,7 +135,8 @@ def leaderboard(
     if deadline_s is not None:
         limits = replace(limits, episode_s=deadline_s)
     folder = cache_dir() if out_dir is None else Path(out_dir)
-    options = RunOptions(limits, trust, sandbox, fresh, hidden=(folder,))
+    data = tuple(Path(path) for path in (kitti, mot) if path is not None)
+    options = RunOptions(limits, trust, sandbox, fresh, hidden=(folder,), data=data)
     compile_first = workers.share_kernels and nothing_is_compiled()
     with options.probing():
         run_plan = plan(

@@ -204,6 +204,7 @@ def leaderboard(
                     trust,
                     sandbox,
                     hidden=() if out is None else (out,),
+                    data=tuple(path for path in (kitti, mot) if path is not None),
                 ),
                 progress=progress,
             )

@@ -40,8 +40,9 @@ A plug-in runs as the user does, so that it can do what the user can:
 - compute truth from the public code and seeds of a suite, read it from kept files, and use it;
 - state shorter times of its calls than they took.
 
-With `--sandbox` it sees no process, network, cache or results, and can write to a scratch folder
-only, also while its class is loaded. What can be computed from public code it can still compute.
+With `--sandbox` it sees no process, network, cache, results or folder of recorded data, and can
+write to a scratch folder only, also while its class is loaded. What can be computed from public
+code it can still compute.
 
 On clusters (`--backend ray|dask` with an address) digests are not compared: machines may have files
 of their own under the same names.

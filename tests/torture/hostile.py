@@ -578,6 +578,11 @@ def seek_paths(plugin, answer):
     return answer
 
 
+def read_labels(plugin, answer):
+    """Read a file of labels, named as `results`, and say what is in it."""
+    raise FoundError(Path(plugin.results).read_text()[:80])
+
+
 # What damages files of the run.
 
 

@@ -3,12 +3,16 @@
 import os
 from collections.abc import Callable
 from dataclasses import replace
+from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import pytest
+from toy_kitti import write_kitti
 
+import roadscope
 from roadscope.benchmarks.isolation import sandbox_available
 from tests.torture.acts import ALL
-from tests.torture.boards import LIMITS, ONE_EPISODE, Run, Workshop, left_running
+from tests.torture.boards import LIMITS, ONE_EPISODE, Run, Workshop, left_running, workshop
 
 Made = Callable[..., Workshop]
 needs_sandbox = pytest.mark.skipif(bool(sandbox_available()), reason=sandbox_available() or "-")
@@ -75,3 +79,26 @@ def test_a_sandbox_holds(new_workshop: Made, honest_run: tuple[Workshop, Run]) -
     assert run.values() == {place: expected[place] for place in run.values()}
     assert run.warned == []
     assert left_running(place.plugins) == []
+
+
+@needs_sandbox
+@pytest.mark.parametrize("sandbox", [False, True])
+def test_a_sandbox_hides_the_labels_of_recorded_data(tmp_path: Path, sandbox: bool) -> None:
+    """Their folder is one that a sandbox does not hide by itself, as it does with `/tmp`."""
+    place = workshop(tmp_path / "run")
+    with TemporaryDirectory(dir="/var/tmp") as folder:
+        labels = write_kitti(Path(folder, "kitti"), ("0000",)) / "label_02" / "0000.txt"
+        entry = place.spec("tracking", "read_labels", results=labels)
+        with place.in_use():
+            results = roadscope.leaderboard(
+                entries=[entry],
+                boards=["tracking"],
+                only=True,
+                kitti=Path(folder, "kitti"),
+                jobs=1,
+                out_dir=place.out,
+                sandbox=sandbox,
+            )
+    assert results.jobs
+    for job in results.jobs:
+        assert ("FileNotFoundError" if sandbox else "DontCare") in str(job.reason)

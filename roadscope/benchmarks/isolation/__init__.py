@@ -22,10 +22,11 @@ variable of their environment.
 What is not prevented. Its process belongs to the same user: it can read and write that user's
 files, use the network, and signal that user's processes, also the worker. It can report times of
 its calls that are too short. Memory is measured ten times a second, and memory that is not resident
-(files in /dev/shm) is not counted. With `sandbox=True` bubblewrap hides network, processes, cache
-and results, and lets it write no file; but scenarios are public code, and a plug-in can still
-compute the traffic from that, or read the labels of recorded data. A class is loaded once before a
-run to read its traits; `probing` applies the limits and the sandbox of the run to that.
+(files in /dev/shm) is not counted. With `sandbox=True` bubblewrap hides network, processes, cache,
+results and the folder of recorded data, and lets it write no file; but scenarios are public code,
+and a plug-in can still compute the traffic from that, or find copies of recorded data elsewhere. A
+class is loaded once before a run to read its traits; `probing` applies the limits and the sandbox
+of the run to that.
 
 On other systems than Linux, processes that left the plug-in's session may outlive it. On systems
 that cannot fork (Windows) there is no isolation, and `open_plugin` raises `PluginError`.

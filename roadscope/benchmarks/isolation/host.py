@@ -48,6 +48,7 @@ from roadscope.benchmarks.isolation.limits import (
     Traits,
 )
 from roadscope.benchmarks.isolation.sandbox import (
+    folders_behind,
     needed_paths,
     sandbox_available,
     sandbox_command,
@@ -56,7 +57,8 @@ from roadscope.core.loading import LoadingError, SpecError, load_class
 from roadscope.core.text import last_lines, one_line
 from roadscope.core.wire import WireError, decode, encode
 
-ROOT = Path(__file__).resolve().parents[3]
+PACKAGE = Path(__file__).resolve().parents[2]
+ROOT = PACKAGE.parent
 """The folder that contains the package."""
 RUN = (
     "import sys; sys.path[:] = sys.argv[2:]; "
@@ -124,6 +126,7 @@ def open_plugin(
     isolated: bool | None = None,
     sandbox: bool = False,
     hidden: Sequence[Path] = (),
+    data: Sequence[Path] = (),
     watch_arguments: bool = False,
 ) -> Iterator[PluginHandle]:
     """Make a plug-in, in a process of its own unless it is part of roadscope; end it afterwards.
@@ -131,6 +134,7 @@ def open_plugin(
     isolated: whether it gets a process of its own; None: as the spec says.
     sandbox: whether that process has no network, and only an empty scratch folder to write to.
     hidden: folders that look empty in the sandbox, beside that of the cache.
+    data: folders of recorded data, of which nothing can be read in the sandbox.
     watch_arguments: whether a call that changes its arguments fails.
 
     `PluginError` says how the plug-in failed, `SandboxError` why the sandbox cannot be used.
@@ -143,6 +147,7 @@ def open_plugin(
         limits or Limits(),
         sandbox=sandbox,
         hidden=hidden,
+        data=data,
         watch_arguments=watch_arguments,
     )
     try:
@@ -189,7 +194,14 @@ def probe(spec: PluginSpec) -> Traits:
 
 
 def _loaded_in_child(spec: PluginSpec, options: _Probing) -> Traits:
-    plugin = _Isolated(spec, options.limits, make=False, sandbox=options.sandbox)
+    plugin = _Isolated(
+        spec,
+        options.limits,
+        make=False,
+        sandbox=options.sandbox,
+        hidden=options.hidden,
+        data=options.data,
+    )
     try:
         return plugin.load()
     finally:
@@ -203,15 +215,24 @@ class _Probing:
     limits: Limits = Limits()  # noqa: RUF009
     sandbox: bool = False
     trust: bool = False
+    hidden: tuple[Path, ...] = ()
+    data: tuple[Path, ...] = ()
 
 
 @contextmanager
-def probing(limits: Limits, *, sandbox: bool = False, trust: bool = False) -> Iterator[None]:
+def probing(
+    limits: Limits,
+    *,
+    sandbox: bool = False,
+    trust: bool = False,
+    hidden: Sequence[Path] = (),
+    data: Sequence[Path] = (),
+) -> Iterator[None]:
     """Within the context, `probe` loads classes with these options: see `open_plugin`.
 
     trust: load them in this process.
     """
-    token = _probing.set(_Probing(limits, sandbox and not trust, trust))
+    token = _probing.set(_Probing(limits, sandbox and not trust, trust, tuple(hidden), tuple(data)))
     try:
         yield
     finally:
@@ -280,6 +301,7 @@ class _Isolated:
         make: bool = True,
         sandbox: bool = False,
         hidden: Sequence[Path] = (),
+        data: Sequence[Path] = (),
         watch_arguments: bool = False,
     ) -> None:
         self._text, self._limits = spec.text, limits
@@ -292,7 +314,7 @@ class _Isolated:
             raise PluginError(
                 self._text, "processes cannot be forked here; --trust runs it in this one"
             )
-        self._own = _Supervisor(_sandboxed(spec, hidden)) if sandbox else None
+        self._own = _Supervisor(_sandboxed(spec, hidden, data)) if sandbox else None
         self._supervisor = self._own or _Supervisor.of_this_process()
         request = {
             "target": spec.target,
@@ -305,14 +327,14 @@ class _Isolated:
             "memory_bytes": round(limits.memory_gb * 1e9),
             "output_bytes": round(limits.output_mb * 1e6),
         }
-        self._data, data = socket.socketpair()
+        self._data, answering = socket.socketpair()
         self._watch, watch = socket.socketpair()
         self._buffer = open_buffer()
         self._channel = Channel(self._data, ended=self._watch, buffer=self._buffer)
         self._reports = Channel(self._watch)
         self._opened = time.monotonic()
-        with data, watch:
-            files = [data.fileno(), self._buffer, watch.fileno()]
+        with answering, watch:
+            files = [answering.fileno(), self._buffer, watch.fileno()]
             self._guard = self._supervisor.open(request, files)
 
     def load(self) -> Traits:
@@ -551,13 +573,18 @@ def _import_path() -> list[str]:
     return [entry or str(Path.cwd()) for entry in sys.path]
 
 
-def _sandboxed(spec: PluginSpec, hidden: Sequence[Path]) -> list[str]:
+def _sandboxed(spec: PluginSpec, hidden: Sequence[Path], data: Sequence[Path]) -> list[str]:
     if why := sandbox_available():
         raise SandboxError(why)
     from roadscope.benchmarks.cache import cache_dir
 
     place = spec.target.rpartition(":")[0]
-    readable = [ROOT, *needed_paths(sys.path)]
+    sealed = [each for path in data for each in folders_behind(path)]
+
+    def in_data(path: Path) -> bool:
+        return any(path.resolve().is_relative_to(each) for each in sealed)
+
+    readable = [PACKAGE, *(path for path in needed_paths(sys.path) if not in_data(path))]
     folders = [path.resolve() for path in (cache_dir(), *hidden)]
     if place.endswith(".py"):
         folder = Path(place).resolve().parent
@@ -567,8 +594,14 @@ def _sandboxed(spec: PluginSpec, hidden: Sequence[Path]) -> list[str]:
                 f"its file is in {folder}, which looks empty in a sandbox, as results are there: "
                 "name another folder for results with --out, or move the file of the plug-in",
             )
+        if in_data(folder):
+            raise PluginError(
+                spec.text,
+                f"its file is in {folder}, in a folder of recorded data, which looks empty in a "
+                "sandbox, as labels are there: move the file of the plug-in to another folder",
+            )
         readable.append(folder)
-    return sandbox_command(readable=readable, hidden=folders)
+    return sandbox_command(readable=readable, hidden=[*folders, *sealed])
 
 
 def _is_answer(content: Any, number: int, most_s: float) -> bool:

@@ -46,26 +46,42 @@ def sandbox_command(*, readable: Iterable[Path], hidden: Sequence[Path]) -> list
     """Return the words before a command that run it in a sandbox.
 
     readable: files and folders that the command needs, even inside the scratch folder or a hidden
-        one. hidden: folders that look empty.
+        one. hidden: folders that look empty, even inside a readable one. Of a path that is both it
+        is hidden.
     """
-    masks = [path for path in (*MASKED, *hidden) if path.is_dir()]
+    hidden = [path for path in hidden if path.is_dir()]
+    masks = [path for path in (*MASKED, *hidden) if path.is_dir() and not path.is_symlink()]
     needed = {path.resolve() for path in (Path(sys.prefix), Path(sys.base_prefix), *readable)}
     words = ["bwrap", "--die-with-parent", "--unshare-all", "--new-session"]
     words += ["--ro-bind", "/", "/", "--dev", "/dev", "--proc", "/proc"]
-    for path in (SCRATCH, *masks):
-        if not path.is_symlink():
+    places = (SCRATCH, *masks)
+    needed = {path for path in needed if any(path.is_relative_to(place) for place in places)}
+    # A folder comes before those inside it.
+    for path in sorted({*places, *filter(Path.exists, needed)}):
+        if path in places:
             words += ["--size", str(SCRATCH_BYTES), "--tmpfs", str(path)]
-    for path in sorted(needed):
-        if path.exists() and any(path.is_relative_to(mask) for mask in (SCRATCH, *masks)):
+        else:
             words += ["--ro-bind", str(path), str(path)]
-    for path in hidden:
-        # Once more, because a hidden folder may be inside a readable one.
-        if path.is_dir() and any(path.is_relative_to(place) for place in needed):
-            words += ["--tmpfs", str(path)]
     for path in masks:
-        if not path.is_symlink():
-            words += ["--remount-ro", str(path)]
+        words += ["--remount-ro", str(path)]
     return [*words, "--setenv", "TMPDIR", str(SCRATCH), "--setenv", "HOME", str(SCRATCH)]
+
+
+@cache
+def folders_behind(folder: Path) -> tuple[Path, ...]:
+    """Return a folder and the other folders that links in it lead to, resolved.
+
+    Links to a folder that contains this one are left out.
+    """
+    found = [folder.resolve()]
+    for top in found:
+        for place, names, _ in os.walk(top):
+            for link in (Path(place, name) for name in names):
+                target = link.resolve() if link.is_symlink() else top
+                is_new = not any(target.is_relative_to(each) for each in found)
+                if is_new and not found[0].is_relative_to(target):
+                    found.append(target)
+    return tuple(found)
 
 
 def needed_paths(path: Iterable[str]) -> list[Path]:

@@ -1,22 +1,27 @@
 """What a plug-in in a sandbox can reach."""
 
 import socket
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import pytest
 
+import roadscope
 from roadscope.benchmarks.isolation import (
     Limits,
     PluginError,
     SandboxError,
     open_plugin,
+    probe,
+    probing,
     sandbox_available,
 )
 from roadscope.core import Tracks
 from tests.benchmarks.isolation.specs import bad, detections, written
 
+ROOT = Path(roadscope.__file__).parents[1]
 needs_sandbox = pytest.mark.skipif(bool(sandbox_available()), reason=sandbox_available() or "-")
 
 
@@ -75,6 +80,54 @@ def test_a_plugin_in_a_hidden_folder_fails_with_what_to_do(tmp_path: Path) -> No
         open_plugin(spec, sandbox=True, hidden=[tmp_path]),
     ):
         pass
+
+
+@needs_sandbox
+def test_a_sandbox_hides_recorded_data(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """That are folders to which links in it lead too, and those of the import path in it."""
+    data, linked, imported = folder / "kitti", folder / "disk", folder / "kitti" / "code"
+    for place in (linked, imported):
+        place.mkdir(parents=True)
+        (place / "labels").write_text("x")
+    (data / "training").symlink_to(linked)
+    (data / "itself").symlink_to(data)
+    monkeypatch.syspath_prepend(str(imported))
+    for place in (linked, imported):
+        spec = bad("Tries", place=str(folder), secret=str(place / "labels"))
+        for options, read in (({}, ""), ({"data": [data]}, "FileNotFoundError")):
+            with open_plugin(spec, sandbox=True, **options) as plugin:
+                assert plugin.call("update", None, None).answer["read"] == read
+
+
+@needs_sandbox
+def test_recorded_data_are_hidden_while_a_class_is_loaded(folder: Path) -> None:
+    (folder / "kitti").mkdir()
+    (folder / "mine").mkdir()
+    labels = folder / "kitti" / "labels"
+    labels.write_text("x")
+    code = f"open({str(labels)!r})\nclass Tracker:\n    update = reset = None"
+    spec = written(folder / "mine", code)
+    for data, is_open in (([], True), ([folder / "kitti"], False)):
+        with probing(Limits(), sandbox=True, data=data):
+            assert (not probe(spec).failure) is is_open
+
+
+@needs_sandbox
+def test_a_plugin_among_recorded_data_fails_with_what_to_do(tmp_path: Path) -> None:
+    place = tmp_path / "training" / "mine"
+    place.mkdir(parents=True)
+    with (
+        pytest.raises(PluginError, match="to another folder"),
+        open_plugin(written(place, "class Tracker: ..."), sandbox=True, data=[tmp_path]),
+    ):
+        pass
+
+
+@needs_sandbox
+def test_what_python_needs_stays_in_a_hidden_folder() -> None:
+    """Data may be beside a virtual environment, and in the folder of a clone."""
+    with open_plugin(bad("Good"), sandbox=True, hidden=[ROOT, Path(sys.prefix).parent]) as plugin:
+        assert isinstance(plugin.call("update", detections(), None).answer, Tracks)
 
 
 @needs_sandbox
