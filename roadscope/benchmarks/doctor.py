@@ -85,7 +85,8 @@ class Isolation:
     """The means that isolate plug-ins that are not part of roadscope.
 
     parts: by name, whether each is available. sandbox: whether bubblewrap works here; only it
-    keeps a plug-in from the cache, the results and the network. sandbox_reason: why not.
+    keeps a plug-in from the cache, the results, recorded data and the network. sandbox_reason: why
+    not.
     """
 
     parts: Mapping[str, bool]
