@@ -26,7 +26,7 @@ STACKS = {
 }
 """By the board of a plug-in a stack with it."""
 SUITE = ONE_EPISODE.replace("duration_s = 2.0", "duration_s = 0.5")
-QUICK = ("honest", "written_later", "exit_0", "base_exception", "forged_bytes", "varying_masses")
+QUICK = ("honest", "written_later", "exit_0", "forged_bytes", "varying_masses")
 HANGING = ("hang_in_call",)
 
 
