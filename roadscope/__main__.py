@@ -19,7 +19,6 @@ MORE, HERE = "Papers, sensors, networks", "This installation"
 
 COMMANDS: Mapping[str, CommandEntry] = {
     "run": CommandEntry(
-        "run:run_scenario",
         "Run one detector and one tracker on one episode",
         START,
         (
@@ -27,9 +26,9 @@ COMMANDS: Mapping[str, CommandEntry] = {
             "roadscope run merge --seed 3 --faults rain:4 --picture scene.png",
             "roadscope run street --rig wide --seconds 3 --video street.gif",
         ),
+        function="run_scenario",
     ),
     "leaderboard": CommandEntry(
-        "leaderboard:leaderboard",
         "Rank methods on the episodes of a suite, yours among them",
         START,
         (
@@ -38,79 +37,67 @@ COMMANDS: Mapping[str, CommandEntry] = {
         ),
     ),
     "report": CommandEntry(
-        "report:report",
         "Write one HTML page of results: plots and worst moments",
         START,
         ("roadscope report results --open",),
     ),
     "view": CommandEntry(
-        "view:view",
         "Show an episode or a run over time, in the viewer Rerun",
         START,
         ("roadscope view roundabout --seconds 2 --save scene.rrd",),
     ),
     "list": CommandEntry(
-        "list:list_names",
         "List the names that other commands take",
         START,
         ("roadscope list trackers", "roadscope list scenarios --json"),
+        function="list_names",
     ),
     "new": CommandEntry(
-        "new:new",
         "Write a plug-in or a suite that works, for you to change",
         OWN,
         ("roadscope new tracker my_tracker.py", "roadscope new suite"),
     ),
     "check": CommandEntry(
-        "check:check",
         "Check a plug-in against its contract, item by item",
         OWN,
         ("roadscope check my_tracker.py:MyTracker", "roadscope check gnn"),
     ),
     "compare": CommandEntry(
-        "compare:compare",
         "Compare two runs, or two entries of one run",
         OWN,
         ("roadscope compare results --entries nearest existence",),
     ),
     "export": CommandEntry(
-        "export:export",
         "Write a suite's scans, images and truth in KITTI's layout",
         OWN,
         ("roadscope export quick exported --seeds 1 --scenario roundabout",),
     ),
     "submit": CommandEntry(
-        "submit:submit",
         "Score result files of a program that is not a plug-in",
         OWN,
         ("roadscope submit answers --suite exported --name mine",),
     ),
     "detect": CommandEntry(
-        "detect:detect",
         "Detect road users in a folder of scans, images or both",
         RECORDED,
         ("roadscope detect exported/velodyne/0000 --height 0.55 --pictures pictures",),
     ),
     "run-odometry": CommandEntry(
-        "run_odometry:run_odometry",
         "Estimate the poses of a LiDAR from a folder of its scans",
         RECORDED,
         ("roadscope run-odometry exported/velodyne/0000 --out poses.txt",),
     ),
     "reproduce": CommandEntry(
-        "reproduce:reproduce",
         "Repeat a paper's experiments: which of its claims hold",
         MORE,
         ("roadscope reproduce lu2018 --seeds 1 --out papers",),
     ),
     "calibrate": CommandEntry(
-        "calibrate:calibrate",
         "Calibrate LiDAR and camera with a target (Li 2021)",
         MORE,
         ("roadscope calibrate --poses 8 --out calibration.json",),
     ),
     "train": CommandEntry(
-        "train:train",
         "Train the camera detector or a driver",
         MORE,
         (
@@ -119,19 +106,16 @@ COMMANDS: Mapping[str, CommandEntry] = {
         ),
     ),
     "speed": CommandEntry(
-        "speed:speed",
         "Measure how long methods, ray casting and cameras take",
         HERE,
         ("roadscope speed casting",),
     ),
     "doctor": CommandEntry(
-        "doctor:doctor",
         "Show versions, extras, cache, and what does not work",
         HERE,
         ("roadscope doctor",),
     ),
     "cache": CommandEntry(
-        "cache:cache",
         "Show or remove files that are computed once",
         HERE,
         ("roadscope cache show", "roadscope cache clear --kind detections"),

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING
 
 import typer
 
+from roadscope.commands import options
 from roadscope.commands.completion import cache_kinds
 from roadscope.commands.help import GroupedCommand, command_group
-from roadscope.commands.options import Json, flag, option
+from roadscope.commands.options import flag, option
 from roadscope.commands.terminal import print_json, show
 
 if TYPE_CHECKING:
@@ -19,19 +20,17 @@ if TYPE_CHECKING:
 cache = command_group("Show or remove files that are computed once and read again.")
 
 
-@cache.command("path", cls=GroupedCommand, help="Print the folder that computed files go to.")
+@cache.command("path", cls=GroupedCommand)
 def print_path() -> None:
-    """Print the folder; nothing else, for use in scripts."""
+    """Print the folder that computed files go to."""
     from roadscope.benchmarks.cache import cache_folder
 
     typer.echo(cache_folder())
 
 
-@cache.command("show", cls=GroupedCommand, help="Show how much there is of each kind of file.")
-def show_usage(
-    json: Json = False,
-) -> None:
-    """Show sizes by kind of file."""
+@cache.command("show", cls=GroupedCommand)
+def show_usage(json: bool = options.JSON) -> None:
+    """Show how much there is of each kind of file."""
     from dataclasses import asdict
 
     from roadscope.benchmarks.cache import cache_folder
@@ -46,24 +45,17 @@ def show_usage(
     _show_sizes(usages)
 
 
-@cache.command(
-    "clear",
-    cls=GroupedCommand,
-    help="Remove files; they are computed again when needed.",
-)
+@cache.command("clear", cls=GroupedCommand)
 def clear(
-    kind: Annotated[
-        list[str] | None,
-        option(
-            "KIND",
-            "Only this kind of file, see roadscope cache show; repeatable",
-            name="--kind",
-            autocompletion=cache_kinds,
-        ),
-    ] = None,
-    results: Annotated[bool, flag("--results", "Remove the results database, too")] = False,
+    kind: list[str] | None = option(
+        "KIND",
+        "Only this kind of file, see roadscope cache show; repeatable",
+        name="--kind",
+        names=cache_kinds,
+    ),
+    results: bool = flag("--results", "Remove the results database, too"),
 ) -> None:
-    """Remove computed files and print how many of each kind."""
+    """Remove files; they are computed again when needed."""
     from roadscope.benchmarks.cache import cache_folder
     from roadscope.benchmarks.cached_files import clear_cache
 

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING
 
 import typer
 
-from roadscope.commands.completion import rigs
-from roadscope.commands.options import Quiet, flag, option
+from roadscope.commands import completion, options
+from roadscope.commands.options import flag, option
 from roadscope.commands.terminal import headline, progress_bars, show
 
 if TYPE_CHECKING:
@@ -16,34 +16,25 @@ if TYPE_CHECKING:
 
 HOW = "How it is calibrated"
 
-Rig = Annotated[
-    str, option("NAME", "A rig with a camera: li2021, wide or a .toml file", autocompletion=rigs)
-]
-Poses = Annotated[int, option("N", "Poses of the target, 4 to 100", min=4, max=100)]
-Seed = Annotated[int, option("N", "Random seed of poses and noise", min=0)]
-KnownIntrinsics = Annotated[
-    bool, flag("--known-intrinsics", "Estimate only the camera's pose", HOW)
-]
-CornersOnly = Annotated[bool, flag("--corners-only", "Use corners alone, as the paper does", HOW)]
-Upright = Annotated[bool, flag("--upright", "The target stands upright; else it is tilted", HOW)]
-Scans = Annotated[int, option("N", "Scans of each pose, up to 1000", HOW, min=1, max=1000)]
-Outliers = Annotated[
-    float, option("SHARE", "Share of poses with a misread corner, up to 0.5", HOW, min=0, max=0.5)
-]
-Out = Annotated[Path | None, option("FILE", "Write the calibration, .json or .toml")]
-
 
 def calibrate(
-    rig: Rig = "li2021",
-    poses: Poses = 20,
-    seed: Seed = 0,
-    out: Out = None,
-    known_intrinsics: KnownIntrinsics = False,
-    corners_only: CornersOnly = False,
-    upright: Upright = False,
-    scans: Scans = 25,
-    outliers: Outliers = 0.0,
-    quiet: Quiet = False,
+    rig: str = option(
+        "NAME",
+        "A rig with a camera: li2021, wide or a .toml file",
+        names=completion.rigs,
+        default="li2021",
+    ),
+    poses: int = option("N", "Poses of the target, 4 to 100", min=4, max=100, default=20),
+    seed: int = option("N", "Random seed of poses and noise", min=0, default=0),
+    out: Path | None = option("FILE", "Write the calibration, .json or .toml"),
+    known_intrinsics: bool = flag("--known-intrinsics", "Estimate only the camera's pose", HOW),
+    corners_only: bool = flag("--corners-only", "Use corners alone, as the paper does", HOW),
+    upright: bool = flag("--upright", "The target stands upright; else it is tilted", HOW),
+    scans: int = option("N", "Scans of each pose, up to 1000", HOW, min=1, max=1000, default=25),
+    outliers: float = option(
+        "SHARE", "Share of poses with a misread corner, up to 0.5", HOW, min=0, max=0.5, default=0.0
+    ),
+    quiet: bool = options.QUIET,
 ) -> None:
     """Calibrate LiDAR and camera with a triangular target that both see (Li 2021).
 

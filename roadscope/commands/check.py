@@ -3,43 +3,32 @@
 from __future__ import annotations
 
 from dataclasses import asdict
-from typing import Annotated
 
 import typer
 
+from roadscope.commands import options
 from roadscope.commands.completion import plugin_kinds
-from roadscope.commands.options import Json, Quiet, flag, option
+from roadscope.commands.options import argument, flag, option
 from roadscope.commands.terminal import complain, print_json
 
-Spec = Annotated[
-    str,
-    typer.Argument(
-        metavar="SPEC",
-        help="A detector, camera detector, tracker, fusion, odometry or driver: file.py:Class, "
+
+def check(
+    spec: str = argument(
+        "SPEC",
+        "A detector, camera detector, tracker, fusion, odometry or driver: file.py:Class, "
         "module:Class or a NAME of ours",
     ),
-]
-Kind = Annotated[
-    str | None,
-    option(
+    kind: str | None = option(
         "KIND",
         "Kind of plug-in, if its class does not say: tracker, detector, 'camera detector', "
         "fusion, odometry, driver",
         name="--kind",
-        autocompletion=plugin_kinds,
+        names=plugin_kinds,
     ),
-]
-Deadline = Annotated[float, option("S", "Time limit of each item, seconds", min=1)]
-Trust = Annotated[bool, flag("--trust", "Run it in this process, for debugging")]
-
-
-def check(
-    spec: Spec,
-    kind: Kind = None,
-    deadline: Deadline = 120.0,
-    trust: Trust = False,
-    quiet: Quiet = False,
-    json: Json = False,
+    deadline: float = option("S", "Time limit of each item, seconds", min=1, default=120.0),
+    trust: bool = flag("--trust", "Run it in this process, for debugging"),
+    quiet: bool = options.QUIET,
+    json: bool = options.JSON,
 ) -> None:
     """Check a plug-in against its contract, item by item, and on some seconds of traffic.
 

@@ -6,71 +6,45 @@ import math
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Any
 
 import typer
 
-from roadscope.commands.completion import entries_of_runs
-from roadscope.commands.options import OUTPUT, Json, JsonFile, Quiet, flag, option
+from roadscope.commands import completion, options
+from roadscope.commands.options import OUTPUT, argument, flag, option
 from roadscope.commands.terminal import complain, console, printable
 
 if TYPE_CHECKING:
     from roadscope.benchmarks.compare import Comparison, Difference
 
 
-A = Annotated[
-    Path, typer.Argument(help="The earlier run: its folder or leaderboard.json", metavar="A")
-]
-B = Annotated[
-    Path | None,
-    typer.Argument(
-        help="The later run; with --entries, A if left out",
-        metavar="B",
-        show_default=False,
+def compare(
+    a: Path = argument("A", "The earlier run: its folder or leaderboard.json"),
+    b: Path | None = argument(
+        "B", "The later run; with --entries, A if left out", show_default=False, default=None
     ),
-]
-Entries = Annotated[
-    tuple[str, str] | None,
-    option(
-        "X Y",
-        "Compare the entry X of A with the entry Y of B",
-        autocompletion=entries_of_runs,
+    *,
+    entries: tuple[str, str] | None = option(
+        "X Y", "Compare the entry X of A with the entry Y of B", names=completion.entries_of_runs
     ),
-]
-Metrics = Annotated[
-    list[str] | None,
-    option("NAME", "Only this metric, such as hota or 'f1 by range: 0-20' (can be repeated)"),
-]
-Level = Annotated[
-    float,
-    option(
+    metric: list[str] | None = option(
+        "NAME", "Only this metric, such as hota or 'f1 by range: 0-20' (can be repeated)"
+    ),
+    level: float = option(
         "SHARE",
         "Confidence of intervals; the false discovery rate is 1 - SHARE",
         min=0.5,
         max=0.999,
+        default=0.95,
     ),
-]
-Times = Annotated[bool, flag("--times", "Longer computing times are regressions too")]
-Every = Annotated[bool, flag("--all", "Show unchanged metrics too", OUTPUT)]
-FailOnRegression = Annotated[
-    bool,
-    flag("--fail-on-regression", "Status 1 if a metric of B is worse, or a job failed in B alone"),
-]
-
-
-def compare(
-    a: A,
-    b: B = None,
-    *,
-    entries: Entries = None,
-    metric: Metrics = None,
-    level: Level = 0.95,
-    times: Times = False,
-    every: Every = False,
-    fail_on_regression: FailOnRegression = False,
-    out: JsonFile = None,
-    quiet: Quiet = False,
-    json: Json = False,
+    times: bool = flag("--times", "Longer computing times are regressions too"),
+    every: bool = flag("--all", "Show unchanged metrics too", OUTPUT),
+    fail_on_regression: bool = flag(
+        "--fail-on-regression", "Status 1 if a metric of B is worse, or a job failed in B alone"
+    ),
+    out: Path | None = options.JSON_FILE,
+    quiet: bool = options.QUIET,
+    json: bool = options.JSON,
 ) -> None:
     """Compare two runs, or two entries of one run, on the same seeds.
 

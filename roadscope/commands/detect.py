@@ -5,21 +5,12 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Any
 
 import typer
 
-from roadscope.commands import completion
-from roadscope.commands.options import (
-    RECORDED,
-    Json,
-    Layout,
-    LidarMounting,
-    Quiet,
-    Rate,
-    Topics,
-    option,
-)
+from roadscope.commands import completion, options
+from roadscope.commands.options import RECORDED, argument, option
 from roadscope.commands.terminal import complain, headline, print_json, progress_bars, show
 
 if TYPE_CHECKING:
@@ -30,64 +21,41 @@ if TYPE_CHECKING:
 HIGHEST_M = 5.0
 """No LiDAR on the road is higher above the ground. Chosen by hand."""
 
-Folder = Annotated[
-    Path,
-    typer.Argument(
-        metavar="DIR",
-        help="Scans (.bin, .pcd, .npy, .ply, .las, .laz), images (.png, .jpg) or both as KITTI has "
+
+def detect(
+    folder: Path = argument(
+        "DIR",
+        "Scans (.bin, .pcd, .npy, .ply, .las, .laz), images (.png, .jpg) or both as KITTI has "
         "them; or a bag of ROS 2",
     ),
-]
-DetectorSpec = Annotated[
-    str,
-    option(
+    detector: str = option(
         "SPEC",
         "NAME, file.py:Class or fused?lidar=A&camera=B&fusion=C; if left out, "
         "distance-l-shape, network or both fused",
-        autocompletion=completion.detectors,
+        names=completion.detectors,
+        default="",
     ),
-]
-Out = Annotated[Path, option("DIR", "Folder for the results")]
-Pictures = Annotated[
-    Path | None, option("DIR", "Draw scans and images with boxes scored 0.3 or more")
-]
-Height = Annotated[
-    float | None,
-    option("M", "Height of the LiDAR above the ground; if left out, estimated from scans"),
-]
-Calibration = Annotated[
-    Path | None,
-    option(
+    out: Path = option("DIR", "Folder for the results", default=Path("detections")),
+    pictures: Path | None = option("DIR", "Draw scans and images with boxes scored 0.3 or more"),
+    height: float | None = option(
+        "M", "Height of the LiDAR above the ground; if left out, estimated from scans"
+    ),
+    calibration: Path | None = option(
         "PATH",
         "KITTI calibration, file or folder; if left out, calib.txt or calib in DIR or beside it",
     ),
-]
-Images = Annotated[Path | None, option("DIR", "The images, if they are not in DIR", RECORDED)]
-Poses = Annotated[
-    Path | None,
-    option(
+    images: Path | None = option("DIR", "The images, if they are not in DIR", RECORDED),
+    poses: Path | None = option(
         "FILE",
         "Poses by run-odometry, for detectors of moving things; else the LiDAR stands still",
         RECORDED,
     ),
-]
-
-
-def detect(
-    folder: Folder,
-    detector: DetectorSpec = "",
-    out: Out = Path("detections"),
-    pictures: Pictures = None,
-    height: Height = None,
-    calibration: Calibration = None,
-    images: Images = None,
-    poses: Poses = None,
-    lidar_mounting: LidarMounting = None,
-    rate_hz: Rate = 10.0,
-    layout: Layout = "",
-    topic: Topics = None,
-    quiet: Quiet = False,
-    json: Json = False,
+    lidar_mounting: str | None = options.LIDAR_MOUNTING,
+    rate_hz: float = options.RATE,
+    layout: str = options.LAYOUT,
+    topic: list[str] | None = options.TOPICS,
+    quiet: bool = options.QUIET,
+    json: bool = options.JSON,
 ) -> None:
     """Detect road users in a folder of scans, images or both.
 

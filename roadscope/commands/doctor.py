@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import typer
 
-from roadscope.commands.options import Json
+from roadscope.commands import options
 from roadscope.commands.terminal import headline, print_json
 
 if TYPE_CHECKING:
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from roadscope.benchmarks.doctor import Diagnosis
 
 
-def doctor(json: Json = False) -> None:
+def doctor(json: bool = options.JSON) -> None:
     """Show whether this installation works: versions, extras, cache, kernels, isolation.
 
     Exit status: 1 if something is broken.

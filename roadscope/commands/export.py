@@ -3,60 +3,38 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
 
 import typer
 
-from roadscope.commands import completion
-from roadscope.commands.options import Quiet, flag, option
+from roadscope.commands import completion, options
+from roadscope.commands.options import argument, flag, option
 from roadscope.commands.terminal import progress_bars
 
 NONE = "none"
 """Detector that stands for no detections."""
 
-SuiteName = Annotated[
-    str,
-    typer.Argument(
-        help="See roadscope list suites, or a .toml file",
-        metavar="SUITE",
-        autocompletion=completion.suites,
+
+def export(
+    suite: str = argument(
+        "SUITE", "See roadscope list suites, or a .toml file", names=completion.suites
     ),
-]
-Folder = Annotated[
-    Path,
-    typer.Argument(help="A new folder, or one of a stopped run, which continues", metavar="DIR"),
-]
-Seeds = Annotated[int | None, option("N", "Export only the first N seeds", min=1)]
-Scenarios = Annotated[
-    list[str] | None,
-    option(
+    folder: Path = argument("DIR", "A new folder, or one of a stopped run, which continues"),
+    *,
+    seeds: int | None = option("N", "Export only the first N seeds", min=1),
+    scenarios: list[str] | None = option(
         "NAME",
         "Export only this scenario (can be repeated)",
         name="--scenario",
-        autocompletion=completion.scenarios,
+        names=completion.scenarios,
     ),
-]
-WithTruth = Annotated[bool, flag("--with-truth", "Write the truth of test seeds too")]
-Detections = Annotated[
-    list[str] | None,
-    option(
+    with_truth: bool = flag("--with-truth", "Write the truth of test seeds too"),
+    detections: list[str] | None = option(
         "SPEC",
         "Write this detector's detections, not those of the suite (can be repeated); none: "
         "none at all",
-        autocompletion=completion.detectors,
+        names=completion.detectors,
     ),
-]
-
-
-def export(
-    suite: SuiteName,
-    folder: Folder,
-    *,
-    seeds: Seeds = None,
-    scenarios: Scenarios = None,
-    with_truth: WithTruth = False,
-    detections: Detections = None,
-    quiet: Quiet = False,
+    quiet: bool = options.QUIET,
 ) -> None:
     """Write a suite's scans, images, calibration and truth in KITTI's layout.
 

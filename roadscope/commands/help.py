@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import inspect
 import sys
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from importlib import import_module
 from typing import Any
@@ -23,46 +23,30 @@ MAIN = "Options"
 class CommandEntry:
     """A command, before it is imported.
 
-    place: `module:function` in `roadscope.commands`; the function may also be a `typer.Typer`.
     summary: what `roadscope --help` says of it, one line of at most 60 characters.
     group: its heading there.
     examples: lines for a shell that work as they are, after those of earlier commands.
+    function: in the module of `roadscope.commands` that has the command's name; may also be a
+        `typer.Typer`. Empty: it has that name too.
     """
 
-    place: str
     summary: str
     group: str
     examples: tuple[str, ...]
+    function: str = ""
 
     def load(self, name: str) -> Any:
         """Import the command and return it as Typer runs it."""
-        module, _, function = self.place.partition(":")
-        loaded = getattr(import_module(f"roadscope.commands.{module}"), function)
+        module = name.replace("-", "_")
+        loaded = getattr(import_module(f"roadscope.commands.{module}"), self.function or module)
         if isinstance(loaded, typer.Typer):
             command: Any = typer.main.get_command(loaded)
         else:
             alone = typer.Typer(add_completion=False, rich_markup_mode=None)
-            text = _paragraphs(loaded.__doc__ or "")
-            alone.command(name, cls=RegisteringCommand, help=text)(loaded)
+            alone.command(name, cls=RegisteringCommand)(loaded)
             command = typer.main.get_command(alone)
         command.examples = self.examples
         return command
-
-
-class _Commands(Mapping[str, Any]):
-    """Commands by name, each imported when it is asked for."""
-
-    def __init__(self, entries: Mapping[str, CommandEntry]) -> None:
-        self.entries = entries
-
-    def __getitem__(self, name: str) -> Any:
-        return self.entries[name].load(name)
-
-    def __iter__(self) -> Iterator[str]:
-        return iter(self.entries)
-
-    def __len__(self) -> int:
-        return len(self.entries)
 
 
 class _Help:
@@ -88,7 +72,11 @@ class _Help:
 
 
 class GroupedCommand(_Help, TyperCommand):
-    """A command whose help shows options in groups."""
+    """A command whose help, its docstring, shows options in groups."""
+
+    def __init__(self, *arguments: Any, **settings: Any) -> None:
+        super().__init__(*arguments, **settings)
+        self.help = _paragraphs(self.help or "")
 
 
 class RegisteringCommand(GroupedCommand):
@@ -109,9 +97,13 @@ class GroupedCommands(_Help, TyperGroup):
 
     def __init__(self, **settings: Any) -> None:
         super().__init__(**settings)
-        if self.entries:
-            lazy: Any = _Commands(self.entries)
-            self.commands = lazy
+        not_loaded: Any = dict.fromkeys(self.entries)
+        self.commands.update(not_loaded)
+
+    def get_command(self, ctx: Any, cmd_name: str) -> Any:
+        """Return a command, which is imported now; None if there is none of that name."""
+        entry = self.entries.get(cmd_name)
+        return super().get_command(ctx, cmd_name) if entry is None else entry.load(cmd_name)
 
     def format_options(self, ctx: Any, formatter: Any) -> None:
         """Write the commands of each group, then the options."""

@@ -3,152 +3,87 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Any
 
 import typer
 
-from roadscope.commands import completion
-from roadscope.commands.options import (
-    OUTPUT,
-    RECORDED,
-    RUNNING,
-    Jobs,
-    Quiet,
-    Width,
-    flag,
-    option,
-    workers,
-)
+from roadscope.commands import completion, options
+from roadscope.commands.options import OUTPUT, RECORDED, RUNNING, argument, flag, option, workers
 from roadscope.commands.terminal import complain, console, open_page, printable, progress_bars
 
 if TYPE_CHECKING:
     from roadscope.benchmarks import Results, Suite
     from roadscope.benchmarks.boards import Board
-    from roadscope.benchmarks.loop import RunOptions
-    from roadscope.benchmarks.workers import WorkerSettings
 
 DEFAULT_SUITE = "quick"
 
 CHOICE = "What is ranked"
 
-BoardName = Annotated[
-    str | None,
-    typer.Argument(
-        metavar="BOARD",
-        help="See roadscope list boards; all of the suite if left out.",
-        autocompletion=completion.boards,
+
+def leaderboard(
+    board: str | None = argument(
+        "BOARD",
+        "See roadscope list boards; all of the suite if left out.",
+        names=completion.boards,
+        default=None,
     ),
-]
-Entry = Annotated[
-    list[str] | None,
-    option(
-        "SPEC",
-        "NAME or file.py:Class?arg=value to rank; repeatable",
-        autocompletion=completion.entries,
+    *,
+    entry: list[str] | None = option(
+        "SPEC", "NAME or file.py:Class?arg=value to rank; repeatable", names=completion.entries
     ),
-]
-SuiteName = Annotated[
-    str | None,
-    option(
-        "NAME",
-        "Episodes, entries: see roadscope list suites, or a .toml",
-        autocompletion=completion.suites,
+    suite: str | None = option(
+        "NAME", "Episodes, entries: see roadscope list suites, or a .toml", names=completion.suites
     ),
-]
-Seeds = Annotated[
-    int | None, option("N", "First N seeds; thresholds are tuned on N train seeds", min=1)
-]
-Out = Annotated[Path | None, option("DIR", "Write JSON, CSV, Markdown, LaTeX, replays there")]
-Open = Annotated[bool, flag("--open", "Show the results as a page in a browser")]
-Only = Annotated[bool, flag("--only", "Rank only what --entry names", CHOICE)]
-By = Annotated[
-    list[str] | None, option("NAME", "Break down by scenario, condition, ...; repeatable", CHOICE)
-]
-Detections = Annotated[
-    list[str] | None,
-    option(
+    seeds: int | None = option("N", "First N seeds; thresholds are tuned on N train seeds", min=1),
+    out: Path | None = option("DIR", "Write JSON, CSV, Markdown, LaTeX, replays there"),
+    browse: bool = flag("--open", "Show the results as a page in a browser"),
+    only: bool = flag("--only", "Rank only what --entry names", CHOICE),
+    by: list[str] | None = option(
+        "NAME", "Break down by scenario, condition, ...; repeatable", CHOICE
+    ),
+    detections: list[str] | None = option(
         "SPEC",
         "Detector whose detections trackers get, or stack (DETECTOR + TRACKER) of drivers; "
         "repeatable",
         CHOICE,
-        autocompletion=completion.detectors,
+        names=completion.detectors,
     ),
-]
-Calibration = Annotated[
-    Path | None, option("FILE", "Calibration for fusions, by roadscope calibrate", CHOICE)
-]
-Kitti = Annotated[
-    Path | None, option("DIR", "KITTI's data, in place of simulated traffic", RECORDED)
-]
-LidarHeight = Annotated[
-    float | None,
-    option("M", "Height of KITTI's LiDAR above the road; 1.73 if left out", RECORDED, min=0.1),
-]
-Mot = Annotated[Path | None, option("DIR", "MOTChallenge's data, for trackers", RECORDED)]
-Tracks = Annotated[
-    Path | None, option("DIR", "With --kitti or --mot: write all tracks there", RECORDED)
-]
-Fresh = Annotated[bool, flag("--fresh", "Compute all again, also results of earlier runs", RUNNING)]
-Deadline = Annotated[
-    float,
-    option(
+    calibration: Path | None = option(
+        "FILE", "Calibration for fusions, by roadscope calibrate", CHOICE
+    ),
+    kitti: Path | None = option("DIR", "KITTI's data, in place of simulated traffic", RECORDED),
+    lidar_height: float | None = option(
+        "M", "Height of KITTI's LiDAR above the road; 1.73 if left out", RECORDED, min=0.1
+    ),
+    mot: Path | None = option("DIR", "MOTChallenge's data, for trackers", RECORDED),
+    tracks: Path | None = option("DIR", "With --kitti or --mot: write all tracks there", RECORDED),
+    jobs: int = options.JOBS,
+    fresh: bool = flag("--fresh", "Compute all again, also results of earlier runs", RUNNING),
+    deadline: float = option(
         "S",
         "Time limit of a plug-in for one episode; else 300 s",
         RUNNING,
         min=1,
         show_default=False,
+        default=300.0,
     ),
-]
-Trust = Annotated[
-    bool, flag("--trust", "Run plug-ins in this process, where they can cheat", RUNNING)
-]
-Sandbox = Annotated[
-    bool, flag("--sandbox", "No network, read-only files; needs bubblewrap", RUNNING)
-]
-Backend = Annotated[
-    str,
-    option(
+    trust: bool = flag("--trust", "Run plug-ins in this process, where they can cheat", RUNNING),
+    sandbox: bool = flag("--sandbox", "No network, read-only files; needs bubblewrap", RUNNING),
+    backend: str = option(
         "NAME",
         "Workers: loky (this machine), ray, dask",
         RUNNING,
         show_default=False,
-        autocompletion=completion.backends,
+        names=completion.backends,
+        default="loky",
     ),
-]
-Address = Annotated[
-    str | None, option("URL", "Address of a ray or dask cluster, as tcp://HOST:8786", RUNNING)
-]
-Json = Annotated[bool, flag("--json", "Print leaderboard.json and nothing else", OUTPUT)]
-
-
-def leaderboard(
-    board: BoardName = None,
-    *,
-    entry: Entry = None,
-    suite: SuiteName = None,
-    seeds: Seeds = None,
-    out: Out = None,
-    browse: Open = False,
-    only: Only = False,
-    by: By = None,
-    detections: Detections = None,
-    calibration: Calibration = None,
-    kitti: Kitti = None,
-    lidar_height: LidarHeight = None,
-    mot: Mot = None,
-    tracks: Tracks = None,
-    jobs: Jobs = 0,
-    fresh: Fresh = False,
-    deadline: Deadline = 300.0,
-    trust: Trust = False,
-    sandbox: Sandbox = False,
-    backend: Backend = "loky",
-    address: Address = None,
-    width: Width = None,
-    quiet: Quiet = False,
-    json: Json = False,
+    address: str | None = option(
+        "URL", "Address of a ray or dask cluster, as tcp://HOST:8786", RUNNING
+    ),
+    width: int | None = options.WIDTH,
+    quiet: bool = options.QUIET,
+    json: bool = flag("--json", "Print leaderboard.json and nothing else", OUTPUT),
 ) -> None:
     """Rank methods on a suite's episodes; exit status 1 if an entry fails or is missing."""
     from roadscope.benchmarks.boards import chosen_boards
@@ -156,12 +91,13 @@ def leaderboard(
     from roadscope.benchmarks.isolation import Limits
     from roadscope.benchmarks.loop import RunOptions
     from roadscope.benchmarks.report.page import PAGE
+    from roadscope.benchmarks.report.track_files import save_tracks
     from roadscope.benchmarks.results.results import check_breakdown
     from roadscope.benchmarks.run import leaderboard as run
+    from roadscope.benchmarks.run import plan
     from roadscope.benchmarks.workers import WorkerSettings
 
-    recorded = _RecordedData(kitti, mot, lidar_height)
-    loaded = _suite(suite, board, recorded)
+    loaded = _suite(suite, board, kitti=kitti, mot=mot, lidar_height_m=lidar_height)
     loaded = loaded if seeds is None else _with_fewer_seeds(loaded, seeds)
     boards = chosen_boards(loaded, None if board is None else [board])
     loaded = _with_detections(loaded, boards, detections) if detections else loaded
@@ -193,20 +129,17 @@ def leaderboard(
         )
         left_out: list[str] = []
         if tracks is not None:
-            left_out = _save_tracks(
-                loaded,
-                entry or (),
-                tracks,
-                only=only,
-                settings=settings,
-                options=RunOptions(
-                    Limits(episode_s=deadline),
-                    trust,
-                    sandbox,
-                    hidden=() if out is None else (out,),
-                    data=tuple(path for path in (kitti, mot) if path is not None),
-                ),
-                progress=progress,
+            run_options = RunOptions(
+                Limits(episode_s=deadline),
+                trust,
+                sandbox,
+                hidden=() if out is None else (out,),
+                data=tuple(path for path in (kitti, mot) if path is not None),
+            )
+            with run_options.probing():
+                run_plan = plan(loaded, entry or (), only=only)
+            left_out = save_tracks(
+                run_plan.jobs, tracks, workers=settings, options=run_options, progress=progress
             )
     if page is not None:
         open_page(page)
@@ -215,16 +148,16 @@ def leaderboard(
     if json or quiet:
         _complain_of_failures(results)
     else:
-        shown = _BoardPrinter(results, loaded, console(width=width), tuple(dict.fromkeys(by or ())))
-        shown.show()
+        _show_boards(results, loaded, console(width=width), list(dict.fromkeys(by or ())))
         if suite is None and not (kitti or mot):
-            options = [*_repeated("--entry", entry), *["--only"] * only]
-            options += _repeated("--detections", detections)
-            options += [] if calibration is None else ["--calibration", str(calibration)]
-            _name_full_suite(board, [*options, *["--sandbox"] * sandbox])
+            arguments = [*_repeated("--entry", entry), *["--only"] * only]
+            arguments += _repeated("--detections", detections)
+            arguments += [] if calibration is None else ["--calibration", str(calibration)]
+            _name_full_suite(board, [*arguments, *["--sandbox"] * sandbox])
         if left_out:
             typer.echo(f"no tracks were written of {', '.join(left_out)}")
-        _name_written(out and out / "leaderboard.json", page, tracks)
+        for path in filter(None, (out and out / "leaderboard.json", page, tracks)):
+            typer.echo(f"written: {path}")
         for line in _log_lines(results):
             typer.echo(line)
         _name_earlier_boards(out)
@@ -232,102 +165,60 @@ def leaderboard(
         raise typer.Exit(1)
 
 
-@dataclass(frozen=True, slots=True)
-class _BoardPrinter:
-    """Prints the boards of a run on a terminal."""
+def _show_boards(results: Results, suite: Suite, screen: Any, breakdowns: Sequence[str]) -> None:
+    """Print every board with its remarks and breakdowns."""
+    from rich.text import Text
 
-    results: Results
-    suite: Suite
-    screen: Any
-    by: tuple[str, ...]
+    from roadscope.benchmarks.boards import board_named
+    from roadscope.benchmarks.report import tables
 
-    def show(self) -> None:
-        """Print every board with its remarks."""
-        from rich.text import Text
-
-        from roadscope.benchmarks.boards import board_named
-        from roadscope.benchmarks.report.tables import (
-            agreement_lines,
-            board_table,
-            comparison,
-            explanation,
-            failure_lines,
-            footnote,
-            prediction_lines,
-        )
-
-        results, screen = self.results, self.screen
-        marked = any(place.mark for place in results.standings)
-        bounded = any(row.low is not None and row.low != row.high for row in results.rows)
-        text = explanation(self.suite, results.boards(), marks=marked, intervals=bounded)
-        introduction = printable(f": {self.suite.summary_with_seeds}. {text}")
-        screen.print(Text.assemble((printable(self.suite.title), "bold"), introduction))
-        for name in results.boards():
-            board = board_named(name)
-            screen.print(Text(f"\n{name} board", style="bold"))
-            screen.print(board_table(results, name, screen.width))
-            for line in failure_lines(results, name):
-                # Each failure is one line, however long, so that it can be searched for.
-                screen.print(line, soft_wrap=True)
-            lines = [
-                comparison(results, name),
-                *agreement_lines(results, name),
-                *prediction_lines(results, name),
-            ]
-            lines.append(board.remark(results.manifest.get("calibration", "")))
-            if results.nothing_eligible(name):
-                lines.insert(0, "No object in any episode is eligible: nothing is scored.")
-            for line in filter(None, lines):
-                screen.print(line)
-            if text := footnote(results, name, screen.width):
-                screen.print(text, style="dim")
-            if board.always_by is not None and board.always_by[0] not in self.by:
-                by, metric = board.always_by
-                self._show_breakdown(name, by, (metric,))
-            for by in self.by:
-                self._show_breakdown(name, by)
-
-    def _show_breakdown(self, board: str, by: str, metrics: tuple[str, ...] = ()) -> None:
-        from rich.text import Text
-
-        from roadscope.benchmarks.boards import board_named
-        from roadscope.benchmarks.report.breakdowns import breakdown_tables, note
-
-        if by not in [each.by for each in board_named(board).breakdowns]:
-            return
-        screen = self.screen
-        for table in breakdown_tables(self.results, board, by, screen.width, metrics=metrics):
-            # A title within the table would be broken at the table's width.
-            screen.print(Text(f"\n{table.title}", style="bold"))
-            table.title = None
-            screen.print(table)
-        if text := note(board, by):
+    marked = any(place.mark for place in results.standings)
+    bounded = any(row.low is not None and row.low != row.high for row in results.rows)
+    text = tables.explanation(suite, results.boards(), marks=marked, intervals=bounded)
+    introduction = printable(f": {suite.summary_with_seeds}. {text}")
+    screen.print(Text.assemble((printable(suite.title), "bold"), introduction))
+    for name in results.boards():
+        board = board_named(name)
+        screen.print(Text(f"\n{name} board", style="bold"))
+        screen.print(tables.board_table(results, name, screen.width))
+        for line in tables.failure_lines(results, name):
+            # Each failure is one line, however long, so that it can be searched for.
+            screen.print(line, soft_wrap=True)
+        lines = [
+            tables.comparison(results, name),
+            *tables.agreement_lines(results, name),
+            *tables.prediction_lines(results, name),
+            board.remark(results.manifest.get("calibration", "")),
+        ]
+        if results.nothing_eligible(name):
+            lines.insert(0, "No object in any episode is eligible: nothing is scored.")
+        for line in filter(None, lines):
+            screen.print(line)
+        if text := tables.footnote(results, name, screen.width):
             screen.print(text, style="dim")
+        if board.always_by is not None and board.always_by[0] not in breakdowns:
+            by, metric = board.always_by
+            _show_breakdown(results, board, by, screen, (metric,))
+        for by in breakdowns:
+            _show_breakdown(results, board, by, screen)
 
 
-def _save_tracks(
-    suite: Suite,
-    entries: Sequence[str],
-    folder: Path,
-    *,
-    only: bool,
-    settings: WorkerSettings,
-    options: RunOptions,
-    progress: Any,
-) -> list[str]:
-    """Write the tracks of the run to files; return the entries that have none."""
-    from roadscope.benchmarks.report.track_files import save_tracks
-    from roadscope.benchmarks.run import plan
+def _show_breakdown(
+    results: Results, board: Board, by: str, screen: Any, metrics: tuple[str, ...] = ()
+) -> None:
+    from rich.text import Text
 
-    with options.probing():
-        run_plan = plan(suite, entries, only=only)
-    return save_tracks(run_plan.jobs, folder, workers=settings, options=options, progress=progress)
+    from roadscope.benchmarks.report.breakdowns import breakdown_tables, note
 
-
-def _name_written(*paths: Path | None) -> None:
-    for path in paths:
-        if path is not None:
-            typer.echo(f"written: {path}")
+    if by not in [each.by for each in board.breakdowns]:
+        return
+    for table in breakdown_tables(results, board.name, by, screen.width, metrics=metrics):
+        # A title within the table would be broken at the table's width.
+        screen.print(Text(f"\n{table.title}", style="bold"))
+        table.title = None
+        screen.print(table)
+    if text := note(board.name, by):
+        screen.print(text, style="dim")
 
 
 def _name_earlier_boards(out: Path | None) -> None:
@@ -383,16 +274,14 @@ def _with_fewer_seeds(suite: Suite, seeds: int) -> Suite:
     return replace(suite, seeds=suite.seeds[:seeds])
 
 
-@dataclass(frozen=True, slots=True)
-class _RecordedData:
-    """The folders of recorded data that were named, and the height of KITTI's LiDAR."""
-
-    kitti: Path | None
-    mot: Path | None
-    lidar_height_m: float | None
-
-
-def _suite(suite: str | None, board: str | None, recorded: _RecordedData) -> Suite:
+def _suite(
+    suite: str | None,
+    board: str | None,
+    *,
+    kitti: Path | None,
+    mot: Path | None,
+    lidar_height_m: float | None,
+) -> Suite:
     """Return the suite of that name, or one of a folder of recorded data."""
     from roadscope.benchmarks.recorded.kitti_drive import LIDAR_HEIGHT_M
     from roadscope.benchmarks.recorded.mot import MOT, mot_suite
@@ -400,10 +289,9 @@ def _suite(suite: str | None, board: str | None, recorded: _RecordedData) -> Sui
     from roadscope.benchmarks.suite_files import load_suite
     from roadscope.benchmarks.suite_folders import kitti_suite
 
-    kitti, mot = recorded.kitti, recorded.mot
     if kitti is not None and mot is not None:
         raise ValueError("--kitti and --mot are suites of their own; give one of them")
-    if kitti is None and recorded.lidar_height_m is not None:
+    if kitti is None and lidar_height_m is not None:
         raise ValueError("--lidar-height is of KITTI's LiDAR: name its folder with --kitti DIR")
     for name, folder in ((KITTI, kitti), (MOT, mot)):
         if folder is None and suite == name:
@@ -412,7 +300,7 @@ def _suite(suite: str | None, board: str | None, recorded: _RecordedData) -> Sui
             raise ValueError(f"--{name} is a suite of its own; leave --suite {suite} out")
     if kitti is not None:
         boards = None if board is None else [board]
-        height_m = LIDAR_HEIGHT_M if recorded.lidar_height_m is None else recorded.lidar_height_m
+        height_m = LIDAR_HEIGHT_M if lidar_height_m is None else lidar_height_m
         return kitti_suite(kitti, boards, lidar_height_m=height_m, notice=complain)
     return load_suite(suite or _usual_suite(board)) if mot is None else mot_suite(mot)
 

@@ -2,27 +2,22 @@
 
 from __future__ import annotations
 
-from typing import Annotated
-
-import typer
-
+from roadscope.commands import options
 from roadscope.commands.completion import listed_kinds
-from roadscope.commands.options import Json
+from roadscope.commands.options import argument
 from roadscope.commands.terminal import print_json, show
 
 
 def list_names(
-    kind: Annotated[
-        str | None,
-        typer.Argument(
-            metavar="KIND",
-            help="detectors, stages (of detectors), camera-detectors, trackers, odometries, "
-            "fusions, drivers, boards, suites, scenarios, rigs, sensors, weathers, lights or "
-            "faults; all if left out",
-            autocompletion=listed_kinds,
-        ),
-    ] = None,
-    json: Json = False,
+    kind: str | None = argument(
+        "KIND",
+        "detectors, stages (of detectors), camera-detectors, trackers, odometries, "
+        "fusions, drivers, boards, suites, scenarios, rigs, sensors, weathers, lights or "
+        "faults; all if left out",
+        names=listed_kinds,
+        default=None,
+    ),
+    json: bool = options.JSON,
 ) -> None:
     """List the names that other commands take, each with a description."""
     from roadscope.benchmarks.listing import listed_kinds, names_of

@@ -3,27 +3,21 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
 
 import typer
 
 from roadscope.commands.completion import template_kinds
-from roadscope.commands.options import flag
+from roadscope.commands.options import argument, flag
 
 
 def new(
-    kind: Annotated[
-        str,
-        typer.Argument(
-            metavar="KIND",
-            help="tracker, detector, camera-detector, odometry, fusion, driver or suite",
-            autocompletion=template_kinds,
-        ),
-    ],
-    path: Annotated[
-        Path | None, typer.Argument(metavar="FILE", help="my_KIND.py or my_suite.toml if left out")
-    ] = None,
-    force: Annotated[bool, flag("--force", "Overwrite a file that exists")] = False,
+    kind: str = argument(
+        "KIND",
+        "tracker, detector, camera-detector, odometry, fusion, driver or suite",
+        names=template_kinds,
+    ),
+    path: Path | None = argument("FILE", "my_KIND.py or my_suite.toml if left out", default=None),
+    force: bool = flag("--force", "Overwrite a file that exists"),
 ) -> None:
     """Write a suite or a plug-in that works and that you can change."""
     from roadscope.benchmarks.templates import write_template

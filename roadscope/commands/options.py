@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Any, Literal
 
 import typer
 
@@ -14,99 +15,102 @@ PICTURES, METHODS, CONDITIONS = "Pictures", "Methods", "Conditions"
 """Headings of groups of options."""
 
 
-def option(
-    metavar: str, text: str, group: str | None = None, *, name: str | None = None, **settings: Any
+def argument(
+    metavar: str,
+    text: str,
+    *,
+    names: Callable[..., Any] | None = None,
+    default: Any = ...,
+    show_default: bool = True,
 ) -> Any:
-    """Return an option with a value.
+    """Return an argument, required if it has no default; parameters are those of `option`."""
+    return typer.Argument(
+        default, metavar=metavar, help=text, autocompletion=names, show_default=show_default
+    )
+
+
+def option(
+    metavar: str,
+    text: str,
+    group: str | None = None,
+    *,
+    name: str | None = None,
+    names: Callable[..., Any] | None = None,
+    default: Any = None,
+    **settings: Any,
+) -> Any:
+    """Return an option with a value, as the default of a parameter.
 
     metavar: stands for the value in the help. text: says what the option does.
     group: its heading in the help; None: the first one. name: `--NAME`, if not the parameter's.
+    names: what a shell offers to complete, see `completion`.
     """
-    names = () if name is None else (name,)
-    return typer.Option(*names, metavar=metavar, help=text, rich_help_panel=group, **settings)
+    settings |= {"help": text, "rich_help_panel": group, "autocompletion": names}
+    return typer.Option(default, *([name] if name else []), metavar=metavar, **settings)
 
 
 def flag(name: str, text: str, group: str | None = None) -> Any:
-    """Return an option without a value; arguments are those of `option`."""
-    return typer.Option(name, help=text, rich_help_panel=group)
+    """Return an option without a value; parameters are those of `option`."""
+    return typer.Option(False, name, help=text, rich_help_panel=group)
 
 
-Jobs = Annotated[
-    int, option("N", "Worker processes; 0: one for each core", RUNNING, min=0, show_default=False)
-]
-Json = Annotated[bool, flag("--json", "Print JSON and nothing else", OUTPUT)]
-Quiet = Annotated[bool, flag("--quiet", "Print nothing but errors", OUTPUT)]
-JsonFile = Annotated[Path | None, option("FILE", "Write the JSON to this file, too", name="--out")]
-Width = Annotated[int | None, option("N", "Width of the tables, characters", OUTPUT, min=40)]
-Every = Annotated[bool, flag("--all", "Show all metrics, not only the main ones", OUTPUT)]
-Rig = Annotated[
-    str, option("NAME", "roadscope list rigs, or a .toml file", autocompletion=completion.rigs)
-]
-ReturnColours = Annotated[
-    Literal["object", "intensity"],
-    option("NAME", "Colour returns by object or intensity", PICTURES, name="--returns"),
-]
-Seconds = Annotated[float | None, option("S", "Length, 3600 at most; the scenario's if left out")]
-Detector = Annotated[
-    str,
-    option(
-        "SPEC",
-        "NAME or file.py:Class, with ?argument=value",
-        METHODS,
-        autocompletion=completion.detectors,
-    ),
-]
-Tracker = Annotated[
-    str, option("SPEC", "NAME or file.py:Class", METHODS, autocompletion=completion.trackers)
-]
-Odometry = Annotated[
-    str | None,
-    option(
-        "SPEC",
-        "Run an odometry too; see roadscope list odometries",
-        METHODS,
-        autocompletion=completion.odometries,
-    ),
-]
-CameraDetector = Annotated[
-    str | None,
-    option(
-        "SPEC",
-        "Camera detector whose boxes are drawn",
-        METHODS,
-        autocompletion=completion.camera_detectors,
-    ),
-]
-Weather = Annotated[
-    str,
-    option("NAME", "See roadscope list weathers", CONDITIONS, autocompletion=completion.weathers),
-]
-Light = Annotated[
-    str, option("NAME", "See roadscope list lights", CONDITIONS, autocompletion=completion.lights)
-]
-Faults = Annotated[str, option("LIST", "Such as 'fog:3 + glare:1'", CONDITIONS)]
-LidarMounting = Annotated[
-    str | None,
-    option(
-        "POSE",
-        "Pose of the LiDAR in the vehicle: x,y,z,roll,pitch,yaw; only angles count",
-        RECORDED,
-    ),
-]
-Rate = Annotated[
-    float, option("HZ", "Scans per second, if times.txt and names have no stamps", RECORDED)
-]
-Topics = Annotated[
-    list[str] | None, option("NAME", "Topic of a bag; can be repeated", RECORDED, name="--topic")
-]
-Layout = Annotated[
-    str,
-    option(
-        "COLUMNS",
-        "Columns of .bin and .npy files, such as x,y,z,intensity; write _ for a column to skip",
-        RECORDED,
-    ),
-]
+JOBS: int = option(
+    "N", "Worker processes; 0: one for each core", RUNNING, min=0, show_default=False, default=0
+)
+JSON: bool = flag("--json", "Print JSON and nothing else", OUTPUT)
+QUIET: bool = flag("--quiet", "Print nothing but errors", OUTPUT)
+JSON_FILE: Path | None = option("FILE", "Write the JSON to this file, too")
+WIDTH: int | None = option("N", "Width of the tables, characters", OUTPUT, min=40)
+EVERY: bool = flag("--all", "Show all metrics, not only the main ones", OUTPUT)
+RIG: str = option(
+    "NAME", "roadscope list rigs, or a .toml file", names=completion.rigs, default="lux"
+)
+ReturnColours = Literal["object", "intensity"]
+RETURNS: ReturnColours = option(
+    "NAME", "Colour returns by object or intensity", PICTURES, default="object"
+)
+SECONDS: float | None = option("S", "Length, 3600 at most; the scenario's if left out")
+DETECTOR: str = option(
+    "SPEC",
+    "NAME or file.py:Class, with ?argument=value",
+    METHODS,
+    names=completion.detectors,
+    default="distance-l-shape",
+)
+TRACKER: str = option(
+    "SPEC", "NAME or file.py:Class", METHODS, names=completion.trackers, default="existence"
+)
+ODOMETRY: str | None = option(
+    "SPEC",
+    "Run an odometry too; see roadscope list odometries",
+    METHODS,
+    names=completion.odometries,
+)
+CAMERA_DETECTOR: str | None = option(
+    "SPEC", "Camera detector whose boxes are drawn", METHODS, names=completion.camera_detectors
+)
+WEATHER: str = option(
+    "NAME", "See roadscope list weathers", CONDITIONS, names=completion.weathers, default="clear"
+)
+LIGHT: str = option(
+    "NAME", "See roadscope list lights", CONDITIONS, names=completion.lights, default="day"
+)
+FAULTS: str = option("LIST", "Such as 'fog:3 + glare:1'", CONDITIONS, default="clear")
+LIDAR_MOUNTING: str | None = option(
+    "POSE", "Pose of the LiDAR in the vehicle: x,y,z,roll,pitch,yaw; only angles count", RECORDED
+)
+RATE: float = option(
+    "HZ", "Scans per second, if times.txt and names have no stamps", RECORDED, default=10.0
+)
+TOPICS: list[str] | None = option(
+    "NAME", "Topic of a bag; can be repeated", RECORDED, name="--topic"
+)
+LAYOUT: str = option(
+    "COLUMNS",
+    "Columns of .bin and .npy files, such as x,y,z,intensity; write _ for a column to skip",
+    RECORDED,
+    default="",
+)
 
 
 def workers(jobs: int) -> int:

@@ -3,21 +3,21 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
 
 import typer
 
-from roadscope.commands.options import Quiet, flag, option
+from roadscope.commands import options
+from roadscope.commands.options import argument, flag, option
 from roadscope.commands.terminal import complain, open_page
 
-Folder = Annotated[
-    Path, typer.Argument(help="A folder that roadscope leaderboard --out wrote", metavar="DIR")
-]
-Out = Annotated[Path | None, option("FILE", "The page; report.html in DIR if left out")]
-Open = Annotated[bool, flag("--open", "Show the page in a browser")]
 
-
-def report(folder: Folder, *, out: Out = None, browse: Open = False, quiet: Quiet = False) -> None:
+def report(
+    folder: Path = argument("DIR", "A folder that roadscope leaderboard --out wrote"),
+    *,
+    out: Path | None = option("FILE", "The page; report.html in DIR if left out"),
+    browse: bool = flag("--open", "Show the page in a browser"),
+    quiet: bool = options.QUIET,
+) -> None:
     """Write one HTML page of the boards in a folder: tables, plots, replay of the worst moments.
 
     The page is one file that loads nothing from elsewhere. It sorts and filters boards, draws

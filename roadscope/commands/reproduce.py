@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections import Counter
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING
 
 import typer
 
-from roadscope.commands.options import OUTPUT, Jobs, Json, Quiet, flag, option, workers
+from roadscope.commands import options
+from roadscope.commands.options import OUTPUT, argument, flag, option, workers
 from roadscope.commands.terminal import console, headline, print_json, progress_bars, show
 
 if TYPE_CHECKING:
@@ -16,20 +17,14 @@ if TYPE_CHECKING:
 
 
 def reproduce(
-    paper: Annotated[
-        str, typer.Argument(metavar="PAPER", help="lu2018, zhang2017, li2021 or zhang2022")
-    ],
-    seeds: Annotated[int, option("N", "Episodes of each experiment", min=1)] = 30,
-    jobs: Jobs = 0,
-    everything: Annotated[
-        bool, flag("--all", "Show every method in full, as in PAPER.json", OUTPUT)
-    ] = False,
-    figures: Annotated[
-        Path | None, option("DIR", "Draw a picture for every figure of the paper")
-    ] = None,
-    out: Annotated[Path | None, option("DIR", "Write PAPER.json there")] = None,
-    quiet: Quiet = False,
-    json: Json = False,
+    paper: str = argument("PAPER", "lu2018, zhang2017, li2021 or zhang2022"),
+    seeds: int = option("N", "Episodes of each experiment", min=1, default=30),
+    jobs: int = options.JOBS,
+    everything: bool = flag("--all", "Show every method in full, as in PAPER.json", OUTPUT),
+    figures: Path | None = option("DIR", "Draw a picture for every figure of the paper"),
+    out: Path | None = option("DIR", "Write PAPER.json there"),
+    quiet: bool = options.QUIET,
+    json: bool = options.JSON,
 ) -> None:
     """Repeat a paper's experiments: which of its claims hold, and its figures beside ours.
 

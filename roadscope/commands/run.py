@@ -3,29 +3,12 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING
 
 import typer
 
-from roadscope.commands import completion
-from roadscope.commands.options import (
-    PICTURES,
-    CameraDetector,
-    Detector,
-    Every,
-    Faults,
-    Json,
-    Light,
-    Odometry,
-    Quiet,
-    ReturnColours,
-    Rig,
-    Seconds,
-    Tracker,
-    Weather,
-    is_given,
-    option,
-)
+from roadscope.commands import completion, options
+from roadscope.commands.options import PICTURES, argument, is_given, option
 from roadscope.commands.terminal import headline, print_json, progress_bars, show
 
 if TYPE_CHECKING:
@@ -40,69 +23,42 @@ TARGETS = {
 }
 """Options of pictures -> options one of which they need."""
 
-Scenario = Annotated[
-    str,
-    typer.Argument(
-        metavar="SCENARIO",
-        help="Traffic: see roadscope list scenarios",
-        autocompletion=completion.scenarios,
-    ),
-]
-Seed = Annotated[int, option("N", "Another seed is another episode", min=0)]
-Picture = Annotated[
-    Path | None, option("FILE", "Draw the middle scan, all answers: .png, .jpg, .webp")
-]
-Video = Annotated[
-    Path | None, option("FILE", "Draw all scans, as .gif, or .mp4 (roadscope[video])")
-]
-Image = Annotated[
-    Path | None, option("FILE", "Draw the middle image with boxes: .png, .jpg, .webp", PICTURES)
-]
-Width = Annotated[
-    int, option("PX", "320 to 1280", PICTURES, name="--video-width", min=320, max=1280)
-]
-Nth = Annotated[int, option("N", "Draw every n-th scan", PICTURES, name="--video-every", min=1)]
-
 
 def run_scenario(
     context: typer.Context,
-    scenario: Scenario,
+    scenario: str = argument(
+        "SCENARIO", "Traffic: see roadscope list scenarios", names=completion.scenarios
+    ),
     *,
-    seed: Seed = 0,
-    rig: Rig = "lux",
-    seconds: Seconds = None,
-    picture: Picture = None,
-    video: Video = None,
-    image: Image = None,
-    returns: ReturnColours = "object",
-    video_width: Width = 1280,
-    video_every: Nth = 1,
-    detector: Detector = "distance-l-shape",
-    tracker: Tracker = "existence",
-    odometry: Odometry = None,
-    camera_detector: CameraDetector = None,
-    weather: Weather = "clear",
-    light: Light = "day",
-    faults: Faults = "clear",
-    every: Every = False,
-    quiet: Quiet = False,
-    json: Json = False,
+    seed: int = option("N", "Another seed is another episode", min=0, default=0),
+    rig: str = options.RIG,
+    seconds: float | None = options.SECONDS,
+    picture: Path | None = option("FILE", "Draw the middle scan, all answers: .png, .jpg, .webp"),
+    video: Path | None = option("FILE", "Draw all scans, as .gif, or .mp4 (roadscope[video])"),
+    image: Path | None = option(
+        "FILE", "Draw the middle image with boxes: .png, .jpg, .webp", PICTURES
+    ),
+    returns: options.ReturnColours = options.RETURNS,
+    video_width: int = option("PX", "320 to 1280", PICTURES, min=320, max=1280, default=1280),
+    video_every: int = option("N", "Draw every n-th scan", PICTURES, min=1, default=1),
+    detector: str = options.DETECTOR,
+    tracker: str = options.TRACKER,
+    odometry: str | None = options.ODOMETRY,
+    camera_detector: str | None = options.CAMERA_DETECTOR,
+    weather: str = options.WEATHER,
+    light: str = options.LIGHT,
+    faults: str = options.FAULTS,
+    every: bool = options.EVERY,
+    quiet: bool = options.QUIET,
+    json: bool = options.JSON,
 ) -> None:
     """Run one episode through one detector and one tracker, and an odometry if one is named.
 
     Exit status: 1 if a name is unknown or a plug-in fails.
     """
     _refuse_without_effect(context)
+    from roadscope.benchmarks import run_pictures
     from roadscope.benchmarks.episode import Episode
-    from roadscope.benchmarks.run_pictures import (
-        check_camera_detector,
-        check_video,
-        check_view,
-        picture_path,
-        save_picture,
-        save_video,
-        save_view,
-    )
     from roadscope.benchmarks.single import run_episode
     from roadscope.benchmarks.tables import explained_table, score_table
     from roadscope.envs.sensors.faults import faults_of
@@ -110,23 +66,25 @@ def run_scenario(
     fault_names = tuple(map(str, faults_of(faults)))
     episode = Episode(scenario, seed, rig, seconds, weather, light, fault_names)
     if picture is not None:
-        picture_path(picture)
+        run_pictures.picture_path(picture)
     if video is not None:
-        check_video(episode, video, every=video_every)
+        run_pictures.check_video(episode, video, every=video_every)
     if camera_detector is not None:
-        check_camera_detector(episode, camera_detector)
+        run_pictures.check_camera_detector(episode, camera_detector)
     image_detector = camera_detector or "network"
     if image is not None:
-        check_view(episode, image_detector, image)
+        run_pictures.check_view(episode, image_detector, image)
     with progress_bars(quiet=quiet) as progress:
         summary = run_episode(
             episode, detector=detector, tracker=tracker, odometry=odometry, progress=progress
         )
         if picture is not None:
             progress("picture", 0, 1)
-            save_picture(summary, picture, colour_by=returns, camera_detector=camera_detector)
+            run_pictures.save_picture(
+                summary, picture, colour_by=returns, camera_detector=camera_detector
+            )
         if video is not None:
-            save_video(
+            run_pictures.save_video(
                 summary,
                 video,
                 colour_by=returns,
@@ -135,7 +93,7 @@ def run_scenario(
                 every=video_every,
                 progress=progress,
             )
-        boxes = 0 if image is None else save_view(episode, image_detector, image)
+        boxes = 0 if image is None else run_pictures.save_view(episode, image_detector, image)
     names = {"detector": detector, "tracker": tracker}
     if json:
         print_json({**summary.to_json(), **names, **({"odometry": odometry} if odometry else {})})
@@ -152,7 +110,10 @@ def run_scenario(
         if video is not None:
             typer.echo(f"video: {video}")
         if image is not None:
-            typer.echo(f"image: {image}, {_boxes_in_words(boxes, image_detector)}")
+            typer.echo(
+                f"image: {image}, {boxes} boxes of {image_detector} with a score of "
+                f"{run_pictures.LEAST_SCORE:g} or more"
+            )
 
 
 def _refuse_without_effect(context: typer.Context) -> None:
@@ -163,12 +124,6 @@ def _refuse_without_effect(context: typer.Context) -> None:
             raise typer.BadParameter(
                 f"--{name.replace('_', '-')} has no effect without {options}", ctx=context
             )
-
-
-def _boxes_in_words(count: int, detector: str) -> str:
-    from roadscope.benchmarks.run_pictures import LEAST_SCORE
-
-    return f"{count} boxes of {detector} with a score of {LEAST_SCORE:g} or more"
 
 
 def _show(summary: Summary, detector: str, tracker: str, *, every: bool) -> None:

@@ -5,21 +5,12 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING
 
 import typer
 
-from roadscope.commands import completion
-from roadscope.commands.options import (
-    RECORDED,
-    Json,
-    Layout,
-    LidarMounting,
-    Quiet,
-    Rate,
-    Topics,
-    option,
-)
+from roadscope.commands import completion, options
+from roadscope.commands.options import RECORDED, argument, option
 from roadscope.commands.terminal import (
     complain,
     headline,
@@ -40,69 +31,42 @@ DEFAULT_ODOMETRY = "lidar-inertial"
 MANY_DEGRADED = 0.2
 """Share of degraded scans above which a warning is printed."""
 
-Folder = Annotated[
-    Path,
-    typer.Argument(
-        metavar="DIR",
-        help="Scans (.bin, .pcd, .npy, .ply, .las, .laz) in the order of their names, or a bag of "
-        "ROS 2",
+
+def run_odometry(
+    folder: Path = argument(
+        "DIR",
+        "Scans (.bin, .pcd, .npy, .ply, .las, .laz) in the order of their names, or a bag of ROS 2",
     ),
-]
-OdometrySpec = Annotated[
-    str,
-    option(
+    odometry: str = option(
         "SPEC",
         "See roadscope list odometries, or file.py:Class",
-        autocompletion=completion.odometries,
+        names=completion.odometries,
+        default=DEFAULT_ODOMETRY,
     ),
-]
-Out = Annotated[Path, option("FILE", "File for the poses")]
-Format = Annotated[
-    str, option("NAME", "Format of poses: kitti (3 x 4 matrices) or tum (with stamps)")
-]
-TruthFile = Annotated[
-    Path | None, option("FILE", "Compare with true poses of the LiDAR, KITTI or TUM")
-]
-Imu = Annotated[
-    str | None,
-    option(
-        "FILE",
-        "Lines of stamp wx wy wz ax ay az, s, rad/s, m/s^2; none: no IMU",
+    out: Path = option("FILE", "File for the poses", default=Path("poses.txt")),
+    format: str = option(
+        "NAME", "Format of poses: kitti (3 x 4 matrices) or tum (with stamps)", default="kitti"
     ),
-]
-Mounting = Annotated[
-    str | None,
-    option(
+    truth: Path | None = option("FILE", "Compare with true poses of the LiDAR, KITTI or TUM"),
+    imu: str | None = option(
+        "FILE", "Lines of stamp wx wy wz ax ay az, s, rad/s, m/s^2; none: no IMU"
+    ),
+    mounting: str | None = option(
         "POSE",
         "Pose of the IMU in the LiDAR's frame: x,y,z,roll,pitch,yaw, metres, degrees",
         RECORDED,
     ),
-]
-WheelsFile = Annotated[
-    str | None,
-    option(
+    wheels: str | None = option(
         "FILE",
         "Lines of stamp and speed, for lidar-inertial?wheels=true; none: no wheels",
         RECORDED,
     ),
-]
-
-
-def run_odometry(
-    folder: Folder,
-    odometry: OdometrySpec = DEFAULT_ODOMETRY,
-    out: Out = Path("poses.txt"),
-    format: Format = "kitti",
-    truth: TruthFile = None,
-    imu: Imu = None,
-    mounting: Mounting = None,
-    wheels: WheelsFile = None,
-    lidar_mounting: LidarMounting = None,
-    rate_hz: Rate = 10.0,
-    layout: Layout = "",
-    topic: Topics = None,
-    quiet: Quiet = False,
-    json: Json = False,
+    lidar_mounting: str | None = options.LIDAR_MOUNTING,
+    rate_hz: float = options.RATE,
+    layout: str = options.LAYOUT,
+    topic: list[str] | None = options.TOPICS,
+    quiet: bool = options.QUIET,
+    json: bool = options.JSON,
 ) -> None:
     """Estimate the poses of a LiDAR from a folder of its scans.
 
@@ -112,6 +76,7 @@ def run_odometry(
     scan that cannot be read counts as empty.
     """
     from roadscope.benchmarks.formats.point_layout import parse_columns
+    from roadscope.benchmarks.formats.samples import IMU_FILES
     from roadscope.benchmarks.formats.scan_folder import ScanFolder
     from roadscope.benchmarks.odometry_runner import TruePoses, folder_estimates, write_estimates
 
@@ -131,7 +96,10 @@ def run_odometry(
         imu_named=bool(imu or mounting),
         wheels_named=wheels is not None,
     )
-    _report_assumptions(scans, folder, without_imu=inertial is None and imu is None)
+    for note in scans.notes:
+        complain(note)
+    if inertial is None and imu is None:
+        complain(f"no IMU: {' or '.join(IMU_FILES)} in or beside {folder}, or --imu FILE")
     _report_doubts(scans, inertial, wheel_speeds)
     turn = _turn(scans, lidar_mounting)
     reasons: Counter[str] = Counter()
@@ -170,16 +138,6 @@ def run_odometry(
         if errors is not None:
             typer.echo(f"compared with {truth}: {errors}")
         typer.echo(f"written: {out}")
-
-
-def _report_assumptions(scans: ScanFolder, folder: Path, *, without_imu: bool) -> None:
-    """Print what is assumed where the recording lacks it."""
-    from roadscope.benchmarks.formats.samples import IMU_FILES
-
-    for note in scans.notes:
-        complain(note)
-    if without_imu:
-        complain(f"no IMU: {' or '.join(IMU_FILES)} in or beside {folder}, or --imu FILE")
 
 
 def _report_doubts(
@@ -263,33 +221,26 @@ def _inertial(
     """
     import numpy as np
 
-    from roadscope.benchmarks.formats.samples import (
-        IMU_FILES,
-        find_imu,
-        mounting_of,
-        parse_mounting,
-        read_bag_imu,
-        read_imu,
-    )
+    from roadscope.benchmarks.formats import samples as files
     from roadscope.benchmarks.formats.table import FormatError
     from roadscope.benchmarks.odometry_runner import RecordedImu
     from roadscope.odometry.imu_buffer import GAP_S
 
-    mounted = parse_mounting(mounting) if mounting else None
-    path = find_imu(folder) if file is None else Path(file)
+    mounted = files.parse_mounting(mounting) if mounting else None
+    path = files.find_imu(folder) if file is None else Path(file)
     of_bag = None
     if path is None and scans.bag is not None:
-        of_bag = read_bag_imu(scans.bag, topics)
+        of_bag = files.read_bag_imu(scans.bag, topics)
         path = None if of_bag is None else scans.bag.path
     if path is None or file == NONE:
         if mounted is not None:
             raise FormatError(
-                f"a mounting is of an IMU: expected {' or '.join(IMU_FILES)} in or "
+                f"a mounting is of an IMU: expected {' or '.join(files.IMU_FILES)} in or "
                 f"beside {folder}, or --imu FILE"
             )
         return None
-    samples, left_out = of_bag or read_imu(path)
-    inertial = RecordedImu(samples, path, left_out, mounted or mounting_of(path))
+    samples, left_out = of_bag or files.read_imu(path)
+    inertial = RecordedImu(samples, path, left_out, mounted or files.mounting_of(path))
     inertial.check_times(scans.stamps_s)
     step_s = float(np.median(np.diff(samples.stamps_s)))
     if step_s > GAP_S:

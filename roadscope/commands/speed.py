@@ -3,24 +3,21 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
 
 import typer
 
-from roadscope.commands.options import Json, Quiet, option
+from roadscope.commands import options
+from roadscope.commands.options import argument, option
 from roadscope.commands.terminal import print_json, progress_bars, show
 
 
 def speed(
-    parts: Annotated[
-        list[str] | None,
-        typer.Argument(
-            metavar="PART...", help="casting, detectors, trackers, odometry, camera; else all"
-        ),
-    ] = None,
-    out: Annotated[Path | None, option("DIR", "Write speed.json there")] = None,
-    quiet: Quiet = False,
-    json: Json = False,
+    parts: list[str] | None = argument(
+        "PART...", "casting, detectors, trackers, odometry, camera; else all", default=None
+    ),
+    out: Path | None = option("DIR", "Write speed.json there"),
+    quiet: bool = options.QUIET,
+    json: bool = options.JSON,
 ) -> None:
     """Measure how long detectors, trackers, odometries, ray casting and cameras take."""
     from dataclasses import asdict

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING
 
 import typer
 
-from roadscope.commands.completion import detectors
-from roadscope.commands.options import RECORDED, Every, Json, JsonFile, Quiet, Width, option
+from roadscope.commands import completion, options
+from roadscope.commands.options import RECORDED, argument, option
 from roadscope.commands.terminal import complain, console, printable, progress_bars
 
 if TYPE_CHECKING:
@@ -16,47 +16,30 @@ if TYPE_CHECKING:
     from roadscope.benchmarks.submissions import Submission
 
 
-Folder = Annotated[
-    Path,
-    typer.Argument(
-        help="tracking/SEQ.txt, odometry/SEQ.txt, detection/SEQ/FRAME.txt, camera/SEQ/FRAME.txt; "
+def submit(
+    folder: Path = argument(
+        "DIR",
+        "tracking/SEQ.txt, odometry/SEQ.txt, detection/SEQ/FRAME.txt, camera/SEQ/FRAME.txt; "
         "or SEQ.txt",
-        metavar="DIR",
     ),
-]
-Exported = Annotated[
-    Path | None, option("DIR", "Folder of roadscope export; DIR if left out", name="--suite")
-]
-Kitti = Annotated[Path | None, option("DIR", "Score on KITTI's tracking data in DIR", RECORDED)]
-Mot = Annotated[Path | None, option("DIR", "Score on MOTChallenge's data in DIR", RECORDED)]
-Name = Annotated[str | None, option("NAME", "Name of the entry; DIR's if left out", name="--name")]
-Inputs = Annotated[
-    str | None,
-    option(
+    *,
+    suite: Path | None = option("DIR", "Folder of roadscope export; DIR if left out"),
+    name: str | None = option("NAME", "Name of the entry; DIR's if left out", name="--name"),
+    beside: Path | None = option(
+        "PATH", "Show it as a row of this board: leaderboard.json or its folder"
+    ),
+    inputs: str | None = option(
         "SPEC",
         "The suite's detector whose detections were tracked, to compare with its trackers",
-        autocompletion=detectors,
+        names=completion.detectors,
     ),
-]
-Beside = Annotated[
-    Path | None, option("PATH", "Show it as a row of this board: leaderboard.json or its folder")
-]
-
-
-def submit(
-    folder: Folder,
-    *,
-    suite: Exported = None,
-    name: Name = None,
-    beside: Beside = None,
-    inputs: Inputs = None,
-    out: JsonFile = None,
-    kitti: Kitti = None,
-    mot: Mot = None,
-    every: Every = False,
-    width: Width = None,
-    quiet: Quiet = False,
-    json: Json = False,
+    out: Path | None = options.JSON_FILE,
+    kitti: Path | None = option("DIR", "Score on KITTI's tracking data in DIR", RECORDED),
+    mot: Path | None = option("DIR", "Score on MOTChallenge's data in DIR", RECORDED),
+    every: bool = options.EVERY,
+    width: int | None = options.WIDTH,
+    quiet: bool = options.QUIET,
+    json: bool = options.JSON,
 ) -> None:
     """Score results of another program by the rules of a suite's board.
 

@@ -152,15 +152,11 @@ class _Lines:
             if begins or done == total or self._is_due():
                 self._write()
 
-    def repeat(self) -> None:
-        """Write the progress again if it is time."""
-        with self._lock:
-            if self._latest is not None and self._is_due():
-                self._write()
-
     def _repeat(self) -> None:
         while not self._ended.wait(LINE_EACH_S / 4):
-            self.repeat()
+            with self._lock:
+                if self._latest is not None and self._is_due():
+                    self._write()
 
     def _is_due(self) -> bool:
         now_s = self._clock()

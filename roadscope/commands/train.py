@@ -3,42 +3,36 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
 
 import typer
 
-from roadscope.commands import completion
+from roadscope.commands import completion, options
 from roadscope.commands.help import GroupedCommand, command_group
-from roadscope.commands.options import Jobs, Quiet, option, workers
+from roadscope.commands.options import option, workers
 from roadscope.commands.terminal import headline, progress_bars, show
 
 train = command_group(
     "Train the camera detector on simulated pictures, or a driver in simulated traffic."
 )
 
-Seed = Annotated[int, option("N", "Seed of all random draws", min=0)]
-Out = Annotated[Path, option("FILE", "The weights; a .toml comes beside it")]
 
-
-@train.command(
-    "camera",
-    cls=GroupedCommand,
-    help="Train the camera detector on simulated pictures.\n\n"
-    "Pictures and checkpoints of an earlier run are used: a stopped run continues.",
-)
+@train.command("camera", cls=GroupedCommand)
 def camera(
-    recipe: Annotated[
-        str, option("NAME", "full (half an hour on two cores), small or trial")
-    ] = "full",
-    seed: Seed = 0,
-    jobs: Jobs = 0,
-    work: Annotated[
-        Path | None, option("DIR", "For pictures (up to 5 GB) and checkpoints; else the cache")
-    ] = None,
-    out: Out = Path("network.safetensors"),
-    quiet: Quiet = False,
+    recipe: str = option(
+        "NAME", "full (half an hour on two cores), small or trial", default="full"
+    ),
+    seed: int = option("N", "Seed of all random draws", min=0, default=0),
+    jobs: int = options.JOBS,
+    work: Path | None = option("DIR", "For pictures (up to 5 GB) and checkpoints; else the cache"),
+    out: Path = option(
+        "FILE", "The weights; a .toml comes beside it", default=Path("network.safetensors")
+    ),
+    quiet: bool = options.QUIET,
 ) -> None:
-    """Train the camera detector."""
+    """Train the camera detector on simulated pictures.
+
+    Pictures and checkpoints of an earlier run are used: a stopped run continues.
+    """
     from roadscope.benchmarks.train.camera import train_camera
 
     with progress_bars(quiet=quiet) as progress:
@@ -58,47 +52,41 @@ def camera(
 @train.command(
     "driver",
     cls=GroupedCommand,
-    help="Train a driver: by imitation of another one, then by reinforcement learning (PPO).",
     short_help="Train a driver by imitation and by reinforcement learning.",
 )
 def driver(
-    perception: Annotated[
-        list[str] | None,
-        option(
-            "STACK",
-            "What it drives on: DETECTOR + TRACKER, truth (default) or blind; if repeated, "
-            "each drive draws one",
-            name="--perception",
-        ),
-    ] = None,
-    scenario: Annotated[
-        list[str] | None,
-        option(
-            "NAME",
-            "Default: all of the suite driving; if repeated, each drive draws one",
-            name="--scenario",
-            autocompletion=completion.scenarios,
-        ),
-    ] = None,
-    start: Annotated[
-        str,
-        option("AGENT", "Train this agent further: a file, or a shipped one, truth or perceived"),
-    ] = "",
-    teacher: Annotated[
-        str, option("DRIVER", "Driver that a new agent imitates; it gets the truth; '': none")
-    ] = "idm-mobil",
-    steps: Annotated[
-        int, option("N", "Decisions (0.2 s each) to learn from by PPO; needs the extra rl", min=0)
-    ] = 0,
-    seconds: Annotated[float, option("S", "Longest time of a drive", min=1.0, max=600.0)] = 30.0,
-    rig: Annotated[
-        str, option("NAME", "Sensors of the stack", autocompletion=completion.rigs)
-    ] = "vlp16",
-    seed: Seed = 0,
-    out: Out = Path("driver.safetensors"),
-    quiet: Quiet = False,
+    perception: list[str] | None = option(
+        "STACK",
+        "What it drives on: DETECTOR + TRACKER, truth (default) or blind; if repeated, "
+        "each drive draws one",
+    ),
+    scenario: list[str] | None = option(
+        "NAME",
+        "Default: all of the suite driving; if repeated, each drive draws one",
+        names=completion.scenarios,
+    ),
+    start: str = option(
+        "AGENT",
+        "Train this agent further: a file, or a shipped one, truth or perceived",
+        default="",
+    ),
+    teacher: str = option(
+        "DRIVER",
+        "Driver that a new agent imitates; it gets the truth; '': none",
+        default="idm-mobil",
+    ),
+    steps: int = option(
+        "N", "Decisions (0.2 s each) to learn from by PPO; needs the extra rl", min=0, default=0
+    ),
+    seconds: float = option("S", "Longest time of a drive", min=1.0, max=600.0, default=30.0),
+    rig: str = option("NAME", "Sensors of the stack", names=completion.rigs, default="vlp16"),
+    seed: int = option("N", "Seed of all random draws", min=0, default=0),
+    out: Path = option(
+        "FILE", "The weights; a .toml comes beside it", default=Path("driver.safetensors")
+    ),
+    quiet: bool = options.QUIET,
 ) -> None:
-    """Train a driver, and score it on validation seeds."""
+    """Train a driver: by imitation of another one, then by reinforcement learning (PPO)."""
     from roadscope.benchmarks.train.driver import DriverRecipe, train_driver
 
     recipe = DriverRecipe(

@@ -5,61 +5,15 @@ from __future__ import annotations
 import tempfile
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated
 
 import typer
 
-from roadscope.commands import completion
-from roadscope.commands.options import (
-    CameraDetector,
-    Detector,
-    Faults,
-    Light,
-    Odometry,
-    Quiet,
-    ReturnColours,
-    Rig,
-    Seconds,
-    Tracker,
-    Weather,
-    is_given,
-    option,
-)
+from roadscope.commands import completion, options
+from roadscope.commands.options import argument, is_given, option
 from roadscope.commands.terminal import complain, progress_bars
 
 FOLDER = "For a folder of results"
 
-Source = Annotated[
-    str,
-    typer.Argument(
-        metavar="SCENARIO|DIR",
-        help="See roadscope list scenarios; or a folder of results",
-        autocompletion=completion.scenarios,
-    ),
-]
-Save = Annotated[Path | None, option("FILE", "Write a .rrd file, and open no viewer")]
-Seed = Annotated[
-    int | None, option("N", "Seed of the episode; for a scenario, 0 if left out", min=0)
-]
-BoardName = Annotated[
-    str | None, option("NAME", "The board", FOLDER, autocompletion=completion.boards)
-]
-Entry = Annotated[
-    str | None,
-    option(
-        "SPEC",
-        "The entry; the best one if left out",
-        FOLDER,
-        autocompletion=completion.entries_of_runs,
-    ),
-]
-OfScenario = Annotated[
-    str | None,
-    option("NAME", "The scenario or sequence", FOLDER, autocompletion=completion.scenarios),
-]
-Condition = Annotated[
-    str | None, option("NAME", "Weather, light and faults, such as rain-3", FOLDER)
-]
 OF_SCENARIO = (
     "rig",
     "weather",
@@ -76,25 +30,33 @@ OF_RESULTS = ("board", "entry", "scenario", "condition")
 
 def view(
     context: typer.Context,
-    source: Source,
+    source: str = argument(
+        "SCENARIO|DIR",
+        "See roadscope list scenarios; or a folder of results",
+        names=completion.scenarios,
+    ),
     *,
-    save: Save = None,
-    seed: Seed = None,
-    rig: Rig = "lux",
-    seconds: Seconds = None,
-    returns: ReturnColours = "object",
-    detector: Detector = "distance-l-shape",
-    tracker: Tracker = "existence",
-    odometry: Odometry = None,
-    camera_detector: CameraDetector = None,
-    weather: Weather = "clear",
-    light: Light = "day",
-    faults: Faults = "clear",
-    board: BoardName = None,
-    entry: Entry = None,
-    scenario: OfScenario = None,
-    condition: Condition = None,
-    quiet: Quiet = False,
+    save: Path | None = option("FILE", "Write a .rrd file, and open no viewer"),
+    seed: int | None = option("N", "Seed of the episode; for a scenario, 0 if left out", min=0),
+    rig: str = options.RIG,
+    seconds: float | None = options.SECONDS,
+    returns: options.ReturnColours = options.RETURNS,
+    detector: str = options.DETECTOR,
+    tracker: str = options.TRACKER,
+    odometry: str | None = options.ODOMETRY,
+    camera_detector: str | None = options.CAMERA_DETECTOR,
+    weather: str = options.WEATHER,
+    light: str = options.LIGHT,
+    faults: str = options.FAULTS,
+    board: str | None = option("NAME", "The board", FOLDER, names=completion.boards),
+    entry: str | None = option(
+        "SPEC", "The entry; the best one if left out", FOLDER, names=completion.entries_of_runs
+    ),
+    scenario: str | None = option(
+        "NAME", "The scenario or sequence", FOLDER, names=completion.scenarios
+    ),
+    condition: str | None = option("NAME", "Weather, light and faults, such as rain-3", FOLDER),
+    quiet: bool = options.QUIET,
 ) -> None:
     """Show an episode in Rerun: world, sensors, truth, detections, tracks and scores over time.
 

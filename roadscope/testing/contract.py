@@ -14,14 +14,14 @@ from roadscope.benchmarks.kinds import DETECTOR, TRACKER, Kind, entry_kind, trai
 from roadscope.benchmarks.noisy import NOISES
 from roadscope.benchmarks.noisy_camera import CAMERA_NOISES
 from roadscope.benchmarks.noisy_odometry import ODOMETRY_NOISES
-from roadscope.benchmarks.references import NAMED_BY_SUITES
+from roadscope.benchmarks.references import NAMED_BY_SUITES, resolved_plugin
 from roadscope.core import Spec, SpecError
 from roadscope.core.answers import AnswerError
 from roadscope.core.names import unknown
 from roadscope.core.spec import FUSED, ORACLE
 from roadscope.core.text import one_line
 from roadscope.testing.shared import start_promises
-from roadscope.testing.subject import DEADLINE_S, Promise, PromiseError, Subject, resolved
+from roadscope.testing.subject import DEADLINE_S, Promise, PromiseError, Subject
 
 LOADED = "can be loaded"
 QUIET = "prints nothing"
@@ -142,18 +142,6 @@ def check(
     """
     if kind is not None:
         _kind_named(kind)
-    with probing(Limits(first_call_s=deadline_s), trust=trust):
-        return _checked(spec, kind, deadline_s=deadline_s, trust=trust, report=report)
-
-
-def _checked(
-    spec: str,
-    kind: str | None,
-    *,
-    deadline_s: float,
-    trust: bool,
-    report: Callable[[Item], object] | None,
-) -> Report:
     items: list[Item] = []
     logs: list[str] = []
 
@@ -162,26 +150,27 @@ def _checked(
         if report is not None:
             report(item)
 
-    try:
-        plugin, known = _resolved(spec, kind)
-        promises = _promises(plugin, known)
-    except SpecError as error:
-        add(Item(LOADED, False, str(error)))
-        return Report(spec, "", tuple(items))
-    add(Item(LOADED, True, _kind_in_words(plugin, known)))
-    reasons: set[str] = set()
-    for number, promise in enumerate(promises):
-        subject = Subject(plugin, known, deadline_s=deadline_s, trust=trust)
-        item = _item(promise, subject)
-        logs += subject.logs if item.good else [OUR_REPORT.split(t, 1)[0] for t in subject.logs]
-        again = not item.good and item.remark in reasons
-        reasons.add(item.remark)
-        add(Item(item.promise, False, SAME) if again else item)
-        # All other promises of a plug-in that cannot be made or called, or that hangs, fail too.
-        if not item.good and (number < 2 or subject.hangs):
-            break
-    add(_quiet("".join(logs)))
-    return Report(spec, known.name, tuple(items))
+    with probing(Limits(first_call_s=deadline_s), trust=trust):
+        try:
+            plugin, known = _resolved(spec, kind)
+            promises = _promises(plugin, known)
+        except SpecError as error:
+            add(Item(LOADED, False, str(error)))
+            return Report(spec, "", tuple(items))
+        add(Item(LOADED, True, _kind_in_words(plugin, known)))
+        reasons: set[str] = set()
+        for number, promise in enumerate(promises):
+            subject = Subject(plugin, known, deadline_s=deadline_s, trust=trust)
+            item = _item(promise, subject)
+            logs += subject.logs if item.good else [OUR_REPORT.split(t, 1)[0] for t in subject.logs]
+            again = not item.good and item.remark in reasons
+            reasons.add(item.remark)
+            add(Item(item.promise, False, SAME) if again else item)
+            # All others of a plug-in that cannot be made or called, or that hangs, fail too.
+            if not item.good and (number < 2 or subject.hangs):
+                break
+        add(_quiet("".join(logs)))
+        return Report(spec, known.name, tuple(items))
 
 
 def _item(promise: Promise, subject: Subject) -> Item:
@@ -217,7 +206,7 @@ def _resolved(text: str, kind: str | None) -> tuple[Spec, Kind]:
     else:
         possible = tuple(plugin_kinds().values())
         resolved_kind = DETECTOR if spec.name in NAMED_BY_SUITES else entry_kind(spec, possible)
-    plugin = resolved(spec, resolved_kind)
+    plugin = resolved_plugin(resolved_kind.registry, spec)
     if failure := traits_of(plugin).failure:
         raise SpecError(failure)
     return plugin, resolved_kind
@@ -231,25 +220,27 @@ def _kind_named(kind: str) -> Kind:
 
 
 def _promises(spec: Spec, kind: Kind) -> Sequence[Promise]:
-    promises = _promises_in(kind.plural.replace(" ", "_"))
-    if kind is TRACKER and traits_of(spec).offline:
-        return (*promises, *_promises_in("offline"))
-    return promises or start_promises(kind.method, "...")
+    """Return the promises of a kind; without a module of its name, those of every plug-in."""
+    if not find_spec(_module_of(kind)):
+        return start_promises(kind.method, "...")
+    module = import_module(_module_of(kind))
+    return (*module.PROMISES, *(module.OFFLINE_PROMISES if _is_offline(spec, kind) else ()))
 
 
-def _promises_in(module: str) -> Sequence[Promise]:
-    """Return the promises in a module of this folder; empty if there is no such module."""
-    name = f"{__package__}.{module}"
-    promises: Sequence[Promise] = import_module(name).PROMISES if find_spec(name) else ()
-    return promises
+def _module_of(kind: Kind) -> str:
+    return f"{__package__}.{kind.name.replace(' ', '_')}"
 
 
 def _kind_in_words(spec: Spec, kind: Kind) -> str:
-    if kind is TRACKER and traits_of(spec).offline:
+    if _is_offline(spec, kind):
         return "an offline tracker"
-    if not _promises_in(kind.plural.replace(" ", "_")):
+    if not find_spec(_module_of(kind)):
         return f"{kind}; what {kind.plural} promise beyond these items is not known"
     return str(kind)
+
+
+def _is_offline(spec: Spec, kind: Kind) -> bool:
+    return kind is TRACKER and traits_of(spec).offline
 
 
 def _quiet(printed: str) -> Item:

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 from roadscope.benchmarks.kinds import traits_of
-from roadscope.testing.subject import Instance, Promise, PromiseError, Subject, resolved
+from roadscope.benchmarks.references import resolved_plugin
+from roadscope.core import Spec
+from roadscope.testing.subject import Instance, Promise, PromiseError, Subject
 
 Run = Callable[[Instance], object]
 """Runs a started instance over a scene and returns its checked answers."""
@@ -41,7 +42,8 @@ def start_promises(
 
 def made_without_arguments(subject: Subject) -> str:
     """Refuse a constructor with arguments that have no default or can be given by position."""
-    traits = traits_of(resolved(subject.spec.name, subject.kind))
+    spec = resolved_plugin(subject.kind.registry, Spec.parse(subject.spec.name))
+    traits = traits_of(spec)
     if traits.problem:
         raise PromiseError(f"{traits.problem}; give every argument of the constructor a default")
     if traits.positional:
@@ -66,29 +68,19 @@ def input_promise(run: Run) -> Promise:
     return Promise("leaves its input alone", verify)
 
 
-@dataclass(frozen=True, slots=True)
-class Words:
-    """Names of what a kind of plug-in gets and answers, in the plural, for messages."""
-
-    inputs: str
-    answers: str
-
-
-def memory_promises(run: Run, run_other: Run, words: Words) -> tuple[Promise, ...]:
+def memory_promises(run: Run, run_other: Run, *, inputs: str, answers: str) -> tuple[Promise, ...]:
     """Return the promises that answers depend on nothing but the inputs since the last reset.
 
-    run, run_other: answer a scene, and another one.
+    run, run_other: answer a scene, and another one. inputs, answers: names of both in the plural.
     """
 
     def repeats(subject: Subject) -> str:
-        answers = []
+        runs = []
         for _ in range(2):
             with subject.started() as instance:
-                answers.append(run(instance))
-        if answers[0] != answers[1]:
-            raise PromiseError(
-                f"the same {words.inputs} give other {words.answers} the second time"
-            )
+                runs.append(run(instance))
+        if runs[0] != runs[1]:
+            raise PromiseError(f"the same {inputs} give other {answers} the second time")
         return ""
 
     def forgets(subject: Subject) -> str:
@@ -100,28 +92,19 @@ def memory_promises(run: Run, run_other: Run, words: Words) -> tuple[Promise, ..
             after = run(instance)
         if fresh != after:
             raise PromiseError(
-                f"reset does not forget: after another scene the same {words.inputs} give other "
-                f"{words.answers}"
+                f"reset does not forget: after another scene the same {inputs} give other {answers}"
             )
         return ""
 
     return (
-        Promise(f"gives the same {words.answers} for the same {words.inputs}", repeats),
+        Promise(f"gives the same {answers} for the same {inputs}", repeats),
         Promise("forgets everything at a reset", forgets),
     )
 
 
-@dataclass(frozen=True, slots=True)
-class Standard:
-    """The figure of a method of roadscope or of a mark, with which a plug-in's is compared."""
-
-    name: str
-    value: float
-
-
 def figure_in_words(
-    figure: str, value: float, *, beside: Sequence[Standard], unit: str = ""
+    figure: str, value: float, *, beside: Mapping[str, float], unit: str = ""
 ) -> str:
-    """Return a figure with others in brackets, as one line of text."""
-    others = ", ".join(f"{each.name}: {each.value:.2f}{unit}" for each in beside)
+    """Return a figure as one line of text; in brackets those of methods of ours and of marks."""
+    others = ", ".join(f"{name}: {other:.2f}{unit}" for name, other in beside.items())
     return f"{figure} {value:.2f}{unit} ({others})"

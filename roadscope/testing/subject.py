@@ -14,7 +14,6 @@ from typing import Any
 from roadscope.benchmarks.isolation import Limits, PluginHandle, Traits, open_plugin
 from roadscope.benchmarks.kinds import Kind, traits_of
 from roadscope.benchmarks.loop import RunOptions
-from roadscope.benchmarks.references import resolved_plugin
 from roadscope.core import Spec
 
 DEADLINE_S = 120.0
@@ -23,11 +22,6 @@ process."""
 GRACE_S = 1.0
 """Seconds by which all calls together may exceed the deadline, so that the error names the call
 that hangs."""
-
-
-def resolved(spec: str | Spec, kind: Kind) -> Spec:
-    """Return the resolved spec of a plug-in, see `resolved_plugin`."""
-    return resolved_plugin(kind.registry, Spec.parse(spec) if isinstance(spec, str) else spec)
 
 
 class PromiseError(AssertionError):

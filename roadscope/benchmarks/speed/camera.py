@@ -14,7 +14,7 @@ from typing import Any
 
 from roadscope.benchmarks.episode import Episode, timeline_of
 from roadscope.benchmarks.images import camera_of
-from roadscope.benchmarks.speed.rows import SpeedRow, SpeedStep, interleaved
+from roadscope.benchmarks.speed.rows import SpeedRow, interleaved
 from roadscope.core import Frame
 from roadscope.detectors.camera import CAMERA_DETECTORS
 from roadscope.detectors.camera.detector import CameraDetector
@@ -32,11 +32,6 @@ KINDS: dict[str, dict[str, Any]] = {
 }
 PLAIN, BLURRED = "plain colours", "with everything and motion blur"
 PRECISIONS = {"float32": "float32", "bf16": "bfloat16"}
-
-
-def camera_steps(repeats: int) -> list[SpeedStep]:
-    """Return a step for each rig."""
-    return [SpeedStep(f"camera, {rig}", partial(measure_camera, rig, repeats)) for rig in RIGS]
 
 
 def measure_camera(rig: str, repeats: int) -> list[SpeedRow]:

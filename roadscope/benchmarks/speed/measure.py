@@ -5,33 +5,32 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Sequence
 from dataclasses import asdict
+from functools import partial
 from pathlib import Path
 
+from roadscope.benchmarks.progress import Progress, silent
 from roadscope.benchmarks.speed.casting import casting_steps
 from roadscope.benchmarks.speed.detectors import detector_steps
 from roadscope.benchmarks.speed.odometry import odometry_steps
 from roadscope.benchmarks.speed.rows import SpeedRow, SpeedStep
-from roadscope.benchmarks.speed.trackers import tracker_steps
+from roadscope.benchmarks.speed.trackers import measure_trackers
 from roadscope.core.names import unknown
 
 CASTS, IMAGES = 21, 7
 """How often a cast, a sweep, an image and a detection in an image are repeated."""
 
-Progress = Callable[[str, int, int], None]
-"""Called with the name of the step that begins, its number from 0 and the number of steps."""
-
 
 def _camera_steps() -> list[SpeedStep]:
     # torch takes a second to load: only who measures cameras waits for it.
-    from roadscope.benchmarks.speed.camera import camera_steps
+    from roadscope.benchmarks.speed.camera import RIGS, measure_camera
 
-    return camera_steps(IMAGES)
+    return [SpeedStep(f"camera, {rig}", partial(measure_camera, rig, IMAGES)) for rig in RIGS]
 
 
 PARTS: dict[str, Callable[[], list[SpeedStep]]] = {
     "casting": lambda: casting_steps(CASTS),
     "detectors": detector_steps,
-    "trackers": tracker_steps,
+    "trackers": lambda: [SpeedStep("trackers", measure_trackers)],
     "odometry": odometry_steps,
     "camera": _camera_steps,
 }
@@ -39,7 +38,7 @@ PARTS: dict[str, Callable[[], list[SpeedStep]]] = {
 
 
 def measure_speed(
-    parts: Sequence[str] = tuple(PARTS), *, progress: Progress | None = None
+    parts: Sequence[str] = tuple(PARTS), *, progress: Progress = silent
 ) -> list[SpeedRow]:
     """Measure the parts named; one thread, medians after a warm-up.
 
@@ -57,12 +56,11 @@ def measure_speed(
     return run_steps(steps, progress)
 
 
-def run_steps(steps: Sequence[SpeedStep], progress: Progress | None = None) -> list[SpeedRow]:
-    """Measure one step after the other."""
+def run_steps(steps: Sequence[SpeedStep], progress: Progress = silent) -> list[SpeedRow]:
+    """Measure one step after the other; progress gets the name of each when it begins."""
     rows: list[SpeedRow] = []
     for number, step in enumerate(steps):
-        if progress is not None:
-            progress(step.name, number, len(steps))
+        progress(step.name, number, len(steps))
         rows.extend(step.measure())
     return rows
 

@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from roadscope.benchmarks.speed.rows import SpeedRow, SpeedStep
+from roadscope.benchmarks.speed.rows import SpeedRow
 from roadscope.core import Category, Detections, Pose
 from roadscope.trackers import TRACKERS, OfflineTracker, is_offline
 
@@ -35,11 +35,6 @@ class TrackerFrame(NamedTuple):
 
     detections: Detections
     ego_pose: Pose
-
-
-def tracker_steps() -> list[SpeedStep]:
-    """Return the one step."""
-    return [SpeedStep("trackers", measure_trackers)]
 
 
 def detected_traffic(count: int, frames: int = UPDATES, seed: int = 0) -> Iterator[TrackerFrame]:
@@ -96,12 +91,6 @@ def detected_crowd(frames: int = UPDATES, seed: int = 0) -> Iterator[TrackerFram
         yield TrackerFrame(detections, Pose.planar(0.0, 0.0, 0.0))
 
 
-def scenes(counts: Sequence[int], frames: int) -> dict[str, list[TrackerFrame]]:
-    """Return what trackers are measured on, by name."""
-    traffic = {f"{count} targets": list(detected_traffic(count, frames)) for count in counts}
-    return {**traffic, f"{CROWD} crowded targets": list(detected_crowd(frames))}
-
-
 def measure_trackers(
     names: Sequence[str] | None = None, counts: Sequence[int] = COUNTS, frames: int = UPDATES
 ) -> list[SpeedRow]:
@@ -113,7 +102,8 @@ def measure_trackers(
         others take up to seconds for an update.
     """
     rows: list[SpeedRow] = []
-    episodes = scenes(counts, frames)
+    episodes = {f"{count} targets": list(detected_traffic(count, frames)) for count in counts}
+    episodes[f"{CROWD} crowded targets"] = list(detected_crowd(frames))
     for name in own_trackers() if names is None else names:
         for scene, episode in episodes.items():
             what = f"tracker {name}, {scene}"

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from importlib import resources
 from pathlib import Path
+from shlex import quote
 
 from roadscope.benchmarks.cache import FolderError, usable_file, write_text
 from roadscope.core import SpecError
@@ -73,17 +74,10 @@ def write_template(
     if place.exists() and not force:
         raise FolderError(f"{place} exists; --force writes over it")
     write_text(place, template_text(kind))
-    steps = tuple(step.format(path=_quoted(place)) for step in template.next_steps)
+    steps = tuple(step.format(path=quote(str(place))) for step in template.next_steps)
     return WrittenTemplate(place, steps)
 
 
 def template_text(kind: str) -> str:
     """Return the text of a template."""
     return resources.files(__name__).joinpath(TEMPLATES[kind].source).read_text("utf-8")
-
-
-def _quoted(path: Path) -> str:
-    """Return a path as a shell takes it for one word."""
-    import shlex
-
-    return shlex.quote(str(path))

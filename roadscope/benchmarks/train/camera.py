@@ -28,7 +28,6 @@ from roadscope.core import Calibration, CameraImage, Frame, ImageDetections
 from roadscope.core.names import unknown
 
 if TYPE_CHECKING:
-    from roadscope.benchmarks.train.training import Trainer
     from roadscope.detectors.camera.network import CentreNetwork
 
 LEAST_SCORE = 0.01
@@ -69,7 +68,9 @@ def train_camera(
     train. Another number of threads adds up in another order, so the same weights, byte by byte,
     need the same jobs and processor.
     """
-    from roadscope.benchmarks.train.training import Trainer
+    import torch
+
+    from roadscope.benchmarks.train.training import Trainer, train
 
     if recipe not in RECIPES:
         raise ValueError(unknown("recipe", recipe, RECIPES))
@@ -85,20 +86,18 @@ def train_camera(
         [read_pictures(episode, folder) for episode in part] for part in split
     )
     trainer = Trainer(settings, fingerprint([settings, data_hash]))
-    network = _train(trainer, training, folder, jobs=jobs, progress=progress)
+    torch.set_num_threads(jobs)
+    checkpoint = folder / f"checkpoint-{trainer.key}.pt"
+    network = train(trainer, training, checkpoint, progress=progress)
     _calibrate(network, weights, calibration)
     scores = evaluate(weights, validation, progress, threads=jobs)
     held_out_scores = {
         name: evaluate(weights, [read_pictures(e, folder) for e in part], progress, threads=jobs)
         for name, part in held_out.items()
     }
+    record = weights.with_suffix(".toml")
     result = TrainingResult(
-        weights=weights,
-        record=weights.with_suffix(".toml"),
-        scores=scores,
-        held_out=held_out_scores,
-        data_hash=data_hash,
-        seconds=trainer.seconds,
+        weights, record, scores, held_out_scores, data_hash, seconds=trainer.seconds
     )
     _write_record(result, recipe, settings, jobs)
     return result
@@ -127,18 +126,6 @@ def _render_missing(
     return [pictures.store_pictures(episode, folder) for episode in episodes]
 
 
-def _train(
-    trainer: Trainer, episodes: Sequence[Pictures], folder: Path, *, jobs: int, progress: Progress
-) -> CentreNetwork:
-    import torch
-
-    from roadscope.benchmarks.train.training import train
-
-    torch.set_num_threads(jobs)
-    checkpoint = folder / f"checkpoint-{trainer.key}.pt"
-    return train(trainer, episodes, checkpoint, progress=progress)
-
-
 def _calibrate(network: CentreNetwork, weights: Path, episodes: Sequence[Pictures]) -> None:
     """Write the network with a calibration of its scores that is fitted on these pictures."""
     from roadscope.benchmarks.train.calibration import fitted_calibration
@@ -165,15 +152,11 @@ def evaluate(
     total = sum(map(len, episodes))
     for episode in episodes:
         for pixels in episode.pixels:
-            frame = _frame(np.asarray(pixels), float(len(detections)))
-            detections.append(detector.detect(frame))
+            stamp_s = float(len(detections))
+            image = CameraImage(np.asarray(pixels), np.eye(3), stamp_s, "camera")
+            detections.append(detector.detect(Frame(stamp_s, Calibration(), camera=image)))
             progress("scores", len(detections), total)
     return score_images(detections, [label for e in episodes for label in e.labels])
-
-
-def _frame(pixels: np.ndarray, stamp_s: float) -> Frame:
-    image = CameraImage(pixels, np.eye(3), stamp_s, "camera")
-    return Frame(stamp_s, Calibration(), camera=image)
 
 
 def _write_record(result: TrainingResult, name: str, recipe: Recipe, jobs: int) -> None:

@@ -5,7 +5,7 @@ Each batch follows from its number alone, so that a stopped run can go on anywhe
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
 from typing import NamedTuple
@@ -16,12 +16,7 @@ from torch import Tensor
 from torch.nn import functional
 
 from roadscope.benchmarks.metrics.image_labels import Labels
-from roadscope.benchmarks.train.loss_functions import (
-    CropObjects,
-    CropTargets,
-    TargetMaps,
-    targets_of,
-)
+from roadscope.benchmarks.train.loss_functions import CropObjects, TargetMaps, targets_of
 from roadscope.benchmarks.train.pictures import Pictures, PixelSize
 from roadscope.benchmarks.train.recipe import Recipe
 from roadscope.core.bounds import Bounds
@@ -70,7 +65,7 @@ class ShuffledPictures:
 
     def crop(
         self, number: int, size: PixelSize, rng: np.random.Generator
-    ) -> tuple[Tensor, CropTargets]:
+    ) -> tuple[Tensor, TargetMaps]:
         """Return the number-th crop of the training, (3, h, w) in 0 to 1, and its targets."""
         epoch, position = divmod(number, len(self._indices))
         e, k = self._indices[self._order_of(epoch)[position]]
@@ -85,17 +80,6 @@ class ShuffledPictures:
             rng = np.random.default_rng([self._seed, 1, epoch])
             self._epoch, self._order = epoch, rng.permutation(len(self._indices))
         return self._order
-
-
-def batches(pictures: ShuffledPictures, recipe: Recipe, first_step: int) -> Iterator[Batch]:
-    """Yield the batches from a step on.
-
-    Each is made when it is asked for. A thread that makes them ahead would compete with the threads
-    of the network, which wait for each other at every layer: where all cores train, that costs more
-    than it saves.
-    """
-    for step in range(first_step, recipe.steps):
-        yield batch(pictures, recipe, step)
 
 
 def batch(pictures: ShuffledPictures, recipe: Recipe, step: int) -> Batch:

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import json
 import sys
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
-from functools import partial
 from hashlib import sha256
 from itertools import pairwise
 from pathlib import Path
@@ -44,7 +43,6 @@ from roadscope.driving.perception import TRUTH
 
 if TYPE_CHECKING:
     from stable_baselines3 import PPO
-    from stable_baselines3.common.callbacks import BaseCallback
 
 LIBRARY = Requirement("stable-baselines3", "pip install 'roadscope[rl]'")
 ENVIRONMENTS = 4
@@ -115,7 +113,8 @@ def train_driver(
     for name in ("lessons", "validation_seeds"):
         if getattr(recipe, name) < 1:
             raise ValueError(f"{name}: expected at least 1, got {getattr(recipe, name)}")
-    recipe = _with_scenarios(recipe)
+    if not recipe.scenarios:
+        recipe = replace(recipe, scenarios=load_suite("driving").scenarios)
     weights = weights_path(Path(out))
     layers = load_agent(recipe.start) if recipe.start else None
     # Wrong names are reported before anything is trained.
@@ -126,14 +125,7 @@ def train_driver(
         raise ValueError("steps: expected more than 0 with a start or without a teacher, got 0")
     usable_folder(weights.parent)
     if layers is None and recipe.teacher:
-        layers = imitate(
-            recipe.teacher,
-            partial(_environment, recipe),
-            drives=recipe.lessons,
-            jobs=ENVIRONMENTS,
-            seed=recipe.seed,
-            progress=report,
-        )
+        layers = _imitated(recipe, report)
     if recipe.steps:
         layers = _trained(recipe, layers, report)
     assert layers is not None
@@ -143,12 +135,6 @@ def train_driver(
     )
     _write_record(result, recipe)
     return result
-
-
-def _with_scenarios(recipe: DriverRecipe) -> DriverRecipe:
-    if recipe.scenarios:
-        return recipe
-    return replace(recipe, scenarios=load_suite("driving").scenarios)
 
 
 def _environment(recipe: DriverRecipe) -> DriveEnv:
@@ -189,40 +175,25 @@ def action_of(command: DrivingCommand, scene: DrivingScene) -> int:
     return int(np.argmin(away))
 
 
-def imitate(
-    teacher: str,
-    environment: Callable[[], DriveEnv],
-    *,
-    drives: int,
-    jobs: int,
-    seed: int,
-    progress: Progress,
-) -> Layers:
-    """Return an agent that does what the teacher does.
-
-    teacher: a driver of the board; it gets the true scenes. environment: makes the
-    environment of one process. drives: of each round; their seeds follow from `seed`.
-    """
+def _imitated(recipe: DriverRecipe, progress: Progress) -> Layers:
+    """Return an agent that does what the teacher does, who gets the true scenes."""
     from joblib import Parallel, delayed
 
-    layers, lessons = _new_layers(seed), list[Lesson]()
-    run = Parallel(n_jobs=jobs, return_as="generator")
+    layers, lessons = _new_layers(recipe.seed), list[Lesson]()
+    run = Parallel(n_jobs=ENVIRONMENTS, return_as="generator")
     for k in range(ROUNDS):
         agent = layers if k else None
-        seeds = np.random.SeedSequence([seed, k]).generate_state(drives)
-        calls = (delayed(_lesson)(teacher, environment, agent, int(each)) for each in seeds)
-        for lesson in run(calls):
+        seeds = np.random.SeedSequence([recipe.seed, k]).generate_state(recipe.lessons)
+        for lesson in run(delayed(_lesson)(recipe, agent, int(seed)) for seed in seeds):
             lessons.append(lesson)
-            progress("imitation", len(lessons), ROUNDS * drives)
-        layers = _fitted(layers, lessons, seed + k)
+            progress("imitation", len(lessons), ROUNDS * recipe.lessons)
+        layers = _fitted(layers, lessons, recipe.seed + k)
     return layers
 
 
-def _lesson(
-    teacher: str, environment: Callable[[], DriveEnv], agent: Layers | None, seed: int
-) -> Lesson:
+def _lesson(recipe: DriverRecipe, agent: Layers | None, seed: int) -> Lesson:
     """Drive once; agent: who drives, the teacher if None."""
-    env, driver = environment(), DRIVERS.make(teacher)
+    env, driver = _environment(recipe), DRIVERS.make(recipe.teacher)
     driver.reset()
     observation, _ = env.reset(seed=seed)
     observations, actions, over = [], [], False
@@ -309,7 +280,12 @@ def _trained(recipe: DriverRecipe, start: Layers | None, progress: Progress) -> 
         )
         if start is not None:
             _put_layers(model, start)
-        model.learn(steps, callback=_reporting(steps, progress))
+
+        def report(*_: object) -> bool:
+            progress("training", model.num_timesteps, steps)
+            return True
+
+        model.learn(steps, callback=report)
         return _layers_of(model)
     finally:
         environments.close()
@@ -336,17 +312,6 @@ def _put_layers(model: PPO, layers: Layers) -> None:
         for layer, (weights, biases) in zip(_linear_layers(model), layers, strict=True):
             layer.weight.copy_(torch.from_numpy(weights))
             layer.bias.copy_(torch.from_numpy(biases))
-
-
-def _reporting(steps: int, progress: Progress) -> BaseCallback:
-    from stable_baselines3.common.callbacks import BaseCallback
-
-    class Reporting(BaseCallback):
-        def _on_step(self) -> bool:
-            progress("training", self.num_timesteps, steps)
-            return True
-
-    return Reporting()
 
 
 # --------------------------------------------------------------------------------------------------

@@ -53,9 +53,8 @@ class CropObjects(Record):
         return len(self.boxes)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class CropTargets(Record):
-    """Maps of h x w squares that the network should answer for one crop.
+class TargetMaps(NamedTuple):
+    """Maps of h x w squares that the network should answer for one crop; (B, ...) for a batch.
 
     heat: (3, h, w) float32, by family, 1 at centres, falling to 0 around them.
     loss_mask: (3, h, w) float32, 0 where the answer has no effect on the loss, 1 elsewhere.
@@ -64,16 +63,6 @@ class CropTargets(Record):
     vehicles: (h, w) int64, category of the vehicle, -1 where there is none.
     """
 
-    heat: np.ndarray
-    loss_mask: np.ndarray
-    boxes: np.ndarray
-    weights: np.ndarray
-    vehicles: np.ndarray
-
-
-class TargetMaps(NamedTuple):
-    """`CropTargets` of a batch as tensors, (B, ...) each."""
-
     heat: Tensor
     loss_mask: Tensor
     boxes: Tensor
@@ -81,17 +70,12 @@ class TargetMaps(NamedTuple):
     vehicles: Tensor
 
     @staticmethod
-    def stacked(crops: Sequence[CropTargets]) -> TargetMaps:
+    def stacked(crops: Sequence[TargetMaps]) -> TargetMaps:
         """Stack the targets of the crops of a batch."""
-        return TargetMaps(
-            *(
-                torch.from_numpy(np.stack([getattr(targets, name) for targets in crops]))
-                for name in TargetMaps._fields
-            )
-        )
+        return TargetMaps(*map(torch.stack, zip(*crops, strict=True)))
 
 
-def targets_of(objects: CropObjects, size: PixelSize) -> CropTargets:
+def targets_of(objects: CropObjects, size: PixelSize) -> TargetMaps:
     """Return the targets of a crop; in squares of several boxes the smallest box wins."""
     squares = PixelSize(size.height // STRIDE, size.width // STRIDE)
     heat = np.zeros((len(FAMILIES), *squares), np.float32)
@@ -111,7 +95,7 @@ def targets_of(objects: CropObjects, size: PixelSize) -> CropTargets:
         weights[region][near] = bell.heat[near] / bell.heat[near].sum()
         vehicles[region][near] = objects.categories[i] if family == 0 else NO_CATEGORY
     loss_mask[heat == 1.0] = 1.0
-    return CropTargets(heat, loss_mask, boxes, weights, vehicles)
+    return TargetMaps(*map(torch.from_numpy, (heat, loss_mask, boxes, weights, vehicles)))
 
 
 class _Bell(NamedTuple):

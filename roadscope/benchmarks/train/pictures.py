@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from hashlib import sha256
 from pathlib import Path
@@ -92,7 +91,7 @@ class Pictures:
 
 def render(episode: PictureEpisode) -> Pictures:
     """Record the traffic of an episode and take its pictures."""
-    from roadscope.core.projection import Projection
+    from roadscope.benchmarks.images import projection_of
     from roadscope.envs.sensors.sensing import world_of
     from roadscope.envs.traffic.scenarios import record
 
@@ -101,10 +100,7 @@ def render(episode: PictureEpisode) -> Pictures:
     assert rig.camera is not None
     timeline = record(episode.scenario, episode.seed, (episode.images + 0.5) * episode.every_s)
     world = world_of(timeline, episode.seed)
-    pinhole = rig.camera.spec.pinhole
-    projection = Projection.of(
-        pinhole.intrinsics, rig.camera.ego_from_camera, pinhole.width, pinhole.height
-    )
+    projection = projection_of(rig)
     step = round(episode.every_s / rig.camera.spec.period_s)
     pixels, labels = [], []
     for k in range(episode.images):
@@ -125,10 +121,19 @@ def store_pictures(episode: PictureEpisode, folder: Path) -> str:
         return digest
     pictures = render(episode)
     digest = sha256(pictures.pixels.tobytes()).hexdigest()
-    write_atomically(_pixels_path(episode, folder), lambda path: _save(path, pictures.pixels))
-    write_atomically(
-        _labels_path(episode, folder), lambda path: _save_labels(path, pictures.labels, digest)
-    )
+    labels = {n: np.concatenate([getattr(x, n) for x in pictures.labels]) for n in Labels.names()}
+    ends = np.cumsum([len(x) for x in pictures.labels])
+
+    def save_pixels(path: Path) -> None:
+        with path.open("wb") as file:
+            np.save(file, pictures.pixels)
+
+    def save_labels(path: Path) -> None:
+        with path.open("wb") as file:
+            np.savez(file, allow_pickle=False, digest=np.array(digest), ends=ends, **labels)
+
+    write_atomically(folder / f"{episode.name}.npy", save_pixels)
+    write_atomically(folder / f"{episode.name}.npz", save_labels)
     return digest
 
 
@@ -138,8 +143,8 @@ def stored_hash(episode: PictureEpisode, folder: Path) -> str | None:
     Files that are incomplete or damaged do not count.
     """
     try:
-        np.load(_pixels_path(episode, folder), mmap_mode="r")
-        with _labels_path(episode, folder).open("rb") as file, np.load(file) as data:
+        np.load(folder / f"{episode.name}.npy", mmap_mode="r")
+        with (folder / f"{episode.name}.npz").open("rb") as file, np.load(file) as data:
             for name in (*Labels.names(), "ends"):
                 _ = data[name]
             return str(data["digest"])
@@ -152,31 +157,11 @@ def read_pictures(episode: PictureEpisode, folder: Path) -> Pictures:
 
     Objects that rain or fog leaves too little contrast are labelled as hidden.
     """
-    pixels = np.load(_pixels_path(episode, folder), mmap_mode="r")
-    with np.load(_labels_path(episode, folder)) as data:
+    pixels = np.load(folder / f"{episode.name}.npy", mmap_mode="r")
+    with np.load(folder / f"{episode.name}.npz") as data:
         rows = {name: data[name] for name in Labels.names()}
         ends = data["ends"]
     split = {name: np.split(values, ends[:-1]) for name, values in rows.items()}
     labels = (Labels(**{name: split[name][k] for name in rows}) for k in range(len(ends)))
     extinction = episode.sensing().weather.extinction_per_m
     return Pictures(pixels, tuple(each.in_air(extinction) for each in labels))
-
-
-def _pixels_path(episode: PictureEpisode, folder: Path) -> Path:
-    return folder / f"{episode.name}.npy"
-
-
-def _labels_path(episode: PictureEpisode, folder: Path) -> Path:
-    return folder / f"{episode.name}.npz"
-
-
-def _save(path: Path, pixels: np.ndarray) -> None:
-    with path.open("wb") as file:
-        np.save(file, pixels)
-
-
-def _save_labels(path: Path, labels: Sequence[Labels], digest: str) -> None:
-    columns = {n: np.concatenate([getattr(x, n) for x in labels]) for n in Labels.names()}
-    with path.open("wb") as file:
-        ends = np.cumsum([len(x) for x in labels])
-        np.savez(file, allow_pickle=False, digest=np.array(digest), ends=ends, **columns)

@@ -13,7 +13,7 @@ from torch import nn
 
 from roadscope.benchmarks.cache import write_atomically
 from roadscope.benchmarks.progress import Progress, silent
-from roadscope.benchmarks.train.crops import Batch, ShuffledPictures, batches
+from roadscope.benchmarks.train.crops import Batch, ShuffledPictures, batch
 from roadscope.benchmarks.train.loss_functions import losses
 from roadscope.benchmarks.train.pictures import Pictures
 from roadscope.benchmarks.train.recipe import Recipe
@@ -51,8 +51,10 @@ def train(
     pictures = ShuffledPictures(episodes, recipe.seed)
     progress("training", trainer.step, recipe.steps)
     earlier_s, start_s = trainer.seconds, time.monotonic()
-    for batch in batches(pictures, recipe, trainer.step):
-        loss = trainer.train_on(batch)
+    for step in range(trainer.step, recipe.steps):
+        # A thread that makes batches ahead would compete with those of the network, which wait for
+        # each other at every layer: where all cores train, that costs more than it saves.
+        loss = trainer.train_on(batch(pictures, recipe, step))
         trainer.seconds = earlier_s + time.monotonic() - start_s
         on_step(trainer.step, loss)
         progress("training", trainer.step, recipe.steps)
@@ -95,15 +97,15 @@ class Trainer:
         self.average.requires_grad_(False).eval()
         self.optimiser = Optimiser(self.network, recipe)
 
-    def train_on(self, batch: Batch) -> float:
+    def train_on(self, crops: Batch) -> float:
         """Take one step; return the loss before it."""
         self.network.train()
         self.optimiser.zero_grad()
-        batch = batch.to(self.device)
+        crops = crops.to(self.device)
         kind = self.device.type
         with torch.autocast(kind, torch.bfloat16, enabled=has_bfloat16(kind)):
-            maps = self.network(batch.pixels)
-        loss = losses(maps, batch.targets).total
+            maps = self.network(crops.pixels)
+        loss = losses(maps, crops.targets).total
         loss.backward()  # type: ignore[no-untyped-call]
         nn.utils.clip_grad_norm_(self.network.parameters(), LARGEST_GRADIENT)
         self.optimiser.step()

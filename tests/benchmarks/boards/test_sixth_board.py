@@ -228,7 +228,7 @@ def test_its_kind_of_plugin_is_checked(home: Path) -> None:
     assert loaded.returncode == 0, loaded.stdout
     assert "a follower; what followers promise beyond these items is not known" in loaded.stdout
     assert "has reset and drive" in loaded.stdout
-    (home / "roadscope/testing/followers.py").write_text(PROMISES)
+    (home / "roadscope/testing/follower.py").write_text(PROMISES)
     broken = does(home, "check", "drivers.py:Wild")
     assert broken.returncode == 1, broken.stderr
     assert "brakes: it does not brake close to a car" in broken.stdout

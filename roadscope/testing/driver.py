@@ -10,7 +10,7 @@ from roadscope.core.answers import check_command
 from roadscope.driving import ClosedLoop
 from roadscope.driving.perception import BLIND, TRUTH
 from roadscope.envs.sensors.rigs import rig
-from roadscope.testing.shared import Words, input_promise, memory_promises, start_promises
+from roadscope.testing.shared import input_promise, memory_promises, start_promises
 from roadscope.testing.subject import Instance, Promise, PromiseError, Subject
 
 SCENARIO, SEED, DURATION_S = "dense-motorway", 0, 20.0
@@ -87,7 +87,7 @@ PROMISES = (
     Promise("drives", answers),
     input_promise(commands),
     *memory_promises(
-        commands, lambda instance: commands(instance, OTHER), Words("scenes", "commands")
+        commands, lambda instance: commands(instance, OTHER), inputs="scenes", answers="commands"
     ),
 )
 """All promises of drivers."""

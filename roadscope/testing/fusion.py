@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cache, lru_cache
 
 import numpy as np
 
@@ -27,14 +27,7 @@ from roadscope.core.answers import check_fused
 from roadscope.core.fused import FusedDetections
 from roadscope.core.projection import Projection
 from roadscope.fusion.overlap import projected_boxes
-from roadscope.testing.shared import (
-    Standard,
-    Words,
-    figure_in_words,
-    input_promise,
-    memory_promises,
-    start_promises,
-)
+from roadscope.testing.shared import figure_in_words, input_promise, memory_promises, start_promises
 from roadscope.testing.subject import Instance, Promise, PromiseError, Subject
 
 OPTICAL = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
@@ -160,29 +153,22 @@ def order(subject: Subject) -> str:
 def compare(subject: Subject) -> str:
     """Fuse two seconds of a street; refuse a fusion much worse than the better sensor alone."""
     precision = _average_precision(subject.spec, subject.options)
-    sensors = _sensors()
-    words = figure_in_words(
-        "average precision in a street", precision, beside=[_reference(), *sensors]
-    )
-    if precision < SHARE_OF_BETTER_SENSOR * max(sensor.value for sensor in sensors):
+    beside = _standards()
+    words = figure_in_words("average precision in a street", precision, beside=beside)
+    if precision < SHARE_OF_BETTER_SENSOR * max(beside[LIDAR_ALONE], beside[CAMERA_ALONE]):
         raise PromiseError(f"{words}: it detects much less than one sensor alone")
     return words
 
 
-@lru_cache(maxsize=1)
-def _reference() -> Standard:
-    spec = FUSION.registry.resolve(REFERENCE)
-    return Standard(REFERENCE, _average_precision(spec, RunOptions()))
-
-
-@lru_cache(maxsize=1)
-def _sensors() -> tuple[Standard, ...]:
-    """Return the average precision of each sensor alone."""
-    spec = FUSION.registry.resolve(PASSED_ON)
-    return tuple(
-        Standard(alone, _average_precision(spec, RunOptions(), alone=alone))
-        for alone in (LIDAR_ALONE, CAMERA_ALONE)
-    )
+@cache
+def _standards() -> dict[str, float]:
+    """Return the average precision of `REFERENCE` and of each sensor alone."""
+    passed_on, options = FUSION.registry.resolve(PASSED_ON), RunOptions()
+    return {
+        REFERENCE: _average_precision(FUSION.registry.resolve(REFERENCE), options),
+        LIDAR_ALONE: _average_precision(passed_on, options, alone=LIDAR_ALONE),
+        CAMERA_ALONE: _average_precision(passed_on, options, alone=CAMERA_ALONE),
+    }
 
 
 def _average_precision(spec: Spec, options: RunOptions, *, alone: str = "") -> float:
@@ -206,7 +192,8 @@ PROMISES = (
     *memory_promises(
         fuse_all,
         lambda instance: fuse_all(instance, OTHER_M),
-        Words("detections", "targets"),
+        inputs="detections",
+        answers="targets",
     ),
     Promise("does not depend on the order of detections", order),
     Promise("fuses two seconds of a street", compare),

@@ -16,14 +16,7 @@ from roadscope.benchmarks.records import EpisodeImageDetections
 from roadscope.benchmarks.references import image_source
 from roadscope.core import CameraImage, Frame, ImageDetections
 from roadscope.core.answers import check_image_detections
-from roadscope.testing.shared import (
-    Standard,
-    Words,
-    figure_in_words,
-    input_promise,
-    memory_promises,
-    start_promises,
-)
+from roadscope.testing.shared import figure_in_words, input_promise, memory_promises, start_promises
 from roadscope.testing.subject import Instance, Promise, PromiseError, Subject
 
 SCENE = Episode("street", 1, "wide", 2.0)
@@ -102,11 +95,10 @@ def other_sizes(subject: Subject) -> str:
 def compare(subject: Subject) -> str:
     """Detect in two seconds of a street; refuse a detector that finds hardly anybody."""
     detections = ImageNode(subject.spec, SCENE, EVERY_S).compute(subject.options)
-    precision, mark = _average_precision(detections), _standard(MARK)
-    words = figure_in_words(
-        "average precision (AP50) in a street", precision, beside=[_standard(REFERENCE), mark]
-    )
-    if precision < SHARE_OF_MARK * mark.value:
+    precision = _average_precision(detections)
+    beside = {name: _precision_of(name) for name in (REFERENCE, MARK)}
+    words = figure_in_words("average precision (AP50) in a street", precision, beside=beside)
+    if precision < SHARE_OF_MARK * beside[MARK]:
         count = sum(len(each) for each in detections.filled)
         raise PromiseError(
             f"{words}: {count} boxes in {len(detections.rows)} images, hardly any on a road user; "
@@ -116,9 +108,9 @@ def compare(subject: Subject) -> str:
 
 
 @lru_cache(maxsize=2)
-def _standard(name: str) -> Standard:
+def _precision_of(name: str) -> float:
     node = ImageNode(image_source(name), SCENE, EVERY_S)
-    return Standard(name, _average_precision(node.compute(RunOptions())))
+    return _average_precision(node.compute(RunOptions()))
 
 
 def _average_precision(detections: EpisodeImageDetections) -> float:
@@ -139,7 +131,7 @@ PROMISES = (
     *start_promises("detect", "frame"),
     Promise("answers with boxes in the image that it got", answers),
     input_promise(detect_scene),
-    *memory_promises(detect_scene, detect_mirrored, Words("images", "boxes")),
+    *memory_promises(detect_scene, detect_mirrored, inputs="images", answers="boxes"),
     Promise("finds nothing in a black image", black_image),
     Promise("takes images of other sizes", other_sizes),
     Promise("detects in two seconds of a street", compare),

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
-from functools import lru_cache
+from functools import cache
 
 import numpy as np
 
@@ -18,13 +18,8 @@ from roadscope.benchmarks.nodes.tracks import track
 from roadscope.benchmarks.records import CallTimes, EpisodeDetections, EpisodeTracks
 from roadscope.benchmarks.references import detection_source
 from roadscope.core import Category, Detections, Pose, Tracks, TrackState
-from roadscope.core.answers import check_tracks
-from roadscope.testing.shared import (
-    Standard,
-    figure_in_words,
-    input_promise,
-    start_promises,
-)
+from roadscope.core.answers import check_rescored, check_tracks
+from roadscope.testing.shared import figure_in_words, input_promise, start_promises
 from roadscope.testing.subject import Instance, Promise, PromiseError, Subject
 
 PERIOD_S = 0.1
@@ -259,18 +254,16 @@ def compare(subject: Subject) -> str:
     tracks = track(subject.spec, true_boxes(), options=subject.options)
     if not any(map(len, tracks.tracks)):
         raise PromiseError("two seconds of a motorway with perfect detections: there is no track")
-    hota, mark = _hota(tracks), _unlinked()
-    words = figure_in_words(
-        "HOTA on perfect detections of a motorway", hota, beside=[_reference(), mark]
-    )
-    if hota < LEAST_OF_UNLINKED * mark.value:
+    hota, beside = _hota(tracks), _standards()
+    words = figure_in_words("HOTA on perfect detections of a motorway", hota, beside=beside)
+    if hota < LEAST_OF_UNLINKED * beside[UNLINKED]:
         raise PromiseError(
             f"{words}: ids do not stay with objects; the row of a detection is no identity"
         )
     return words
 
 
-@lru_cache(maxsize=1)
+@cache
 def true_boxes() -> EpisodeDetections:
     """Return the true boxes of the scene, in random order in every frame."""
     rng = np.random.default_rng(2)
@@ -279,20 +272,18 @@ def true_boxes() -> EpisodeDetections:
     return replace(boxes, detections=mixed)
 
 
-@lru_cache(maxsize=1)
-def _reference() -> Standard:
-    return Standard(REFERENCE, _hota(track(TRACKER.registry.resolve(REFERENCE), true_boxes())))
-
-
-@lru_cache(maxsize=1)
-def _unlinked() -> Standard:
+@cache
+def _standards() -> dict[str, float]:
+    """Return the HOTA of `REFERENCE` and of `UNLINKED`."""
+    reference = track(TRACKER.registry.resolve(REFERENCE), true_boxes())
     boxes = true_boxes().detections
     ends = np.cumsum([len(each) for each in boxes])
     tracks = tuple(
         Tracks.of(each, np.arange(end - len(each), end))
         for each, end in zip(boxes, ends, strict=True)
     )
-    return Standard(UNLINKED, _hota(EpisodeTracks(tracks, CallTimes.zero(len(tracks)))))
+    unlinked = EpisodeTracks(tracks, CallTimes.zero(len(tracks)))
+    return {REFERENCE: _hota(reference), UNLINKED: _hota(unlinked)}
 
 
 def _hota(tracks: EpisodeTracks) -> float:
@@ -353,6 +344,66 @@ def _by_place(tracks: Tracks) -> np.ndarray:
     return np.lexsort(np.round(tracks.centres.T, 6))
 
 
+# --------------------------------------------------------------------------------------------------
+# Offline trackers, whose `rescored` gets the tracks of a whole episode
+
+
+def rescore(instance: Instance, history: Sequence[Tracks]) -> tuple[Tracks, ...]:
+    """Return the tracks that `rescored` answers for the history of an episode."""
+    return check_rescored(
+        instance.call("rescored", tuple(history)),
+        stamps_s=[tracks.stamp_s for tracks in history],
+        posed=[tracks.frame == "world" for tracks in history],
+    )
+
+
+def has_rescored(subject: Subject) -> str:
+    """Refuse a class without the method."""
+    if "rescored" not in subject.traits.methods:
+        raise PromiseError("there is no method rescored; the contract has def rescored(history)")
+    return ""
+
+
+def same_moments(subject: Subject) -> str:
+    """Rescore episodes with the ego's pose, without, and one without frames."""
+    for ticks in (parallel_cars(), parallel_cars(posed=True), []):
+        with subject.started() as instance:
+            rescore(instance, update_all(instance, ticks))
+    return ""
+
+
+def history_left_alone(subject: Subject) -> str:
+    """Refuse a `rescored` that changes the tracks in its history."""
+    with subject.started(watch_arguments=True) as instance:
+        rescore(instance, update_all(instance, parallel_cars(posed=True)))
+    return ""
+
+
+def rescores_alike(subject: Subject) -> str:
+    """Refuse a `rescored` that answers the same history differently the second time."""
+    with subject.started() as instance:
+        history = update_all(instance, parallel_cars(posed=True))
+        once, twice = (rescore(instance, history) for _ in range(2))
+    if words := difference(once, twice):
+        raise PromiseError(f"the same history gives other tracks the second time: {words}")
+    return ""
+
+
+def update_goes_on(subject: Subject) -> str:
+    """Refuse a `rescored` that changes what `update` answers next."""
+    ticks, runs = parallel_cars(), []
+    next_tick = TrackerInput(cars(ticks[-1].detections.centres[:, :2], FRAMES * PERIOD_S))
+    for rescored in (False, True):
+        with subject.started() as instance:
+            history = update_all(instance, ticks)
+            if rescored:
+                rescore(instance, history)
+            runs.append([*history, update(instance, next_tick)])
+    if words := difference(*runs):
+        raise PromiseError(f"rescored changes what update answers next: {words}")
+    return ""
+
+
 PROMISES = (
     *start_promises("update", "detections, ego_pose"),
     Promise("answers with tracks of the same moment", answers),
@@ -366,3 +417,11 @@ PROMISES = (
     Promise("tracks a parked car while the ego moves", moving_ego),
     Promise("tracks two seconds of traffic", compare),
 )
+OFFLINE_PROMISES = (
+    Promise("has rescored, because it is offline", has_rescored),
+    Promise("rescores every frame at its moment", same_moments),
+    Promise("leaves the history alone", history_left_alone),
+    Promise("rescores the same history in the same way", rescores_alike),
+    Promise("updates as before after rescored was called", update_goes_on),
+)
+"""More promises of offline trackers, about `rescored`."""

@@ -16,14 +16,7 @@ from roadscope.benchmarks.metrics.trajectory_errors import absolute_errors
 from roadscope.benchmarks.nodes.poses import PoseNode
 from roadscope.core import OdometryEstimate, OdometryStatus, Pose, Spec
 from roadscope.core.answers import check_estimate
-from roadscope.testing.shared import (
-    Standard,
-    Words,
-    figure_in_words,
-    input_promise,
-    memory_promises,
-    start_promises,
-)
+from roadscope.testing.shared import figure_in_words, input_promise, memory_promises, start_promises
 from roadscope.testing.subject import Instance, Promise, PromiseError, Subject
 
 SCENE = Episode("two-way", 0, "vlp16-imu", 2.0)
@@ -104,21 +97,18 @@ def empty_scans(subject: Subject) -> str:
 def compare(subject: Subject) -> str:
     """Estimate two seconds of a drive; refuse an error that is a large share of the distance."""
     error_m = _end_error_m(subject.spec, subject.options)
-    still = _standard(MARK)
+    beside = {name: _error_of(name) for name in (REFERENCE, MARK)}
     words = figure_in_words(
-        "error after two seconds among traffic",
-        error_m,
-        beside=[_standard(REFERENCE), still],
-        unit=" m",
+        "error after two seconds among traffic", error_m, beside=beside, unit=" m"
     )
-    if error_m > SHARE_OF_STILL * still.value:
+    if error_m > SHARE_OF_STILL * beside[MARK]:
         raise PromiseError(f"{words}: poses are start_from_lidar, metres, x ahead, y left, z up")
     return words
 
 
 @lru_cache(maxsize=2)
-def _standard(name: str) -> Standard:
-    return Standard(name, _end_error_m(ODOMETRY.registry.resolve(name), RunOptions()))
+def _error_of(name: str) -> float:
+    return _end_error_m(ODOMETRY.registry.resolve(name), RunOptions())
 
 
 def _end_error_m(spec: Spec, options: RunOptions) -> float:
@@ -137,7 +127,8 @@ PROMISES = (
     *memory_promises(
         estimate_few,
         lambda instance: estimate(instance, steps(OTHER_SCENE)),
-        Words("scans", "poses"),
+        inputs="scans",
+        answers="poses",
     ),
     Promise("follows two seconds of traffic", compare),
 )

@@ -18,14 +18,7 @@ from roadscope.benchmarks.records import EpisodeDetections
 from roadscope.benchmarks.references import ONE_CLUSTER, detection_source
 from roadscope.core import Detections, Frame, Spec
 from roadscope.core.answers import check_detections
-from roadscope.testing.shared import (
-    Standard,
-    Words,
-    figure_in_words,
-    input_promise,
-    memory_promises,
-    start_promises,
-)
+from roadscope.testing.shared import figure_in_words, input_promise, memory_promises, start_promises
 from roadscope.testing.subject import Instance, Promise, PromiseError, Subject
 
 SCENE = Episode("motorway", 0, "lux", 2.0)
@@ -88,11 +81,10 @@ def nothing_to_detect(subject: Subject) -> str:
 def compare(subject: Subject) -> str:
     """Detect two seconds of traffic; refuse a detector that finds hardly any car."""
     detections = DetectionNode(subject.spec, SCENE, RULE).compute(subject.options)
-    rate, mark = _detection_rate(detections), _standard(ONE_CLUSTER)
-    words = figure_in_words(
-        "detection rate on a motorway", rate, beside=[_standard(REFERENCE), mark]
-    )
-    if rate < SHARE_OF_ONE_CLUSTER * mark.value:
+    rate = _detection_rate(detections)
+    beside = {name: _rate_of(name) for name in (REFERENCE, ONE_CLUSTER)}
+    words = figure_in_words("detection rate on a motorway", rate, beside=beside)
+    if rate < SHARE_OF_ONE_CLUSTER * beside[ONE_CLUSTER]:
         count = sum(map(len, detections.detections))
         raise PromiseError(
             f"{words}: {count} boxes in two seconds full of cars, hardly any on a car; centres are "
@@ -102,9 +94,9 @@ def compare(subject: Subject) -> str:
 
 
 @lru_cache(maxsize=2)
-def _standard(name: str) -> Standard:
+def _rate_of(name: str) -> float:
     node = DetectionNode(detection_source(Spec.parse(name)), SCENE, RULE)
-    return Standard(name, _detection_rate(node.compute(RunOptions())))
+    return _detection_rate(node.compute(RunOptions()))
 
 
 def _detection_rate(detections: EpisodeDetections) -> float:
@@ -120,7 +112,8 @@ PROMISES = (
     *memory_promises(
         detect_scene,
         lambda instance: detect(instance, frames(OTHER_SCENE)),
-        Words("frames", "detections"),
+        inputs="frames",
+        answers="detections",
     ),
     Promise("detects two seconds of traffic", compare),
 )
