@@ -124,8 +124,8 @@ _PARTS = {
     "target_view target_views true_corners",
     "drive_steps": "drive imu_mounting moving_in",
     "episode": "check_episode sensed sensing_of timeline_of timeline_path",
-    "fingerprints": "PACKAGE code_hash fingerprint package_version plugin_hash sensing_hash "
-    "timeline_hash",
+    "fingerprints": "PACKAGE code_hash distribution_version fingerprint package package_version "
+    "plugin_hash sensing_hash source_hash timeline_hash",
     "graph": "FIRST_CALLS Job Node run_jobs",
     "images": "image_rows image_rows_of_scans pictures projection_of",
     "imu_check": "Motion MotionWindow doubt_of_accelerations doubt_of_imu doubt_of_turns "
@@ -145,7 +145,6 @@ _PARTS = {
     "run": "RunError agreements plan",
     "run_manifest": "manifest",
     "run_pictures": "RunPictures",
-    "sources": "distribution_version package source_hash",
     "store": "LOG_LENGTH Outcome Store StoreError StoredJob",
     "suite": "SPLITS Positive SuiteError check_names",
     "suite_exports": "read_manifest",

@@ -67,17 +67,13 @@ class KindUsage:
     size_bytes: int
 
 
-def cache_usage(folder: Path | str | None = None) -> tuple[KindUsage, ...]:
-    """Return what the cache holds, kind by kind; `cache_folder()` if none is given."""
-    place = cache_folder() if folder is None else Path(folder)
-    return tuple(_usage(kind, list(_files(place, kind))) for kind in FILE_KINDS)
+def cache_usage() -> tuple[KindUsage, ...]:
+    """Return what the cache holds, kind by kind."""
+    return tuple(_usage(kind, list(_files(kind))) for kind in FILE_KINDS)
 
 
 def clear_cache(
-    kinds: Collection[str] | None = None,
-    *,
-    results: bool = False,
-    folder: Path | str | None = None,
+    kinds: Collection[str] | None = None, *, results: bool = False
 ) -> tuple[KindUsage, ...]:
     """Remove files of some kinds and return how many were removed of each.
 
@@ -86,16 +82,14 @@ def clear_cache(
 
     kinds: keys of `FILE_KINDS`; all but results if left out.
     results: whether the results database is removed, too.
-    folder: `cache_folder()` if left out.
     """
-    place = cache_folder() if folder is None else Path(folder)
     for kind in kinds or ():
         if kind not in FILE_KINDS:
             raise ValueError(unknown("kind of cached files", kind, FILE_KINDS))
     if RESULTS in (kinds or ()) and not results:
         raise ValueError("results are lost for good when they are removed: add --results")
     chosen = [kind for kind in FILE_KINDS if kind != RESULTS and kind in (kinds or FILE_KINDS)]
-    return tuple(_removed(place, kind) for kind in [*chosen, *[RESULTS] * results])
+    return tuple(_removed(kind) for kind in [*chosen, *[RESULTS] * results])
 
 
 def size_text(size_bytes: int) -> str:
@@ -108,10 +102,10 @@ def size_text(size_bytes: int) -> str:
     return f"{size:.0f} {unit}" if unit == "B" else f"{size:.1f} {unit}"
 
 
-def _files(folder: Path, kind: str) -> Iterator[Path]:
+def _files(kind: str) -> Iterator[Path]:
     """Yield the files of a kind; neither folders nor files that are links."""
     file_kind = FILE_KINDS[kind]
-    place = folder / file_kind.place
+    place = cache_folder() / file_kind.place
     if not place.is_dir() or (place.is_symlink() and file_kind.place != "."):
         return
     for path in sorted(place.iterdir()):
@@ -132,12 +126,12 @@ def _size(path: Path) -> int:
         return 0
 
 
-def _removed(folder: Path, kind: str) -> KindUsage:
-    files = list(_files(folder, kind))
+def _removed(kind: str) -> KindUsage:
+    files = list(_files(kind))
     usage = _usage(kind, files)
     for path in files:
         path.unlink(missing_ok=True)
-    place = folder / FILE_KINDS[kind].place
+    place = cache_folder() / FILE_KINDS[kind].place
     if files and FILE_KINDS[kind].place != "." and not any(place.iterdir()):
         place.rmdir()
     return usage

@@ -6,8 +6,9 @@ import json
 import math
 import re
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
+from itertools import chain
 from pathlib import Path
 from typing import Any, Literal, NamedTuple, Protocol
 
@@ -200,18 +201,18 @@ def compare(
         raise CompareError(f"a level lies between 0.5 and 1, got {level:g}")
     run_a, run_b = _runs(a, b, entries)
     check_comparable(run_a, run_b)
-    matched: list[_MatchedEntry] = []
+    matched: list[list[_Pair]] = []
     unpaired: list[Unpaired] = []
     for entry_a, entry_b in _entry_pairs(run_a, run_b, entries):
-        pairs, alone = _match(run_a, run_b, entry_a, entry_b)
-        matched += pairs
+        by_board, alone = _match(run_a, run_b, entry_a, entry_b)
+        matched += by_board
         unpaired += alone
     if not matched:
         raise CompareError(f"{run_a.label} and {run_b.label} have no job in common")
     wanted = _wanted(matched, metrics)
     differences: list[Difference] = []
-    for each in matched:
-        of_entry, missing = _differences(each, wanted, level)
+    for pairs in matched:
+        of_entry, missing = _differences(pairs, wanted, level)
         differences += of_entry
         unpaired += missing
     label_a, label_b = run_a.label, run_b.label
@@ -223,7 +224,7 @@ def compare(
         level,
         times,
         tuple(_judged(differences, level, times)),
-        tuple(failed for each in matched for failed in each.failures()),
+        tuple(_failures(chain.from_iterable(matched))),
         tuple(unpaired),
     )
 
@@ -254,32 +255,9 @@ def read_run(source: Source) -> ScoredRun:
     return ScoredRun(label, manifest if isinstance(manifest, Mapping) else {}, tuple(jobs))
 
 
-@dataclass(frozen=True, slots=True)
-class _MatchedEntry:
-    """An entry of A and one of B on the jobs that both have."""
-
-    board: str
-    entry_a: str
-    entry_b: str
-    pairs: tuple[_Pair, ...]
-
-    def failures(self) -> list[FailedJob]:
-        """Return the jobs that failed on either side."""
-        return [
-            FailedJob(
-                pair.a.name,
-                self.entry_a,
-                self.entry_b,
-                pair.a.reason is not None,
-                pair.b.reason is not None,
-                pair.b.reason or pair.a.reason or "",
-            )
-            for pair in self.pairs
-            if pair.a.reason is not None or pair.b.reason is not None
-        ]
-
-
 class _Pair(NamedTuple):
+    """A job of A and the same job of B."""
+
     a: JobScores
     b: JobScores
 
@@ -338,7 +316,7 @@ def _entry_pairs(
 
 def _match(
     a: ScoredRun, b: ScoredRun, entry_a: str, entry_b: str
-) -> tuple[list[_MatchedEntry], list[Unpaired]]:
+) -> tuple[list[list[_Pair]], list[Unpaired]]:
     """Pair the jobs of two entries, board by board, and count those that only one side has."""
     of_a = {job.name: job for job in a.jobs if job.entry == entry_a}
     of_b = {job.name: job for job in b.jobs if job.entry == entry_b}
@@ -346,20 +324,27 @@ def _match(
     for name in of_a:
         if name in of_b:
             pairs.setdefault(name.board, []).append(_Pair(of_a[name], of_b[name]))
-    matched = [_MatchedEntry(board, entry_a, entry_b, tuple(own)) for board, own in pairs.items()]
     only_a = Counter(name.board for name in of_a if name not in of_b)
     only_b = Counter(name.board for name in of_b if name not in of_a)
     unpaired = [Unpaired("a", board, entry_a, "", count) for board, count in only_a.items()]
     unpaired += [Unpaired("b", board, entry_b, "", count) for board, count in only_b.items()]
-    return matched, unpaired
+    return list(pairs.values()), unpaired
 
 
-def _wanted(matched: Sequence[_MatchedEntry], metrics: Iterable[str] | None) -> set[str]:
+def _failures(pairs: Iterable[_Pair]) -> Iterator[FailedJob]:
+    """Yield the jobs that failed on either side."""
+    for a, b in pairs:
+        failed_in_a, failed_in_b = a.reason is not None, b.reason is not None
+        if failed_in_a or failed_in_b:
+            reason = b.reason or a.reason or ""
+            yield FailedJob(a.name, a.entry, b.entry, failed_in_a, failed_in_b, reason)
+
+
+def _wanted(matched: Sequence[Sequence[_Pair]], metrics: Iterable[str] | None) -> set[str]:
     """Return the names of the metrics to compare."""
     names = {
         name: None
-        for each in matched
-        for pair in each.pairs
+        for pair in chain.from_iterable(matched)
         for name in (*pair.a.scores, *pair.b.scores)
     }
     whole = [name for name in names if not split_name(name)[1]]
@@ -373,48 +358,44 @@ def _wanted(matched: Sequence[_MatchedEntry], metrics: Iterable[str] | None) -> 
 
 
 def _differences(
-    each: _MatchedEntry, wanted: set[str], level: float
+    pairs: Sequence[_Pair], wanted: set[str], level: float
 ) -> tuple[list[Difference], list[Unpaired]]:
     """Return how the wanted metrics of an entry differ, and which of them only one side has."""
-    sound = [pair for pair in each.pairs if pair.a.reason is None and pair.b.reason is None]
+    first = pairs[0]
+    sound = [pair for pair in pairs if pair.a.reason is None and pair.b.reason is None]
     names = dict.fromkeys(n for pair in sound for n in (*pair.a.scores, *pair.b.scores))
     differences, unpaired = [], []
     for name in (n for n in names if n in wanted):
         has = Counter((name in pair.a.scores, name in pair.b.scores) for pair in sound)
         if has[True, False]:
-            unpaired.append(Unpaired("a", each.board, each.entry_a, name, has[True, False]))
+            unpaired.append(Unpaired("a", first.a.board, first.a.entry, name, has[True, False]))
         if has[False, True]:
-            unpaired.append(Unpaired("b", each.board, each.entry_b, name, has[False, True]))
+            unpaired.append(Unpaired("b", first.b.board, first.b.entry, name, has[False, True]))
         if has[True, True]:
             both = [pair for pair in sound if name in pair.a.scores and name in pair.b.scores]
-            ones = _by_block(each.board, [pair.a for pair in both], name)
-            others = _by_block(each.board, [pair.b for pair in both], name)
-            differences.append(_difference(each, name, ones, others, level))
+            differences.append(_difference(both, name, level))
     return differences, unpaired
 
 
-def _by_block(board: str, jobs: Sequence[JobScores], metric: str) -> dict[Block, Score]:
+def _by_block(jobs: Sequence[JobScores], metric: str) -> dict[Block, Score]:
     """Return a metric of an entry by scenario and seed."""
-    scores = board_named(board).pooled(metric, [job.scores for job in jobs])
+    scores = board_named(jobs[0].board).pooled(metric, [job.scores for job in jobs])
     return blocks([((j.scenario, j.seed), s) for j, s in zip(jobs, scores, strict=True)])
 
 
-def _difference(
-    each: _MatchedEntry,
-    metric: str,
-    ones: Mapping[Block, Score],
-    others: Mapping[Block, Score],
-    level: float,
-) -> Difference:
+def _difference(pairs: Sequence[_Pair], metric: str, level: float) -> Difference:
+    """Return how a metric differs that both jobs of each pair have."""
+    ones = _by_block([pair.a for pair in pairs], metric)
+    others = _by_block([pair.b for pair in pairs], metric)
     used = [block for block in ones if measured(ones[block]) and measured(others[block])]
     scores_a, scores_b = [ones[block] for block in used], [others[block] for block in used]
     strata = [scenario for scenario, _ in used]
     interval = paired_interval(scores_b, scores_a, strata, level=level)
     first = next(iter(ones.values()))
     return Difference(
-        each.board,
-        each.entry_a,
-        each.entry_b,
+        pairs[0].a.board,
+        pairs[0].a.entry,
+        pairs[0].b.entry,
         metric,
         linearised(scores_a)[0] if used else math.nan,
         linearised(scores_b)[0] if used else math.nan,
@@ -436,12 +417,14 @@ def _judged(differences: Sequence[Difference], level: float, times: bool) -> lis
     from scipy.stats import false_discovery_control
 
     adjusted = [d.p for d in differences]
+    # A metric that is equal in every block is not among those compared.
+    differing = [
+        i
+        for i, d in enumerate(differences)
+        if math.isfinite(d.p) and (d.difference != 0 or d.low < 0 or d.high > 0)
+    ]
     for timed in (False, True):
-        family = [
-            i
-            for i, d in enumerate(differences)
-            if (d.timed and not times) == timed and math.isfinite(d.p) and not _equal(d)
-        ]
+        family = [i for i in differing if (differences[i].timed and not times) == timed]
         if family:
             q_values = false_discovery_control([adjusted[i] for i in family], method="bh")
             for i, q in zip(family, q_values, strict=True):
@@ -450,11 +433,6 @@ def _judged(differences: Sequence[Difference], level: float, times: bool) -> lis
         replace(d, q=q, verdict=_verdict(d, q, level))
         for d, q in zip(differences, adjusted, strict=True)
     ]
-
-
-def _equal(difference: Difference) -> bool:
-    """Return whether a metric is equal in every block."""
-    return difference.difference == 0 and not (difference.low < 0 or difference.high > 0)
 
 
 def _verdict(difference: Difference, q: float, level: float) -> Verdict:

@@ -41,11 +41,6 @@ class Extra:
     missing: tuple[str, ...]
     command: str
 
-    @property
-    def installed(self) -> bool:
-        """Whether nothing is missing."""
-        return not self.missing
-
 
 @dataclass(frozen=True, slots=True)
 class Machine:
@@ -93,11 +88,6 @@ class Isolation:
     sandbox: bool
     sandbox_reason: str
 
-    @property
-    def complete(self) -> bool:
-        """Whether all parts are available."""
-        return all(self.parts.values())
-
 
 @dataclass(frozen=True, slots=True)
 class Diagnosis:
@@ -120,18 +110,15 @@ class Diagnosis:
 
     def to_json(self) -> dict[str, Any]:
         """Return a dictionary that JSON can hold."""
-        isolation = {**asdict(self.isolation), "complete": self.isolation.complete}
-        return {**asdict(self), "isolation": isolation}
+        content = asdict(self)
+        content["isolation"]["complete"] = all(self.isolation.parts.values())
+        return content
 
 
 def doctor() -> Diagnosis:
     """Examine this installation; only test files are written, and removed again."""
-    folder, kernels, isolation, machine = (
-        _folder(cache_folder()),
-        _kernels(),
-        _isolation(),
-        _machine(),
-    )
+    folder, kernels = _folder(cache_folder()), _kernels()
+    isolation, machine = _isolation(), _machine()
     return Diagnosis(
         versions=_versions(),
         extras=_extras(),

@@ -1,19 +1,29 @@
-"""Hashes of everything that a result depends on: values, our code, plug-ins, libraries."""
+"""Hashes of everything that a result depends on: values, our code, plug-ins, libraries.
+
+Sources count by their syntax trees. A file of roadscope is parsed once: its digest and its imports
+are kept in the cache folder.
+"""
 
 from __future__ import annotations
 
+import ast
 import json
-from collections.abc import Mapping
+import sys
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import suppress
 from dataclasses import fields, is_dataclass
-from functools import cache
+from functools import cache, lru_cache
 from hashlib import sha256
-from importlib.metadata import PackageNotFoundError, version
+from importlib.metadata import PackageNotFoundError, packages_distributions, version
+from importlib.util import resolve_name
 from pathlib import Path
 from typing import Any
 
+import msgspec
 import numpy as np
 
-from roadscope.benchmarks.sources import DATA_KINDS, package, source_hash
+from roadscope.benchmarks.cache import cache_dir, write_atomically
+from roadscope.core.loading import PARSE_ERRORS, SpecError, file_of
 from roadscope.core.spec import ORACLE, Spec
 
 PACKAGE = Path(__file__).resolve().parents[1]
@@ -26,6 +36,14 @@ SENSING = (
     "roadscope.envs.sensors.weathers",
 )
 """The modules that make frames and truth from traffic."""
+DATA_KINDS = (".toml", ".json", ".npz", ".safetensors")
+"""Endings of data files that results depend on, beside the sources."""
+NUMERICAL_LIBRARIES = frozenset({"filterpy", "highway_env", "numba", "numpy", "scipy", "torch"})
+"""Packages of others whose versions may change a score."""
+FORMAT = 4
+"""Version of the index; increased when `Source` or what its digest covers changes."""
+REMEMBERED_SOURCES = 256
+"""Most contents of plug-ins' files whose digests and imports a process remembers."""
 
 
 def fingerprint(value: Any) -> str:
@@ -133,3 +151,368 @@ def _plain(value: Any) -> Any:
     if callable(value):
         return f"{value.__module__}.{value.__qualname__}"
     return value if isinstance(value, str | int | float | bool | None) else repr(value)
+
+
+# --------------------------------------------------------------------------------------------------
+# Sources of roadscope
+
+
+class Import(msgspec.Struct, frozen=True, array_like=True):
+    """One imported name.
+
+    module: dotted name. name: what is taken from it; empty for `import module`.
+    """
+
+    module: str
+    name: str = ""
+
+
+class Source(msgspec.Struct, frozen=True, array_like=True):
+    """The parts of one source file that count for hashes.
+
+    mtime_ns, size: of the file when it was parsed.
+    digest: of the syntax tree without comments, docstrings, positions and what only type
+        checkers read.
+    imports: from the same package, inside functions too.
+    libraries: those of `NUMERICAL_LIBRARIES` that it imports.
+    bound: names that the top level binds.
+    offered: imports for type checkers in a module with a `__getattr__` of its own, which loads
+        them on use.
+    texts: string constants without white space, which may name data files.
+    only_offers: whether it is the `__init__` of a package that does nothing but import names, which
+        others import from it.
+    """
+
+    mtime_ns: int
+    size: int
+    digest: str
+    imports: tuple[Import, ...]
+    libraries: tuple[str, ...]
+    bound: tuple[str, ...]
+    offered: tuple[Import, ...]
+    texts: tuple[str, ...]
+    only_offers: bool = False
+
+
+class Package:
+    """The source files of one package, read as needed."""
+
+    def __init__(self, root: Path) -> None:
+        """Take the package's folder; its name is the package's name."""
+        self.root = root.resolve()
+        self.name = self.root.name
+        self._sources: dict[str, Source] = {}
+        self._files: dict[str, Path | None] = {}
+        # Syntax trees differ between versions of Python.
+        key = f"{FORMAT} {sys.version_info[:2]} {self.root}"
+        self._index = cache_dir() / "sources" / f"{sha256(key.encode()).hexdigest()[:16]}.json"
+        self._parsed = self._read_index()
+        self._new = False
+
+    def file_of(self, module: str) -> Path | None:
+        """Return the file of a dotted name, or None if the package has no such module."""
+        if module not in self._files:
+            first, *rest = module.split(".")
+            place = self.root.joinpath(*rest)
+            files = [place / "__init__.py", *([place.with_name(f"{place.name}.py")] * bool(rest))]
+            existing = (path for path in files if first == self.name and path.is_file())
+            self._files[module] = next(existing, None)
+        return self._files[module]
+
+    def modules(self) -> list[str]:
+        """Return the dotted names of all modules."""
+        paths = (path.relative_to(self.root.parent) for path in self.root.rglob("*.py"))
+        names = (path.with_suffix("").parts for path in paths)
+        return sorted(".".join(n[:-1] if n[-1] == "__init__" else n) for n in names)
+
+    def source(self, module: str) -> Source:
+        """Return the source of a module; parse it unless an earlier parse of this file is kept."""
+        if module not in self._sources:
+            path = self.file_of(module)
+            if path is None:
+                raise ModuleNotFoundError(f"no module '{module}' in {self.root}")
+            state, source = path.stat(), self._parsed.get(str(path))
+            if source is None or (source.mtime_ns, source.size) != (
+                state.st_mtime_ns,
+                state.st_size,
+            ):
+                source = self._parsed[str(path)] = _parse(path, module)
+                self._new = True
+            self._sources[module] = source
+        return self._sources[module]
+
+    def closure(self, modules: Iterable[str]) -> set[str]:
+        """Return these modules and all of the package that they import, directly or not."""
+        reached: set[str] = set()
+        pending = list(modules)
+        while pending:
+            module = pending.pop()
+            if module not in reached:
+                reached.add(module)
+                for imported in self.source(module).imports:
+                    pending += self._targets(imported)
+        self._save()
+        return reached
+
+    def data_files(self, modules: Iterable[str]) -> list[Path]:
+        """Return the data that modules may read.
+
+        That is all data in their folders, and in those subfolders without sources that one of
+        the modules names.
+        """
+        texts: dict[Path, set[str]] = {}
+        for module in modules:
+            path = self.file_of(module)
+            assert path is not None
+            texts.setdefault(path.parent, set()).update(self.source(module).texts)
+        return sorted(
+            path
+            for folder, named in texts.items()
+            for path in _data_in(folder)
+            if path.parent == folder or any(path.parent.name in text for text in named)
+        )
+
+    def _targets(self, imported: Import) -> list[str]:
+        """Return the modules that one import depends on; none if it is of something else.
+
+        A name that a package only offers depends on the module that defines it, not on those of
+        the other names.
+        """
+        module, name = imported.module, imported.name
+        if self.file_of(module) is None:
+            return []
+        below = f"{module}.{name}"
+        is_module = bool(name) and self.file_of(below) is not None
+        source = self.source(module)
+        if is_module and name not in source.bound:
+            return [below]
+        if source.only_offers and any(each.name == name for each in source.imports):
+            origins = [each for each in source.imports if each.name == name]
+            return [target for each in origins for target in self._targets(each)]
+        offered = [each for each in source.offered if each.name == name and each != imported]
+        targets = [target for each in offered for target in self._targets(each)]
+        return [module, *targets, *([below] if is_module else [])]
+
+    def _read_index(self) -> dict[str, Source]:
+        """Read what an earlier process kept; nothing if the file is damaged."""
+        try:
+            return msgspec.json.decode(self._index.read_bytes(), type=dict[str, Source])
+        except (OSError, msgspec.DecodeError):
+            return {}
+
+    def _save(self) -> None:
+        if self._new:
+            self._new = False
+            content = msgspec.json.encode({**self._read_index(), **self._parsed})
+            with suppress(OSError):
+                write_atomically(self._index, lambda part: part.write_bytes(content))
+
+
+@cache
+def package(root: Path) -> Package:
+    """Return the package in a folder; its files are read once in a process."""
+    return Package(root)
+
+
+def _parse(path: Path, module: str) -> Source:
+    """Return the parts of a source file that count. module: its dotted name."""
+    state, tree = path.stat(), ast.parse(path.read_bytes())
+    # Relative imports begin at the package of the module, which may be the module itself.
+    place = module if path.name == "__init__.py" else module.rpartition(".")[0]
+    bound = {name for node in tree.body for name in _bound_by(node)}
+    for_checkers = [node for node in tree.body if _is_for_checkers(node)]
+    offered = [
+        i for block in for_checkers for node in ast.walk(block) for i in _imports(node, place)
+    ]
+    digest, nodes = _digest(tree), list(ast.walk(tree))
+    constants = [node.value for node in nodes if isinstance(node, ast.Constant)]
+    texts = [text for text in constants if isinstance(text, str) and text]
+    return Source(
+        state.st_mtime_ns,
+        state.st_size,
+        digest=digest,
+        imports=tuple(dict.fromkeys(each for node in nodes for each in _imports(node, place))),
+        libraries=tuple(sorted(NUMERICAL_LIBRARIES & _imported_packages(tree))),
+        bound=tuple(sorted(bound)),
+        offered=tuple(dict.fromkeys(offered)) if "__getattr__" in bound else (),
+        texts=tuple(dict.fromkeys(text for text in texts if not set(text) & set(" \n"))),
+        only_offers=path.name == "__init__.py" and all(map(_only_offers, tree.body)),
+    )
+
+
+def _digest(tree: ast.AST) -> str:
+    """Return the digest of a syntax tree, from which what does not count is removed."""
+    _Bare().visit(tree)
+    return sha256(ast.dump(tree).encode()).hexdigest()
+
+
+class _Bare(ast.NodeTransformer):
+    """Removes docstrings and statements that only type checkers read."""
+
+    def visit_Expr(self, node: ast.Expr) -> ast.AST | None:
+        text = isinstance(node.value, ast.Constant) and isinstance(node.value.value, str)
+        return None if text else node
+
+    def visit_If(self, node: ast.If) -> ast.AST | list[ast.stmt]:
+        self.generic_visit(node)
+        return node.orelse if _is_for_checkers(node) else node
+
+
+def _is_for_checkers(node: ast.AST) -> bool:
+    """Whether this is `if TYPE_CHECKING:` or `if typing.TYPE_CHECKING:`."""
+    if not isinstance(node, ast.If):
+        return False
+    name = getattr(node.test, "id", getattr(node.test, "attr", ""))
+    return bool(name == "TYPE_CHECKING")
+
+
+def _imports(node: ast.AST, place: str) -> list[Import]:
+    """Return what a statement of a module in the package `place` imports from its own package."""
+    if isinstance(node, ast.Import):
+        imported = [Import(alias.name) for alias in node.names]
+    elif isinstance(node, ast.ImportFrom):
+        source = resolve_name("." * node.level + (node.module or ""), place)
+        imported = [Import(source, alias.name) for alias in node.names]
+    else:
+        return []
+    package_name = place.partition(".")[0]
+    return [each for each in imported if each.module.partition(".")[0] == package_name]
+
+
+def _bound_by(node: ast.AST) -> Iterator[str]:
+    """Return the names that a statement of the top level binds."""
+    if isinstance(node, ast.FunctionDef | ast.ClassDef):
+        yield node.name
+    elif isinstance(node, ast.Import | ast.ImportFrom):
+        yield from (alias.asname or alias.name.partition(".")[0] for alias in node.names)
+    elif not _is_for_checkers(node):
+        yield from (
+            part.id
+            for part in ast.walk(node)
+            if isinstance(part, ast.Name) and isinstance(part.ctx, ast.Store)
+        )
+
+
+def _only_offers(node: ast.stmt) -> bool:
+    """Whether a statement imports names or lists them as `__all__`."""
+    if isinstance(node, ast.Assign):
+        return [getattr(target, "id", "") for target in node.targets] == ["__all__"]
+    if isinstance(node, ast.ImportFrom):
+        return all(alias.asname is None for alias in node.names)
+    return False
+
+
+@cache
+def _data_in(folder: Path) -> tuple[Path, ...]:
+    """Return data files of a folder and of its subfolders without sources."""
+    paths = [path for path in folder.iterdir() if path.suffix in DATA_KINDS]
+    for below in folder.iterdir():
+        if below.is_dir() and not any(below.rglob("*.py")):
+            paths += [path for path in below.rglob("*") if path.suffix in DATA_KINDS]
+    return tuple(paths)
+
+
+# --------------------------------------------------------------------------------------------------
+# Sources of plug-ins that are not part of roadscope
+
+
+def source_hash(target: str) -> str:
+    """Hash the sources of a plug-in, `module:Class` or `path/file.py:Class`: 16 hex digits.
+
+    These are its file and the files beside it that it imports; in a package, all files of the
+    package and the version of its distribution; also the versions of all packages that these files
+    import. Of each file the syntax tree is hashed, without comments and docstrings. Files are read;
+    nothing is imported.
+    """
+    place, _, name = target.rpartition(":")
+    file = file_of(place)
+    if file is None:
+        raise SpecError(f"no file or module {place}")
+    folder = _package_of(file.resolve())
+    contents = [
+        each.read_bytes()
+        for each in (sorted(folder.rglob("*.py")) if folder else _source_files(file))
+    ]
+    packages = {top for content in contents for top in _imported_by(content)}
+    if not place.endswith(".py"):
+        packages.add(place.partition(".")[0])
+    beside = file.parent
+    versions = [
+        distribution_version(top)
+        for top in sorted(packages - {"roadscope", *sys.stdlib_module_names})
+        if not (beside / f"{top}.py").is_file() and not (beside / top).is_dir()
+    ]
+    digest = sha256(f"{name} {versions}".encode())
+    for content in contents:
+        digest.update(_digest_of_bytes(content).encode() + b"\0")
+    return digest.hexdigest()[:16]
+
+
+@lru_cache(REMEMBERED_SOURCES)
+def _digest_of_bytes(content: bytes) -> str:
+    """Return the digest of a source: of its syntax tree, or of its bytes if it has none."""
+    try:
+        return _digest(ast.parse(content))
+    except PARSE_ERRORS:
+        return sha256(content).hexdigest()
+
+
+def _package_of(file: Path) -> Path | None:
+    """Return the folder of the topmost package that a file is in; None: it is in no package."""
+    folders = [folder for folder in file.parents if (folder / "__init__.py").is_file()]
+    inside = [f for k, f in enumerate(folders) if f == file.parents[k]]
+    return inside[-1] if inside else None
+
+
+def _source_files(file: Path) -> list[Path]:
+    """Return a plug-in's file and the files and packages beside it that it imports, sorted."""
+    files: set[Path] = set()
+    pending = [file.resolve()]
+    while pending:
+        source_file = pending.pop()
+        if source_file in files:
+            continue
+        files.add(source_file)
+        for top in _imported_by(source_file.read_bytes()):
+            module = source_file.parent / f"{top}.py"
+            package_folder = source_file.parent / top
+            pending += [module] if module.is_file() else package_folder.rglob("*.py")
+    return sorted(files)
+
+
+@lru_cache(REMEMBERED_SOURCES)
+def _imported_by(content: bytes) -> frozenset[str]:
+    """Return the first parts of the names of all modules that a source imports, if it has any."""
+    try:
+        return _imported_packages(ast.parse(content))
+    except PARSE_ERRORS:
+        return frozenset()
+
+
+def _imported_packages(tree: ast.AST) -> frozenset[str]:
+    """Return the first parts of the names of all modules that a syntax tree imports."""
+    names: list[str] = []
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Import):
+            names += [alias.name for alias in node.names]
+        elif isinstance(node, ast.ImportFrom):
+            names += [node.module] if node.module else [alias.name for alias in node.names]
+    return frozenset(name.partition(".")[0] for name in names)
+
+
+@cache
+def distribution_version(top: str) -> str:
+    """Return the versions of the distributions that a package belongs to; empty if of none.
+
+    top: name of the package as it is imported.
+    """
+    with suppress(PackageNotFoundError):
+        return version(top)
+    names = sorted(set(_distributions(tuple(sys.path)).get(top, [])))
+    return ",".join(f"{name}={version(name)}" for name in names)
+
+
+@lru_cache(1)
+def _distributions(_import_path: tuple[str, ...]) -> Mapping[str, list[str]]:
+    """Return the distributions of each package; cached, as reading takes a third of a second."""
+    return packages_distributions()

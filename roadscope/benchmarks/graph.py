@@ -10,17 +10,19 @@ from __future__ import annotations
 import json
 import warnings
 from abc import ABC, abstractmethod
+from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass, fields
 from functools import cached_property, partial
+from graphlib import TopologicalSorter
 from itertools import chain
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar, Generic, Protocol, TypeVar, cast
+from typing import TYPE_CHECKING, Any, ClassVar, Protocol, TypeVar
 
 from roadscope.benchmarks.cache import Ledger, Saved, cache_dir, checked_by, digest_of, read_or_make
 from roadscope.benchmarks.fingerprints import code_hash, fingerprint, plugin_hash
-from roadscope.benchmarks.isolation import PluginError
+from roadscope.benchmarks.isolation import PluginError, describe
 from roadscope.benchmarks.loop import RunOptions
 from roadscope.benchmarks.metrics import METRIC_VERSION
 from roadscope.benchmarks.metrics.score import Score
@@ -34,11 +36,12 @@ if TYPE_CHECKING:
     from roadscope.benchmarks.recorded.kitti_drive import KittiDrives
     from roadscope.benchmarks.recorded.recording import Recording
 
-Item = TypeVar("Item")
-R = TypeVar("R")
+Item = TypeVar("Item", bound="Node | Job")
 
 FIRST_CALLS = "first calls"
 """What progress shows while plug-ins are called for the first time, which compiles kernels."""
+WORKER_DIED = "the worker process died"
+"""How the reason of an outcome begins that no plug-in is known to have caused."""
 
 
 @dataclass(frozen=True)
@@ -155,19 +158,6 @@ class Job:
         return fingerprint(self.spec)
 
 
-@dataclass(frozen=True, slots=True)
-class NodeFailure:
-    """Why a node could not be computed.
-
-    reason: for the reader; it names the plug-in, unless the worker process died.
-    log: what the plug-in printed.
-    """
-
-    reason: str
-    log: str = ""
-    worker_died: bool = False
-
-
 def run_jobs(
     jobs: Sequence[Job],
     on_outcome: Callable[[Job, Outcome], None],
@@ -198,20 +188,27 @@ def run_jobs(
     only_ours = all(spec.ours for job in installed for spec in plugins_of(job.answers))
     with nullcontext() if only_ours else files.guarded(), open_workers(settings) as opened:
         run = _Run(files, opened, options or RunOptions(), progress)
-        run.call_first(first_calls)
+        # These wait for no source: each computes its own. The run itself meets their errors again.
+        for _ in run.each(first_calls, FIRST_CALLS):
+            pass
         failures = run.compute(_shared_nodes(installed))
-        scored = []
+        scored: dict[str, list[Job]] = {}
         for job in installed:
             failure = _failure_of(job.answers, failures)
             if failure is None:
-                scored.append(job)
-                continue
-            reason = f"{job.entry}: {failure.reason}" if failure.worker_died else failure.reason
-            on_outcome(job, Outcome({}, reason, failure.log))
-        for board in dict.fromkeys(job.board.name for job in scored):
-            of_board = [job for job in scored if job.board.name == board]
-            for job, outcome in run.each(_score, of_board, f"{board} board", on_death=_job_death):
-                on_outcome(job, outcome)
+                scored.setdefault(job.board.name, []).append(job)
+            else:
+                on_outcome(job, _named(job, failure))
+        for board, of_board in scored.items():
+            for job, outcome in run.each(of_board, f"{board} board"):
+                on_outcome(job, _named(job, outcome))
+
+
+def _named(job: Job, outcome: Outcome) -> Outcome:
+    """Return an outcome whose reason names the entry, if a worker died and no plug-in is named."""
+    if outcome.reason is None or not outcome.reason.startswith(WORKER_DIED):
+        return outcome
+    return Outcome({}, f"{job.entry}: {outcome.reason}")
 
 
 class _Run:
@@ -224,59 +221,41 @@ class _Run:
         self._options, self._progress = options, progress
         self._computed: set[str] = set()
 
-    def compute(self, levels: Sequence[Sequence[Node]]) -> Mapping[str, NodeFailure]:
+    def compute(self, levels: Sequence[Sequence[Node]]) -> Mapping[str, Outcome]:
         """Compute the nodes that are not kept; return the failures by the key of the node."""
-        failures: dict[str, NodeFailure] = {}
+        failures: dict[str, Outcome] = {}
         for level in levels:
-            wanted = [
-                node
-                for node in level
-                if (self._recomputes(node) or not self._files.has(node))
-                and _failure_of(node, failures) is None
-            ]
-            for stage in dict.fromkeys(node.stage for node in wanted):
-                nodes = [node for node in wanted if node.stage == stage]
-                for node, failure in self.each(_compute, nodes, stage, on_death=_node_death):
+            wanted: dict[str, list[Node]] = {}
+            for node in level:
+                missing = self._recomputes(node) or not self._files.has(node)
+                if missing and _failure_of(node, failures) is None:
+                    wanted.setdefault(node.stage, []).append(node)
+            for stage, nodes in wanted.items():
+                for node, outcome in self.each(nodes, stage):
                     self._computed.add(node.key)
-                    if failure is not None:
-                        failures[node.key] = failure
+                    if outcome.reason is not None:
+                        failures[node.key] = outcome
         return failures
 
-    def call_first(self, items: Sequence[Node | Job]) -> None:
-        """Compute short nodes and jobs in any order, and drop their outcomes.
-
-        Unlike the stages of a run they do not wait for one another: each computes its own sources.
-        """
-        for _ in self.each(_compute_or_score, items, FIRST_CALLS, on_death=lambda item: None):
-            pass
-
-    def each(
-        self,
-        function: Callable[[RunOptions, _Task[Item]], R],
-        items: Sequence[Item],
-        stage: str,
-        *,
-        on_death: Callable[[Item], R],
-    ) -> Iterator[tuple[Item, R]]:
-        """Apply a function to nodes or jobs in the workers; yield results as they come.
-
-        on_death: returns the result of an item during which workers died repeatedly.
-        """
+    def each(self, items: Sequence[Item], stage: str) -> Iterator[tuple[Item, Outcome]]:
+        """Compute nodes or score jobs in the workers; yield outcomes as they come."""
         if items:
             self._progress(stage, 0, len(items))
-        work = partial(_with_ledger, function, self._options)
-        tasks = _Tasks(items, self._task_of)
-        episodes = [getattr(item, "episode", None) for item in items]
-        results = self._workers.each(
-            work, tasks, groups=episodes, on_death=lambda task: (on_death(task.item), Ledger())
+        outcomes = self._workers.each(
+            partial(_outcome, self._options),
+            items,
+            prepare=self._task_of,
+            groups=[getattr(item, "episode", None) for item in items],
+            on_death=lambda item: (_death(item), Ledger()),
         )
-        for done, (index, (result, ledger)) in enumerate(results, start=1):
+        for done, (index, (outcome, ledger)) in enumerate(outcomes, start=1):
             self._files.update(ledger)
-            yield items[index], result
+            yield items[index], outcome
             self._progress(stage, done, len(items))
 
-    def _task_of(self, item: Item) -> _Task[Item]:
-        node: Node = item.answers if isinstance(item, Job) else cast("Node", item)
+    def _task_of(self, item: Node | Job) -> _Task:
+        """Return the task of an item, with the digests of the moment when a worker takes it."""
+        node = item.answers if isinstance(item, Job) else item
         return _Task(item, self._files.digests_for(node), self._recomputes(node))
 
     def _recomputes(self, node: Node) -> bool:
@@ -286,29 +265,16 @@ class _Run:
 
 
 @dataclass(frozen=True, slots=True)
-class _Task(Generic[Item]):
+class _Task:
     """A node or job for a worker.
 
     digests: of the files that it reads, by path.
     recompute: compute the node, or the answers of the job, although they are kept.
     """
 
-    item: Item
+    item: Node | Job
     digests: Mapping[str, str | None]
     recompute: bool
-
-
-class _Tasks(Sequence[Any]):
-    """The tasks of items; each is made when a worker takes it, with the digests at that moment."""
-
-    def __init__(self, items: Sequence[Item], task_of: Callable[[Item], _Task[Item]]) -> None:
-        self._items, self._task_of = items, task_of
-
-    def __len__(self) -> int:
-        return len(self._items)
-
-    def __getitem__(self, index: Any) -> Any:
-        return self._task_of(self._items[index])
 
 
 class KeptFiles:
@@ -382,36 +348,34 @@ def _warn(text: str) -> None:
     warnings.warn(text, stacklevel=2)
 
 
-def _score(options: RunOptions, task: _Task[Job]) -> Outcome:
-    """Compute the answers of a job, unless they are kept, and score them."""
-    job = task.item
-    try:
-        answers = job.answers.read(options, recompute=task.recompute)
-    except PluginError as error:
-        return Outcome({}, str(error), error.log)
-    except Exception as error:
-        return Outcome({}, f"not the entry's fault: {_in_words(error)}")
-    try:
-        return Outcome(job.board.score(job, answers, options))
-    except Exception as error:
-        return Outcome({}, f"not the entry's fault: {_in_words(error)}")
+def _outcome(options: RunOptions, task: _Task) -> tuple[Outcome, Ledger]:
+    """Compute a node, or the answers of a job and their scores, unless the content is kept.
+
+    The outcome of a node has no scores. The ledger has the files that were written, and warnings.
+    """
+    item, scores = task.item, dict[str, Score]()
+    reason, log = None, ""
+    with checked_by(Ledger(task.digests)) as ledger, options.probing():
+        try:
+            if isinstance(item, Job):
+                answers = item.answers.read(options, recompute=task.recompute)
+                scores = dict(item.board.score(item, answers, options))
+            else:
+                item.read(options, recompute=task.recompute)
+        except PluginError as error:
+            reason, log = str(error), error.log
+        except Exception as error:
+            reason = f"not the entry's fault: {describe(error)}"
+    return Outcome(scores, reason, log), Ledger(written=ledger.written, notes=ledger.notes)
 
 
-def _compute_or_score(options: RunOptions, task: _Task[Node | Job]) -> None:
-    """Compute a node or a job. Errors are dropped: the run itself meets and reports them."""
-    if isinstance(task.item, Node):
-        _compute(options, cast("_Task[Node]", task))
+def _death(item: Node | Job) -> Outcome:
+    """Return the outcome of a node or job whose workers died repeatedly."""
+    if isinstance(item, Job):
+        during = f"it ran on {item.episode.scenario}"
     else:
-        _score(options, cast("_Task[Job]", task))
-
-
-def _in_words(error: BaseException) -> str:
-    """Return an error and its line of code as one line of text."""
-    import traceback
-
-    frames = traceback.extract_tb(error.__traceback__)
-    place = f" ({Path(frames[-1].filename).name}:{frames[-1].lineno})" if frames else ""
-    return f"{type(error).__name__}: {' '.join(str(error).split())}{place}"
+        during = f"its {item.stage} were computed"
+    return Outcome({}, f"{WORKER_DIED} while {during} (out of memory?)")
 
 
 def _shared_nodes(jobs: Sequence[Job]) -> list[list[Node]]:
@@ -420,63 +384,22 @@ def _shared_nodes(jobs: Sequence[Job]) -> list[list[Node]]:
     These are the sources of nodes, and the answers that several jobs score. The answers of a single
     job are computed with its score.
     """
-    shared: dict[str, Node] = {}
-    depths: dict[str, int] = {}
-
-    def depth_of(node: Node) -> int:
-        if node.key not in depths:
-            sources = node.sources()
-            shared.update((source.key, source) for source in sources)
-            depths[node.key] = 1 + max(map(depth_of, sources), default=-1)
-        return depths[node.key]
-
-    scored: set[str] = set()
-    for job in jobs:
-        depth_of(job.answers)
-        if job.answers.key in scored:
-            shared[job.answers.key] = job.answers
-        scored.add(job.answers.key)
-    levels: dict[int, list[Node]] = {}
-    for key, node in shared.items():
-        levels.setdefault(depths[key], []).append(node)
-    return [levels[depth] for depth in sorted(levels)]
+    nodes = {node.key: node for job in jobs for node in _with_sources(job.answers)}
+    sources = {key: [source.key for source in node.sources()] for key, node in nodes.items()}
+    scored = Counter(job.answers.key for job in jobs)
+    shared = {key for key, count in scored.items() if count > 1}.union(*sources.values())
+    sorter = TopologicalSorter(sources)
+    sorter.prepare()
+    levels = []
+    while ready := sorter.get_ready():
+        levels.append([nodes[key] for key in ready if key in shared])
+        sorter.done(*ready)
+    return levels
 
 
-def _failure_of(node: Node, failures: Mapping[str, NodeFailure]) -> NodeFailure | None:
+def _failure_of(node: Node, failures: Mapping[str, Outcome]) -> Outcome | None:
     """Return why a node or one of its sources could not be computed; None if nothing failed."""
     if not failures:
         return None
     every = (failures.get(each.key) for each in _with_sources(node))
     return next(filter(None, every), None)
-
-
-def _compute(options: RunOptions, task: _Task[Node]) -> NodeFailure | None:
-    """Compute and keep a node."""
-    try:
-        task.item.read(options, recompute=task.recompute)
-    except PluginError as error:
-        return NodeFailure(str(error), error.log)
-    except Exception as error:
-        return NodeFailure(f"not the entry's fault: {_in_words(error)}")
-    return None
-
-
-def _node_death(node: Node) -> NodeFailure:
-    """Return the failure of a node whose workers died repeatedly."""
-    reason = f"the worker process died while its {node.stage} were computed (out of memory?)"
-    return NodeFailure(reason, worker_died=True)
-
-
-def _job_death(job: Job) -> Outcome:
-    """Return the outcome of a job whose workers died repeatedly."""
-    reason = f"the worker process died while it ran on {job.episode.scenario} (out of memory?)"
-    return Outcome({}, f"{job.entry}: {reason}")
-
-
-def _with_ledger(
-    function: Callable[[RunOptions, _Task[Item]], R], options: RunOptions, task: _Task[Item]
-) -> tuple[R, Ledger]:
-    """Apply a function in a worker; return its result and a ledger of its files and warnings."""
-    with checked_by(Ledger(task.digests)) as ledger, options.probing():
-        result = function(options, task)
-    return result, Ledger(written=ledger.written, notes=ledger.notes)

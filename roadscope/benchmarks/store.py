@@ -11,7 +11,6 @@ from datetime import UTC, datetime
 from functools import partial
 from hashlib import sha256
 from pathlib import Path
-from types import TracebackType
 from typing import Any
 
 from roadscope.benchmarks.metrics.score import Score
@@ -100,20 +99,14 @@ class Store:
     def __enter__(self) -> Store:
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *error: object) -> None:
         self._db.close()
 
     def begin(self, manifest: Mapping[str, Any]) -> int:
         """Write the manifest of a run and return its number."""
         text = json.dumps(manifest, sort_keys=True)
-        cursor = self._execute("INSERT INTO manifests (content) VALUES (?)", (text,))
-        assert cursor.lastrowid is not None
-        return cursor.lastrowid
+        self._execute("INSERT INTO manifests (content) VALUES (?)", (text,))
+        return int(self._execute("SELECT last_insert_rowid()")[0][0])
 
     def put(self, job: StoredJob, outcome: Outcome, manifest: int) -> None:
         """Write the outcome of a job; it is on disk when this returns."""
@@ -165,26 +158,20 @@ class Store:
             batch = wanted[start : start + BATCH]
             marks = ", ".join("?" * len(batch))
             query = f"SELECT {', '.join(COLUMNS)}, digest FROM results WHERE key IN ({marks})"
-            for *values, digest in self._fetched(query, batch):
+            for *values, digest in self._execute(query, batch):
                 yield dict(zip(COLUMNS, values, strict=True)), digest
 
     def spec(self, **columns: str | int) -> str | None:
         """Return the `StoredJob.spec` of the latest row with these values; None without one."""
         where = " AND ".join(f"{name} = ?" for name in columns)
         query = f"SELECT spec FROM results WHERE {where} ORDER BY finished DESC, manifest DESC"
-        row = self._execute(query, list(columns.values())).fetchone()
-        return None if row is None else str(row[0])
+        rows = self._execute(query, list(columns.values()))
+        return str(rows[0][0]) if rows else None
 
-    def _execute(self, query: str, values: Sequence[Any] = ()) -> sqlite3.Cursor:
-        try:
-            return self._db.execute(query, values)
-        except sqlite3.Error as error:
-            raise self._unusable(str(error)) from error
-
-    def _fetched(self, query: str, values: Sequence[Any]) -> list[Any]:
+    def _execute(self, query: str, values: Sequence[Any] = ()) -> list[Any]:
         """Return all rows of a query; a damaged page may be met at any of them."""
         try:
-            return self._execute(query, values).fetchall()
+            return self._db.execute(query, values).fetchall()
         except sqlite3.Error as error:
             raise self._unusable(str(error)) from error
 
@@ -195,14 +182,14 @@ class Store:
         )
 
     def _prepare(self) -> None:
-        (tables,) = self._execute("SELECT count(*) FROM sqlite_master").fetchone()
-        (application,) = self._execute("PRAGMA application_id").fetchone()
-        (schema,) = self._execute("PRAGMA user_version").fetchone()
+        ((tables,),) = self._execute("SELECT count(*) FROM sqlite_master")
+        ((application,),) = self._execute("PRAGMA application_id")
+        ((schema,),) = self._execute("PRAGMA user_version")
         if tables and application != APPLICATION_ID:
             raise StoreError(f"{self.path} is a database of another program; it was left alone")
         if tables and schema != SCHEMA_VERSION:
             raise self._unusable(f"it has format {schema}, this version reads {SCHEMA_VERSION}")
-        (health,) = self._execute("PRAGMA quick_check(1)").fetchone()
+        ((health,),) = self._execute("PRAGMA quick_check(1)")
         if health != "ok":
             raise self._unusable(health)
         # No write-ahead log: SQLite maps its index into memory, and this process would die of a

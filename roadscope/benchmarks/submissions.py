@@ -40,6 +40,7 @@ from roadscope.benchmarks.nodes.images import ImageNode
 from roadscope.benchmarks.parked import parked_among
 from roadscope.benchmarks.progress import Progress, silent
 from roadscope.benchmarks.recorded.combined import SUFFIXES
+from roadscope.benchmarks.recorded.kitti_drive import CATEGORIES
 from roadscope.benchmarks.recorded.mot import MOT, MotRecording, mot_suite
 from roadscope.benchmarks.recorded.recording import Recording, recordings_of
 from roadscope.benchmarks.recorded.result_files import kitti_result_scores, score_mot_results
@@ -72,16 +73,7 @@ NOT_IN_FILES = (
     "inside_state",
 )
 """Scores of velocities and covariances, which result files do not have."""
-CATEGORY_OF = {
-    KittiType.CAR: Category.CAR,
-    KittiType.VAN: Category.VAN,
-    KittiType.TRUCK: Category.TRUCK,
-    KittiType.TRAM: Category.BUS,
-    KittiType.MISC: Category.BUS,
-    KittiType.PEDESTRIAN: Category.PEDESTRIAN,
-    KittiType.PERSON: Category.PEDESTRIAN,
-    KittiType.CYCLIST: Category.CYCLIST,
-}
+CATEGORY_OF = {**CATEGORIES, KittiType.TRAM: Category.BUS, KittiType.MISC: Category.BUS}
 AHEAD_M = 10.0
 """Metres along an axis from which on it cannot be the one that points up."""
 MOST_STAMP_GAP = 0.25
@@ -193,18 +185,14 @@ def submit(
         episode = manifest.episode(sequence, exported)
         for board, path in files.items():
             scores = board.score(path, true) if true is not None and path.exists() else None
-            job = JobScores(
+            job = _job_scores(
                 board.name,
-                "",
-                sequence.scenario,
-                sequence.seed,
-                episode.condition,
-                inputs if board.gets_detections else "",
-                scores or {},
-                None if scores is not None else f"no result file {path.relative_to(place)}",
+                episode,
+                scores,
+                file=path.relative_to(place),
                 conditions={by: of(episode) for by, of in CONDITIONS.items()},
             )
-            episodes.append(job)
+            episodes.append(replace(job, inputs=inputs if board.gets_detections else ""))
     report("sequences", len(manifest.sequences), len(manifest.sequences))
     about = {"suite": manifest.suite, "suite_version": manifest.suite_version}
     return _submission(name, place, about, episodes)
@@ -240,7 +228,7 @@ def submit_kitti(folder: Path | str, kitti: Path | str, *, name: str | None = No
             if sequence in results:
                 rows = results[sequence]
                 scores = kitti_result_scores(labels[sequence], rows, category, similarities)
-            episodes.append(_recorded(about, scores))
+            episodes.append(_of_recording(about, scores))
     return _submission(name, place, {"suite": KITTI}, episodes)
 
 
@@ -255,7 +243,7 @@ def submit_mot(folder: Path | str, mot: Path | str, *, name: str | None = None) 
         path, scores = place / f"{recording.sequence}.txt", None
         if path.is_file():
             scores = score_mot_results(Path(recording.folder) / recording.sequence, path)
-        episodes.append(_recorded(recording, scores))
+        episodes.append(_of_recording(recording, scores))
     return _submission(name, place, {"suite": MOT}, episodes)
 
 
@@ -296,17 +284,30 @@ def _check_images(manifest: Manifest, exported: Path) -> None:
     raise SubmitError(f"{exported}: no images of the camera board; {reason}")
 
 
-def _recorded(about: Recording, scores: Mapping[str, Score] | None) -> JobScores:
+def _of_recording(recording: Recording, scores: Mapping[str, Score] | None) -> JobScores:
+    file, conditions = f"{recording.sequence}.txt", {"sequence": recording.sequence}
+    return _job_scores(recording.board, recording, scores, file=file, conditions=conditions)
+
+
+def _job_scores(
+    board: str,
+    episode: Episode | Recording,
+    scores: Mapping[str, Score] | None,
+    *,
+    file: Path | str,
+    conditions: Mapping[str, str],
+) -> JobScores:
+    """Return the scores of an episode; they are None without the file of its results."""
     return JobScores(
-        about.board,
+        board,
         "",
-        about.scenario,
-        about.seed,
-        about.condition,
+        episode.scenario,
+        episode.seed,
+        episode.condition,
         "",
         scores or {},
-        f"no result file {about.sequence}.txt" if scores is None else None,
-        conditions={"sequence": about.sequence},
+        None if scores is not None else f"no result file {file}",
+        conditions=conditions,
     )
 
 
@@ -342,7 +343,8 @@ def _true_sequence(manifest: Manifest, sequence: ExportedSequence, exported: Pat
 
 
 def _detection_scores(folder: Path, true: TrueSequence) -> dict[str, Score]:
-    detections = read_object_results(folder, true)
+    rows = _object_rows(folder, range(len(true.truths)))
+    detections = _boxes(list(rows), list(rows.values()), true)
     answers = replace(
         EpisodeDetections.recorded(detections, true.truths),
         parked=parked_among(true.episode, true.truths),
@@ -398,12 +400,6 @@ RESULT_KINDS = (
     ResultKind(OdometryBoard.name, _odometry_scores),
     ResultKind(CameraBoard.name, _camera_scores, ending=""),
 )
-
-
-def read_object_results(folder: Path, true: TrueSequence) -> list[Detections]:
-    """Read KITTI object results, a file for each scan, as detections in the world."""
-    rows = _object_rows(folder, range(len(true.truths)))
-    return _boxes(list(rows), list(rows.values()), true)
 
 
 def read_image_results(folder: Path, oracle: EpisodeImageDetections) -> EpisodeImageDetections:

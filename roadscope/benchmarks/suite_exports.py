@@ -18,12 +18,7 @@ from roadscope.benchmarks.boards.board import episodes as episodes_of
 from roadscope.benchmarks.boards.camera import CameraBoard, CameraSettings
 from roadscope.benchmarks.boards.odometry import OdometryBoard, OdometrySettings
 from roadscope.benchmarks.boards.tracking import TrackingBoard, TrackingSettings
-from roadscope.benchmarks.cache import (
-    FolderError,
-    usable_folder,
-    write_atomically,
-    write_text,
-)
+from roadscope.benchmarks.cache import FolderError, usable_folder, write_atomically, write_text
 from roadscope.benchmarks.eligibility import Eligibility
 from roadscope.benchmarks.episode import Episode, sensed, sensing_of, timeline_of
 from roadscope.benchmarks.formats.kitti_calibration import calibration_text
@@ -198,11 +193,6 @@ class SequenceView:
             mounted = believed.pose(rig.camera.name)
         projection = np.column_stack([intrinsics, np.zeros(3)])
         return SequenceView(projection, ImageSize(width, height), mounted, ego_from_lidar)
-
-    @property
-    def camera_from_lidar(self) -> Pose:
-        """The pose of the LiDAR in the camera's frame."""
-        return self.ego_from_camera.inverse() @ self.ego_from_lidar
 
     def turned(self, world_from_ego: Pose) -> Pose:
         """Return the pose of the camera, turned to ISO 8855, in the world."""
@@ -448,8 +438,9 @@ class _SequenceFiles:
 
     def write_calibration(self, ego_from_imu: Pose) -> None:
         """Write the mounting poses; without an IMU, that of the ego frame stands in its place."""
+        camera_from_lidar = self.view.ego_from_camera.inverse() @ self.view.ego_from_lidar
         lidar_from_imu = self.view.ego_from_lidar.inverse() @ ego_from_imu
-        text = calibration_text(self.view.projection, self.view.camera_from_lidar, lidar_from_imu)
+        text = calibration_text(self.view.projection, camera_from_lidar, lidar_from_imu)
         write_text(self._path("calib"), text)
 
     def write_inertial(self, frames: Sequence[Frame]) -> None:

@@ -16,7 +16,7 @@ import sys
 import threading
 import time
 import warnings
-from collections import deque
+from collections import Counter, deque
 from collections.abc import Callable, Hashable, Iterable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, CancelledError, Future, ThreadPoolExecutor, wait
 from contextlib import contextmanager, suppress
@@ -124,22 +124,37 @@ class Workers:
         function: Callable[[T], R],
         items: Sequence[T],
         *,
+        prepare: Callable[[T], Any] = lambda item: item,
         groups: Sequence[Hashable] = (),
         on_death: Callable[[T], R] | None = None,
     ) -> Iterator[tuple[int, R]]:
         """Yield index and result of each item as they are done; in order in this process.
 
         An item during which a worker died is tried again, the second time while nothing else runs.
+        prepare: returns what `function` gets for an item, in this process when a worker takes it.
         groups: of the items, if any. A worker prefers items of the group of its last one, of which
         it may remember something, such as the scans of an episode.
         on_death: returns the result of an item whose workers died in all trials; None:
         `WorkerError`. An error of `function` is raised here and ends all work.
         """
-        if self._pool is None:
+        pool = self._pool
+        if pool is None:
             for index, item in enumerate(items):
-                yield index, function(item)
+                yield index, function(prepare(item))
             return
-        yield from _share(self._pool, function, items, _Waiting(items, groups), on_death)
+
+        def start(index: int) -> Future[R]:
+            return pool.submit(function, prepare(items[index]))
+
+        for index, future in _share(pool, start, _Waiting(len(items), groups)):
+            error = future.exception()
+            if error is None:
+                yield index, future.result()
+            elif on_death is not None:
+                yield index, on_death(items[index])
+            else:
+                text = "a worker process died (out of memory?); try fewer --jobs"
+                raise WorkerError(text) from error
 
 
 @contextmanager
@@ -162,18 +177,11 @@ def open_workers(settings: WorkerSettings) -> Iterator[Workers]:
 
 
 def in_parallel(
-    function: Callable[[T], R],
-    items: Sequence[T],
-    jobs: int,
-    *,
-    on_death: Callable[[T], R] | None = None,
+    function: Callable[[T], R], items: Sequence[T], jobs: int
 ) -> Iterator[tuple[int, R]]:
-    """Yield index and result of each item as they are done; with one job in order, in here.
-
-    jobs: processes on this machine. on_death: as of `Workers.each`.
-    """
+    """Yield index and result of each item as they are done, computed in processes here."""
     with open_workers(WorkerSettings(min(jobs, max(len(items), 1)))) as workers:
-        yield from workers.each(function, items, on_death=on_death)
+        yield from workers.each(function, items)
 
 
 class _Pool(Protocol):
@@ -197,9 +205,9 @@ class _Pool(Protocol):
 class _Waiting:
     """The items that wait for a worker, in order; an item of the same group may go first."""
 
-    def __init__(self, items: Sequence[Any], groups: Sequence[Hashable]) -> None:
-        self._groups = groups or [None] * len(items)
-        self._indices = dict.fromkeys(range(len(items)))
+    def __init__(self, count: int, groups: Sequence[Hashable]) -> None:
+        self._groups = groups or [None] * count
+        self._indices = dict.fromkeys(range(count))
 
     def __len__(self) -> int:
         return len(self._indices)
@@ -223,27 +231,24 @@ class _Waiting:
 
 
 def _share(
-    pool: _Pool,
-    function: Callable[[T], R],
-    items: Sequence[T],
-    waiting: _Waiting,
-    on_death: Callable[[T], R] | None,
-) -> Iterator[tuple[int, R]]:
+    pool: _Pool, start: Callable[[int], Future[R]], waiting: _Waiting
+) -> Iterator[tuple[int, Future[R]]]:
     """Have the workers compute all items, never more at a time than there are workers.
 
-    So every item that was sent is being computed, and it is clear whose worker died.
+    So every item that was sent is being computed, and it is clear whose worker died. A future with
+    an error is that of an item whose workers died in all trials.
     """
-    deaths = [0] * len(items)
+    deaths = Counter[int]()
     alone = deque[int]()
     running: dict[Future[R], int] = {}
 
     def send(after: int | None = None) -> None:
         while waiting and len(running) < pool.slots:
             index = waiting.take(after, running.values())
-            running[pool.submit(function, items[index])] = index
+            running[start(index)] = index
         if alone and not running:
             index = alone.popleft()
-            running[pool.submit(function, items[index])] = index
+            running[start(index)] = index
 
     send()
     while running:
@@ -254,24 +259,18 @@ def _share(
                 error = future.exception()
             except CancelledError as cancelled:
                 raise WorkerError("the connection to the cluster was lost") from cancelled
-            if error is None:
-                send(after=index)
-                yield index, future.result()
-                continue
-            died = pool.deaths(error)
-            if not died:
-                raise error
-            deaths[index] += died
-            if deaths[index] < MOST_SHARED_DEATHS:
-                waiting.put(index)
-            elif deaths[index] == MOST_SHARED_DEATHS:
-                alone.append(index)
-            elif on_death is None:
-                text = "a worker process died (out of memory?); try fewer --jobs"
-                raise WorkerError(text) from error
-            send()
-            if deaths[index] > MOST_SHARED_DEATHS and on_death is not None:
-                yield index, on_death(items[index])
+            if error is not None:
+                died = pool.deaths(error)
+                if not died:
+                    raise error
+                deaths[index] += died
+                if deaths[index] < MOST_SHARED_DEATHS:
+                    waiting.put(index)
+                elif deaths[index] == MOST_SHARED_DEATHS:
+                    alone.append(index)
+            send(after=index if error is None else None)
+            if error is None or deaths[index] > MOST_SHARED_DEATHS:
+                yield index, future
 
 
 class _LokyPool:
@@ -288,8 +287,13 @@ class _LokyPool:
         self._busy: dict[Future[Any], Any] = {}
 
     def submit(self, function: Callable[[Any], Any], item: Any) -> Future[Any]:
+        from joblib.externals.loky import ProcessPoolExecutor
+
         self._collect()
-        executor = self._idle.pop() if self._idle else self._new()
+        if self._idle:
+            executor = self._idle.pop()
+        else:
+            executor = ProcessPoolExecutor(max_workers=1, env=self._environment)
         with _interrupts_held():
             future = executor.submit(_in_worker, self._place, function, item)
         self._busy[future] = executor
@@ -330,11 +334,6 @@ class _LokyPool:
                 executor.shutdown(wait=True, kill_workers=True)
             else:
                 self._idle.append(executor)
-
-    def _new(self) -> Any:
-        from joblib.externals.loky import ProcessPoolExecutor
-
-        return ProcessPoolExecutor(max_workers=1, env=self._environment)
 
 
 class _RayPool:
@@ -510,8 +509,7 @@ class _Place:
     def enter(self) -> None:
         """Use them in this worker, as far as they exist on this machine."""
         if self.parent is not None:
-            _ignore_interrupts()
-            leave_with(self.parent)
+            _leave_with(self.parent)
         if _own_cache is None or self.host == platform.node():
             os.environ[ENVIRONMENT_VARIABLE] = self.cache
         sys.path += [each for each in self.path if each not in sys.path and Path(each).exists()]
@@ -532,23 +530,16 @@ def _in_worker(place: _Place, function: Callable[[T], R], item: T) -> R:
 
 
 @cache
-def _ignore_interrupts() -> None:
-    """Ignore Ctrl-C, which is for the parent.
-
-    Blocking it is not enough: when a worker starts a process of its own, multiprocessing's resource
-    tracker unblocks it.
-    """
-    if threading.current_thread() is threading.main_thread():
-        signal.signal(signal.SIGINT, signal.SIG_IGN)
-
-
-@cache
-def leave_with(parent: int) -> None:
-    """End this worker soon after the process that started it was killed."""
+def _leave_with(parent: int) -> None:
+    """Ignore Ctrl-C, which is for the parent; end this worker soon after the parent was killed."""
 
     def watch() -> None:
         while os.getppid() == parent:
             time.sleep(1.0)
         os._exit(1)
 
+    if threading.current_thread() is threading.main_thread():
+        # Blocking it is not enough: when a worker starts a process of its own, multiprocessing's
+        # resource tracker unblocks it.
+        signal.signal(signal.SIGINT, signal.SIG_IGN)
     threading.Thread(target=watch, daemon=True).start()

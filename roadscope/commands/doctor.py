@@ -40,9 +40,9 @@ def _show(diagnosis: Diagnosis) -> None:
         (
             (
                 each.name,
-                "installed"
-                if each.installed
-                else f"missing {', '.join(each.missing)}: {each.command}",
+                f"missing {', '.join(each.missing)}: {each.command}"
+                if each.missing
+                else "installed",
             )
             for each in diagnosis.extras
         ),

@@ -83,7 +83,8 @@ def test_one_job_works_here_and_changes_nothing() -> None:
 @pytest.mark.parametrize("die", [exit_here, kill_here])
 def test_a_deadly_item_costs_only_itself(tmp_path: Path, die: Callable[[], None]) -> None:
     log = tmp_path / "log"
-    results = dict(in_parallel(partial(square, log, die), ITEMS, 2, on_death=lambda item: -item))
+    with open_workers(WorkerSettings(2)) as workers:
+        results = dict(workers.each(partial(square, log, die), ITEMS, on_death=lambda i: -i))
     assert results == {item: item * item for item in ITEMS} | {DEADLY: -DEADLY}
     tried = [int(line) for line in log.read_text().split()]
     # What others had computed or were computing is not computed again.

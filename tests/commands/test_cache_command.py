@@ -85,8 +85,9 @@ def test_results_have_to_be_said(folder: Path) -> None:
         clear_cache(["pose"])
 
 
-def test_links_are_not_followed(tmp_path: Path) -> None:
+def test_links_are_not_followed(tmp_path: Path, monkeypatch) -> None:
     elsewhere, cache = tmp_path / "elsewhere", tmp_path / "linked"
+    monkeypatch.setenv("ROADSCOPE_CACHE", str(cache))
     (elsewhere / "poses").mkdir(parents=True)
     cache.mkdir()
     precious = elsewhere / "poses" / f"{DIGEST}.cache"
@@ -94,7 +95,7 @@ def test_links_are_not_followed(tmp_path: Path) -> None:
     (cache / "poses").symlink_to(elsewhere / "poses")
     (cache / "detections").mkdir()
     (cache / "detections" / f"{DIGEST}.cache").symlink_to(precious)
-    assert not any(usage.files for usage in clear_cache(results=True, folder=cache))
+    assert not any(usage.files for usage in clear_cache(results=True))
     assert precious.exists()
 
 

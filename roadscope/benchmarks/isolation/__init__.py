@@ -32,30 +32,19 @@ On other systems than Linux, processes that left the plug-in's session may outli
 that cannot fork (Windows) there is no isolation, and `open_plugin` raises `PluginError`.
 """
 
-from roadscope.benchmarks.isolation.host import (
-    PluginHandle,
-    open_plugin,
-    probe,
-    probing,
-)
-from roadscope.benchmarks.isolation.limits import (
-    Limits,
-    PluginError,
-    PluginSpec,
-    SandboxError,
-    Timed,
-    Traits,
-)
+from roadscope.benchmarks.isolation.describing import describe
+from roadscope.benchmarks.isolation.host import PluginHandle, open_plugin, probe, probing
+from roadscope.benchmarks.isolation.limits import Limits, PluginError, SandboxError, Timed, Traits
 from roadscope.benchmarks.isolation.sandbox import sandbox_available
 
 __all__ = [
     "Limits",
     "PluginError",
     "PluginHandle",
-    "PluginSpec",
     "SandboxError",
     "Timed",
     "Traits",
+    "describe",
     "open_plugin",
     "probe",
     "probing",

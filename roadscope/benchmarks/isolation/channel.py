@@ -111,7 +111,10 @@ class Channel:
         """Send a message; `TimeoutError` at the deadline of `time.monotonic`."""
         parts = _parts(message)
         if self._buffer is not None and len(message) > SHORT_BYTES:
-            _write(self._buffer, message)
+            # Not through a memory map, which crashes if the other process shortens the file.
+            done = 0
+            while done < len(message):
+                done += os.pwrite(self._buffer, memoryview(message)[done:], done)
             parts = [(len(message) | IN_BUFFER).to_bytes(LENGTH_BYTES, "little")]
         for part in parts:
             view = memoryview(part)
@@ -165,10 +168,3 @@ class Channel:
             raise TimeoutError
         if self._ended in ready and self._connection.fileno() not in ready:
             raise ClosedError
-
-
-def _write(buffer: int, message: bytes) -> None:
-    # Not through a memory map: if the other process shortens the file, a map crashes this one.
-    view, done = memoryview(message), 0
-    while done < len(message):
-        done += os.pwrite(buffer, view[done:], done)

@@ -1,23 +1,20 @@
-"""Reads the traits of plug-in classes and describes their errors; runs in their process."""
+"""What runs in a plug-in's process: reading traits, describing errors, watching arguments."""
 
 from __future__ import annotations
 
 import ast
 import sys
 import traceback
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from inspect import getattr_static
 from pathlib import Path
 from typing import Any
 
 from roadscope.benchmarks.isolation.limits import Traits
-from roadscope.core.constructing import (
-    binding_problem,
-    parameters_of,
-    positional_parameters_of,
-)
+from roadscope.core.constructing import binding_problem, parameters_of, positional_parameters_of
 from roadscope.core.loading import PARSE_ERRORS, Requirement, file_of
 from roadscope.core.text import error_text, one_line
+from roadscope.core.wire import WireError, encode
 
 HARNESS = Path(__file__).resolve().parent
 PACKAGE = Path(__file__).resolve().parents[2]
@@ -34,21 +31,17 @@ def traits_of(kind: type[Any], arguments: Mapping[str, Any], plugin: object = No
     described = kind if plugin is None else plugin
     methods = _public_methods(described)
     declared, need = getattr(kind, "kind", ""), getattr(kind, "requires", None)
-    requirement = need if isinstance(need, Requirement) else None
-    module = str(getattr(kind, "__module__", ""))
-    file = getattr(sys.modules.get(module), "__file__", None)
+    module = sys.modules.get(str(getattr(kind, "__module__", "")))
+    file = getattr(module, "__file__", None)
     return Traits(
         file=Path(file).resolve() if isinstance(file, str) else None,
-        module=module,
-        class_name=kind.__name__,
         methods=methods,
         kind=one_line(declared, 80) if isinstance(declared, str) else "",
         offline=bool(getattr(kind, "offline", False)),
         weighed=bool(getattr(kind, "weighed", False)),
         takes_imu=getattr(described, "takes_imu", True) is not False,
         takes_wheels="add_wheels" in methods and getattr(described, "wheels", True) is not False,
-        requires=(requirement.missing or "") if requirement else "",
-        requirement=f"{requirement.distribution}=={requirement.version}" if requirement else "",
+        requires=(need.missing or "") if isinstance(need, Requirement) else "",
         parameters=parameters_of(kind),
         positional=positional_parameters_of(kind),
         problem=binding_problem(kind, arguments),
@@ -87,8 +80,6 @@ def traits_of_source(target: str, failure: str) -> Traits:
     ]
     return Traits(
         file=file,
-        module=place,
-        class_name=name,
         methods=frozenset(n.name for n in body if isinstance(n, ast.FunctionDef)),
         kind=one_line(str(kinds[-1]), 80) if kinds else "",
         failure=failure,
@@ -104,7 +95,7 @@ def may_preload(module: str) -> bool:
 
 
 def describe(error: BaseException) -> str:
-    """Return an error as one line, with the line of the plug-in's own file.
+    """Return an error as one line, with the line of the plug-in's own file, or else of ours.
 
     The plug-in's file is the first file on the stack that is not part of roadscope.
     """
@@ -120,3 +111,25 @@ def describe(error: BaseException) -> str:
     except Exception:
         place = ""
     return error_text(error) + place
+
+
+class ChangedArgumentError(RuntimeError):
+    """A method changed an argument of its call; the message says which."""
+
+
+def call_watched(function: Callable[..., Any], arguments: Sequence[Any]) -> Any:
+    """Call a function and return its answer; `ChangedArgumentError` if it changed an argument.
+
+    It must run in the process of the function, as other processes get copies of the arguments.
+    """
+    before = [encode(argument) for argument in arguments]
+    answer = function(*arguments)
+    for number, (argument, expected) in enumerate(zip(arguments, before, strict=True), start=1):
+        try:
+            changed = encode(argument) != expected
+        except WireError:
+            changed = True
+        if changed:
+            name = getattr(function, "__name__", "the call")
+            raise ChangedArgumentError(f"{name} changed its argument {number}; copy it first")
+    return answer

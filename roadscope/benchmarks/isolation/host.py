@@ -5,13 +5,14 @@ from __future__ import annotations
 import atexit
 import os
 import secrets
+import signal
 import socket
 import subprocess
 import sys
 import threading
 import time
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import closing, contextmanager, suppress
 from contextvars import ContextVar
 from dataclasses import dataclass
 from itertools import count
@@ -20,7 +21,6 @@ from typing import Any, NoReturn, Protocol
 
 import msgspec
 
-from roadscope.benchmarks.isolation.arguments import ChangedArgumentError, call_watched
 from roadscope.benchmarks.isolation.channel import (
     CLOSED,
     END,
@@ -33,6 +33,8 @@ from roadscope.benchmarks.isolation.channel import (
 )
 from roadscope.benchmarks.isolation.describing import (
     MISTAKE,
+    ChangedArgumentError,
+    call_watched,
     describe,
     may_preload,
     traits_of,
@@ -42,7 +44,6 @@ from roadscope.benchmarks.isolation.limits import (
     MOST_LOG_CHARACTERS,
     Limits,
     PluginError,
-    PluginSpec,
     SandboxError,
     Timed,
     Traits,
@@ -54,6 +55,7 @@ from roadscope.benchmarks.isolation.sandbox import (
     sandbox_command,
 )
 from roadscope.core.loading import LoadingError, SpecError, load_class
+from roadscope.core.spec import Spec
 from roadscope.core.text import last_lines, one_line
 from roadscope.core.wire import WireError, decode, encode
 
@@ -65,28 +67,9 @@ RUN = (
     "from roadscope.benchmarks.isolation.supervisor import supervise; supervise(int(sys.argv[1]))"
 )
 ENVIRONMENT = (
-    "PATH",
-    "HOME",
-    "USER",
-    "LANG",
-    "LANGUAGE",
-    "TZ",
-    "TMPDIR",
-    "VIRTUAL_ENV",
-    "PYTHONPATH",
-    "PYTHONHASHSEED",
-    "PYTHONHOME",
-    "PYTHONDONTWRITEBYTECODE",
-    "LD_LIBRARY_PATH",
-    "DYLD_LIBRARY_PATH",
-    "CUDA_VISIBLE_DEVICES",
-    "OMP_NUM_THREADS",
-    "OPENBLAS_NUM_THREADS",
-    "MKL_NUM_THREADS",
-    "NUMBA_NUM_THREADS",
-    "NUMBA_CACHE_DIR",
-    "LC_ALL",
-    "LC_CTYPE",
+    "PATH HOME USER LANG LANGUAGE LC_ALL LC_CTYPE TZ TMPDIR VIRTUAL_ENV PYTHONPATH PYTHONHASHSEED "
+    "PYTHONHOME PYTHONDONTWRITEBYTECODE LD_LIBRARY_PATH DYLD_LIBRARY_PATH CUDA_VISIBLE_DEVICES "
+    "OMP_NUM_THREADS OPENBLAS_NUM_THREADS MKL_NUM_THREADS NUMBA_NUM_THREADS NUMBA_CACHE_DIR"
 )
 """Environment variables that a plug-in's process gets from this one: no keys, no cache folder."""
 MARK = "PLUGIN_MARK"
@@ -120,7 +103,7 @@ class PluginHandle(Protocol):
 
 @contextmanager
 def open_plugin(
-    spec: PluginSpec,
+    spec: Spec,
     *,
     limits: Limits | None = None,
     isolated: bool | None = None,
@@ -163,7 +146,7 @@ def open_plugin(
         plugin.close()
 
 
-def probe(spec: PluginSpec) -> Traits:
+def probe(spec: Spec) -> Traits:
     """Return the traits of a plug-in's class, which is loaded in a child process if it is not ours.
 
     `SpecError` if it does not exist or cannot be imported. If loading fails in another way, the
@@ -182,7 +165,16 @@ def probe(spec: PluginSpec) -> Traits:
         if options.trust or not hasattr(os, "fork"):
             traits = traits_of(load_class(spec.target), spec.arguments)
         else:
-            traits = _loaded_in_child(spec, options)
+            plugin = _Isolated(
+                spec,
+                options.limits,
+                make=False,
+                sandbox=options.sandbox,
+                hidden=options.hidden,
+                data=options.data,
+            )
+            with closing(plugin):
+                traits = plugin.load()
     except LoadingError as error:
         traits = traits_of_source(spec.target, f"{spec.text}: {error}")
     except PluginError as error:
@@ -191,21 +183,6 @@ def probe(spec: PluginSpec) -> Traits:
         traits = traits_of_source(spec.target, str(error))
     _PROBED[key] = traits, _modified_ns(traits.file)
     return traits
-
-
-def _loaded_in_child(spec: PluginSpec, options: _Probing) -> Traits:
-    plugin = _Isolated(
-        spec,
-        options.limits,
-        make=False,
-        sandbox=options.sandbox,
-        hidden=options.hidden,
-        data=options.data,
-    )
-    try:
-        return plugin.load()
-    finally:
-        plugin.close()
 
 
 @dataclass(frozen=True, slots=True)
@@ -256,7 +233,7 @@ def _modified_ns(file: Path | None) -> int:
 class _InProcess:
     """A plug-in in this process: it has no limits; only its exceptions are caught."""
 
-    def __init__(self, spec: PluginSpec, *, watch_arguments: bool) -> None:
+    def __init__(self, spec: Spec, *, watch_arguments: bool) -> None:
         self._text, self.log = spec.text, ""
         self._watch_arguments = watch_arguments
         self._plugin = self._guarded(spec.make)
@@ -295,7 +272,7 @@ class _Isolated:
 
     def __init__(
         self,
-        spec: PluginSpec,
+        spec: Spec,
         limits: Limits,
         *,
         make: bool = True,
@@ -343,7 +320,8 @@ class _Isolated:
         if type(loaded.answer) is dict and type(loaded.answer.get(MISTAKE)) is str:
             raise PluginError(self._text, loaded.answer[MISTAKE], mistake=True)
         try:
-            self.traits = _checked_traits(loaded.answer)
+            shown = _shown(loaded.answer)
+            self.traits = msgspec.convert(shown, Traits, dec_hook=lambda kind, value: kind(value))
             self._supervisor.remember(loaded.answer["loaded"])
         except (KeyError, TypeError, ValueError):
             self._fail("the description of its class is malformed")
@@ -461,7 +439,8 @@ class _Supervisor:
         self._control, control = socket.socketpair()
         words = [*before, sys.executable, "-c", RUN, str(control.fileno())]
         self._mark = secrets.token_hex(16)
-        environment = {name: os.environ[name] for name in ENVIRONMENT if name in os.environ}
+        names = [name for name in ENVIRONMENT.split() if name in os.environ]
+        environment = {name: os.environ[name] for name in names}
         with control:
             self._process = subprocess.Popen(
                 [*words, *_import_path(), str(ROOT)],
@@ -520,13 +499,17 @@ class _Supervisor:
 
     def resume(self) -> None:
         """Resume all processes below: a plug-in may have stopped its guard or supervisor."""
+        self._send_signal(signal.SIGCONT)
+
+    def _send_signal(self, number: signal.Signals) -> None:
+        """Send a signal to the supervisor and to all processes below it."""
         import psutil
 
         with suppress(psutil.Error):
             supervisor = psutil.Process(self._process.pid)
             for process in [supervisor, *supervisor.children(recursive=True)]:
                 with suppress(psutil.Error):
-                    process.resume()
+                    process.send_signal(number)
 
     def remember(self, modules: Sequence[str]) -> None:
         """Preload the slow libraries that a plug-in loaded before the next one is opened."""
@@ -539,7 +522,8 @@ class _Supervisor:
         try:
             self._process.wait(REPORT_S)
         except subprocess.TimeoutExpired:
-            self._kill()
+            self._send_signal(signal.SIGKILL)
+            self._process.wait()
         if self._process.returncode:
             self._end_marked()
 
@@ -557,23 +541,12 @@ class _Supervisor:
             if not left:
                 return
 
-    def _kill(self) -> None:
-        """End a supervisor that was stopped, and all processes below it."""
-        import psutil
-
-        with suppress(psutil.Error):
-            supervisor = psutil.Process(self._process.pid)
-            for process in [*supervisor.children(recursive=True), supervisor]:
-                with suppress(psutil.Error):
-                    process.kill()
-        self._process.wait()
-
 
 def _import_path() -> list[str]:
     return [entry or str(Path.cwd()) for entry in sys.path]
 
 
-def _sandboxed(spec: PluginSpec, hidden: Sequence[Path], data: Sequence[Path]) -> list[str]:
+def _sandboxed(spec: Spec, hidden: Sequence[Path], data: Sequence[Path]) -> list[str]:
     if why := sandbox_available():
         raise SandboxError(why)
     from roadscope.benchmarks.cache import cache_dir
@@ -616,11 +589,6 @@ def _is_answer(content: Any, number: int, most_s: float) -> bool:
     if not all(type(ms) is float and 0 <= ms <= most for ms, most in times):
         return False
     return type(content["error"]) is str
-
-
-def _checked_traits(content: Any) -> Traits:
-    """Return traits from the message of a child; `ValueError` or `TypeError` if malformed."""
-    return msgspec.convert(_shown(content), Traits, dec_hook=lambda kind, value: kind(value))
 
 
 def _shown(value: Any) -> Any:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 from roadscope.core.text import last_lines, one_line
 
@@ -69,38 +69,14 @@ class Timed:
     wall_ms: float
 
 
-class PluginSpec(Protocol):
-    """The part of a parsed spec, `core.Spec`, that is used here."""
-
-    @property
-    def text(self) -> str:
-        """The string as the user wrote it."""
-
-    @property
-    def arguments(self) -> Mapping[str, Any]:
-        """Arguments of the constructor: literals."""
-
-    @property
-    def target(self) -> str:
-        """`module:Class` or `path/file.py:Class`."""
-
-    @property
-    def isolated(self) -> bool:
-        """Whether it runs in a process of its own."""
-
-    def make(self) -> Any:
-        """Construct the plug-in in this process."""
-
-
 @dataclass(frozen=True, slots=True)
 class Traits:
     """The traits of a plug-in's class that the benchmark uses.
 
-    file: that it was loaded from, or None. module, class_name: its names.
-    methods: its public methods. kind: the kind that it declares, or "".
+    file: that it was loaded from, or None. methods: its public methods.
+    kind: the kind that it declares, or "".
     offline, weighed, takes_imu, takes_wheels: see the protocols of trackers and odometries.
     requires: the distribution that it needs and that is not installed, as text, or "".
-    requirement: the distribution that it needs and its version, or "".
     parameters: the defaults of the constructor's parameters as text, by name; "" without one.
     positional: the parameters that can be given by position.
     problem: why the constructor does not take the arguments, or "".
@@ -108,8 +84,6 @@ class Traits:
     """
 
     file: Path | None
-    module: str
-    class_name: str
     methods: frozenset[str]
     kind: str
     offline: bool = False
@@ -117,7 +91,6 @@ class Traits:
     takes_imu: bool = True
     takes_wheels: bool = False
     requires: str = ""
-    requirement: str = ""
     parameters: Mapping[str, str] = field(default_factory=dict)
     positional: tuple[str, ...] = ()
     problem: str = ""

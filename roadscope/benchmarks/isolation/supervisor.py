@@ -1,12 +1,16 @@
-"""Runs in the supervisor, which starts plug-ins' processes, and in the guards that watch these.
+"""Runs in the supervisor, in the guards that it forks, and in the plug-ins' own processes.
 
 A worker has one supervisor. It imports once what all plug-ins need and never has data of a suite;
 for each plug-in it forks a guard, and the guard forks the plug-in's process. The guard watches
-that process and ends it with all processes that it started.
+that process and ends it with all processes that it started. The plug-in can change anything in its
+process, so the worker checks every answer.
 """
 
 from __future__ import annotations
 
+import ast
+import ctypes
+import faulthandler
 import gc
 import importlib
 import os
@@ -15,10 +19,13 @@ import signal
 import socket
 import sys
 import time
-from collections.abc import Mapping, Sequence
+import traceback
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
+from dataclasses import asdict
 from pathlib import Path
-from typing import Any, NoReturn
+from time import perf_counter, process_time
+from typing import Any, NamedTuple, NoReturn
 
 import psutil
 
@@ -27,11 +34,22 @@ from roadscope.benchmarks.isolation.channel import (
     LENGTH_BYTES,
     LOG,
     ClosedError,
+    receive_all,
     receive_exactly,
     send_all,
 )
-from roadscope.benchmarks.isolation.child import CHILD_SUBREAPER, control_process, run_plugin
-from roadscope.core.wire import decode, encode
+from roadscope.benchmarks.isolation.describing import (
+    MISTAKE,
+    ChangedArgumentError,
+    call_watched,
+    describe,
+    may_preload,
+    traits_of,
+)
+from roadscope.core.constructing import construct
+from roadscope.core.loading import LoadingError, NotInstalledError, SpecError, load_class
+from roadscope.core.text import one_line
+from roadscope.core.wire import WireError, decode, encode
 
 FILES = 3
 """Files that come with a request: the plug-in's socket and buffer, and the guard's socket."""
@@ -50,6 +68,17 @@ LISTED = Path(f"/proc/self/task/{os.getpid()}/children").exists()
 """Whether the system lists the children of a process."""
 MOST_PROCESSES = 1000
 """Most processes of a plug-in, chosen by hand: more than any library's pool has."""
+
+CONNECTION, BUFFER = 3, 4
+"""Numbers of the files that a plug-in's process has open beside stdin, stdout and stderr."""
+FREE_NUMBER = 10
+"""Files are first moved to numbers from this one on, so that 0 to 4 are free."""
+MOST_PIECE_CHARACTERS = 1000
+"""Longest piece of a traceback in the log; chosen by hand."""
+PLAIN = (SpecError, ChangedArgumentError)
+"""Errors with texts for the reader, to which no line of code is added."""
+PARENT_DEATH_SIGNAL, CHILD_SUBREAPER = 1, 36
+"""Numbers of PR_SET_PDEATHSIG and PR_SET_CHILD_SUBREAPER, from linux/prctl.h."""
 
 
 def supervise(control: int) -> NoReturn:
@@ -242,7 +271,9 @@ class Guard:
                 self._poll.unregister(self._output)
             how = self._reason_to_end()
             if not how and self._worker.fileno() in ready:
-                command = self._command()
+                command = b""  # The worker has closed the socket.
+                with suppress(OSError):
+                    command = self._worker.recv(1)
                 if command == LOG:
                     self._report("", ended=False)
                     continue
@@ -256,13 +287,6 @@ class Guard:
         _end_descendants()
         with suppress(OSError):
             self._report(how, ended=True)
-
-    def _command(self) -> bytes:
-        """Return the command of the worker; empty if the worker has closed the socket."""
-        try:
-            return self._worker.recv(1)
-        except OSError:
-            return b""
 
     def _reason_to_end(self) -> str:
         """Return why the plug-in must be ended or how it ended; empty while it may run."""
@@ -346,3 +370,172 @@ def _status_in_words(status: int) -> str:
         name = str(-code)
     described = signal.strsignal(-code)
     return f"its process was ended by {name}" + (f" ({described.lower()})" if described else "")
+
+
+# --------------------------------------------------------------------------------------------------
+# The process of a plug-in
+
+
+def control_process(option: int, value: int) -> None:
+    """Set an option of this process by `prctl`; without effect on other systems than Linux."""
+    if sys.platform == "linux":
+        ctypes.CDLL(None, use_errno=True).prctl(option, value, 0, 0, 0)
+
+
+def run_plugin(
+    request: Mapping[str, Any], *, connection: int, buffer: int, output: int
+) -> NoReturn:
+    """Turn this fresh copy of the supervisor into the plug-in's process.
+
+    connection, buffer, output: file numbers of the socket to the worker, of the file with long
+        messages from it, and of the pipe for all output.
+    """
+    status = 1
+    try:
+        _reset_process()
+        _use_files(connection=connection, buffer=buffer, output=output)
+        with suppress(OSError):
+            os.chdir(request["folder"])
+        sys.path[:] = request["path"]
+        with socket.socket(fileno=CONNECTION) as worker:
+            _serve(request, worker)
+        status = 0
+    except BaseException:
+        with suppress(BaseException):
+            traceback.print_exc()
+    finally:
+        os._exit(status)
+
+
+def _reset_process() -> None:
+    """Drop the session, signal handlers and random state inherited from the supervisor."""
+    import resource
+
+    os.setsid()
+    control_process(PARENT_DEATH_SIGNAL, signal.SIGKILL)
+    for signal_number in signal.valid_signals() - {signal.SIGKILL, signal.SIGSTOP}:
+        with suppress(OSError, ValueError):
+            signal.signal(signal_number, signal.SIG_DFL)
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    signal.signal(signal.SIGPIPE, signal.SIG_IGN)
+    signal.pthread_sigmask(signal.SIG_SETMASK, [])
+    resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+    # If memory runs out before the limit is noticed, the kernel ends this process first.
+    with suppress(OSError):
+        Path("/proc/self/oom_score_adj").write_text("1000")
+    if "numpy.random" in sys.modules:
+        importlib.import_module("numpy.random").seed()
+
+
+def _use_files(*, connection: int, buffer: int, output: int) -> None:
+    """Close all other files, and give these their numbers."""
+    import fcntl
+
+    null = os.open(os.devnull, os.O_RDONLY)
+    sources = [
+        fcntl.fcntl(number, fcntl.F_DUPFD, FREE_NUMBER)
+        for number in (null, output, output, connection, buffer)
+    ]
+    for number, source in enumerate(sources):
+        os.dup2(source, number, inheritable=number < CONNECTION)
+    os.closerange(BUFFER + 1, os.sysconf("SC_OPEN_MAX"))
+    sys.stdin = open(0, closefd=False)  # noqa: SIM115
+    sys.stdout, sys.stderr = (
+        open(number, "w", buffering=1, errors="backslashreplace", closefd=False)  # noqa: SIM115
+        for number in (1, 2)
+    )
+    # After a crash, the log has the line.
+    faulthandler.enable()
+
+
+def _serve(request: Mapping[str, Any], worker: socket.socket) -> None:
+    """Load the plug-in and answer calls until the worker closes the socket.
+
+    The answer to loading is the traits of the class, or the user's mistake in naming it.
+    """
+    clocks = Clocks(perf_counter, process_time)
+    most = request["answer_bytes"]
+    plugin = None
+
+    def load() -> dict[str, Any]:
+        nonlocal plugin
+        try:
+            kind = load_class(request["target"])
+        except LoadingError:
+            raise
+        except SpecError as error:
+            return {MISTAKE: str(error)}
+        texts = request["arguments"]
+        arguments = {name: ast.literal_eval(text) for name, text in texts.items()}
+        traits = traits_of(kind, arguments)
+        if request["make"]:
+            if traits.problem:
+                raise SpecError(traits.problem)
+            if traits.requires:
+                raise NotInstalledError(traits.requires)
+            plugin = construct(kind, arguments)
+            traits = traits_of(kind, arguments, plugin)
+        return asdict(traits) | {
+            "file": None if traits.file is None else str(traits.file),
+            "methods": sorted(traits.methods),
+            "loaded": [name for name in list(sys.modules) if may_preload(name)],
+        }
+
+    if not _answer(worker, 0, load, most=most, clocks=clocks):
+        return
+    while True:
+        call = decode(receive_all(worker, BUFFER))
+
+        def run_call(call: Mapping[str, Any] = call) -> Any:
+            method, arguments = getattr(plugin, call["method"]), call["arguments"]
+            if request["watch_arguments"]:
+                return call_watched(method, arguments)
+            return method(*arguments)
+
+        _answer(worker, call["number"], run_call, most=most, clocks=clocks)
+
+
+class Clocks(NamedTuple):
+    """Clocks, seconds, bound before the plug-in was loaded, which might replace them."""
+
+    wall: Callable[[], float]
+    processor: Callable[[], float]
+
+
+def _answer(
+    worker: socket.socket, number: int, function: Callable[[], Any], *, most: int, clocks: Clocks
+) -> bool:
+    """Call a function, send its answer or its error, and return whether there was an answer."""
+    error, answer = "", None
+    wall_s, processor_s = clocks.wall(), clocks.processor()
+    try:
+        answer = function()
+    except BaseException as raised:
+        wall_s, processor_s = clocks.wall() - wall_s, clocks.processor() - processor_s
+        error = one_line(_text(raised, plain=isinstance(raised, PLAIN)))
+        with suppress(BaseException):
+            pieces = traceback.format_exception(raised)
+            sys.stderr.write("".join(piece[:MOST_PIECE_CHARACTERS] for piece in pieces))
+    else:
+        processor_s, wall_s = clocks.processor() - processor_s, clocks.wall() - wall_s
+    header = {"number": number, "wall_ms": wall_s * 1e3, "processor_ms": processor_s * 1e3}
+    if not error:
+        try:
+            message = encode(header | {"error": "", "answer": answer}, most_bytes=most)
+        except BaseException as raised:
+            error = f"its answer: {_text(raised, plain=isinstance(raised, WireError))}"
+    if error:
+        message = encode(header | {"error": error, "answer": None})
+    for stream in (sys.stdout, sys.stderr):
+        with suppress(BaseException):
+            stream.flush()
+    send_all(worker, message)
+    return not error
+
+
+def _text(raised: BaseException, *, plain: bool) -> str:
+    """Return an exception as text; plain: only its own text, without type and line of code."""
+    try:
+        return str(raised) if plain else describe(raised)
+    except BaseException:
+        return "an exception that cannot be described"
