@@ -74,6 +74,13 @@ def test_importing_the_rooms_loads_nothing_heavy() -> None:
     assert loaded_by("-c", rooms).isdisjoint(HEAVY)
 
 
+def test_boards_load_no_library_of_traffic_before_traffic_is_made() -> None:
+    """highway-env brings Matplotlib and pandas: half of the time in which a worker starts."""
+    loaded = loaded_by("-c", "from roadscope.benchmarks.boards import BOARDS; len(BOARDS)")
+    assert "roadscope.benchmarks.boards.driving" in loaded
+    assert loaded.isdisjoint({"highway_env", "matplotlib", "pandas"})
+
+
 @pytest.mark.parametrize("arguments", [["--help"], ["leaderboard", "--help"], ["--version"]])
 def test_help_loads_neither_gymnasium_nor_numpy(start: list[str], arguments: list[str]) -> None:
     loaded = loaded_by(*start, *arguments)

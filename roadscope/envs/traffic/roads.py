@@ -8,7 +8,6 @@ from functools import cached_property
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
-from highway_env.road.lane import CircularLane, SineLane, StraightLane
 
 from roadscope.envs.traffic.conversion import road_map
 from roadscope.envs.traffic.road_maps import RoadMap
@@ -209,6 +208,8 @@ class Roads:
 
 def greatest_curvature(lane: Any) -> float:
     """Return the largest curvature of a straight, sine or circular lane in 1/m."""
+    from highway_env.road.lane import SineLane, StraightLane
+
     if isinstance(lane, SineLane):
         return float(lane.amplitude * lane.pulsation**2)
     return 0.0 if isinstance(lane, StraightLane) else 1.0 / float(lane.radius)
@@ -216,6 +217,8 @@ def greatest_curvature(lane: Any) -> float:
 
 def _describe(record: Any, lane: Any, centres: list[tuple[float, float]]) -> None:
     """Write a lane of highway-env to a record, and its centre to a list if it has one."""
+    from highway_env.road.lane import CircularLane, SineLane, StraightLane
+
     record["centre"] = -1
     if isinstance(lane, StraightLane):
         record["kind"] = SINE if isinstance(lane, SineLane) else STRAIGHT

@@ -11,14 +11,6 @@ from functools import cache
 from typing import Any
 
 import numpy as np
-from highway_env.envs.intersection_env import IntersectionEnv
-from highway_env.envs.merge_env import MergeGenericEnv
-from highway_env.envs.parking_env import ParkingEnv
-from highway_env.envs.racetrack_env import RacetrackEnv
-from highway_env.envs.roundabout_env import RoundaboutEnv
-from highway_env.envs.two_way_env import TwoWayEnv
-from highway_env.road.lane import LineType, StraightLane
-from highway_env.road.road import RoadNetwork
 
 from roadscope.core.bounds import Bounds
 from roadscope.envs.traffic.adversarial import CutIns, StepOut, StepOuts
@@ -151,6 +143,8 @@ def straight(rng: np.random.Generator, traffic: MotorwayTraffic) -> Stage:
 
 @cache
 def _motorway_roads(traffic: MotorwayTraffic) -> Roads:
+    from highway_env.road.road import RoadNetwork
+
     network = RoadNetwork.straight_road_network(
         traffic.lanes, length=traffic.length_m, speed_limit=1.2 * traffic.desired_speed
     )
@@ -215,6 +209,8 @@ def merge(rng: np.random.Generator) -> Stage:
 @cache
 def _merge_roads() -> tuple[Roads, list[Any]]:
     """Return the roads and the obstacles on them."""
+    from highway_env.envs.merge_env import MergeGenericEnv
+
     built = network_of(MergeGenericEnv, config=MERGE_SECTIONS)
     return Roads(built.network), built.objects
 
@@ -266,6 +262,9 @@ def roundabout(rng: np.random.Generator) -> Stage:
 
 @cache
 def _roundabout_roads() -> tuple[Roads, GiveWay]:
+    from highway_env.envs.roundabout_env import RoundaboutEnv
+    from highway_env.road.lane import StraightLane
+
     network = network_of(RoundaboutEnv).network
     for lane in network.lanes_list():
         if type(lane) is not StraightLane:
@@ -323,6 +322,8 @@ def intersection(rng: np.random.Generator) -> Stage:
 
 @cache
 def _crossing_roads() -> tuple[Roads, Conflicts]:
+    from highway_env.envs.intersection_env import IntersectionEnv
+
     roads = Roads(network_of(IntersectionEnv).network)
     return roads, Conflicts(roads, dict.fromkeys(ARMS, LINE_M))
 
@@ -389,6 +390,8 @@ def two_way(rng: np.random.Generator) -> Stage:
 
 @cache
 def _two_way_roads(length_m: float) -> Roads:
+    from highway_env.envs.two_way_env import TwoWayEnv
+
     return Roads(network_of(TwoWayEnv, length=length_m).network)
 
 
@@ -510,6 +513,8 @@ def _filled_track(rng: np.random.Generator, *, spacing_m: float, speeds: Bounds)
 
 @cache
 def _racetrack_roads() -> Roads:
+    from highway_env.envs.racetrack_env import RacetrackEnv
+
     return Roads(network_of(RacetrackEnv).network)
 
 
@@ -542,6 +547,9 @@ def parking_lot(rng: np.random.Generator) -> Stage:
 
 @cache
 def _parking_roads() -> Roads:
+    from highway_env.envs.parking_env import ParkingEnv
+    from highway_env.road.lane import LineType, StraightLane
+
     network = network_of(ParkingEnv, builder="_create_road").network
     end_m, offset_m = AISLE_END_M, AISLE_OFFSET_M
     no_lines = (LineType.NONE, LineType.NONE)
