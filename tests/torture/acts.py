@@ -45,11 +45,11 @@ ENDS = (
     Act("children_and_death", "status 4"),
 )
 HANGS = (
-    Act("hang_when_made", "1.5 s"),
-    Act("hang_in_reset", "1.5 s"),
-    Act("hang_in_call", "1.5 s"),
-    Act("stop_itself", "1.5 s"),
-    Act("stop_both", "1.5 s"),
+    Act("hang_when_made", "0.8 s"),
+    Act("hang_in_reset", "0.8 s"),
+    Act("hang_in_call", "0.8 s"),
+    Act("stop_itself", "0.8 s"),
+    Act("stop_both", "0.8 s"),
 )
 RESOURCES = (
     Act("flood", "output"),

@@ -9,7 +9,7 @@ import pytest
 import roadscope
 from roadscope import SpecError
 from tests.torture.acts import ALL, CLASSES
-from tests.torture.boards import HANG_LIMITS, ONE_EPISODE, Run, Workshop, left_running, shown
+from tests.torture.boards import LOAD_LIMITS, ONE_EPISODE, Run, Workshop, left_running
 
 Made = Callable[..., Workshop]
 FAILING = {
@@ -22,6 +22,8 @@ FAILING = {
     "nested": (f"class Tracker: x = {'-' * 200_000}1", "error"),
 }
 """By the name of a file its first line, and what the reason says."""
+UNREADABLE = "nested"
+"""The file that does not tell the kind of its class either."""
 CLASS = """
 class {0}:
     kind = "{1}"
@@ -58,30 +60,46 @@ def written(folder: Path, name: str, code: str, board: str = "tracking") -> str:
     return f"{path}:{CLASSES[board]}"
 
 
-@pytest.mark.parametrize("jobs", [1, 2])
-@pytest.mark.parametrize("board", ALL)
-def test_a_class_that_fails_when_it_is_loaded_costs_its_own_row(
-    new_workshop: Made, honest_run: tuple[Workshop, Run], board: str, jobs: int
-) -> None:
-    place = new_workshop(suite=ONE_EPISODE)
-    entries = {
-        name: written(place.folder, name, code, board) for name, (code, _) in FAILING.items()
-    }
-    names = list(entries.values())
-    run = place.run(names, jobs=jobs, boards=[board], limits=HANG_LIMITS)
-    for name, entry in entries.items():
+def check_rows(run: Run, honest: Run, entries: dict[str, str]) -> None:
+    """Check that each entry failed alone; entries: by spec the name of what fails."""
+    for entry, name in entries.items():
         reasons = run.reasons(entry)
         assert len(reasons) == 1
         for reason in reasons:
             assert reason is not None
             assert reason.startswith(entry)
             assert FAILING[name][1] in reason.removeprefix(entry).lower()
-    expected = honest_run[1].values()
-    others = {k: v for k, v in run.values().items() if not any(name in k for name in names)}
+        assert any(failed.startswith(entry) for failed in run.results.failed_entries)
+    expected = honest.values()
+    others = {k: v for k, v in run.values().items() if not any(entry in k for entry in entries)}
     assert others
     assert others == {place: expected[place] for place in others}
-    assert {shown(board, name) for name in names} <= set(run.results.failed_entries)
+
+
+@pytest.mark.parametrize("jobs", [1, 2])
+def test_classes_that_fail_when_they_are_loaded_cost_their_own_rows(
+    new_workshop: Made, honest_run: tuple[Workshop, Run], jobs: int
+) -> None:
+    place = new_workshop(suite=ONE_EPISODE)
+    entries = {
+        written(place.folder, f"{name}_{board}", code, board): name
+        for board in ALL
+        for name, (code, _) in FAILING.items()
+        if name != UNREADABLE
+    }
+    run = place.run(list(entries), jobs=jobs, limits=LOAD_LIMITS)
+    check_rows(run, honest_run[1], entries)
     assert left_running(place.folder) == []
+
+
+@pytest.mark.parametrize(("board", "jobs"), [*((board, 1) for board in ALL), ("tracking", 2)])
+def test_a_class_that_cannot_be_read_either_costs_its_own_row_on_the_board_that_is_named(
+    new_workshop: Made, honest_run: tuple[Workshop, Run], board: str, jobs: int
+) -> None:
+    place = new_workshop(suite=ONE_EPISODE)
+    entry = written(place.folder, UNREADABLE, FAILING[UNREADABLE][0], board)
+    run = place.run([entry], jobs=jobs, boards=[board], limits=LOAD_LIMITS)
+    check_rows(run, honest_run[1], {entry: UNREADABLE})
 
 
 @pytest.mark.parametrize("mistake", MISTAKES)
