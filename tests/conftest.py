@@ -50,7 +50,6 @@ LONGEST = tuple(
         "benchmarks/papers/test_zhang2022",
         "benchmarks/papers/test_zhang2017",
         "fusion/test_fused_tracks",
-        "commands/test_train_command",
         "test_site",
         "envs/traffic/test_scenarios",
         "research/test_zhang2017_calibration",

@@ -29,6 +29,23 @@ NEEDS = {
     "submit": ["export", "detect"],
 }
 """Words of an example -> beginnings of the examples that have to run before it."""
+SMALL = "small.toml"
+"""The suite `quick`, with a third of its traffic and half its length."""
+SMALLER = {
+    "run roundabout": ("--seconds", "2"),
+    "run merge": ("--seconds", "2"),
+    "leaderboard": ("--suite", SMALL),
+    "train driver": shlex.split("--seconds 2 --perception truth --perception blind --rig lux"),
+}
+"""Beginnings of examples that would take minutes -> options that they get as well."""
+SAYS = {
+    "train driver": (
+        "on truth: reward",
+        "on blind: reward",
+        "learned?weights=my_agent.safetensors",
+    ),
+}
+"""Beginnings of examples -> what they print."""
 
 
 def examples_of(text: str) -> list[str]:
@@ -87,6 +104,15 @@ def test_the_help_of_all_commands_imports_nothing_heavy() -> None:
 def run_example(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], str]:
     """Run an example once, in one folder for all, after those that it needs."""
     folder = tmp_path_factory.mktemp("examples")
+    quick = (ROOT / "roadscope/benchmarks/suites/quick.toml").read_text()
+    traffic = '"motorway", "dense-motorway", "merge", "roundabout", "intersection", "two-way"'
+    for whole, part in (
+        (traffic, '"motorway", "roundabout"'),
+        ("duration_s = 4", "duration_s = 2"),
+    ):
+        assert whole in quick
+        quick = quick.replace(whole, part)
+    (folder / SMALL).write_text(quick)
     paths = [str(ROOT), os.environ.get("PYTHONPATH", "")]
     environment = {
         **os.environ,
@@ -106,9 +132,11 @@ def run_example(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], str
         if example.startswith("roadscope submit"):
             # Answers of another program: here they are ours.
             shutil.copytree(folder / "detections/labels", folder / "answers/detection/0000")
-        command = [sys.executable, "-m", *shlex.split(example)]
-        if example.startswith("roadscope train driver"):
-            command += ["--seconds", "2"]  # its training takes minutes otherwise
+        smaller = example.replace("export quick", f"export {SMALL}")
+        command = [sys.executable, "-m", *shlex.split(smaller)]
+        for beginning, options in SMALLER.items():
+            if example.startswith(f"roadscope {beginning}"):
+                command += options
         done = subprocess.run(
             command, capture_output=True, text=True, env=environment, cwd=folder, timeout=1200
         )
@@ -133,4 +161,9 @@ def run_example(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], str
     ],
 )
 def test_an_example_of_the_help_runs(run_example, example) -> None:
-    assert run_example(example).strip()
+    printed = run_example(example)
+    assert printed.strip()
+    for beginning, texts in SAYS.items():
+        if example.startswith(f"roadscope {beginning}"):
+            for text in texts:
+                assert text in printed
