@@ -133,14 +133,14 @@ def hang_in_call(plugin, answer):
 
 
 def hang_in_third_call(plugin, answer):
-    """Take 3 s for the first call, which may take longer than later ones."""
-    time.sleep({1: 3.0, 3: LONG_S}.get(plugin.calls, 0.0))
+    """Take 1.2 s for the first call, which may take longer than later ones."""
+    time.sleep({1: 1.2, 3: LONG_S}.get(plugin.calls, 0.0))
     return answer
 
 
 def dawdle(plugin, answer):
     """Make every call last, but none of them too long."""
-    time.sleep(1.0)
+    time.sleep(0.5)
     return answer
 
 
