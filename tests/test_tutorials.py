@@ -14,14 +14,17 @@ NOTEBOOKS = sorted(
     path for path in (ROOT / "docs/tutorials").glob("*.md") if path.name != "index.md"
 )
 SMALLER = {
+    "first-score": (("range(40)", "range(10)"), ('"hdl32e", 4.0', '"hdl32e", 2.0')),
+    "why-it-loses": (("seeds = 4", "seeds = 2"), ("duration_s = 6.0", "duration_s = 3.0")),
     "train-an-agent": (
+        ('"duration": 20', '"duration": 5'),
         ("range(1000, 1010)", "range(1000, 1002)"),
         ("range(4)", "range(2)"),
-        ("agent.learn(768)", "agent.learn(256)"),
+        ("agent.learn(768)", "agent.learn(128)"),
     ),
     "drive-on-perception": (
         ("range(10_010, 10_016)", "range(10_010, 10_012)"),
-        ("duration_s=15.0", "duration_s=4.0"),
+        ("duration_s=15.0", 'duration_s=4.0, rig="lux"'),
         ("validation_seeds=2", "validation_seeds=1"),
     ),
 }
