@@ -49,11 +49,12 @@ def test_without_the_library_it_says_what_to_install(tmp_path, uninstall) -> Non
 
 @pytest.mark.slow
 def test_a_trained_agent_is_written_with_its_record_and_trained_further(tmp_path) -> None:
+    """Steps are rounded up to whole updates, and each of these learns."""
     pytest.importorskip("stable_baselines3")
     stages = []
     first = train_driver(
         tmp_path / "first",
-        SHORT,
+        replace(SHORT, steps=1),
         progress=lambda stage, done, total: stages.append((stage, done, total)),
     )
     assert first.weights == tmp_path / "first.safetensors"
@@ -67,6 +68,9 @@ def test_a_trained_agent_is_written_with_its_record_and_trained_further(tmp_path
     )
     again = train_driver(tmp_path / "again", SHORT)
     assert again.weights.read_bytes() == first.weights.read_bytes()
+    longer = train_driver(tmp_path / "longer", replace(SHORT, steps=UPDATE + 1, validation_seeds=1))
+    assert tomllib.loads(longer.record.read_text())["steps"] == 2 * UPDATE
+    assert longer.weights.read_bytes() != first.weights.read_bytes()
     further = replace(SHORT, seed=2, start=str(first.weights), perceptions=("truth", "blind"))
     second = train_driver(tmp_path / "second", further)
     assert set(second.scores) == {"truth", "blind"}
@@ -149,13 +153,3 @@ def test_the_action_is_the_one_nearest_to_a_command(acceleration, lane, action) 
     changing = replace(scene, lane=0)
     expected = min(action, 0 if acceleration < -6 else 4)
     assert action_of(DrivingCommand(acceleration, lane), changing) == expected
-
-
-@pytest.mark.slow
-def test_steps_are_rounded_up_to_whole_updates_and_each_of_them_learns(tmp_path) -> None:
-    pytest.importorskip("stable_baselines3")
-    one = train_driver(tmp_path / "one", replace(SHORT, steps=1, validation_seeds=1))
-    two = train_driver(tmp_path / "two", replace(SHORT, steps=UPDATE + 1, validation_seeds=1))
-    records = [tomllib.loads(each.record.read_text()) for each in (one, two)]
-    assert [record["steps"] for record in records] == [UPDATE, 2 * UPDATE]
-    assert one.weights.read_bytes() != two.weights.read_bytes()
