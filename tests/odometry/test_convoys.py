@@ -46,9 +46,5 @@ def test_in_a_convoy_matchers_stay_behind_and_without_it_they_come_along() -> No
 @pytest.mark.slow
 def test_ours_comes_along_with_little_drift() -> None:
     """The suite `odometry-convoy` asks the same of twenty other seeds."""
-    rides = [
-        poses_of("lidar-inertial", Episode("convoy-pull-away", seed, "vlp16-imu", 40.0))
-        for seed in range(10_010, 10_012)
-    ]
-    drifts = np.array([drift(r.trajectories, (50.0, 100.0, 200.0), every=1).t_rel for r in rides])
-    assert drifts.max() < 1.0, drifts
+    ride = poses_of("lidar-inertial", Episode("convoy-pull-away", 10_010, "vlp16-imu", 40.0))
+    assert drift(ride.trajectories, (50.0, 100.0, 200.0), every=1).t_rel < 1.0
