@@ -491,9 +491,9 @@ def untimed_rows(out: Path) -> list[dict[str, Any]]:
 
 
 @pytest.mark.slow
-def test_six_kills_at_random_moments_lose_nothing(tmp_path, suite) -> None:
+def test_twelve_kills_at_random_moments_lose_nothing(tmp_path, suite) -> None:
     """Nothing is computed twice but what was running, and the board is that of one whole run."""
-    episodes, kills = 14, 6
+    episodes, kills = 24, 12
     suite.write_text(SUITE.replace("seeds = 4", f"seeds = {episodes}") + TRACKING)
     out, log, rng = tmp_path / "out", tmp_path / "log", np.random.default_rng(0)
     before: dict[str, str] = {}
