@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import NamedTuple
 
 import numpy as np
 
@@ -31,15 +30,10 @@ def alpha_parts(curves: Hota, suffix: str = "") -> dict[str, Score]:
     one. HOTA needs `combined_hota`.
     """
     detections = curves.hits + curves.misses + curves.false_alarms
-    weights_of = {
-        "det_a": detections,
-        "ass_a": curves.hits,
-        "loc_a": curves.hits,
-        "hota": detections,
-    }
     parts = {}
-    for name, weights in weights_of.items():
+    for name in (*CURVES, "hota"):
         values = getattr(curves, name)
+        weights = curves.hits if name in ("ass_a", "loc_a") else detections
         for band, value, weight in zip(ALPHA_BANDS, values, weights, strict=True):
             known, n = float(value) if weight else np.nan, int(weight)
             score = Score(known, "1", "higher", n, 0.0, 1.0, weight=float(weight))
@@ -65,13 +59,13 @@ def combined_hota(episodes: Sequence[Mapping[str, Score]], metric: str) -> list[
     factors = ("det_a", "ass_a") if curve == "hota" else (curve,)
     levels, deviations = [], []
     for factor in factors:
-        table = _weighted_values(episodes, factor + suffix, bands)
-        weights = table.weights.sum(axis=0)
-        total = np.maximum(weights, 1.0)
-        mean = (table.weights * table.values).sum(axis=0) / total
-        level = np.where(weights > 0, mean, factor in ONE_WITHOUT_HITS)
+        values, weights = _weighted_values(episodes, factor + suffix, bands)
+        sums = weights.sum(axis=0)
+        total = np.maximum(sums, 1.0)
+        mean = (weights * values).sum(axis=0) / total
+        level = np.where(sums > 0, mean, factor in ONE_WITHOUT_HITS)
         levels.append(level)
-        deviations.append(len(episodes) * table.weights * (table.values - level) / total)
+        deviations.append(len(episodes) * weights * (values - level) / total)
     score, slopes = _mean_and_slopes(levels)
     parts = score + sum(
         (slope * deviation).mean(axis=1)
@@ -141,21 +135,15 @@ COMBINED = {
 """Scores that are no means over sequences -> the function that combines them."""
 
 
-class _WeightedValues(NamedTuple):
-    """(episodes, alphas) values and their weights; the value is 0 where the weight is."""
-
-    values: np.ndarray
-    weights: np.ndarray
-
-
 def _weighted_values(
     episodes: Sequence[Mapping[str, Score]], name: str, bands: Sequence[str]
-) -> _WeightedValues:
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return (episodes, alphas) values and their weights; the value is 0 where the weight is."""
     names = [part_name(name, BY_ALPHA, band) for band in bands]
     rows = [[scores[part] for part in names] for scores in episodes]
     weights = np.array([[s.weight for s in row] for row in rows])
     values = np.array([[s.value if s.weight else 0.0 for s in row] for row in rows])
-    return _WeightedValues(values, weights)
+    return values, weights
 
 
 def _mean_and_slopes(levels: Sequence[np.ndarray]) -> tuple[float, list[np.ndarray]]:

@@ -136,74 +136,61 @@ def precision_scores(
 class _Frame:
     """The labels and detections of one frame that matter.
 
-    objects: labels of the class and of neighbouring ones. own: (M,) bool, those of the class.
+    objects: labels of the class and of neighbouring ones.
+    boxes: detections of the class, and others that may be too low in the image.
     pairs: of each label, the detections that overlap it enough, and how much.
-    scores, heights_px: (N,) of the detections. of_class: (N,) bool; others matter only where they
-        are too low in the image. in_region: (N,) bool, mostly in a region without labels.
+    in_region: (N,) bool, which detections are mostly in a region without labels.
     """
 
+    kind: KittiType
     objects: KittiObjects
-    own: np.ndarray
+    boxes: KittiObjects
     pairs: tuple[tuple[tuple[int, float], ...], ...]
-    scores: np.ndarray
-    heights_px: np.ndarray
-    of_class: np.ndarray
     in_region: np.ndarray
 
     @staticmethod
     def of(labels: KittiObjects, detections: KittiObjects, kind: KittiType, overlap: str) -> _Frame:
         objects = labels.select(np.isin(labels.types, [kind, *KITTI_DISTRACTORS[kind]]))
-        heights_px = np.abs(detections.boxes[:, 3] - detections.boxes[:, 1])
-        boxes = detections.select((detections.types == kind) | (heights_px < HIGHEST_PX))
+        matters = (detections.types == kind) | (_heights_px(detections) < HIGHEST_PX)
+        boxes = detections.select(matters)
         least = LEAST_OVERLAPS[kind]
         pairs: list[tuple[tuple[int, float], ...]] = [()] * len(objects)
         if len(objects) and len(boxes):
-            overlaps = OVERLAPS[overlap](objects, boxes)
             pairs = [
                 tuple((int(k), float(row[k])) for k in np.flatnonzero(row > least))
-                for row in overlaps
+                for row in OVERLAPS[overlap](objects, boxes)
             ]
         in_region = np.zeros(len(boxes), bool)
         if overlap == "2d":
             regions = labels.boxes[labels.types == KittiType.DONT_CARE]
             in_region = np.any(shares_in_regions(boxes.boxes, regions) > least, axis=1)
-        return _Frame(
-            objects,
-            objects.types == kind,
-            tuple(pairs),
-            boxes.scores,
-            np.abs(boxes.boxes[:, 3] - boxes.boxes[:, 1]),
-            boxes.types == kind,
-            in_region,
-        )
+        return _Frame(kind, objects, boxes, tuple(pairs), in_region)
 
     def at(self, difficulty: Difficulty) -> _RatedFrame:
         """Return what counts at a difficulty."""
         heights_px = self.objects.boxes[:, 3] - self.objects.boxes[:, 1]
-        wanted = self.own & (heights_px > difficulty.least_height_px)
+        wanted = (self.objects.types == self.kind) & (heights_px > difficulty.least_height_px)
         wanted &= self.objects.occluded <= difficulty.most_occluded
         wanted &= self.objects.truncated <= difficulty.most_truncated
-        low = self.heights_px < difficulty.least_height_px
-        matters = self.of_class | low
+        low = _heights_px(self.boxes) < difficulty.least_height_px
+        of_class = self.boxes.types == self.kind
+        matters = of_class | low
         pairs = [
             (bool(w), [(k, share) for k, share in own if matters[k]])
             for w, own in zip(wanted, self.pairs, strict=True)
         ]
-        alarms = self.of_class & ~low & ~self.in_region
         return _RatedFrame(
             int(wanted.sum()),
             [pair for pair in pairs if pair[1]],
-            self.scores.tolist(),
+            self.boxes.scores.tolist(),
             low.tolist(),
-            alarms.tolist(),
+            (of_class & ~low & ~self.in_region).tolist(),
         )
 
 
-class _Matches(NamedTuple):
-    """Numbers of right detections, and of matched ones that would be false if they were not."""
-
-    right: int
-    excused: int
+def _heights_px(rows: KittiObjects) -> np.ndarray:
+    heights_px: np.ndarray = np.abs(rows.boxes[:, 3] - rows.boxes[:, 1])
+    return heights_px
 
 
 @dataclass(frozen=True, slots=True)
@@ -236,8 +223,11 @@ class _RatedFrame:
                 right.append(self.scores[best])
         return right
 
-    def matches(self, least_score: float) -> _Matches:
-        """Match each label with the free detection that overlaps it most, low ones last."""
+    def matches(self, least_score: float) -> tuple[int, int]:
+        """Match each label with the free detection that overlaps it most, low ones last.
+
+        Return the numbers of right detections, and of matched ones that would be false otherwise.
+        """
         taken: set[int] = set()
         right = 0
         for wanted, pairs in self.pairs:
@@ -248,7 +238,7 @@ class _RatedFrame:
             best, _ = max(high, key=lambda pair: pair[1]) if high else free[0]
             taken.add(best)
             right += wanted and not self.low[best]
-        return _Matches(right, sum(self.alarms[k] for k in taken))
+        return right, sum(self.alarms[k] for k in taken)
 
     def add_matches(self, thresholds: np.ndarray, right: np.ndarray, excused: np.ndarray) -> None:
         """Add the matches at each of (T,) falling scores to (T,) sums."""
@@ -259,9 +249,9 @@ class _RatedFrame:
         counts = np.searchsorted(paired, thresholds, side="left")
         for count in np.unique(counts):
             chosen = counts == count
-            found = self.matches(float(thresholds[chosen][0]))
-            right[chosen] += found.right
-            excused[chosen] += found.excused
+            more_right, more_excused = self.matches(float(thresholds[chosen][0]))
+            right[chosen] += more_right
+            excused[chosen] += more_excused
 
 
 def _precision(frames: Sequence[_Frame], difficulty: Difficulty) -> ObjectPrecision:

@@ -15,7 +15,6 @@ standing or sitting people, reflections) counts neither as a hit nor as a false 
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping, Sequence
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -32,10 +31,7 @@ from roadscope.benchmarks.formats.motchallenge import (
     MotRows,
 )
 from roadscope.benchmarks.metrics.matching import centre_distances, image_overlaps
-from roadscope.benchmarks.metrics.tracking.sequence import (
-    TrackedSequence,
-    similarity_by_distance,
-)
+from roadscope.benchmarks.metrics.tracking.sequence import TrackedSequence, similarity_by_distance
 
 MAX_OCCLUDED = 2
 MAX_TRUNCATED = 0
@@ -56,8 +52,7 @@ IMAGE_THRESHOLD = 0.5
 EPSILON = float(np.finfo(float).eps)
 
 
-@dataclass(frozen=True, slots=True)
-class BoxSimilarity:
+class BoxSimilarity(NamedTuple):
     """A measure of how similar boxes are.
 
     measure: M labels, N tracks -> (M, N) float64 from 0 to 1.
@@ -83,15 +78,6 @@ class CountedFrame(NamedTuple):
     similarities: np.ndarray
     scores: np.ndarray
     distances_m: np.ndarray
-
-
-EMPTY_FRAME = CountedFrame(
-    object_ids=np.empty(0, np.int64),
-    track_ids=np.empty(0, np.int64),
-    similarities=np.empty((0, 0)),
-    scores=np.empty(0),
-    distances_m=np.empty((0, 0)),
-)
 
 
 def overlap_in_image(labels: KittiObjects, tracks: KittiObjects) -> np.ndarray:
@@ -139,8 +125,6 @@ def apply_kitti_rules(
     """
     frames = [
         _kitti_frame(objects, rows, kind, BOX_SIMILARITIES[similarity])
-        if len(objects) or len(rows)
-        else EMPTY_FRAME
         for objects, rows in zip(labels, tracks, strict=True)
     ]
     return _tracked_sequence(frames, [frame.distances_m for frame in frames])
@@ -158,8 +142,7 @@ def apply_mot_rules(
     distractors: numbers of classes, see `distractors_of`.
     """
     frames = [
-        _mot_frame(objects, rows, distractors) if len(objects) or len(rows) else EMPTY_FRAME
-        for objects, rows in zip(truth, tracks, strict=True)
+        _mot_frame(objects, rows, distractors) for objects, rows in zip(truth, tracks, strict=True)
     ]
     return _tracked_sequence(frames)
 
@@ -187,9 +170,12 @@ def _kitti_frame(
     is_known = np.isin(labels.types, [kind, *KITTI_DISTRACTORS[kind]]) & (labels.ids >= 0)
     objects = labels.select(is_known)
     tracks = rows.select((rows.types == kind) & (rows.ids >= 0))
-    counts = _objects_that_count(objects, kind)
+    counts = objects.types == kind
+    counts &= (objects.occluded <= MAX_OCCLUDED) & (objects.truncated <= MAX_TRUNCATED)
     regions = labels.boxes[labels.types == KittiType.DONT_CARE]
-    excused = _is_small(tracks.boxes) | _is_in_region(tracks.boxes, regions)
+    shares = shares_in_regions(tracks.boxes, regions)
+    excused = tracks.boxes[:, 3] - tracks.boxes[:, 1] <= MIN_HEIGHT_PX + EPSILON
+    excused |= np.any(shares > MIN_REGION_SHARE + EPSILON, axis=1)
     object_rows, track_rows = _assigned_pairs(overlap_in_image(objects, tracks), IMAGE_THRESHOLD)
     excused[track_rows] = ~counts[object_rows]
     objects, tracks = objects.select(counts), tracks.select(~excused)
@@ -215,49 +201,21 @@ def _mot_frame(objects: MotRows, rows: MotRows, distractors: Collection[int]) ->
         track_ids=tracks.ids[~excused],
         similarities=similarities[np.ix_(counts, ~excused)],
         scores=tracks.confidences[~excused],
-        distances_m=EMPTY_FRAME.distances_m,
+        distances_m=np.empty((0, 0)),
     )
 
 
-class _Pairs(NamedTuple):
-    """(K,) rows of objects and of tracks that belong together."""
+def _assigned_pairs(similarities: np.ndarray, threshold: float) -> tuple[np.ndarray, np.ndarray]:
+    """Return rows of objects and of tracks that belong together, for the largest total similarity.
 
-    objects: np.ndarray
-    tracks: np.ndarray
-
-
-def _assigned_pairs(similarities: np.ndarray, threshold: float) -> _Pairs:
-    """Return the assignment of largest total similarity, without pairs below the threshold."""
+    Pairs below the threshold are left out.
+    """
     from scipy.optimize import linear_sum_assignment
 
     possible = np.where(similarities < threshold - EPSILON, 0.0, similarities)
     objects, tracks = linear_sum_assignment(-possible)
     is_pair = possible[objects, tracks] > EPSILON
-    return _Pairs(objects[is_pair], tracks[is_pair])
-
-
-def _objects_that_count(objects: KittiObjects, kind: KittiType) -> np.ndarray:
-    """Return (M,) bool, objects that must be tracked; the others are distractors."""
-    counts: np.ndarray = (
-        (objects.types == kind)
-        & (objects.occluded <= MAX_OCCLUDED)
-        & (objects.truncated <= MAX_TRUNCATED)
-    )
-    return counts
-
-
-def _is_small(boxes: np.ndarray) -> np.ndarray:
-    """Return (N,) bool, which image boxes are too low."""
-    small: np.ndarray = boxes[:, 3] - boxes[:, 1] <= MIN_HEIGHT_PX + EPSILON
-    return small
-
-
-def _is_in_region(boxes: np.ndarray, regions: np.ndarray) -> np.ndarray:
-    """Return (N,) bool, which of (N, 4) image boxes are mostly in one of (D, 4) regions."""
-    inside: np.ndarray = np.any(
-        shares_in_regions(boxes, regions) > MIN_REGION_SHARE + EPSILON, axis=1
-    )
-    return inside
+    return objects[is_pair], tracks[is_pair]
 
 
 def shares_in_regions(boxes: np.ndarray, regions: np.ndarray) -> np.ndarray:
