@@ -16,11 +16,9 @@ if TYPE_CHECKING:
     from roadscope.benchmarks.isolation import Limits
     from roadscope.benchmarks.listing import names_of
     from roadscope.benchmarks.loop import RunOptions
-    from roadscope.benchmarks.recorded.result_files import (
-        score_kitti_object_results,
-        score_kitti_results,
-        score_mot_results,
-    )
+    from roadscope.benchmarks.recorded.mot import score_mot_results
+    from roadscope.benchmarks.recorded.object_rules import score_kitti_object_results
+    from roadscope.benchmarks.recorded.scores import score_kitti_results
     from roadscope.benchmarks.results import Results
     from roadscope.benchmarks.run_pictures import save_picture, save_video
     from roadscope.benchmarks.single import Summary, run_episode
@@ -68,10 +66,10 @@ _PLACES = {
     "save_picture": "roadscope.benchmarks.run_pictures:save_picture",
     "save_rig_calibration": "roadscope.benchmarks.calibrating:save_rig_calibration",
     "save_video": "roadscope.benchmarks.run_pictures:save_video",
-    "score_kitti_object_results": "roadscope.benchmarks.recorded.result_files:"
+    "score_kitti_object_results": "roadscope.benchmarks.recorded.object_rules:"
     "score_kitti_object_results",
-    "score_kitti_results": "roadscope.benchmarks.recorded.result_files:score_kitti_results",
-    "score_mot_results": "roadscope.benchmarks.recorded.result_files:score_mot_results",
+    "score_kitti_results": "roadscope.benchmarks.recorded.scores:score_kitti_results",
+    "score_mot_results": "roadscope.benchmarks.recorded.mot:score_mot_results",
     "submit": "roadscope.benchmarks.submissions:submit",
     "submit_kitti": "roadscope.benchmarks.submissions:submit_kitti",
     "submit_mot": "roadscope.benchmarks.submissions:submit_mot",

@@ -41,9 +41,9 @@ from roadscope.benchmarks.parked import parked_among
 from roadscope.benchmarks.progress import Progress, silent
 from roadscope.benchmarks.recorded.combined import SUFFIXES
 from roadscope.benchmarks.recorded.kitti_drive import CATEGORIES
-from roadscope.benchmarks.recorded.mot import MOT, MotRecording, mot_suite
+from roadscope.benchmarks.recorded.mot import MOT, MotRecording, mot_suite, score_mot_results
 from roadscope.benchmarks.recorded.recording import Recording, recordings_of
-from roadscope.benchmarks.recorded.result_files import kitti_result_scores, score_mot_results
+from roadscope.benchmarks.recorded.scores import kitti_result_scores
 from roadscope.benchmarks.recorded.suite import KITTI
 from roadscope.benchmarks.records import EpisodeDetections, EpisodeImageDetections
 from roadscope.benchmarks.references import image_source

@@ -22,10 +22,11 @@ from roadscope.benchmarks.formats.motchallenge import (
     MotRows,
     MotSequence,
     mot_rows,
+    read_mot,
     read_mot_sequence,
 )
 from roadscope.benchmarks.formats.table import FormatError, names_in, visible
-from roadscope.benchmarks.formats.tracking_rows import ImageSize
+from roadscope.benchmarks.formats.tracking_rows import FrameLimit, ImageSize
 from roadscope.benchmarks.metrics.score import Score
 from roadscope.benchmarks.metrics.tracking.hota import hota
 from roadscope.benchmarks.metrics.tracking.sequence import TrackedSequence
@@ -161,6 +162,31 @@ class MotRecording(Recording):
         counted, with_tentative = map(self.counted, ([record.sure for record in tracks], tracks))
         scores = sequence_scores(counted, IMAGE_THRESHOLD, with_tentative)
         return scores | alpha_parts(hota(counted))
+
+
+def score_mot_results(sequence: Path | str, results: Path | str) -> dict[str, Score]:
+    """Return HOTA (also by alpha), MOTA, IDF1 and other scores of one sequence, by image boxes.
+
+    sequence: its folder with `gt/gt.txt`, `det/det.txt` and `seqinfo.ini`.
+    results: a tracker's results, 7 or 10 columns.
+    A malformed file raises `FormatError` with file, line and what was expected.
+
+    >>> from roadscope.benchmarks import score_mot_results
+    >>> scores = score_mot_results("MOT17-02", "mine/MOT17-02.txt")
+    >>> for name in ("hota", "mota", "idf1"):
+    ...     print(f"{name} {scores[name].value:.3f}")
+    hota 0.707
+    mota 0.500
+    idf1 0.667
+    """
+    labelled = read_mot_sequence(sequence)
+    truth = labelled.truth_rows
+    if truth is None:
+        raise FormatError(f"{Path(sequence) / 'gt' / 'gt.txt'}: missing; scores need ground truth")
+    limit = FrameLimit(len(truth), f"the last of the sequence {sequence}")
+    tracks = read_mot(Path(results), limit=limit).by_frame(len(truth))
+    counted = apply_mot_rules(truth, tracks, distractors_of(labelled.name))
+    return sequence_scores(counted, IMAGE_THRESHOLD) | alpha_parts(hota(counted))
 
 
 @lru_cache(maxsize=1)

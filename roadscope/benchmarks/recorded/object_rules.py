@@ -10,11 +10,20 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
-from roadscope.benchmarks.formats.kitti_labels import KittiObjects, KittiType
+from roadscope.benchmarks.formats.kitti_labels import (
+    DETECTED_TYPES,
+    KittiObjects,
+    KittiType,
+    read_kitti_object_labels,
+    read_kitti_object_results,
+)
+from roadscope.benchmarks.formats.kitti_scans import numbered_files
+from roadscope.benchmarks.formats.table import FormatError, names_in
 from roadscope.benchmarks.metrics.score import Score
 from roadscope.benchmarks.recorded.rules import (
     KITTI_DISTRACTORS,
@@ -23,6 +32,7 @@ from roadscope.benchmarks.recorded.rules import (
     overlap_in_space,
     shares_in_regions,
 )
+from roadscope.core import Category
 
 RECALL_STEPS = 40
 """Recalls 1/40, 2/40, ..., 1 at which precision is averaged."""
@@ -130,6 +140,31 @@ def precision_scores(
             labels, detections if overlap == "2d" else in_space, kind, overlap
         ).items()
     }
+
+
+def score_kitti_object_results(
+    labels: Path | str, results: Path | str, category: Category = Category.CAR
+) -> dict[str, Score]:
+    """Return a detector's average precision by KITTI's object rules, over all frames together.
+
+    Scores are `ap_2d_easy` and the like: by overlap in the image, from above (bev) and in space
+    (3d), and by difficulty; 0 to 1.
+
+    labels: the folder `label_2`, with a file NNNNNN.txt of 15 columns for each frame.
+    results: a folder with as many files of the same names; 16 columns, the last one the score.
+    category: car, pedestrian or cyclist.
+    """
+    truth, found = (numbered_files(Path(folder), "txt") for folder in (labels, results))
+    if not truth:
+        raise FormatError(f"{labels}: expected files 000000.txt, got {names_in(Path(labels))}")
+    if differing := sorted(set(truth) ^ set(found)):
+        raise FormatError(
+            f"{results}: expected a file for each of {len(truth)} in {labels}; "
+            f"{differing[0]:06d}.txt is in one of the folders only"
+        )
+    objects = [read_kitti_object_labels(path, number) for number, path in truth.items()]
+    boxes = [read_kitti_object_results(path, number) for number, path in found.items()]
+    return precision_scores(objects, boxes, DETECTED_TYPES[category], OVERLAPS)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -1,13 +1,18 @@
-"""Scores of a tracker on a recorded sequence."""
+"""Scores of a tracker on a recorded sequence, also of a result file in KITTI's format."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from pathlib import Path
 
 import numpy as np
 
-from roadscope.benchmarks.formats.kitti_labels import DETECTED_TYPES
+from roadscope.benchmarks.formats.kitti_labels import (
+    DETECTED_TYPES,
+    KittiObjects,
+    read_kitti_labels,
+)
 from roadscope.benchmarks.formats.kitti_sequence import KittiSequence
 from roadscope.benchmarks.metrics.score import Score, ratio
 from roadscope.benchmarks.metrics.tracking.amota import amota
@@ -15,18 +20,53 @@ from roadscope.benchmarks.metrics.tracking.clear import clear
 from roadscope.benchmarks.metrics.tracking.hota import hota
 from roadscope.benchmarks.metrics.tracking.identity import identity
 from roadscope.benchmarks.metrics.tracking.matching import match_tracks
-from roadscope.benchmarks.metrics.tracking.scores import consistency_scores, state_scores
+from roadscope.benchmarks.metrics.tracking.scores import CURVES, consistency_scores, state_scores
 from roadscope.benchmarks.metrics.tracking.sequence import TrackedSequence
 from roadscope.benchmarks.metrics.tracking.state_accuracy import FrameRows, state_errors
 from roadscope.benchmarks.recorded.combined import NEES_BAND, SUFFIXES, alpha_parts, nees_band
 from roadscope.benchmarks.recorded.rules import BOX_SIMILARITIES, apply_kitti_rules
-from roadscope.core import Tracks, Truth
+from roadscope.core import Category, Tracks, Truth
 
 STATE_METRICS = (
     *("position_rmse_m", "heading_rmse_deg", "heading_reversed"),
     *("nees_position", "nees_in_band", "inside_position"),
 )
 """Scores of states. Labels have no velocities, only differences of centres, which are too rough."""
+
+
+def score_kitti_results(
+    labels: Path | str, results: Path | str, category: Category = Category.CAR
+) -> dict[str, Score]:
+    """Return the same scores of a KITTI sequence, by image boxes and under KITTI's rules.
+
+    labels: `label_02/SEQ.txt`. results: 17 columns, or 18 with a score.
+    category: car, pedestrian or cyclist.
+
+    >>> from roadscope.benchmarks import score_kitti_results
+    >>> scores = score_kitti_results("label_02/0000.txt", "mine/0000.txt")
+    >>> scores["hota"].value
+    1.0
+    """
+    truth, tracks = read_kitti_labels(labels), read_kitti_labels(results, results=True)
+    return kitti_result_scores(truth, tracks, category, ["iou_2d"])
+
+
+def kitti_result_scores(
+    labels: KittiObjects, results: KittiObjects, category: Category, similarities: Sequence[str]
+) -> dict[str, Score]:
+    """Return the scores of a sequence by each similarity, with the suffixes of the boards.
+
+    similarities: keys of `BOX_SIMILARITIES`.
+    """
+    count = 1 + max(int(rows.frames.max(initial=-1)) for rows in (labels, results))
+    truth, tracks, kind = labels.by_frame(count), results.by_frame(count), DETECTED_TYPES[category]
+    scores: dict[str, Score] = {}
+    for name in similarities:
+        counted = apply_kitti_rules(truth, tracks, kind, name)
+        by_similarity = sequence_scores(counted, BOX_SIMILARITIES[name].threshold)
+        scores |= {f"{metric}{SUFFIXES[name]}": score for metric, score in by_similarity.items()}
+        scores |= alpha_parts(hota(counted), SUFFIXES[name])
+    return scores
 
 
 def kitti_scores(tracks: Sequence[Tracks], sequence: KittiSequence) -> dict[str, Score]:
@@ -55,10 +95,7 @@ def kitti_scores(tracks: Sequence[Tracks], sequence: KittiSequence) -> dict[str,
 
 
 def label_errors(
-    tracks: Sequence[Tracks],
-    truths: Sequence[Truth],
-    counted: TrackedSequence,
-    threshold: float,
+    tracks: Sequence[Tracks], truths: Sequence[Truth], counted: TrackedSequence, threshold: float
 ) -> dict[str, Score]:
     """Return errors of matched tracks against the labels, world frame, and their consistency."""
     matched = match_tracks(counted, threshold)
@@ -107,8 +144,7 @@ def sequence_scores(
 
     errors = events.misses + events.false_alarms + events.id_switches
     return {
-        **{n: average(float(getattr(curves, n).mean())) for n in ("hota", "det_a", "ass_a")},
-        "loc_a": average(float(curves.loc_a.mean())),
+        **{n: average(float(getattr(curves, n).mean())) for n in ("hota", *CURVES)},
         "mota": average(1 - errors / max(objects, 1), -math.inf),
         "errors": Score(float(errors), "1/sequence", "lower", len(sequence)),
         "false_alarms": Score(float(events.false_alarms), "1/sequence", "lower", len(sequence)),
