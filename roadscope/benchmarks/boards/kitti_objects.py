@@ -39,8 +39,7 @@ from roadscope.benchmarks.nodes.images import ImageNode
 from roadscope.benchmarks.recorded.kitti_drive import KittiDrive, KittiDrives, labels_of, places_of
 from roadscope.benchmarks.recorded.object_rules import precision_scores
 from roadscope.benchmarks.recorded.recording import KITTI_CLASSES, SequenceSettings
-from roadscope.benchmarks.recorded.settings import KittiSettings
-from roadscope.benchmarks.recorded.suite import DataFolder, kitti_object_settings
+from roadscope.benchmarks.recorded.suite import DataFolder, KittiSettings, kitti_object_settings
 from roadscope.benchmarks.records import (
     CallTimes,
     EpisodeDetections,

@@ -19,9 +19,13 @@ from roadscope.benchmarks.loop import RunOptions
 from roadscope.benchmarks.metrics.odometry import DISTANCE
 from roadscope.benchmarks.metrics.trajectory_errors import KITTI_EVERY, KITTI_M
 from roadscope.benchmarks.nodes.poses import PoseNode
-from roadscope.benchmarks.recorded.kitti_odometry import KittiOdometryDrive, KittiOdometrySettings
+from roadscope.benchmarks.recorded.kitti_drive import KittiOdometryDrive
 from roadscope.benchmarks.recorded.recording import SequenceSettings
-from roadscope.benchmarks.recorded.suite import DataFolder, kitti_odometry_settings
+from roadscope.benchmarks.recorded.suite import (
+    DataFolder,
+    KittiOdometrySettings,
+    kitti_odometry_settings,
+)
 from roadscope.benchmarks.records import EpisodePoses
 from roadscope.benchmarks.references import missing_for_poses
 from roadscope.benchmarks.suite import Suite

@@ -1,35 +1,33 @@
-"""Recorded drives of KITTI: scans, images and labels of a folder in place of simulated traffic."""
+"""Recorded drives of KITTI: scans, images, labels and poses in place of simulated traffic."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import ClassVar, NamedTuple
 
 import numpy as np
 
+from roadscope.benchmarks.drive_steps import Step
+from roadscope.benchmarks.drive_steps import drive as steps_of
 from roadscope.benchmarks.episode import Episode, sensed
 from roadscope.benchmarks.fingerprints import code_hash
 from roadscope.benchmarks.formats.image_folder import read_image
 from roadscope.benchmarks.formats.kitti_frames import (
     EGO_FROM_CAMERA,
     LabelCamera,
-    centres_from_bottoms,
+    detections_from_rows,
     kitti_objects,
     kitti_results,
     truth_of_labels,
-    yaws_from_rotations,
 )
 from roadscope.benchmarks.formats.kitti_labels import KittiObjects, KittiType
-from roadscope.benchmarks.formats.kitti_scans import (
-    IMAGES,
-    KittiFrames,
-    KittiView,
-    check_frames,
-)
+from roadscope.benchmarks.formats.kitti_odometry import KittiOdometrySequence
+from roadscope.benchmarks.formats.kitti_scans import IMAGES, KittiFrames, KittiView, check_frames
 from roadscope.benchmarks.images import Picture, believed_projections, image_rows, pictures
 from roadscope.benchmarks.metrics.image_labels import ParkedBoxes
+from roadscope.benchmarks.metrics.trajectory_errors import Trajectories
 from roadscope.core import (
     Calibration,
     CameraImage,
@@ -57,37 +55,30 @@ CATEGORIES = {
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class KittiDrive(Episode):
+class RecordedDrive(Episode):
+    """A drive that was recorded; `seed` numbers it. digest: of the content of its files."""
+
+    simulated: ClassVar[bool] = False
+    scenario: str = "kitti"
+    rig: str = "kitti"
+    weather: str = "as recorded"
+    digest: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class KittiDrive(RecordedDrive):
     """A sequence of KITTI's data, or a part of its object data, as an episode.
 
     The ego frame has its origin on the road below the LiDAR, with the LiDAR's axes: KITTI's files
     do not say where the rear axle is. Calibration says where the camera is.
 
-    files: of the frames. sensors: those that plug-ins get. digest: of the files' content.
+    files: of the frames. sensors: those that plug-ins get.
     lidar_height_m: height of the LiDAR above the road, which no file gives.
     """
 
-    simulated: ClassVar[bool] = False
     files: KittiFrames
     sensors: tuple[str, ...]
-    digest: str
     lidar_height_m: float = LIDAR_HEIGHT_M
-
-    @staticmethod
-    def of(
-        files: KittiFrames, sensors: Sequence[str], number: int, lidar_height_m: float
-    ) -> KittiDrive:
-        """Return the drive of some files. number: that stands for it, as seeds do elsewhere."""
-        return KittiDrive(
-            "kitti",
-            number,
-            "kitti",
-            weather="as recorded",
-            files=files,
-            sensors=tuple(sensors),
-            digest=files.digest(sensors),
-            lidar_height_m=lidar_height_m,
-        )
 
     @property
     def name(self) -> str:
@@ -256,33 +247,50 @@ def labels_of(drive: KittiDrive) -> tuple[KittiObjects, ...]:
 
 def truths_of(drive: KittiDrive) -> list[Truth]:
     """Return the labelled objects of each frame, world frame; velocities are 0."""
-    return [
-        _truth(labels, place.world_from_turned, place.world_from_ego, stamp_s)
-        for labels, place, stamp_s in zip(
-            labels_of(drive), places_of(drive), drive.files.stamps_s, strict=True
+    truths = []
+    frames = zip(labels_of(drive), places_of(drive), drive.files.stamps_s, strict=True)
+    for labels, place, stamp_s in frames:
+        rows = labels.select(np.isin(labels.types, list(CATEGORIES)))
+        count = len(rows)
+        scored = replace(rows, scores=np.ones(count))
+        boxes = detections_from_rows(scored, Category.CAR, stamp_s=stamp_s, normalized=True)
+        kinds = np.array([CATEGORIES[KittiType(kind)] for kind in rows.types], np.int8)
+        truth = truth_of_labels(
+            np.arange(count),
+            replace(boxes, categories=kinds).moved(place.world_from_turned, "world"),
+            np.zeros((count, 2)),
+            place.world_from_ego,
+            stamp_s=stamp_s,
+            image_boxes=rows.boxes,
         )
-    ]
+        truths.append(truth)
+    return truths
 
 
-def _truth(
-    labels: KittiObjects, world_from_turned: Pose, world_from_ego: Pose, stamp_s: float
-) -> Truth:
-    rows = labels.select(np.isin(labels.types, list(CATEGORIES)))
-    n = len(rows)
-    boxes = Detections(
-        centres_from_bottoms(rows.bottoms, rows.sizes),
-        rows.sizes,
-        yaws_from_rotations(rows.rotations_y),
-        np.array([CATEGORIES[KittiType(kind)] for kind in rows.types], np.int8),
-        np.ones(n),
-        "ego",
-        stamp_s,
-    ).moved(world_from_turned, "world")
-    return truth_of_labels(
-        np.arange(n),
-        boxes,
-        np.zeros((n, 2)),
-        world_from_ego,
-        stamp_s=stamp_s,
-        image_boxes=rows.boxes,
-    )
+@dataclass(frozen=True, slots=True, kw_only=True)
+class KittiOdometryDrive(RecordedDrive):
+    """A sequence of KITTI's odometry data as an episode."""
+
+    sequence: KittiOdometrySequence
+
+    def spec(self) -> dict[str, object]:
+        """Return what scans and poses depend on: the content of the files, not their place."""
+        return {"name": self.sequence.name, "digest": self.digest, "code": code_hash(__name__)}
+
+    def check(self) -> None:
+        """Read the files; a malformed one raises `FormatError`."""
+        self.sequence.check()
+
+    def steps(self) -> Iterator[Step]:
+        """Yield the scans with the true poses of the LiDAR; which returns move is not known."""
+        mount = self.sequence.camera_from_lidar()
+        for scan, pose in zip(self.sequence.scans(), self.sequence.camera_poses(), strict=True):
+            yield Step(scan, None, None, pose @ mount, np.zeros(len(scan), bool))
+
+    def of_camera(self, lidar: Trajectories) -> Trajectories:
+        """Return the trajectories of the camera, which KITTI compares, for those of the LiDAR."""
+        lidar_from_camera = self.sequence.camera_from_lidar().inverse().matrix
+        return Trajectories(lidar.estimate @ lidar_from_camera, lidar.truth @ lidar_from_camera)
+
+
+steps_of.register(KittiOdometryDrive, KittiOdometryDrive.steps)

@@ -10,11 +10,7 @@ from typing import NamedTuple
 
 from msgspec import Struct
 
-from roadscope.benchmarks.formats.kitti_labels import (
-    DETECTED_TYPES,
-    TYPE_NAMES,
-    read_kitti_labels,
-)
+from roadscope.benchmarks.formats.kitti_labels import DETECTED_TYPES, TYPE_NAMES, read_kitti_labels
 from roadscope.benchmarks.formats.kitti_odometry import find_kitti_odometry
 from roadscope.benchmarks.formats.kitti_scans import SCANS, find_kitti_frames
 from roadscope.benchmarks.formats.kitti_sequence import (
@@ -24,13 +20,8 @@ from roadscope.benchmarks.formats.kitti_sequence import (
 )
 from roadscope.benchmarks.formats.table import FormatError, visible
 from roadscope.benchmarks.metrics.trajectory_errors import KITTI_M
-from roadscope.benchmarks.recorded.kitti_drive import KittiDrive
-from roadscope.benchmarks.recorded.kitti_odometry import (
-    KittiOdometryDrive,
-    KittiOdometrySettings,
-)
+from roadscope.benchmarks.recorded.kitti_drive import KittiDrive, KittiOdometryDrive
 from roadscope.benchmarks.recorded.recording import RecordedSettings, Recording, SequenceSettings
-from roadscope.benchmarks.recorded.settings import KittiSettings
 from roadscope.benchmarks.suite import Names, Suite
 from roadscope.core import Category
 from roadscope.core.config import read_config
@@ -38,6 +29,38 @@ from roadscope.core.config import read_config
 KITTI = "kitti"
 TRACKING = "tracking"
 """The table of trackers in the file of a suite."""
+
+
+class KittiSettings(SequenceSettings, frozen=True, kw_only=True):
+    """The settings of one board.
+
+    drives: the sequences, or the parts of the object data.
+    remark: what a reader must know about frames and coordinates.
+    lidar, camera: detectors whose detections fusions get.
+    """
+
+    drives: tuple[KittiDrive, ...] = ()
+    lidar: Names = ()
+    camera: Names = ()
+
+    @property
+    def seeds(self) -> Sequence[int]:
+        """The numbers of its drives."""
+        return [drive.seed for drive in self.drives]
+
+
+class KittiOdometrySettings(SequenceSettings, frozen=True, kw_only=True):
+    """The settings of the board of odometries.
+
+    drives: the sequences. remark: what a reader must know about them.
+    """
+
+    drives: tuple[KittiOdometryDrive, ...] = ()
+
+    @property
+    def seeds(self) -> Sequence[int]:
+        """The numbers of its drives."""
+        return [drive.seed for drive in self.drives]
 
 
 class DataFolder(NamedTuple):
@@ -92,7 +115,13 @@ def kitti_object_settings(
     """
     found = find_kitti_frames(place.folder, sensors)
     drives = tuple(
-        KittiDrive.of(frames, sensors, number, place.lidar_height_m)
+        KittiDrive(
+            seed=number,
+            files=frames,
+            sensors=tuple(sensors),
+            digest=frames.digest(sensors),
+            lidar_height_m=place.lidar_height_m,
+        )
         for number, frames in enumerate(found.frames)
     )
     counts = Counter(name for frames in found.frames for name in frames.type_names())
@@ -137,7 +166,10 @@ def _frames_in_words(
 def kitti_odometry_settings(place: DataFolder, board: str) -> dict[str, SequenceSettings]:
     """Return the settings of the board of odometries. board: that of simulated traffic."""
     found = find_kitti_odometry(place.folder)
-    drives = [KittiOdometryDrive.of(each, k) for k, each in enumerate(found.sequences)]
+    drives = [
+        KittiOdometryDrive(seed=number, sequence=each, digest=each.digest())
+        for number, each in enumerate(found.sequences)
+    ]
     for drive in drives:
         drive.check()
     settings = KittiOdometrySettings(
