@@ -18,6 +18,7 @@ from pathlib import Path
 import numpy as np
 
 from roadscope.benchmarks.fingerprints import code_hash
+from roadscope.benchmarks.formats.kitti_frames import truth_of_labels
 from roadscope.benchmarks.formats.motchallenge import (
     MotRows,
     MotSequence,
@@ -37,7 +38,7 @@ from roadscope.benchmarks.recorded.scores import sequence_scores
 from roadscope.benchmarks.recorded.suite import suite_of, tracking_settings
 from roadscope.benchmarks.records import EpisodeDetections
 from roadscope.benchmarks.suite import Suite
-from roadscope.core import Category, Detections, Family, ImageDetections, Pose, Tracks, Truth
+from roadscope.core import Category, Detections, Family, ImageDetections, Pose, Tracks
 
 MOT = "mot"
 TRUTH_FILE = "gt/gt.txt"
@@ -133,10 +134,18 @@ class MotRecording(Recording):
         image_sequence(self)
 
     def replayed(self) -> EpisodeDetections:
-        """Return the detections on a plane as if a detector had made them; truth is empty."""
+        """Return the detections on a plane as if a detector had made them.
+
+        Truth is empty: where the people are in space is not known.
+        """
         sequence, plane = image_sequence(self)
         detections = tuple(plane.boxes_on_plane(frame) for frame in sequence.detections)
-        truths = [_empty_truth(frame.stamp_s) for frame in detections]
+        ids, velocities = np.empty(0, np.int64), np.empty((0, 2))
+        nobody = [Detections.empty(frame.stamp_s, "world") for frame in detections]
+        truths = [
+            truth_of_labels(ids, boxes, velocities, Pose.identity(), stamp_s=boxes.stamp_s)
+            for boxes in nobody
+        ]
         return EpisodeDetections.recorded(detections, truths)
 
     def rows(self, tracks: Sequence[Tracks]) -> list[MotRows]:
@@ -206,7 +215,10 @@ def mot_suite(folder: Path | str) -> Suite:
     if not folder.is_dir():
         raise FormatError(f"{folder}: no such folder; expected one with {expected}")
     for root in (folder, folder / "train", folder.parent):
-        names = [folder.name] if root == folder.parent else _folder_names(root)
+        if root == folder.parent:
+            names = [folder.name]
+        else:
+            names = [path.name for path in visible(root) if path.is_dir()]
         labelled = [name for name in names if (root / name / TRUTH_FILE).is_file()]
         recordings = tuple(
             MotRecording(str(root.resolve()), name, "pedestrian", "det", number)
@@ -216,26 +228,3 @@ def mot_suite(folder: Path | str) -> Suite:
         if recordings:
             return suite_of(MOT, tracking_settings(MOT, recordings, labelled=len(labelled)))
     raise FormatError(f"{folder}: expected {expected}, here or in train/; got {names_in(folder)}")
-
-
-def _folder_names(root: Path) -> list[str]:
-    return [path.name for path in visible(root) if path.is_dir()]
-
-
-def _empty_truth(stamp_s: float) -> Truth:
-    """Return the truth of a standing camera: where the people are in space is not known."""
-    ids, numbers, points = np.empty(0, np.int64), np.empty(0), np.empty((0, 3))
-    return Truth(
-        ids=ids,
-        categories=np.empty(0, np.int8),
-        centres=points,
-        sizes=points,
-        yaws=numbers,
-        velocities=np.empty((0, 2)),
-        lidar_returns=ids,
-        visible_pixels=ids,
-        occluded_fraction=numbers,
-        world_from_ego=Pose.identity(),
-        stamp_s=stamp_s,
-        sources=ids,
-    )

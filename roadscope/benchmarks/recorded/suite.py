@@ -32,7 +32,7 @@ TRACKING = "tracking"
 
 
 class KittiSettings(SequenceSettings, frozen=True, kw_only=True):
-    """The settings of one board.
+    """The settings of a board that runs plug-ins on KITTI's scans and images.
 
     drives: the sequences, or the parts of the object data.
     remark: what a reader must know about frames and coordinates.
