@@ -89,7 +89,8 @@ def leaderboard(
 ) -> Results:
     """Run a suite's entries and yours, and return the leaderboard.
 
-    suite: a suite, its name or a path to its TOML file.
+    suite: a suite, its name or a path to its TOML file. One of recorded data is taken as it is:
+        `kitti` or `mot` then only says which folder a sandbox hides.
     entries: specs of plug-ins to compare with those of the suite.
     only: run only these entries.
     boards: names of boards (`roadscope list boards`); None: all that the suite has entries for.
@@ -328,6 +329,8 @@ def _suite(
     notice: Callable[[str], None] | None,
 ) -> Suite:
     """Return the suite of a run, or that of a folder of recorded data."""
+    if isinstance(suite, Suite) and suite.recorded:
+        return suite
     if kitti is not None:
         return kitti_suite(kitti, boards, lidar_height_m=lidar_height_m, notice=notice)
     if mot is not None:

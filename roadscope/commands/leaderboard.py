@@ -118,6 +118,8 @@ def leaderboard(
             out_dir=out,
             fresh=fresh,
             progress=progress,
+            kitti=kitti,
+            mot=mot,
             calibration=calibration,
             deadline_s=deadline,
             trust=trust,

@@ -112,10 +112,11 @@ class Workshop:
             results = roadscope.leaderboard(str(self.suite), entries, **options)
         return Run(results, [str(each.message) for each in raised])
 
-    def command(self, *words: str) -> subprocess.CompletedProcess[str]:
-        """Run the suite by the command line."""
+    def command(self, *words: str, kitti: Path | None = None) -> subprocess.CompletedProcess[str]:
+        """Run the suite, or KITTI's data in a folder, by the command line."""
+        data = ["--suite", str(self.suite)] if kitti is None else ["--kitti", str(kitti)]
         return subprocess.run(
-            [sys.executable, "-m", "roadscope", "leaderboard", "--suite", str(self.suite), *words],
+            [sys.executable, "-m", "roadscope", "leaderboard", *data, *words],
             env=os.environ
             | {"ROADSCOPE_CACHE": str(self.cache), "PYTHONPATH": os.pathsep.join(sys.path)},
             capture_output=True,

@@ -1,5 +1,6 @@
 """Plug-ins that are trusted run in this process; those in a sandbox reach nothing."""
 
+import json
 import os
 from collections.abc import Callable
 from dataclasses import replace
@@ -99,6 +100,10 @@ def test_a_sandbox_hides_the_labels_of_recorded_data(tmp_path: Path, sandbox: bo
                 out_dir=place.out,
                 sandbox=sandbox,
             )
-    assert results.jobs
-    for job in results.jobs:
-        assert ("FileNotFoundError" if sandbox else "DontCare") in str(job.reason)
+        words = ["--only", "--entry", entry, *["--sandbox"] * sandbox, "--json", "--fresh"]
+        done = place.command("tracking", "--jobs", "1", *words, kitti=Path(folder, "kitti"))
+    reasons = [job.reason for job in results.jobs]
+    reasons += [each["reason"] for each in json.loads(done.stdout)["failures"]]
+    assert len(reasons) == 2 * len(results.jobs) > 0
+    for reason in reasons:
+        assert ("FileNotFoundError" if sandbox else "DontCare") in str(reason)
