@@ -5,7 +5,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from roadscope.benchmarks.episode import Episode
 from roadscope.benchmarks.graph import Job
@@ -16,8 +16,6 @@ from roadscope.benchmarks.metrics.calibration import pooled_calibration
 from roadscope.benchmarks.metrics.cost import cost
 from roadscope.benchmarks.metrics.matching import Pairing
 from roadscope.benchmarks.metrics.score import Score
-from roadscope.benchmarks.recorded.recording import SequenceSettings
-from roadscope.benchmarks.recorded.suite import DataFolder
 from roadscope.benchmarks.records import CallTimes
 from roadscope.benchmarks.references import (
     IMITATION,
@@ -29,6 +27,11 @@ from roadscope.benchmarks.references import (
 from roadscope.benchmarks.suite import BoardSettings, Suite
 from roadscope.core import Spec, Truth
 from roadscope.core.spec import ORACLE
+
+if TYPE_CHECKING:
+    # Otherwise the scores of all boards would depend on the code that reads recorded data.
+    from roadscope.benchmarks.recorded.recording import SequenceSettings
+    from roadscope.benchmarks.recorded.suite import DataFolder
 
 Scores = Mapping[str, Score]
 Condition = Callable[[Any], str]
