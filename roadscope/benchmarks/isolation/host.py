@@ -552,7 +552,7 @@ def _sandboxed(spec: Spec, hidden: Sequence[Path], data: Sequence[Path]) -> list
     from roadscope.benchmarks.cache import cache_dir
 
     place = spec.target.rpartition(":")[0]
-    sealed = [each for path in data for each in folders_behind(path)]
+    sealed = [each for path in data for each in folders_behind(path.resolve())]
 
     def in_data(path: Path) -> bool:
         return any(path.resolve().is_relative_to(each) for each in sealed)

@@ -49,7 +49,6 @@ def sandbox_command(*, readable: Iterable[Path], hidden: Sequence[Path]) -> list
         one. hidden: folders that look empty, even inside a readable one. Of a path that is both it
         is hidden.
     """
-    hidden = [path for path in hidden if path.is_dir()]
     masks = [path for path in (*MASKED, *hidden) if path.is_dir() and not path.is_symlink()]
     needed = {path.resolve() for path in (Path(sys.prefix), Path(sys.base_prefix), *readable)}
     words = ["bwrap", "--die-with-parent", "--unshare-all", "--new-session"]
@@ -69,7 +68,7 @@ def sandbox_command(*, readable: Iterable[Path], hidden: Sequence[Path]) -> list
 
 @cache
 def folders_behind(folder: Path) -> tuple[Path, ...]:
-    """Return a folder and the other folders that links in it lead to, resolved.
+    """Return an absolute folder and the other folders that links in it lead to, resolved.
 
     Links to a folder that contains this one are left out.
     """
