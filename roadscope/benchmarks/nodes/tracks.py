@@ -110,8 +110,7 @@ def track(
     true_poses = [truth.world_from_ego for truth in inputs.truths]
     stamps_s = [truth.stamp_s for truth in inputs.truths]
     ego_poses = true_poses if poses is None else list(poses)
-    pairs = zip(true_poses, ego_poses, strict=True)
-    believed = [Pose.identity() if pose is None else pose for _, pose in pairs]
+    believed = [Pose.identity() if pose is None else pose for pose in ego_poses]
     egos = list(map(_Ego, believed, ego_motions(stamps_s, believed)))
     check_answer, history = AnswerCheck(TRACKER.name), list[Tracks]()
 

@@ -11,11 +11,7 @@ import numpy as np
 from PIL import Image
 
 from roadscope.core import Detections, Frame, ImageDetections, Tracks, Truth
-from roadscope.core.palette import (
-    GROUND_COLOUR,
-    LABEL_COLOUR,
-    TRUTH_COLOUR,
-)
+from roadscope.core.palette import GROUND_COLOUR, LABEL_COLOUR, TRUTH_COLOUR
 from roadscope.core.record import Record
 from roadscope.envs.drawing.birds_eye import (
     INTENSITY,
