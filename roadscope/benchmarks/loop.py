@@ -131,7 +131,7 @@ def run_plugin(
 ) -> Replies[C, A]:
     """Run a plug-in over the moments of an episode; raise `PluginError` if it fails.
 
-    check: returns the checked answer or raises `AnswerError`; None: `AnswerCheck`.
+    check: returns the checked answer or raises `AnswerError`; None: `AnswerCheck`, for our kinds.
     reset: arguments of `reset`.
     finish: called with the plug-in after the last moment; its time is shared among the calls.
     """
@@ -167,7 +167,7 @@ def run_plugin(
 class AnswerCheck:
     """Checks consecutive answers of a plug-in by the arguments of its calls.
 
-    kind: the name of its kind.
+    kind: one of the names of `KINDS`; a kind that a board brings has a check of its own.
     """
 
     def __init__(self, kind: str) -> None:

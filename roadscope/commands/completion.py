@@ -39,7 +39,6 @@ camera_detectors = _names_in("detectors.camera:CAMERA_DETECTORS")
 trackers = _names_in("trackers:TRACKERS")
 odometries = _names_in("odometry:ODOMETRIES")
 boards = _names_in("benchmarks.boards:BOARDS", "{.summary}")
-listed_kinds = _names_in("benchmarks.listing:KINDS")
 template_kinds = _names_in("benchmarks.templates:TEMPLATES")
 cache_kinds = _names_in("benchmarks.cached_files:FILE_KINDS", "{.description}")
 backends = _names_in("benchmarks.workers:BACKENDS")
@@ -65,6 +64,13 @@ def entries_of_runs(ctx: typer.Context) -> Names:
         except (CompareError, OSError):
             continue
         yield from ((name, "") for name in names)
+
+
+def listed_kinds() -> Names:
+    """Yield what `roadscope list` lists, also the kinds that boards bring."""
+    from roadscope.benchmarks import listing
+
+    yield from ((kind, "") for kind in listing.listed_kinds())
 
 
 def plugin_kinds() -> Names:

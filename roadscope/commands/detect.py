@@ -74,7 +74,7 @@ def detect(
 
     columns = parse_columns(layout) if layout else ()
     turn, height_m = _turn(lidar_mounting), _checked_height(height)
-    options = RecordingOptions(
+    recording = RecordingOptions(
         detector,
         images,
         calibration,
@@ -85,7 +85,7 @@ def detect(
         columns=columns,
         topics=tuple(topic or ()),
     )
-    job = detection_job(folder, options)
+    job = detection_job(folder, recording)
     for note in job.notes:
         complain(note)
     result_folder(out, job)

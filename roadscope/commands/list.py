@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from roadscope.commands import options
-from roadscope.commands.completion import listed_kinds
+from roadscope.commands import completion, options
 from roadscope.commands.options import argument
 from roadscope.commands.terminal import print_json, show
 
@@ -14,7 +13,7 @@ def list_names(
         "detectors, stages (of detectors), camera-detectors, trackers, odometries, "
         "fusions, drivers, boards, suites, scenarios, rigs, sensors, weathers, lights or "
         "faults; all if left out",
-        names=listed_kinds,
+        names=completion.listed_kinds,
         default=None,
     ),
     json: bool = options.JSON,
