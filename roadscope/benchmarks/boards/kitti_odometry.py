@@ -97,10 +97,13 @@ class KittiOdometryBoard(OdometryBoard):
     def score(self, job: Job, answers: EpisodePoses, options: RunOptions) -> Scores:
         """Return the scores of the camera's poses, as KITTI's evaluation takes them."""
         assert isinstance(job.episode, KittiOdometryDrive)
-        both = job.episode.of_camera(answers.trajectories)
-        of_camera = replace(answers, estimate=both.estimate, truth=both.truth)
         return pose_scores(
-            of_camera, KITTI_M, marks_m=KITTI_M, every=KITTI_EVERY, without_movers=True
+            answers,
+            KITTI_M,
+            trajectories=job.episode.of_camera(answers.trajectories),
+            marks_m=KITTI_M,
+            every=KITTI_EVERY,
+            without_movers=True,
         )
 
     def explanation(self, suite: Suite) -> str:

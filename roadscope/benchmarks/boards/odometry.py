@@ -34,7 +34,7 @@ from roadscope.benchmarks.metrics.odometry import (
     score_standing,
 )
 from roadscope.benchmarks.metrics.score import Score, ratio
-from roadscope.benchmarks.metrics.trajectory_errors import SHORT_M
+from roadscope.benchmarks.metrics.trajectory_errors import SHORT_M, Trajectories
 from roadscope.benchmarks.nodes.poses import PoseNode
 from roadscope.benchmarks.records import EpisodePoses
 from roadscope.benchmarks.references import (
@@ -189,6 +189,7 @@ def pose_scores(
     answers: EpisodePoses,
     lengths_m: Sequence[float] = SHORT_M,
     *,
+    trajectories: Trajectories | None = None,
     marks_m: Sequence[float] = MARKS_M,
     every: int = 1,
     without_movers: bool = False,
@@ -197,10 +198,12 @@ def pose_scores(
 
     lengths_m, marks_m: lengths of the stretches over which drift is measured, all together and
         broken down. every: of how many frames one begins a stretch.
+    trajectories: that are compared; None: those of the LiDAR.
     without_movers: its scans had no moving objects, or were not used: dynamic returns are not
         scored.
     """
-    both, timed = answers.trajectories, len(answers.times.wall_ms) > 0
+    both = answers.trajectories if trajectories is None else trajectories
+    timed = len(answers.times.wall_ms) > 0
     moving = score_moving(answers.dynamic, answers.moving).named() if not without_movers else {}
     return {
         **score_odometry(both, lengths_m=lengths_m, every=every).named(),
