@@ -15,10 +15,7 @@ MOMENTS = {"cold-start": 1.0, "convoy-pull-away": 6.0, "stop-and-go": 6.0, "cut-
 USUAL_S = 3.0
 SEED = 1
 HEIGHT = 300
-COLOURS = (
-    (160, Image.Quantize.MEDIANCUT),
-    (96, Image.Quantize.FASTOCTREE),
-)
+COLOURS = ((160, Image.Quantize.MEDIANCUT), (96, Image.Quantize.FASTOCTREE))
 """Most colours of the camera's image and of the view from above, 256 together, so that files are
 small; the second method keeps rare colours."""
 

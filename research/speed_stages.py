@@ -23,11 +23,7 @@ import numpy as np
 from research.studies import run_speed_study
 from roadscope import Episode, Frame, ImuSamples, LidarScan, Pose
 from roadscope.benchmarks.drive_steps import drive, imu_mounting
-from roadscope.benchmarks.papers.zhang2022_scene import (
-    LIDAR_FROM_IMU,
-    STANDING,
-    sense_corridor,
-)
+from roadscope.benchmarks.papers.zhang2022_scene import LIDAR_FROM_IMU, STANDING, sense_corridor
 from roadscope.benchmarks.speed.detectors import RUNS, DrivenScene, driven_frames
 from roadscope.benchmarks.speed.measure import measure_speed
 from roadscope.benchmarks.speed.odometry import DURATION_S, LARGER, RIG, SCENARIO, SEED

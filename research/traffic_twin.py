@@ -19,14 +19,7 @@ from roadscope.envs.gym import MotorwayEnv
 from roadscope.envs.traffic.flow import DriverSetup, Flow
 from roadscope.envs.traffic.mix import RoadUserBody, Size
 from roadscope.envs.traffic.scenarios import SCENARIOS
-from roadscope.envs.traffic.simulated import (
-    STEP_S,
-    MotorwayTraffic,
-    Stage,
-    advance,
-    play,
-    straight,
-)
+from roadscope.envs.traffic.simulated import STEP_S, MotorwayTraffic, Stage, advance, play, straight
 from roadscope.envs.traffic.timeline import Timeline
 
 TWINS = tuple(
@@ -179,12 +172,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     table = Table("scenario", "recordings", "equal to the bit", "same decisions", "m", "ratio")
     for name in names:
         row = compare(name, range(options.seeds), options.duration)
-        table.add_row(
-            row.name,
-            *map(str, row[1:4]),
-            f"{row.largest_m:.1e}",
-            f"{row.ratio:.0f}",
-        )
+        table.add_row(row.name, *map(str, row[1:4]), f"{row.largest_m:.1e}", f"{row.ratio:.0f}")
     console.print(table)
     for title, measure in (("scenario", speed_of_scenarios), ("agent", speed_of_agents)):
         table = Table("vehicles", "kernels, ms a second", "objects, ms a second", "ratio")

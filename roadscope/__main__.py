@@ -106,14 +106,10 @@ COMMANDS: Mapping[str, CommandEntry] = {
         ),
     ),
     "speed": CommandEntry(
-        "Measure how long methods, ray casting and cameras take",
-        HERE,
-        ("roadscope speed casting",),
+        "Measure how long methods, ray casting and cameras take", HERE, ("roadscope speed casting",)
     ),
     "doctor": CommandEntry(
-        "Show versions, extras, cache, and what does not work",
-        HERE,
-        ("roadscope doctor",),
+        "Show versions, extras, cache, and what does not work", HERE, ("roadscope doctor",)
     ),
     "cache": CommandEntry(
         "Show or remove files that are computed once",
@@ -126,10 +122,7 @@ COMMANDS: Mapping[str, CommandEntry] = {
 
 class _Root(GroupedCommands):
     entries = COMMANDS
-    examples = (
-        "roadscope run roundabout",
-        "roadscope leaderboard tracking --seeds 1",
-    )
+    examples = ("roadscope run roundabout", "roadscope leaderboard tracking --seeds 1")
 
 
 app = typer.Typer(

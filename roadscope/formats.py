@@ -39,11 +39,7 @@ from roadscope.benchmarks.formats.samples import read_imu, read_wheels
 from roadscope.benchmarks.formats.scan_folder import ScanFolder, read_scan
 from roadscope.benchmarks.formats.table import FormatError
 from roadscope.benchmarks.formats.tracking_rows import FrameLimit, ImageSize
-from roadscope.benchmarks.formats.trajectories import (
-    Trajectory,
-    read_trajectory,
-    write_trajectory,
-)
+from roadscope.benchmarks.formats.trajectories import Trajectory, read_trajectory, write_trajectory
 from roadscope.fusion.calibration import read_calibration, write_calibration
 
 __all__ = [

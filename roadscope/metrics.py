@@ -112,11 +112,7 @@ def rpe(estimate: Poses, truth: Poses, *, step: int = 1) -> RelativeErrors:
 
 
 def kitti_drift(
-    estimate: Poses,
-    truth: Poses,
-    *,
-    lengths_m: Sequence[float] = KITTI_M,
-    every: int = KITTI_EVERY,
+    estimate: Poses, truth: Poses, *, lengths_m: Sequence[float] = KITTI_M, every: int = KITTI_EVERY
 ) -> Drift:
     """Return KITTI's drift (Geiger et al. 2012): `t_rel` in %, `r_rel` in degrees per 100 m.
 

@@ -5,11 +5,7 @@ from typing import TYPE_CHECKING
 from roadscope._lazy import lazy_names
 
 if TYPE_CHECKING:
-    from roadscope.benchmarks.calibrating import (
-        RigCalibration,
-        calibrate_rig,
-        save_rig_calibration,
-    )
+    from roadscope.benchmarks.calibrating import RigCalibration, calibrate_rig, save_rig_calibration
     from roadscope.benchmarks.compare import CompareError, Comparison
     from roadscope.benchmarks.eligibility import Eligibility
     from roadscope.benchmarks.episode import Episode

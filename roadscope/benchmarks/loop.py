@@ -67,11 +67,7 @@ class RunOptions:
     def probing(self) -> AbstractContextManager[None]:
         """Apply these options while classes are loaded to read their traits."""
         return probing(
-            self.limits,
-            sandbox=self.sandbox,
-            trust=self.trust,
-            hidden=self.hidden,
-            data=self.data,
+            self.limits, sandbox=self.sandbox, trust=self.trust, hidden=self.hidden, data=self.data
         )
 
 

@@ -238,9 +238,7 @@ def read_recordings(run_plan: RunPlan) -> None:
 
 
 def agreements(
-    results: Results,
-    run_plan: RunPlan,
-    outcomes: Callable[[Iterable[str]], Mapping[str, Outcome]],
+    results: Results, run_plan: RunPlan, outcomes: Callable[[Iterable[str]], Mapping[str, Outcome]]
 ) -> tuple[BoardAgreement, ...]:
     """Compare ranks on recorded data with those on every suite that was run with the same entries.
 

@@ -209,11 +209,7 @@ def _report_poses(odometry: str, poses: Sequence[Pose], reasons: Counter[str]) -
 
 
 def _inertial(
-    folder: Path,
-    scans: ScanFolder,
-    file: str | None,
-    mounting: str | None,
-    topics: Sequence[str],
+    folder: Path, scans: ScanFolder, file: str | None, mounting: str | None, topics: Sequence[str]
 ) -> RecordedImu | None:
     """Read the IMU samples of a file, or of one in or beside the folder; None if there are none.
 

@@ -16,11 +16,7 @@ from typing import Any, TypeVar, get_args, get_type_hints
 R = TypeVar("R")
 SETTINGS = "settings"
 """The parameter that takes a record of settings."""
-LITERAL_TYPES: Mapping[Any, str] = {
-    bool: "True or False",
-    int: "a whole number",
-    float: "a number",
-}
+LITERAL_TYPES: Mapping[Any, str] = {bool: "True or False", int: "a whole number", float: "a number"}
 """Types of arguments that are checked, in words."""
 
 

@@ -22,11 +22,7 @@ TRUTH_COLOUR: Rgb = (245, 245, 245)
 HIDDEN_COLOUR: Rgb = (112, 116, 122)
 """True boxes, the ego and its true path; true boxes without any return."""
 DETECTION_COLOURS: Mapping[Family, Rgb] = MappingProxyType(
-    {
-        Family.VEHICLE: (230, 159, 0),
-        Family.CYCLIST: (213, 94, 0),
-        Family.PEDESTRIAN: (240, 228, 66),
-    }
+    {Family.VEHICLE: (230, 159, 0), Family.CYCLIST: (213, 94, 0), Family.PEDESTRIAN: (240, 228, 66)}
 )
 TRACK_COLOURS: tuple[Rgb, ...] = ((86, 180, 233), (0, 178, 126), (150, 110, 255), (183, 236, 125))
 """In turn by id, as `track_colour` says."""

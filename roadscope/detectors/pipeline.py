@@ -133,10 +133,7 @@ def _covers(one: Vehicle, other: Vehicle) -> bool:
 
 
 def _detections(
-    vehicles: Sequence[Vehicle],
-    probabilities: np.ndarray,
-    stamp_s: float,
-    ground: GroundSurface,
+    vehicles: Sequence[Vehicle], probabilities: np.ndarray, stamp_s: float, ground: GroundSurface
 ) -> Detections:
     if not vehicles:
         return Detections.empty(stamp_s)

@@ -5,13 +5,7 @@ from typing import TYPE_CHECKING
 from roadscope._lazy import lazy_names
 
 if TYPE_CHECKING:
-    from roadscope.driving.agent import (
-        AgentDriver,
-        command_of,
-        load_agent,
-        observed,
-        save_agent,
-    )
+    from roadscope.driving.agent import AgentDriver, command_of, load_agent, observed, save_agent
     from roadscope.driving.belief import BelievedObservation
     from roadscope.driving.closed_loop import ClosedLoop
     from roadscope.driving.drive_env import DriveEnv

@@ -9,14 +9,7 @@ import gymnasium as gym
 import numpy as np
 
 from roadscope.core import DrivingScene
-from roadscope.driving.agent import (
-    ACTIONS,
-    DECISION_STEPS,
-    LARGEST,
-    OBSERVED,
-    command_of,
-    observed,
-)
+from roadscope.driving.agent import ACTIONS, DECISION_STEPS, LARGEST, OBSERVED, command_of, observed
 from roadscope.driving.closed_loop import ClosedLoop
 from roadscope.driving.perception import TRUTH, stack_of
 from roadscope.envs.gym.spaces import checked_action

@@ -9,16 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from roadscope.core import (
-    Detections,
-    Frame,
-    ImageDetections,
-    Pose,
-    Registry,
-    Spec,
-    Tracks,
-    Truth,
-)
+from roadscope.core import Detections, Frame, ImageDetections, Pose, Registry, Spec, Tracks, Truth
 from roadscope.core.loading import SpecError
 from roadscope.core.projection import Projection
 from roadscope.core.spec import FUSED, FUSED_PARTS, NO_POSES, TRUE_POSES

@@ -46,14 +46,7 @@ _PLACES = {
 }
 """Public name -> `module:attribute`, loaded when first used."""
 
-__all__ = [
-    "FUSIONS",
-    "CalibrationResult",
-    "ClusterBoxes",
-    "Fusion",
-    "calibrate",
-    "nearest_images",
-]
+__all__ = ["FUSIONS", "CalibrationResult", "ClusterBoxes", "Fusion", "calibrate", "nearest_images"]
 
 _PARTS = {
     "baselines": "UnionFusion",

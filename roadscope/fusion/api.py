@@ -20,10 +20,7 @@ class Fusion(Protocol):
         """Forget everything."""
 
     def fuse(
-        self,
-        lidar: Detections | None,
-        camera: ImageDetections | None,
-        projection: Projection,
+        self, lidar: Detections | None, camera: ImageDetections | None, projection: Projection
     ) -> FusedDetections:
         """Join the detections of a scan, ego frame, and of the image nearest in time.
 

@@ -164,10 +164,7 @@ def _agreeing(
 
 
 def _refined(
-    matrix: np.ndarray,
-    points: np.ndarray,
-    pixels: np.ndarray,
-    intrinsics: np.ndarray | None,
+    matrix: np.ndarray, points: np.ndarray, pixels: np.ndarray, intrinsics: np.ndarray | None
 ) -> np.ndarray:
     """Return a (3, 4) matrix refined with a robust loss.
 

@@ -12,13 +12,7 @@ from roadscope.envs.sensors.imu_spec import IMUS
 from roadscope.odometry.clock import Clock, ScanTick
 from roadscope.odometry.estimates import estimate, lack_of_points, propagated_covariance
 from roadscope.odometry.imu_buffer import ImuBuffer
-from roadscope.odometry.inertial.filter import (
-    POSE,
-    SPEED,
-    InertialNoise,
-    InertialState,
-    resume,
-)
+from roadscope.odometry.inertial.filter import POSE, SPEED, InertialNoise, InertialState, resume
 from roadscope.odometry.inertial.speed_check import FAR_M_S, SpeedCheck
 from roadscope.odometry.inertial.speed_search import ROUGHLY_M_S, Speed
 from roadscope.odometry.inertial.standstill import (

@@ -161,9 +161,7 @@ class MountedOdometry:
         motion = answer.start_from_lidar
         covariance = propagated_covariance(self._start.covariance, motion.matrix, answer.covariance)
         return replace(
-            answer,
-            start_from_lidar=before @ motion,
-            covariance=(covariance + covariance.T) / 2,
+            answer, start_from_lidar=before @ motion, covariance=(covariance + covariance.T) / 2
         )
 
 

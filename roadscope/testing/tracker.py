@@ -208,10 +208,7 @@ def forgets(subject: Subject) -> str:
     that survive the reset match the new cars, and change the order of ids. In the second case the
     clock starts again at 0.
     """
-    episodes = (
-        (circling_cars(), circling_cars(FRAMES)),
-        (parallel_cars(seed=5), parallel_cars()),
-    )
+    episodes = ((circling_cars(), circling_cars(FRAMES)), (parallel_cars(seed=5), parallel_cars()))
     for before, after in episodes:
         with subject.started() as instance:
             earlier = update_all(instance, before)

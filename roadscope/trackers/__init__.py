@@ -28,11 +28,7 @@ if TYPE_CHECKING:
     from roadscope.trackers._offline import offline_tracks
     from roadscope.trackers._ticks import TrackerTick, in_world
     from roadscope.trackers._tracklets import LifeCycle, Tracklets, TrackManager
-    from roadscope.trackers._traits import (
-        UnknownDetectorWarning,
-        read_detector,
-        score_log_odds,
-    )
+    from roadscope.trackers._traits import UnknownDetectorWarning, read_detector, score_log_odds
 
 TRACKERS: Registry[Tracker] = Registry(
     "tracker",

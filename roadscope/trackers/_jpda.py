@@ -9,11 +9,7 @@ import numpy as np
 from roadscope.core import Detections, Pose, Tracks
 from roadscope.core.jit import compiled
 from roadscope.trackers._assignment import Pairs, assign_optimally, unassigned
-from roadscope.trackers._detection_model import (
-    BernoulliSettings,
-    Existence,
-    ScoreCalibration,
-)
+from roadscope.trackers._detection_model import BernoulliSettings, Existence, ScoreCalibration
 from roadscope.trackers._gating import (
     CandidatePairs,
     chi_square_gate,

@@ -7,11 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from roadscope.core import Detections, Pose, Tracks
-from roadscope.trackers._detection_model import (
-    BernoulliSettings,
-    Existence,
-    ScoreCalibration,
-)
+from roadscope.trackers._detection_model import BernoulliSettings, Existence, ScoreCalibration
 from roadscope.trackers._gating import chi_square_gate, determinants, pairs_by_likelihood
 from roadscope.trackers._pmbm_hypotheses import (
     Continuations,

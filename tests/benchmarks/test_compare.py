@@ -173,10 +173,7 @@ def test_a_failure_everywhere_is_still_a_regression() -> None:
 
 def test_what_one_side_has_alone_is_named() -> None:
     a = [*jobs_of("mine", [0.5, 0.6, 0.7]), *jobs_of("gone", [0.1, 0.2])]
-    b = [
-        *(job("mine", s, {"hota": 0.5, "new": 1.0}) for s in (0, 1)),
-        *jobs_of("fresh", [0.3]),
-    ]
+    b = [*(job("mine", s, {"hota": 0.5, "new": 1.0}) for s in (0, 1)), *jobs_of("fresh", [0.3])]
     found = {(u.side, u.entry, u.metric): u.jobs for u in compare(run(a), run(b)).unpaired}
     assert found == {
         ("a", "mine", ""): 1,

@@ -27,12 +27,7 @@ from roadscope.benchmarks import (
     submit_kitti,
     submit_mot,
 )
-from roadscope.benchmarks.boards import (
-    JobOptions,
-    board_named,
-    detection_parts,
-    detection_scores,
-)
+from roadscope.benchmarks.boards import JobOptions, board_named, detection_parts, detection_scores
 from roadscope.benchmarks.formats import KittiCameras, read_image, trajectory_text
 from roadscope.benchmarks.metrics import Trajectories, score_odometry
 from roadscope.benchmarks.metrics.tracking import score_tracks

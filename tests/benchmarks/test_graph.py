@@ -210,9 +210,7 @@ def test_a_damaged_node_is_computed_again_and_named(log: Path) -> None:
     assert begun(log) == {"deep": 1, "shared": 1, "a": 2}
 
 
-def test_a_file_that_another_program_changed_meanwhile_is_not_left_to_later_runs(
-    log: Path,
-) -> None:
+def test_a_file_that_another_program_changed_meanwhile_is_not_left_to_later_runs(log: Path) -> None:
     victim, other = job(Foreign("victim", log)), job(Step("other", log))
     found = {}
 

@@ -85,8 +85,7 @@ def test_the_same_seed_gives_the_same_bytes():
 
 
 @pytest.mark.parametrize(
-    "wrong",
-    ["shift_m=-1", "jump=1.5", "scale=-1", "turn_deg=nan", "turn_deg=inf", "jump_m=x"],
+    "wrong", ["shift_m=-1", "jump=1.5", "scale=-1", "turn_deg=nan", "turn_deg=inf", "jump_m=x"]
 )
 def test_wrong_arguments_are_refused(wrong):
     with pytest.raises((ValueError, SpecError)):

@@ -6,12 +6,7 @@ from PIL import Image
 
 from roadscope import Episode, run_episode
 from roadscope.benchmarks import FolderError, RunPictures, save_picture, save_video
-from roadscope.core import (
-    ODOMETRY_COLOUR,
-    RETURN_COLOURS,
-    NotInstalledError,
-    track_colour,
-)
+from roadscope.core import ODOMETRY_COLOUR, RETURN_COLOURS, NotInstalledError, track_colour
 
 EPISODE = Episode("lu2018-occlusion", 0, "lux", 1.0)
 

@@ -116,8 +116,7 @@ def test_estimates_of_turned_scans_come_back_as_those_of_the_scans(odometry):
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    "scenario",
-    ["stop-and-go", "dense-motorway", "convoy-pull-away", "motorway", "racetrack-loop"],
+    "scenario", ["stop-and-go", "dense-motorway", "convoy-pull-away", "motorway", "racetrack-loop"]
 )
 def test_traffic_around_turns_no_lidar(scenario):
     """Matches that moving objects mislead point anywhere."""

@@ -57,10 +57,7 @@ def test_a_suite_is_clear_by_default() -> None:
 @pytest.mark.parametrize(
     ("value", "message"),
     [
-        (
-            '["fgo"]',
-            r"x: weathers: .*'fgo'.*'fog'.*clear, rain-1",
-        ),
+        ('["fgo"]', r"x: weathers: .*'fgo'.*'fog'.*clear, rain-1"),
         ("[]", "x: weathers"),
         ('"fog"', "x: weathers.*'fog'"),
         ("[3]", r"x: weathers.*3"),

@@ -100,11 +100,7 @@ def test_what_depends_on_a_deadly_source_names_its_own_entry(
 
 @pytest.mark.parametrize(
     "arguments",
-    [
-        {"jobs": 0},
-        {"backend": "mpi"},
-        {"backend": "loky", "address": "tcp://localhost:1"},
-    ],
+    [{"jobs": 0}, {"backend": "mpi"}, {"backend": "loky", "address": "tcp://localhost:1"}],
 )
 def test_impossible_workers_are_refused_before_anything_runs(
     suite: str, tmp_path: Path, arguments: dict[str, object]

@@ -39,11 +39,7 @@ SMALLER = {
 }
 """Beginnings of examples that would take minutes -> options that they get as well."""
 SAYS = {
-    "train driver": (
-        "on truth: reward",
-        "on blind: reward",
-        "learned?weights=my_agent.safetensors",
-    ),
+    "train driver": ("on truth: reward", "on blind: reward", "learned?weights=my_agent.safetensors")
 }
 """Beginnings of examples -> what they print."""
 

@@ -204,11 +204,7 @@ def test_a_played_ego_needs_no_perception() -> None:
 @pytest.mark.slow
 def test_environments_run_side_by_side() -> None:
     envs = gym.make_vec(
-        "roadscope/Highway-v0",
-        num_envs=2,
-        vectorization_mode="sync",
-        perception=STACK,
-        rig="vlp16",
+        "roadscope/Highway-v0", num_envs=2, vectorization_mode="sync", perception=STACK, rig="vlp16"
     )
     envs.reset(seed=1)
     observed, *_ = envs.step(np.ones(2, np.int64))

@@ -7,16 +7,7 @@ import numpy as np
 import pytest
 from hypothesis import Phase, example, given, settings
 from hypothesis import strategies as st
-from law_scenes import (
-    AROUND,
-    apart,
-    carried,
-    mirror_boxes,
-    mirrored,
-    scan_of,
-    take,
-    turned_sensor,
-)
+from law_scenes import AROUND, apart, carried, mirror_boxes, mirrored, scan_of, take, turned_sensor
 from law_scenes import film as drive
 from toy_lidar import CALIBRATION, frame, scan
 

@@ -125,10 +125,7 @@ def test_takes_the_mounting_of_the_imu(name, odometry):
         assert same.max() < (0.02 if name in UNEVEN else 1e-3)
 
 
-POOR = {
-    "empty": emptied,
-    "few points": lambda scan: kept(scan, np.arange(len(scan)) % 400 == 0),
-}
+POOR = {"empty": emptied, "few points": lambda scan: kept(scan, np.arange(len(scan)) % 400 == 0)}
 
 
 @pytest.mark.sampled(4)

@@ -134,8 +134,7 @@ def test_a_broken_promise_is_named(
 
 @pytest.mark.sampled(1)
 @pytest.mark.parametrize(
-    ("file", "kind", "name"),
-    [(file, kind, name) for file, kind, names in GOOD for name in names],
+    ("file", "kind", "name"), [(file, kind, name) for file, kind, names in GOOD for name in names]
 )
 def test_a_good_plugin_keeps_every_promise(file: Path, kind: str, name: str) -> None:
     for item in contract_items(f"{file}:{name}", kind=kind):

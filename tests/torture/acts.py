@@ -102,10 +102,7 @@ WRONG = (
     Act("enormous_velocities", "1e+200", ("tracking",)),
     Act("varying_masses", "masses", ("detection", "camera", "fusion")),
 )
-WATCHERS = (
-    Act("kill_guard", "watches over it"),
-    Act("kill_both", "watches over it"),
-)
+WATCHERS = (Act("kill_guard", "watches over it"), Act("kill_both", "watches over it"))
 HARMLESS = (
     Act("honest", ""),
     Act("kill_supervisor", ""),

@@ -18,10 +18,7 @@ CASES = {
 @pytest.mark.parametrize("jobs", [1, 2])
 @pytest.mark.parametrize("act", CASES)
 def test_who_misses_a_deadline_is_one_row(
-    new_workshop: Callable[..., Workshop],
-    honest_run: tuple[Workshop, Run],
-    act: str,
-    jobs: int,
+    new_workshop: Callable[..., Workshop], honest_run: tuple[Workshop, Run], act: str, jobs: int
 ) -> None:
     place = new_workshop(suite=ONE_EPISODE)
     limits, said = CASES[act]

@@ -43,8 +43,7 @@ def own_drives(tmp_path_factory: pytest.TempPathFactory) -> Run:
 
 
 @pytest.mark.parametrize(
-    ("names", "limits", "jobs"),
-    [(QUICK, LIMITS, 1), (QUICK, LIMITS, 2), (HANGING, HANG_LIMITS, 1)],
+    ("names", "limits", "jobs"), [(QUICK, LIMITS, 1), (QUICK, LIMITS, 2), (HANGING, HANG_LIMITS, 1)]
 )
 def test_who_fails_in_a_stack_costs_the_drives_with_it(
     tmp_path: Path, own_drives: Run, names: tuple[str, ...], limits: Limits, jobs: int

@@ -28,8 +28,7 @@ def test_tracks_are_predicted_by_their_velocity():
 
 
 @pytest.mark.parametrize(
-    ("category", "gate"),
-    [(Category.CAR, 4.0), (Category.CYCLIST, 3.0), (Category.PEDESTRIAN, 1.0)],
+    ("category", "gate"), [(Category.CAR, 4.0), (Category.CYCLIST, 3.0), (Category.PEDESTRIAN, 1.0)]
 )
 def test_each_family_has_its_gate(category, gate):
     for jump, ids in ((0.95 * gate, {0}), (1.05 * gate, {0, 1})):

@@ -17,11 +17,7 @@ def drive(course, *, axis=None, ahead=0.5):
     way = SPEED_M_S * T * np.minimum(np.arange(TICKS), BRAKES)
     reversed_ = rng.random(TICKS) > ahead
     return [
-        boxes(
-            [[10 + s * np.cos(course), 5 + s * np.sin(course)]],
-            tick,
-            yaws=axis + np.pi * wrong,
-        )
+        boxes([[10 + s * np.cos(course), 5 + s * np.sin(course)]], tick, yaws=axis + np.pi * wrong)
         for tick, (s, wrong) in enumerate(zip(way, reversed_, strict=True))
     ]
 

@@ -115,10 +115,7 @@ def by_assignments(pairs, missed, free):
     return found / total
 
 
-@pytest.mark.parametrize(
-    ("n", "m"),
-    [(7, 6), pytest.param(9, 9, marks=pytest.mark.slow)],
-)
+@pytest.mark.parametrize(("n", "m"), [(7, 6), pytest.param(9, 9, marks=pytest.mark.slow)])
 def test_a_crowd_up_to_the_limit_is_pruned(n, m):
     problem = on_a_line(4, n, m, 2.5)
     assert problem[0].all()

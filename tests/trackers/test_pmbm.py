@@ -89,8 +89,7 @@ def by_enumeration(scans):
 
 
 @pytest.mark.parametrize(
-    ("seed", "counts"),
-    [(0, (1, 1, 1, 1)), (1, (1, 2, 0, 1)), (2, (2, 2, 1)), (0, (2, 2, 1))],
+    ("seed", "counts"), [(0, (1, 1, 1, 1)), (1, (1, 2, 0, 1)), (2, (2, 2, 1)), (0, (2, 2, 1))]
 )
 def test_existence_is_bayes_over_all_histories(seed, counts):
     """One target's detections and clutter near it; nothing is pruned."""
@@ -162,10 +161,7 @@ def test_the_one_hypothesis_left_may_lack_the_clusters_target():
     one = np.zeros(1, np.int64)
     hypotheses = Hypotheses(np.zeros(2, np.int64), np.array([-5.0, 0.0]), one, one, one)
     after = continue_all(
-        hypotheses,
-        PairCosts(one, one, np.array([-1.0])),
-        Sizes(1, 1, 1),
-        HypothesisLimits(1, 7.0),
+        hypotheses, PairCosts(one, one, np.array([-1.0])), Sizes(1, 1, 1), HypothesisLimits(1, 7.0)
     )
     assert after.log_weights.tolist() == [0.0]
     assert [part.tolist() for part in after[2:]] == [[0], [1], [1], [0]]

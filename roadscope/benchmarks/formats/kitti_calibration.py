@@ -15,11 +15,7 @@ from roadscope.core import Pose
 from roadscope.core.checks import settle_arrays
 from roadscope.core.record import Record
 
-ALIASES = {
-    "R_rect": "R0_rect",
-    "Tr_velo_cam": "Tr_velo_to_cam",
-    "Tr_imu_velo": "Tr_imu_to_velo",
-}
+ALIASES = {"R_rect": "R0_rect", "Tr_velo_cam": "Tr_velo_to_cam", "Tr_imu_velo": "Tr_imu_to_velo"}
 """The tracking benchmark's spelling of a key -> the object benchmark's."""
 CHAIN = ("R0_rect", "Tr_velo_to_cam", "Tr_imu_to_velo")
 """Keys whose product maps points of the inertial unit into the rectified camera."""

@@ -135,11 +135,7 @@ class MotSequence(Record):
 
 
 def read_mot(
-    path: Path | str,
-    *,
-    ordered: bool = False,
-    truth: bool = False,
-    limit: FrameLimit | None = None,
+    path: Path | str, *, ordered: bool = False, truth: bool = False, limit: FrameLimit | None = None
 ) -> MotRows:
     """Read a file of detections, ground truth or results: 7, 9 or 10 columns.
 

@@ -18,13 +18,7 @@ import numpy as np
 from roadscope.benchmarks.formats.bags import IMUS, Bag, imu_rows
 from roadscope.benchmarks.formats.kitti_calibration import OXTS_COLUMNS, read_kitti_transform
 from roadscope.benchmarks.formats.scan_stamps import TIMES_FILES, stamp_table
-from roadscope.benchmarks.formats.table import (
-    FormatError,
-    Table,
-    read_lines,
-    read_table,
-    visible,
-)
+from roadscope.benchmarks.formats.table import FormatError, Table, read_lines, read_table, visible
 from roadscope.core import ImuSamples, Pose, WheelSamples
 
 IMU_FILES = ("imu.csv", "imu.txt")

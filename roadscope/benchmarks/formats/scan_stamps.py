@@ -9,13 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from roadscope.benchmarks.formats.table import (
-    FormatError,
-    Table,
-    read_lines,
-    read_table,
-    refuse,
-)
+from roadscope.benchmarks.formats.table import FormatError, Table, read_lines, read_table, refuse
 
 TIMES_FILE = "times.txt"
 TIMES_FILES = (TIMES_FILE, "timestamps.txt")
@@ -240,8 +234,7 @@ def stamps_by_names(scans: OrderedScans, rate_hz: float) -> Stamps:
         return Stamps(in_a_row, (assumed, "the numbers in their names are uneven: not used"))
     places = (scans.numbers - scans.numbers[0]) / usual
     return Stamps(
-        tuple((places / rate_hz).tolist()),
-        (assumed, *_missing_notes(np.diff(places), names)),
+        tuple((places / rate_hz).tolist()), (assumed, *_missing_notes(np.diff(places), names))
     )
 
 

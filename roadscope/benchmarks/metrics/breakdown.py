@@ -37,8 +37,7 @@ BANDS: Mapping[str, Bands] = {
     "category": Bands(tuple(c.value for c in Category), tuple(c.name.lower() for c in Category)),
     "occlusion": Bands((0, 1, 25, 50, 75), ("none", "1-25", "25-50", "50-75", "75-100")),
     "points": Bands(
-        (0, 5, 10, 20, 50, 100, 200),
-        ("1-4", "5-9", "10-19", "20-49", "50-99", "100-199", "200+"),
+        (0, 5, 10, 20, 50, 100, 200), ("1-4", "5-9", "10-19", "20-49", "50-99", "100-199", "200+")
     ),
     "score": Bands(
         tuple(range(BINS)),

@@ -58,12 +58,7 @@ class FusionNode(Node):
 
     @staticmethod
     def of(
-        fused: Spec,
-        episode: Episode,
-        rule: Eligibility,
-        *,
-        every_s: float = 0.0,
-        alone: str = "",
+        fused: Spec, episode: Episode, rule: Eligibility, *, every_s: float = 0.0, alone: str = ""
     ) -> FusionNode:
         """Return the node of a resolved spec `fused?lidar=A&camera=B&fusion=C`."""
         return FusionNode(

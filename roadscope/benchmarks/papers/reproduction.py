@@ -277,11 +277,7 @@ def paper_of(module: str) -> Paper:
 
 
 def measure_paper(
-    module: str,
-    seeds: int,
-    progress: Callable[[int, int], None] | None = None,
-    *,
-    jobs: int = 1,
+    module: str, seeds: int, progress: Callable[[int, int], None] | None = None, *, jobs: int = 1
 ) -> dict[FigureKey, list[float]]:
     """Return the figures of all parts and seeds of a paper, one value a seed.
 

@@ -8,11 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from roadscope.benchmarks.papers.drawing import (
-    draw_box,
-    draw_points,
-    seen_from_above,
-)
+from roadscope.benchmarks.papers.drawing import draw_box, draw_points, seen_from_above
 from roadscope.benchmarks.papers.reproduction import FIRST_SEED
 from roadscope.benchmarks.papers.zhang2017 import FOLLOWED_FRAMES
 from roadscope.benchmarks.papers.zhang2017_claims import following

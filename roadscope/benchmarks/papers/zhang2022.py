@@ -53,12 +53,7 @@ from roadscope.core import ImuSamples, LidarScan, Pose
 from roadscope.odometry import ODOMETRIES
 from roadscope.odometry.clusters.segments import Clustering
 from roadscope.odometry.loam.progress import ImuPrediction
-from roadscope.odometry.zhang import (
-    DynamicThreshold,
-    ZhangOdometry,
-    ZhangSettings,
-    dynamic_returns,
-)
+from roadscope.odometry.zhang import DynamicThreshold, ZhangOdometry, ZhangSettings, dynamic_returns
 
 # --------------------------------------------------------------------------------------------------
 # Names of experiments, quantities and methods.
@@ -99,10 +94,7 @@ PAPERS_METHODS = (SCAN_TO_SCAN, WITH_MAP, AS_PRINTED)
 """Readings of the paper's method that its claims are judged for."""
 LOOP_CLOSING = ("zhang2022-loop", "lego-loam-loop")
 """Methods that close loops, in the experiments that have one, in the place of `loam`."""
-SPECS = {
-    "lidar-inertial": "lidar-inertial?imu=zed2",
-    AS_PRINTED: f"{WITH_MAP}?roughness='cluster'",
-}
+SPECS = {"lidar-inertial": "lidar-inertial?imu=zed2", AS_PRINTED: f"{WITH_MAP}?roughness='cluster'"}
 """Specs of methods whose names are no specs. The first one knows the make of the IMU."""
 OTHER_READINGS = {
     f"{WITH_MAP}?spacings=0": "epsilon as printed",

@@ -7,11 +7,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from roadscope.benchmarks.papers.drawing import (
-    draw_clusters,
-    draw_points,
-    seen_from_above,
-)
+from roadscope.benchmarks.papers.drawing import draw_clusters, draw_points, seen_from_above
 from roadscope.benchmarks.papers.reproduction import FIRST_SEED
 from roadscope.benchmarks.papers.zhang2022 import (
     AS_PRINTED,

@@ -131,11 +131,7 @@ SEVERITIES: Mapping[type, Mapping[str, str]] = {
     EpisodeTracks: {SWITCHES: "id_switches", MISSES: "recall", ALARMS: "precision"},
     EpisodeDetections: {MISSES: "detection_rate", ALARMS: "precision"},
     EpisodePoses: {DRIFT: "end", JUMP: "rpe"},
-    EpisodeDrive: {
-        COLLISION: "collided",
-        NEAR_MISS: "near_misses",
-        PHANTOM: "phantom_braking",
-    },
+    EpisodeDrive: {COLLISION: "collided", NEAR_MISS: "near_misses", PHANTOM: "phantom_braking"},
 }
 """For each record of answers, what can be wrong with them, and the metric of how bad it is."""
 

@@ -220,7 +220,4 @@ def _groups(weights: list[nn.Parameter], weight_decay: float) -> list[dict[str, 
     """Return AdamW's groups of parameters: norms and biases have no weight decay."""
     wide = [p for p in weights if p.ndim > 1]
     flat = [p for p in weights if p.ndim <= 1]
-    return [
-        {"params": wide, "weight_decay": weight_decay},
-        {"params": flat, "weight_decay": 0.0},
-    ]
+    return [{"params": wide, "weight_decay": weight_decay}, {"params": flat, "weight_decay": 0.0}]

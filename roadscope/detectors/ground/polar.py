@@ -151,11 +151,7 @@ def _heights_above_lines(
 
 @compiled()
 def _segment_lines(
-    ranges: np.ndarray,
-    heights: np.ndarray,
-    rule: PolarRule,
-    ends: np.ndarray,
-    lines: np.ndarray,
+    ranges: np.ndarray, heights: np.ndarray, rule: PolarRule, ends: np.ndarray, lines: np.ndarray
 ) -> int:
     """Fill first and last bin, slope and offset of a segment's lines; return how many there are.
 

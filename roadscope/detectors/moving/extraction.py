@@ -11,14 +11,7 @@ import numpy as np
 
 from roadscope.core.jit import compiled
 from roadscope.core.record import Record
-from roadscope.detectors.moving.box_search import (
-    SCORE,
-    YAW,
-    BoxRule,
-    BoxSides,
-    boxes_in,
-    fill_rows,
-)
+from roadscope.detectors.moving.box_search import SCORE, YAW, BoxRule, BoxSides, boxes_in, fill_rows
 from roadscope.detectors.moving.view import (
     EarlierView,
     View,
@@ -124,9 +117,7 @@ def motion(points: np.ndarray, earlier: Sequence[EarlierView]) -> np.ndarray:
         count_free_and_occupied(places, heights, then.view.range_image, counts)
     free, occupied = np.maximum(counts - [[UNCOUNTED_FREE], [0]], 0) / len(earlier)
     return np.where(
-        free > 0,
-        1.0 + 5.0 * free - 4.5 * occupied,
-        np.where(occupied > 0, -4.5 * occupied, 1),
+        free > 0, 1.0 + 5.0 * free - 4.5 * occupied, np.where(occupied > 0, -4.5 * occupied, 1)
     )
 
 

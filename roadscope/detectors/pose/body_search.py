@@ -12,12 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from roadscope.detectors.pose.body_likelihood import (
-    ROUGHLY_DRAWN,
-    RayFits,
-    Tolerance,
-    ray_fits,
-)
+from roadscope.detectors.pose.body_likelihood import ROUGHLY_DRAWN, RayFits, Tolerance, ray_fits
 from roadscope.detectors.pose.body_model import MOTION, STATE, VALUES, BodyModel
 from roadscope.detectors.pose.body_rays import HIT, BodyRays
 

@@ -98,12 +98,7 @@ def near_face_share(
 
 @compiled()
 def axis_response(
-    points: np.ndarray,
-    line: Line,
-    extent: float,
-    share: float,
-    settings: FilterSettings,
-    bins: int,
+    points: np.ndarray, line: Line, extent: float, share: float, settings: FilterSettings, bins: int
 ) -> np.ndarray:
     """Return the mean response (bins,) of returns (N, 2) to the template along one line.
 

@@ -11,13 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from roadscope.core import LidarScan, Pose, wrap_angle
-from roadscope.detectors.pose.body_fit import (
-    TURN_SD,
-    PoseMode,
-    likely_modes,
-    pose_of,
-    with_glass,
-)
+from roadscope.detectors.pose.body_fit import TURN_SD, PoseMode, likely_modes, pose_of, with_glass
 from roadscope.detectors.pose.body_likelihood import ROUGHLY_DRAWN, Tolerance, pose_after
 from roadscope.detectors.pose.body_model import ACCELERATION, MOTION, SPEED, VALUES, BodyModel
 from roadscope.detectors.pose.body_rays import BodyRays, BodyScan, body_scan

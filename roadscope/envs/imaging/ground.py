@@ -141,13 +141,7 @@ def _draw_line(
 
 @compiled(borrowing=True)
 def _cell(
-    paving: Paving,
-    noise: np.ndarray,
-    cell_m: float,
-    x: float,
-    y: float,
-    depth: float,
-    line: float,
+    paving: Paving, noise: np.ndarray, cell_m: float, x: float, y: float, depth: float, line: float
 ) -> np.uint32:
     """Return the packed colour of one cell; details finer than the cell count with their mean."""
     on_road = min(1.0, max(0.0, 0.5 + depth / cell_m))

@@ -27,11 +27,7 @@ _PEDESTRIAN, _CYCLIST = int(Category.PEDESTRIAN), int(Category.CYCLIST)
 
 @compiled(borrowing=True)
 def light_pools(
-    solids: Solids,
-    lanterns: np.ndarray,
-    frames: np.ndarray,
-    origin: Point,
-    pools: np.ndarray,
+    solids: Solids, lanterns: np.ndarray, frames: np.ndarray, origin: Point, pools: np.ndarray
 ) -> None:
     """Fill pools (side, side, 2) float32 with the light of street lamps and of headlights.
 

@@ -209,9 +209,7 @@ def _solid_run(
         du, depth = (c + 0.5 - lens.centre[0]) * slope, 1.0 / q[c]
         vx, vy, vz = x0 + r[0, 0] * du, y0 + r[0, 1] * du, z0 + r[0, 2] * du
         point = Vector(
-            lens.origin[0] + depth * vx,
-            lens.origin[1] + depth * vy,
-            lens.origin[2] + depth * vz,
+            lens.origin[0] + depth * vx, lens.origin[1] + depth * vy, lens.origin[2] + depth * vz
         )
         if appearance.patterns[m] == PLAIN:
             _plain(appearance, m, out)
@@ -295,13 +293,7 @@ def _edge(tables: ShadingTables, m: int, side: int) -> Edge:
 
 @compiled(forceinline=True, borrowing=True)
 def _glossy(
-    tables: ShadingTables,
-    air: Air,
-    m: int,
-    side: int,
-    normal: Vector,
-    ray: Vector,
-    out: np.ndarray,
+    tables: ShadingTables, air: Air, m: int, side: int, normal: Vector, ray: Vector, out: np.ndarray
 ) -> None:
     """Add the light that a surface reflects and mirrors to the emitted light in out[4:].
 
@@ -323,12 +315,7 @@ def _glossy(
 
 @compiled(borrowing=True)
 def _lamps_on(
-    lens: Lens,
-    appearance: Appearance,
-    tables: ShadingTables,
-    m: int,
-    normal: Vector,
-    point: Vector,
+    lens: Lens, appearance: Appearance, tables: ShadingTables, m: int, normal: Vector, point: Vector
 ) -> tuple[float, float]:
     """Return the light of street lamps and of headlights on a surface.
 

@@ -118,13 +118,7 @@ def _write_bottom_and_top(
 
 @compiled(forceinline=True, borrowing=True)
 def _write_line(
-    distance: float,
-    a: float,
-    b: float,
-    metres: float,
-    upper: int,
-    lower: int,
-    scratch: Scratch,
+    distance: float, a: float, b: float, metres: float, upper: int, lower: int, scratch: Scratch
 ) -> tuple[int, int]:
     """Write the line q = (a + b s) / distance as an upper line, a lower one or both.
 

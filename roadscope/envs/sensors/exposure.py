@@ -200,12 +200,7 @@ def flow_at(shutter: Shutter, q: float, row: int, u: float, v: float) -> tuple[f
 
 @compiled(borrowing=True)
 def _smear_row(
-    light: np.ndarray,
-    q: np.ndarray,
-    faces: np.ndarray,
-    r: int,
-    shutter: Shutter,
-    line: np.ndarray,
+    light: np.ndarray, q: np.ndarray, faces: np.ndarray, r: int, shutter: Shutter, line: np.ndarray
 ) -> None:
     """Blur one row, in stretches of one face that share one displacement."""
     width, start = len(q), 0

@@ -49,11 +49,7 @@ class SensorPath(NamedTuple):
 
 @compiled()
 def collect(
-    surfaces: Surfaces,
-    noise: np.ndarray,
-    chances: np.ndarray,
-    firings: Firings,
-    limits: np.ndarray,
+    surfaces: Surfaces, noise: np.ndarray, chances: np.ndarray, firings: Firings, limits: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Return points, intensity, ring, column and owner of each return, in firing order.
 
@@ -138,11 +134,7 @@ def interpolate_columns(
 
 @compiled(borrowing=True)
 def add_weather(
-    surfaces: Surfaces,
-    echoes: Echoes,
-    extinction_per_m: float,
-    least_power: float,
-    key: np.uint64,
+    surfaces: Surfaces, echoes: Echoes, extinction_per_m: float, least_power: float, key: np.uint64
 ) -> None:
     """Add weather between sensor and surfaces, in place; the strongest return of a ray is kept.
 

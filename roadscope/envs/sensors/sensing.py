@@ -434,12 +434,7 @@ class Sensing:
 
 
 def sense(
-    timeline: Timeline,
-    rig: Rig,
-    seed: int,
-    *,
-    weather: str | Weather = CLEAR,
-    faults: Faults = (),
+    timeline: Timeline, rig: Rig, seed: int, *, weather: str | Weather = CLEAR, faults: Faults = ()
 ) -> Iterator[tuple[Frame, Truth]]:
     """Yield the frame and the truth of every sweep of a timeline, in order."""
     yield from Sensing(rig, seed, weather=weather, faults=faults).whole(timeline)

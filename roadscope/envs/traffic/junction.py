@@ -116,11 +116,7 @@ class Crossing:
 
 @compiled()
 def grant_paths(
-    traffic: Traffic,
-    before_end: np.ndarray,
-    blocked_until: np.ndarray,
-    now_s: float,
-    requests: int,
+    traffic: Traffic, before_end: np.ndarray, blocked_until: np.ndarray, now_s: float, requests: int
 ) -> int:
     """Grant paths to drivers and let the others wait; return the number of requests so far.
 

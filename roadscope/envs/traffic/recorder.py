@@ -14,11 +14,7 @@ from highway_env.vehicle.dynamics import BicycleVehicle
 from highway_env.vehicle.objects import Landmark
 
 from roadscope.envs.traffic.agent_road import AgentRoad
-from roadscope.envs.traffic.conversion import (
-    ForeignEnvError,
-    refuse_multi_agent,
-    road_map,
-)
+from roadscope.envs.traffic.conversion import ForeignEnvError, refuse_multi_agent, road_map
 from roadscope.envs.traffic.mix import EGO, RoadUserBody, draw_body
 from roadscope.envs.traffic.recording import (
     RecordedMotion,

@@ -171,10 +171,7 @@ _SCENARIOS = (
         "As motorway, on a road that leans or has a crown, between banks and ditches.",
     ),
     _uneven(
-        "bumps",
-        "street",
-        "town",
-        "As street, over humps of 6 to 12 cm, between raised pavements.",
+        "bumps", "street", "town", "As street, over humps of 6 to 12 cm, between raised pavements."
     ),
     _scripted(
         "cut-ins", "motorway", 12.0, "Vehicles cut in and change lanes closely ahead of the ego."

@@ -75,15 +75,7 @@ def segments_of(scan: LidarScan, clustering: Clustering) -> Segments:
     times_s = scan.time_offset_s[cloud.rows].astype(float)
     centres, sizes = centres_of(cloud.points, labels)
     return Segments(
-        cloud.points,
-        cloud.ring,
-        cloud.column,
-        times_s,
-        cloud.rows,
-        labels,
-        centres,
-        sizes,
-        labels,
+        cloud.points, cloud.ring, cloud.column, times_s, cloud.rows, labels, centres, sizes, labels
     )
 
 

@@ -213,10 +213,7 @@ class SpeedDeviations(NamedTuple):
 
 
 def started(
-    force: np.ndarray,
-    velocity: np.ndarray,
-    speed_deviations: SpeedDeviations,
-    noise: InertialNoise,
+    force: np.ndarray, velocity: np.ndarray, speed_deviations: SpeedDeviations, noise: InertialNoise
 ) -> InertialState:
     """Return the state at the first scan.
 

@@ -178,11 +178,7 @@ def members(group: np.ndarray, order: np.ndarray) -> Groups:
 
 @compiled()
 def picked(
-    sweep: RingOrderedScan,
-    rough: np.ndarray,
-    usable: np.ndarray,
-    groups: Groups,
-    rule: PickRule,
+    sweep: RingOrderedScan, rough: np.ndarray, usable: np.ndarray, groups: Groups, rule: PickRule
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return the rows that a rule picks from each group, and their ranks in it, (K,) int64.
 

@@ -98,11 +98,7 @@ def insert(voxels: Voxels, points: np.ndarray) -> None:
 
 @compiled(borrowing=True)
 def _insert(
-    voxels: Voxels,
-    points: np.ndarray,
-    matrix: np.ndarray,
-    values: np.ndarray,
-    vectors: np.ndarray,
+    voxels: Voxels, points: np.ndarray, matrix: np.ndarray, values: np.ndarray, vectors: np.ndarray
 ) -> None:
     for n in range(len(points)):
         x, y, z = points[n, 0], points[n, 1], points[n, 2]

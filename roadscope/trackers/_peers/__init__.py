@@ -2,9 +2,7 @@
 
 from roadscope._lazy import lazy_names
 
-_PARTS = {
-    "roboflow": "upright_boxes",
-}
+_PARTS = {"roboflow": "upright_boxes"}
 """Names by the file that defines them, loaded when first used: the face of this folder."""
 
 __getattr__, __dir__ = lazy_names(__name__, parts=_PARTS)

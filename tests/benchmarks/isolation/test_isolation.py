@@ -33,10 +33,7 @@ def test_answers_are_the_same_wherever_it_runs(isolated: bool) -> None:
 @pytest.mark.parametrize("name", ["BaseException", "GeneratorExit", "SystemExit", "ValueError"])
 def test_exceptions_are_the_same_wherever_it_runs(isolated: bool, name: str) -> None:
     spec = bad("Raises", name=name)
-    with (
-        open_plugin(spec, isolated=isolated) as plugin,
-        pytest.raises(PluginError) as raised,
-    ):
+    with open_plugin(spec, isolated=isolated) as plugin, pytest.raises(PluginError) as raised:
         plugin.call("update", detections(), None)
     text = str(raised.value)
     assert text.startswith(f"{spec.text}: {name}: what is ")
@@ -74,10 +71,7 @@ def test_plugins_are_open_side_by_side() -> None:
             first, second = (plugin.call("update", detections(), None) for plugin in (one, two))
             assert first.answer.ids[0] == 0
             assert second.answer.ids[0] == 7
-        with (
-            pytest.raises(PluginError),
-            open_plugin(bad("Leaves")) as three,
-        ):
+        with pytest.raises(PluginError), open_plugin(bad("Leaves")) as three:
             three.call("update", detections(), None)
         assert len(one.call("update", detections(), None).answer) == 30
 

@@ -93,8 +93,7 @@ def test_exceptions_whose_text_is_trouble() -> None:
 
 @pytest.mark.sampled(1)
 @pytest.mark.parametrize(
-    "name",
-    ["HangsWhenMade", "HangsInReset", "HangsInUpdate", "Stops", "IgnoresSignals", "Drips"],
+    "name", ["HangsWhenMade", "HangsInReset", "HangsInUpdate", "Stops", "IgnoresSignals", "Drips"]
 )
 def test_hanging_has_an_end(name: str) -> None:
     assert "1.5 s" in str(failure(bad(name), SHORT))

@@ -70,11 +70,7 @@ def test_every_call_has_its_share_of_the_second_pass() -> None:
 
 @pytest.mark.parametrize(
     ("name", "words"),
-    [
-        ("Short", ["19", "20"]),
-        ("Nothing", ["NoneType", "sequence"]),
-        ("Swapped", ["1.9 s", "0 s"]),
-    ],
+    [("Short", ["19", "20"]), ("Nothing", ["NoneType", "sequence"]), ("Swapped", ["1.9 s", "0 s"])],
 )
 def test_another_number_or_order_of_records_is_refused(name, words) -> None:
     with pytest.raises(PluginError, match=f"{name}.*: ") as caught:

@@ -74,13 +74,7 @@ def displaced(run, along=0.0, across=0.0, turn=0.0):
 def test_errors_are_along_and_across_the_car(run):
     found = rmse(run, errors(run, displaced(run, along=0.3, across=-0.4, turn=0.1)))
     assert found == pytest.approx(
-        {
-            LATERAL: 0.4,
-            LONGITUDINAL: 0.3,
-            HEADING: np.degrees(0.1),
-            POSITION: 0.5,
-            FROM_PARTS: 0.5,
-        }
+        {LATERAL: 0.4, LONGITUDINAL: 0.3, HEADING: np.degrees(0.1), POSITION: 0.5, FROM_PARTS: 0.5}
     )
 
 

@@ -156,8 +156,7 @@ def test_those_who_walk_past_are_found():
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("experiment", "seed", "most_m"),
-    [(STRAIGHT, 10_007, 0.25), (LOOP, 10_003, 0.3)],
+    ("experiment", "seed", "most_m"), [(STRAIGHT, 10_007, 0.25), (LOOP, 10_003, 0.3)]
 )
 def test_in_the_corridor_ours_follows_where_bare_walls_tell_little(experiment, seed, most_m):
     """Thinned as on roads, ours ran off; without floor and ceiling it was up to a metre off."""

@@ -293,10 +293,7 @@ NOBODY = "label_02: expected labels of Car, Pedestrian, Cyclist"
         (b"0 1 Tram 0 0 -1.8 9 9 60 60 3 2 9 1 2 30 1.6", NOBODY),
         (b"\x00\xff\xfe" * 30, "0000.txt, line 1: expected text, got binary data"),
         (b"0 1 Tram", r"0000.txt, line 1: expected 17 columns .*, got '3 columns'"),
-        (
-            b"0,1,Car,0,0",
-            r"0000.txt, line 1: expected 17 col.* got '1 column .* at white space'",
-        ),
+        (b"0,1,Car,0,0", r"0000.txt, line 1: expected 17 col.* got '1 column .* at white space'"),
     ],
 )
 def test_labels_of_nobody_who_is_tracked_are_refused(content, said, folder, tmp_path):

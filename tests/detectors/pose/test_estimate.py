@@ -31,8 +31,7 @@ def test_axis_difference_knows_no_front(yaw, reference, difference):
 
 
 @pytest.mark.parametrize(
-    "fields",
-    [(np.nan, 0, 0, 4, 2), (0, 0, np.inf, 4, 2), (0, 0, 0, 0, 2), (0, 0, 0, 4, -1)],
+    "fields", [(np.nan, 0, 0, 4, 2), (0, 0, np.inf, 4, 2), (0, 0, 0, 0, 2), (0, 0, 0, 4, -1)]
 )
 def test_pose_refuses_what_is_no_rectangle(fields):
     with pytest.raises(ValueError, match="VehiclePose"):

@@ -59,10 +59,7 @@ def test_the_main_face_taken_for_the_long_side_turns_a_rear():
 
 
 @settings(max_examples=25, deadline=None)
-@given(
-    st.tuples(st.floats(-50, 50), st.floats(-50, 50), st.floats(-3, 3)),
-    st.integers(0, 1000),
-)
+@given(st.tuples(st.floats(-50, 50), st.floats(-50, 50), st.floats(-3, 3)), st.integers(0, 1000))
 def test_rigid_motion_and_order_move_nothing_else(motion, seed):
     dx, dy, angle = motion
     points = corner(seed=seed)

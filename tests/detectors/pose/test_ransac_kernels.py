@@ -64,12 +64,7 @@ def _by_range(points, place):
     return np.asarray(points[np.lexsort(keys)])
 
 
-def _best_line(
-    points,
-    place,
-    rng,
-    settings,
-):
+def _best_line(points, place, rng, settings):
     """Return the (2,) direction of the line with most points and the (N,) mask of those."""
     inlier_m, trials = settings
     first, second = rng.integers(0, len(points), (2, trials))
@@ -93,13 +88,7 @@ def _best_line(
     return _direction(_scatter(points[held])), held
 
 
-def _with_corner(
-    points,
-    axis,
-    held,
-    place,
-    inlier_m,
-):
+def _with_corner(points, axis, held, place, inlier_m):
     """Find a second face behind an end of the first.
 
     Returns the direction fitted to both, where the corner lies along it from the points' mean

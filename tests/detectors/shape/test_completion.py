@@ -165,9 +165,7 @@ def test_rigid_motion_moves_the_vehicle(shape, yaw, x, y, car):
     shift = np.array([x, y])
     before = only(shape, car_cluster(car, noise_m=0.02), horizon([0.6], [5.0]))
     after = only(
-        shape,
-        car_cluster(car, yaw, shift, 0.02),
-        horizon([0.6 + yaw], [5.0], origin=shift),
+        shape, car_cluster(car, yaw, shift, 0.02), horizon([0.6 + yaw], [5.0], origin=shift)
     )
     # The search has steps of a quarter degree, which do not turn with the points.
     assert after.centre == pytest.approx(turned(before.centre, yaw, shift), abs=0.12)

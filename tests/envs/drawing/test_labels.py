@@ -1,13 +1,7 @@
 import numpy as np
 import pytest
 
-from roadscope.core import (
-    LABEL_COLOUR,
-    Pose,
-    Tracks,
-    TrackState,
-    track_colour,
-)
+from roadscope.core import LABEL_COLOUR, Pose, Tracks, TrackState, track_colour
 from roadscope.envs.drawing import (
     BirdsEyeView,
     Canvas,

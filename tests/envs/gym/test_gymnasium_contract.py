@@ -91,13 +91,7 @@ def test_the_spec_of_a_wrapped_environment_remakes_the_wrapper() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    ("mode", "options"),
-    [
-        ("sync", {}),
-        ("async", {"context": "spawn"}),
-    ],
-)
+@pytest.mark.parametrize(("mode", "options"), [("sync", {}), ("async", {"context": "spawn"})])
 def test_vectors_give_what_single_environments_give(mode: str, options: dict[str, Any]) -> None:
     name, settings = "roadscope/Merge-v0", {"rig": "lux"}
     single = gym.make(name, **settings)

@@ -19,15 +19,7 @@ from roadscope.envs.imaging import (
     solids_of,
 )
 from roadscope.envs.raycast import Scene
-from roadscope.envs.world import (
-    GREY,
-    MATERIALS,
-    RUBBER,
-    Prisms,
-    Surface,
-    body_prisms,
-    surface_of,
-)
+from roadscope.envs.world import GREY, MATERIALS, RUBBER, Prisms, Surface, body_prisms, surface_of
 from tests.envs.worlds import straight
 
 PINHOLE = Pinhole.centred(160, 120, 120.0)

@@ -10,14 +10,7 @@ import numpy as np
 import pytest
 
 from roadscope.core import Category
-from roadscope.envs.traffic import (
-    SCENARIOS,
-    ScenarioError,
-    accept,
-    accepted_traffic,
-    find,
-    record,
-)
+from roadscope.envs.traffic import SCENARIOS, ScenarioError, accept, accepted_traffic, find, record
 from roadscope.envs.world import STYLES
 
 # Vehicles of unseen shapes drive as those do that they stand in for: `test_unseen.py`. On uneven
@@ -167,11 +160,7 @@ def test_the_same_seed_gives_the_same_bytes_in_another_process():
     path = os.pathsep.join([str(Path(__file__).parent), *sys.path])
     environment = {**os.environ, "PYTHONHASHSEED": "77", "PYTHONPATH": path}
     done = subprocess.run(
-        [sys.executable, "-c", script],
-        env=environment,
-        capture_output=True,
-        text=True,
-        check=True,
+        [sys.executable, "-c", script], env=environment, capture_output=True, text=True, check=True
     )
     assert done.stdout.split() == ours
 

@@ -35,10 +35,7 @@ def boxes(line, frames, shrink_m=0.0):
     sensor = states.axles[:, :1] + SENSOR_AHEAD_M * ahead[:, :1]
     offset = corners - sensor[:, :, None]
     return np.stack(
-        [
-            (offset * ahead[:, :1, None]).sum(axis=-1),
-            (offset * left[:, :1, None]).sum(axis=-1),
-        ],
+        [(offset * ahead[:, :1, None]).sum(axis=-1), (offset * left[:, :1, None]).sum(axis=-1)],
         axis=-1,
     )
 

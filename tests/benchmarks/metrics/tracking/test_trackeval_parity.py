@@ -98,11 +98,7 @@ def test_several_sequences_add_up() -> None:
     for metric, ours, names in (
         (theirs.HOTA(), hota(a) + hota(b) + hota(c), CURVES),
         (theirs.CLEAR({"PRINT_CONFIG": False}), clear(a) + clear(b) + clear(c), COUNTS),
-        (
-            theirs.Identity({"PRINT_CONFIG": False}),
-            identity(a) + identity(b) + identity(c),
-            SHARES,
-        ),
+        (theirs.Identity({"PRINT_CONFIG": False}), identity(a) + identity(b) + identity(c), SHARES),
     ):
         found = metric.combine_sequences({n: metric.eval_sequence(d) for n, d in data.items()})
         for name, own in names.items():
