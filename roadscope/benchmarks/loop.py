@@ -186,9 +186,11 @@ class AnswerCheck:
             detections = check_detections(answer, stamps_s=self._stamps_s)
         elif self._kind == "camera detector":
             detections = check_image_detections(answer, stamp_s=first.stamp_s)
-        else:
+        elif self._kind == "fusion":
             sensed = others[0] if first is None else first
             detections = check_fused(answer, stamp_s=sensed.stamp_s)
+        else:
+            raise ValueError(f"the board has to check the answers of its kind, '{self._kind}'")
         check_masses(detections.masses, self._columns)
         return detections
 
