@@ -40,6 +40,7 @@ from roadscope.benchmarks.images import image_rows, pictures
 from roadscope.benchmarks.nodes.detections import DetectionNode, true_boxes
 from roadscope.benchmarks.progress import Progress, silent
 from roadscope.benchmarks.references import detection_source, made_from_truth
+from roadscope.benchmarks.report.export import markdown_text
 from roadscope.benchmarks.suite import SPLITS, Suite, check_names
 from roadscope.benchmarks.suite_files import load_suite
 from roadscope.core import (
@@ -573,9 +574,9 @@ def _readme(manifest: Manifest) -> str:
         rows.append(f"| {s.name} | {s.scenario} | {s.seed} | {condition} | {truth} |")
     text = resources.files("roadscope.benchmarks").joinpath("exported_readme.md")
     return text.read_text(encoding="utf-8").format(
-        title=f"{manifest.suite} v{manifest.suite_version}",
+        title=markdown_text(f"{manifest.suite} v{manifest.suite_version}"),
         version=manifest.roadscope,
-        rig=manifest.rig,
+        rig=markdown_text(manifest.rig),
         images=f"one every {every_s:g} s" if every_s else "none without a camera",
         detections=", ".join(map(detections_folder, manifest.detections)) or "none",
         columns=TRUTH_COLUMNS,

@@ -12,6 +12,7 @@ from rich.text import Text
 
 from roadscope.benchmarks.cached_files import KindUsage, size_text
 from roadscope.benchmarks.metrics.score import Score
+from roadscope.core.text import one_line
 
 
 def plain_table(*headings: Column | str, **options: Any) -> Table:
@@ -150,5 +151,5 @@ def name_table(kind: str, names: Sequence[tuple[str, str]]) -> Table:
         show_header=False,
     )
     for name, text in names:
-        table.add_row(name, Text(text))
+        table.add_row(one_line(name), Text(one_line(text)))
     return table

@@ -8,7 +8,7 @@ import typer
 
 from roadscope.commands import completion, options
 from roadscope.commands.options import argument, flag, option
-from roadscope.commands.terminal import progress_bars
+from roadscope.commands.terminal import printable, progress_bars
 
 NONE = "none"
 """Detector that stands for no detections."""
@@ -53,8 +53,8 @@ def export(
         sequences = len(plan.manifest.sequences)
         done = f"; already there: {plan.done}" if plan.done else ""
         typer.echo(
-            f"{plan.suite.title}: {sequences} sequence{'s' * (sequences != 1)} with {plan.scans} "
-            f"scans, at most {size_text(plan.bytes_at_most)} in {folder}{done}"
+            f"{printable(plan.suite.title)}: {sequences} sequence{'s' * (sequences != 1)} with "
+            f"{plan.scans} scans, at most {size_text(plan.bytes_at_most)} in {folder}{done}"
         )
     with progress_bars(quiet=quiet) as progress:
         export_suite(plan, progress=progress)

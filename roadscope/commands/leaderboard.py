@@ -228,7 +228,8 @@ def _name_earlier_boards(out: Path | None) -> None:
     from roadscope.benchmarks.report.board_files import earlier_boards
 
     if out is not None and (boards := earlier_boards(out)):
-        typer.echo(f"boards of earlier runs there: {', '.join(path.name for path in boards)}")
+        names = ", ".join(printable(path.name) for path in boards)
+        typer.echo(f"boards of earlier runs there: {names}")
 
 
 def _repeated(name: str, values: list[str] | None) -> list[str]:

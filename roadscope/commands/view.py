@@ -10,7 +10,7 @@ import typer
 
 from roadscope.commands import completion, options
 from roadscope.commands.options import argument, is_given, option
-from roadscope.commands.terminal import complain, progress_bars
+from roadscope.commands.terminal import complain, printable, progress_bars
 
 FOLDER = "For a folder of results"
 
@@ -98,9 +98,8 @@ def view(
                 )
             save_recording(shown, path, returns=returns, progress=progress)
         if not quiet:
-            typer.echo(shown.title)
-            for note in shown.notes:
-                typer.echo(note)
+            for line in (shown.title, *shown.notes):
+                typer.echo(printable(line))
         if save is None:
             if status := show(path):
                 complain(f"the viewer ended with status {status}; without a display, use --save")

@@ -105,7 +105,7 @@ def to_markdown(results: Results) -> str:
         table = _board_table(results, name)
         lines = [f"## {name}", "", *_markdown_table(table), *_paragraphs(results, name)]
         for part in _part_tables(results, name):
-            lines += ["", f"### {_markdown(part.title)}", "", *_markdown_table(part)]
+            lines += ["", f"### {markdown_text(part.title)}", "", *_markdown_table(part)]
         sections.append("\n".join(lines))
     return "\n\n".join(sections) + "\n"
 
@@ -162,7 +162,7 @@ def _paragraphs(results: Results, name: str) -> list[str]:
     """Return the remark and failures of a board as lines, each with an empty line before it."""
     remark = board_named(name).remark(results.manifest.get("calibration", ""))
     texts = [*([remark] if remark else []), *failure_lines(results, name)]
-    return [line for text in texts for line in ("", _markdown(text))]
+    return [line for text in texts for line in ("", markdown_text(text))]
 
 
 def _csv_cell(value: Any) -> Any:
@@ -173,7 +173,7 @@ def _csv_cell(value: Any) -> Any:
     return f"'{text}" if text.startswith(FORMULA_SIGNS) else text
 
 
-def _markdown(text: str) -> str:
+def markdown_text(text: str) -> str:
     """Return text escaped for a cell of a Markdown table: no link, no emphasis, no HTML."""
     plain = re.sub(r"[\\`*_|~]|!(?=\[)|(?<=\])[(\[:]", r"\\\g<0>", one_line(text))
     return html.escape(plain, quote=False)
@@ -181,7 +181,7 @@ def _markdown(text: str) -> str:
 
 def _markdown_table(table: TextTable) -> list[str]:
     rule = ["---"] * len(table.headings)
-    rows = [list(map(_markdown, row)) for row in (table.headings, *table.rows)]
+    rows = [list(map(markdown_text, row)) for row in (table.headings, *table.rows)]
     return ["| " + " | ".join(row) + " |" for row in (rows[0], rule, *rows[1:])]
 
 
