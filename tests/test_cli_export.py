@@ -77,6 +77,16 @@ def test_export_submit_compare(tmp_path, answer) -> None:
     assert "hota" in out
 
 
+def test_the_name_of_a_suite_is_plain_text(tmp_path, answer) -> None:
+    suite, folder = tmp_path / "tiny.toml", tmp_path / "exported"
+    suite.write_text(SUITE.replace('"tiny"', '"t<b>\\u001biny"'))
+    few = "--seeds", 1, "--scenario", "lu2018-occlusion", "--detections", "none"
+    status, out, _ = answer("export", suite, folder, *few)
+    assert status == 0
+    assert out.startswith("t<b>?iny v1: 1 sequence ")
+    assert (folder / "README.md").read_text().startswith("# Suite t&lt;b&gt;?iny v1,")
+
+
 def test_results_on_kitti_stand_beside_those_of_a_run(tmp_path, answer) -> None:
     kitti, results = write_kitti(tmp_path / "kitti"), tmp_path / "mine"
     results.mkdir()
