@@ -20,7 +20,7 @@ from roadscope.benchmarks.formats.scan_folder import ScanFolder, scan_files
 from roadscope.benchmarks.formats.table import FormatError, names_in
 from roadscope.benchmarks.formats.tracking_rows import ImageSize
 from roadscope.benchmarks.kinds import CAMERA_DETECTOR, DETECTOR, FUSION, traits_of
-from roadscope.benchmarks.loop import opened
+from roadscope.benchmarks.loop import open_checked
 from roadscope.benchmarks.odometry_runner import TruePoses
 from roadscope.benchmarks.progress import Progress, silent
 from roadscope.benchmarks.references import (
@@ -198,7 +198,7 @@ class DetectionJob:
             alone = self._frame(row, FusedDetections.of(detections, None))
             yield row, replace(alone, fused=False)
         spec = self.detectors.fusion
-        with opened(spec, FUSION) if spec else nullcontext() as fusion:
+        with open_checked(spec, FUSION) if spec else nullcontext() as fusion:
             for row, image in enumerate(self._image_detections(progress)):
                 yield row, self._frame(row, self._fused(fusion, row, points.get(row), image), image)
 
@@ -219,7 +219,7 @@ class DetectionJob:
         calibration = Calibration(((LIDAR, self.ego_from_lidar),))
         answered: list[Detections] = []
         check = partial(_answered_scan, answered, self.stamps_s)
-        with opened(spec, DETECTOR, check) as detect:
+        with open_checked(spec, DETECTOR, check) as detect:
             for now, scan in enumerate(scans):
                 motion = self._motion(now)
                 frame = Frame(scan.stamp_s, calibration, lidar=scan, previous_from_ego=motion)
@@ -244,7 +244,7 @@ class DetectionJob:
         spec, images = self.detectors.camera, self.images
         assert spec is not None
         assert images is not None
-        with opened(spec, CAMERA_DETECTOR) as detect:
+        with open_checked(spec, CAMERA_DETECTOR) as detect:
             for row, image in enumerate(self.image_rows):
                 pixels = None if image == ALONE else images.read(image)
                 if pixels is None:

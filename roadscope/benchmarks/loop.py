@@ -40,7 +40,8 @@ A = TypeVar("A")
 C = TypeVar("C")
 
 NO_CALL = Timed(None, 0.0, 0.0)
-_warm: set[Spec] = set()
+"""The reply where no call was made."""
+_warm_specs: set[Spec] = set()
 """Specs of our plug-ins that were warmed up in this process."""
 
 
@@ -134,7 +135,7 @@ def run_plugin(
     options = options or RunOptions()
     check = check or AnswerCheck(kind.name)
     if spec.ours and (options.trust or not spec.isolated):
-        inputs = _warmed_up(spec, kind, iter(inputs), reset)
+        inputs = _after_warm_up(spec, kind, iter(inputs), reset)
     contexts: list[C] = []
     answers: list[A | None] = []
     processor_ms: list[float] = []
@@ -143,25 +144,20 @@ def run_plugin(
         plugin.call("reset", *reset)
         for call_input in inputs:
             reply = _call(plugin, kind, call_input)
-            answers.append(
-                checked(spec, check, reply.answer, call_input) if call_input.call else None
-            )
+            answer = checked(spec, check, reply.answer, call_input) if call_input.call else None
+            answers.append(answer)
             contexts.append(call_input.context)
             processor_ms.append(reply.processor_ms)
             wall_ms.append(reply.wall_ms)
         last = finish(plugin) if finish is not None else NO_CALL
+    moments = max(len(contexts), 1)
     times = CallTimes(np.array(processor_ms), np.array(wall_ms))
-    share = max(len(contexts), 1)
-    return Replies(
-        tuple(contexts),
-        tuple(answers),
-        times.shifted(last.processor_ms / share, last.wall_ms / share),
-        last.answer,
-    )
+    times = times.shifted(last.processor_ms / moments, last.wall_ms / moments)
+    return Replies(tuple(contexts), tuple(answers), times, last.answer)
 
 
 class AnswerCheck:
-    """Checks consecutive answers of a plug-in by the arguments of its calls.
+    """Checks the answers of one plug-in to consecutive calls.
 
     kind: one of the names of `KINDS`; a kind that a board brings has a check of its own.
     """
@@ -169,17 +165,24 @@ class AnswerCheck:
     def __init__(self, kind: str) -> None:
         self._kind = kind
         self._stamps_s: list[float] = []
-        self._columns: set[int] = set()
+        self._mass_columns: set[int] = set()
 
     def __call__(self, answer: Any, call_input: CallInput[Any]) -> Any:
         """Return the answer to a call, or raise `AnswerError`."""
         first, *others = call_input.arguments
         if self._kind == "tracker":
-            return check_tracks(answer, stamp_s=first.stamp_s, posed=others[0] is not None)
+            detected, ego_pose = first, others[0]
+            return check_tracks(answer, stamp_s=detected.stamp_s, posed=ego_pose is not None)
         if self._kind == "odometry":
-            return check_estimate(answer, stamp_s=first.stamp_s, returns=len(first))
+            scan = first
+            return check_estimate(answer, stamp_s=scan.stamp_s, returns=len(scan))
         if self._kind == "driver":
-            return check_command(answer, lanes=first.lanes)
+            scene = first
+            return check_command(answer, lanes=scene.lanes)
+        return self._checked_detections(answer, first, others)
+
+    def _checked_detections(self, answer: Any, first: Any, others: Sequence[Any]) -> Any:
+        """Return the answer of a detector or fusion. first, others: arguments of the call."""
         detections: Detections | ImageDetections | FusedDetections
         if self._kind == "detector":
             self._stamps_s.append(first.stamp_s)
@@ -187,26 +190,29 @@ class AnswerCheck:
         elif self._kind == "camera detector":
             detections = check_image_detections(answer, stamp_s=first.stamp_s)
         elif self._kind == "fusion":
-            sensed = others[0] if first is None else first
+            lidar, camera = first, others[0]
+            sensed = camera if lidar is None else lidar
             detections = check_fused(answer, stamp_s=sensed.stamp_s)
         else:
             raise ValueError(f"the board has to check the answers of its kind, '{self._kind}'")
-        check_masses(detections.masses, self._columns)
+        check_masses(detections.masses, self._mass_columns)
         return detections
 
 
 @contextmanager
-def opened(
+def open_checked(
     spec: Spec,
     kind: Kind,
     check: Callable[[Any, CallInput[None]], Any] | None = None,
     *,
     reset: Sequence[Any] = (),
 ) -> Iterator[Callable[..., Any]]:
-    """Start a plug-in and yield a function that returns its checked answer to some arguments.
+    """Start a plug-in and yield a function that calls it and returns its checked answer.
 
-    It may take any time, as recordings are of any length.
-    check, reset: as of `run_plugin`. The function's argument `wheels` is that of `CallInput`.
+    The function takes the arguments of the call, and `wheels` as in `CallInput`. The calls have no
+    time limit together, as recordings are of any length.
+
+    check, reset: as in `run_plugin`.
     """
     check = check or AnswerCheck(kind.name)
     with open_plugin(spec.plain, limits=Limits(episode_s=float("inf"))) as plugin:
@@ -220,7 +226,7 @@ def opened(
 
 
 def checked(spec: Spec, check: Callable[..., A], *arguments: Any) -> A:
-    """Return what a check of an answer returns; its `AnswerError` is raised as `PluginError`."""
+    """Call a check and return what it returns; its `AnswerError` is raised as `PluginError`."""
     try:
         return check(*arguments)
     except AnswerError as error:
@@ -231,18 +237,21 @@ def _call(plugin: PluginHandle, kind: Kind, call_input: CallInput[Any]) -> Timed
     """Call a plug-in, unless the input says not to."""
     if not call_input.call:
         return NO_CALL
-    wheels = NO_CALL
+    wheels_reply = NO_CALL
     with warnings.catch_warnings():
         # Warnings of plug-ins, such as of a black image, are not shown to the reader.
         warnings.simplefilter("ignore")
         if call_input.wheels is not None and plugin.traits.takes_wheels:
-            wheels = plugin.call("add_wheels", call_input.wheels)
+            wheels_reply = plugin.call("add_wheels", call_input.wheels)
         reply = plugin.call(kind.method, *call_input.arguments)
-    processor_ms, wall_ms = reply.processor_ms, reply.wall_ms
-    return Timed(reply.answer, wheels.processor_ms + processor_ms, wheels.wall_ms + wall_ms)
+    return Timed(
+        reply.answer,
+        wheels_reply.processor_ms + reply.processor_ms,
+        wheels_reply.wall_ms + reply.wall_ms,
+    )
 
 
-def _warmed_up(
+def _after_warm_up(
     spec: Spec, kind: Kind, inputs: Iterator[CallInput[C]], reset: Sequence[Any]
 ) -> Iterator[CallInput[C]]:
     """Call a throw-away instance of our plug-in with the first inputs, then yield all inputs.
@@ -251,16 +260,18 @@ def _warmed_up(
     warm-up is done once in a process, and repeated in later episodes until an answer was not empty.
     Other plug-ins get none; their first call is left out of their times.
     """
-    if spec in _warm or not kind.warm_calls:
+    if spec in _warm_specs or not kind.warm_calls:
         return inputs
-    first = list(islice(inputs, kind.warm_calls))
+    first_inputs = list(islice(inputs, kind.warm_calls))
     answered = False
     with open_plugin(spec.plain, isolated=False) as plugin:
         plugin.call("reset", *reset)
-        for each in first:
+        for call_input in first_inputs:
             # Copies: the plug-in that is timed gets these inputs too, unchanged.
-            answer = _call(plugin, kind, replace(each, arguments=deepcopy(each.arguments))).answer
-            answered |= each.call and (not hasattr(answer, "__len__") or len(answer) > 0)
+            copied = replace(call_input, arguments=deepcopy(call_input.arguments))
+            answer = _call(plugin, kind, copied).answer
+            is_empty = hasattr(answer, "__len__") and len(answer) == 0
+            answered |= call_input.call and not is_empty
     if answered:
-        _warm.add(spec)
-    return chain(first, inputs)
+        _warm_specs.add(spec)
+    return chain(first_inputs, inputs)

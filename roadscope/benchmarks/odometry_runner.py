@@ -20,7 +20,7 @@ from roadscope.benchmarks.formats.trajectories import (
     trajectory_text,
 )
 from roadscope.benchmarks.kinds import ODOMETRY
-from roadscope.benchmarks.loop import opened
+from roadscope.benchmarks.loop import open_checked
 from roadscope.core import ImuSamples, OdometryEstimate, Pose, WheelSamples
 from roadscope.odometry.travel import turned_back, turned_scan
 
@@ -105,7 +105,7 @@ def folder_estimates(
     lidar_from_imu = imu.lidar_from_imu if imu else None
     if imu is not None and ahead_from_lidar is not None:
         lidar_from_imu = ahead_from_lidar @ (lidar_from_imu or Pose.identity())
-    with opened(spec, ODOMETRY, reset=(lidar_from_imu,)) as update:
+    with open_checked(spec, ODOMETRY, reset=(lidar_from_imu,)) as update:
         for scan in folder:
             # Samples since the last scan, up to the end of the sweep.
             end_s = max(start_s, scan.stamp_s + float(scan.time_offset_s.max(initial=0)))
