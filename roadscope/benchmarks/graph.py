@@ -105,6 +105,7 @@ def _content(value: Any) -> Any:
         return value.content()
     if isinstance(value, Spec):
         return [str(value), plugin_hash(value)]
+    # A field such as an episode or a perception stack may say itself what it depends on.
     return value.spec() if hasattr(value, "spec") else fingerprint(value)
 
 
@@ -183,24 +184,26 @@ def run_jobs(
         if job.missing:
             on_outcome(job, Outcome({}, f"{job.entry}: {job.missing}"))
     settings = workers or WorkerSettings()
-    # Machines of a cluster may have files of their own under the same names.
+    # Each machine of a cluster may have its own files under these names: no digest fits them all.
     files = KeptFiles(installed if settings.address is None else ())
+    # Our own plug-ins change no kept files.
     only_ours = all(spec.ours for job in installed for spec in plugins_of(job.answers))
-    with nullcontext() if only_ours else files.guarded(), open_workers(settings) as opened:
-        run = _Run(files, opened, options or RunOptions(), progress)
-        # These wait for no source: each computes its own. The run itself meets their errors again.
+    guard = nullcontext() if only_ours else files.guarded()
+    with guard, open_workers(settings) as opened_workers:
+        run = _Run(files, opened_workers, options or RunOptions(), progress)
+        # Outcomes are dropped: an error that matters comes again in the run itself.
         for _ in run.each(first_calls, FIRST_CALLS):
             pass
         failures = run.compute(_shared_nodes(installed))
-        scored: dict[str, list[Job]] = {}
+        jobs_by_board: dict[str, list[Job]] = {}
         for job in installed:
             failure = _failure_of(job.answers, failures)
             if failure is None:
-                scored.setdefault(job.board.name, []).append(job)
+                jobs_by_board.setdefault(job.board.name, []).append(job)
             else:
                 on_outcome(job, _named(job, failure))
-        for board, of_board in scored.items():
-            for job, outcome in run.each(of_board, f"{board} board"):
+        for board, board_jobs in jobs_by_board.items():
+            for job, outcome in run.each(board_jobs, f"{board} board"):
                 on_outcome(job, _named(job, outcome))
 
 
@@ -222,15 +225,19 @@ class _Run:
         self._computed: set[str] = set()
 
     def compute(self, levels: Sequence[Sequence[Node]]) -> Mapping[str, Outcome]:
-        """Compute the nodes that are not kept; return the failures by the key of the node."""
+        """Compute the nodes that are not kept; return the failures by the key of the node.
+
+        levels: sources before the nodes that are computed from them. A node with a source that
+            failed is left out.
+        """
         failures: dict[str, Outcome] = {}
         for level in levels:
-            wanted: dict[str, list[Node]] = {}
+            nodes_by_stage: dict[str, list[Node]] = {}
             for node in level:
-                missing = self._recomputes(node) or not self._files.has(node)
-                if missing and _failure_of(node, failures) is None:
-                    wanted.setdefault(node.stage, []).append(node)
-            for stage, nodes in wanted.items():
+                is_due = self._recomputes(node) or not self._files.has(node)
+                if is_due and _failure_of(node, failures) is None:
+                    nodes_by_stage.setdefault(node.stage, []).append(node)
+            for stage, nodes in nodes_by_stage.items():
                 for node, outcome in self.each(nodes, stage):
                     self._computed.add(node.key)
                     if outcome.reason is not None:
@@ -254,7 +261,10 @@ class _Run:
             self._progress(stage, done, len(items))
 
     def _task_of(self, item: Node | Job) -> _Task:
-        """Return the task of an item, with the digests of the moment when a worker takes it."""
+        """Return the task of an item.
+
+        It is called when a worker takes the item, so that files written until then are known.
+        """
         node = item.answers if isinstance(item, Job) else item
         return _Task(item, self._files.digests_for(node), self._recomputes(node))
 
@@ -282,11 +292,14 @@ class KeptFiles:
 
     They stay in this process, which no plug-in can change: if a file has another digest later,
     another program changed it.
+
+    jobs: those whose files are watched; other files are used as they are.
     """
 
     def __init__(self, jobs: Sequence[Job]) -> None:
         """Read the digests of the files that exist."""
         self._digests: dict[str, str | None] = {}
+        """By path; None for a file that did not exist, or was damaged, when the run began."""
         paths = {node.path for job in jobs for node in _with_sources(job.answers)}
         for path in sorted(paths):
             digest = self._digests[str(path)] = digest_of(path)
@@ -295,10 +308,10 @@ class KeptFiles:
 
     @contextmanager
     def guarded(self) -> Iterator[None]:
-        """Remove in the end what another program changed meanwhile: later runs would use it.
+        """Remove at the end each file that another program changed, so that no later run uses it.
 
         If the run is interrupted, new files that no task has reported are removed without a
-        warning: they may be its own.
+        warning: the run itself may have written them.
         """
         interrupted = True
         try:
@@ -317,7 +330,9 @@ class KeptFiles:
 
     def has(self, node: Node) -> bool:
         """Return whether the file of a node exists and may be used."""
-        return self._digests.get(str(node.path), "") is not None and node.path.exists()
+        path = str(node.path)
+        is_untrusted = path in self._digests and self._digests[path] is None
+        return not is_untrusted and node.path.exists()
 
     def digests_for(self, node: Node) -> Mapping[str, str | None]:
         """Return the digests of the node's own file and of those that it is computed from."""
@@ -326,8 +341,9 @@ class KeptFiles:
 
     def update(self, ledger: Ledger) -> None:
         """Store the digests of the files that a task wrote, and show its warnings."""
-        written = {path: d for path, d in ledger.written.items() if path in self._digests}
-        self._digests.update(written)
+        for path, digest in ledger.written.items():
+            if path in self._digests:
+                self._digests[path] = digest
         for note in ledger.notes:
             _warn(note)
 
@@ -353,7 +369,8 @@ def _outcome(options: RunOptions, task: _Task) -> tuple[Outcome, Ledger]:
 
     The outcome of a node has no scores. The ledger has the files that were written, and warnings.
     """
-    item, scores = task.item, dict[str, Score]()
+    item = task.item
+    scores: dict[str, Score] = {}
     reason, log = None, ""
     with checked_by(Ledger(task.digests)) as ledger, options.probing():
         try:
@@ -386,8 +403,9 @@ def _shared_nodes(jobs: Sequence[Job]) -> list[list[Node]]:
     """
     nodes = {node.key: node for job in jobs for node in _with_sources(job.answers)}
     sources = {key: [source.key for source in node.sources()] for key, node in nodes.items()}
-    scored = Counter(job.answers.key for job in jobs)
-    shared = {key for key, count in scored.items() if count > 1}.union(*sources.values())
+    jobs_of_answers = Counter(job.answers.key for job in jobs)
+    shared = {key for key, count in jobs_of_answers.items() if count > 1}
+    shared.update(*sources.values())
     sorter = TopologicalSorter(sources)
     sorter.prepare()
     levels = []
@@ -400,6 +418,6 @@ def _shared_nodes(jobs: Sequence[Job]) -> list[list[Node]]:
 def _failure_of(node: Node, failures: Mapping[str, Outcome]) -> Outcome | None:
     """Return why a node or one of its sources could not be computed; None if nothing failed."""
     if not failures:
-        return None
-    every = (failures.get(each.key) for each in _with_sources(node))
-    return next(filter(None, every), None)
+        return None  # Otherwise every key would be computed.
+    failed = (failures[each.key] for each in _with_sources(node) if each.key in failures)
+    return next(failed, None)
