@@ -15,7 +15,7 @@ from roadscope.benchmarks.cache import FolderError, cache_dir, usable_folder
 from roadscope.benchmarks.episode import Episode
 from roadscope.benchmarks.graph import Job, Node, plugins_of, run_jobs
 from roadscope.benchmarks.isolation import Limits
-from roadscope.benchmarks.kinds import entry_kind
+from roadscope.benchmarks.kinds import Kind, entry_kind
 from roadscope.benchmarks.loop import RunOptions
 from roadscope.benchmarks.nodes.traffic import TrafficNode
 from roadscope.benchmarks.nodes.tuned import is_tuned
@@ -148,9 +148,8 @@ def leaderboard(
             calibration=calibration_file,
         )
     if notice is not None:
-        for text in dict.fromkeys(
-            f"{j.entry} is left out: {j.missing}" for j in run_plan.jobs if j.missing
-        ):
+        left_out = [f"{j.entry} is left out: {j.missing}" for j in run_plan.jobs if j.missing]
+        for text in dict.fromkeys(left_out):
             notice(text)
     board_names = [board.name for board in run_plan.boards]
     conditions = manifest(run_plan.suite, jobs, board_names, calibration_file)
@@ -176,23 +175,26 @@ def leaderboard(
         save_moments([], folder)
     if out_dir is not None or page is not None:
         latest = Run(results, worst_moments(run_plan.jobs, results, progress or silent))
-        kept_in = None if out_dir is None else folder
-        _save_moments_and_page(latest, kept_in, None if page is None else Path(page), notice)
+        board_folder = None if out_dir is None else folder
+        _save_moments_and_page(latest, board_folder, None if page is None else Path(page), notice)
     return results
 
 
 def _save_moments_and_page(
-    latest: Run, folder: Path | None, page: Path | None, notice: Callable[[str], None] | None
+    latest: Run, board_folder: Path | None, page: Path | None, notice: Callable[[str], None] | None
 ) -> None:
-    """Write the worst moments to the folder of a run, and the page with the other runs in it."""
+    """Write the worst moments to the folder of the boards, and a page of all runs in it.
+
+    board_folder: None if no boards are written; the page then shows the latest run alone.
+    """
     runs = [latest]
-    if folder is not None:
-        save_moments(latest.moments, folder)
+    if board_folder is not None:
+        save_moments(latest.moments, board_folder)
     if page is None:
         return
-    if folder is not None:
+    if board_folder is not None:
         try:
-            runs = read_runs(folder)
+            runs = read_runs(board_folder)
         except FolderError as error:
             if notice is not None:
                 notice(f"the page shows this run alone: {error}")
@@ -214,16 +216,18 @@ def plan(
     if only and not entries:
         raise SpecError("--only needs at least one --entry")
     chosen = chosen_boards(suite, boards)
-    of_suite = _entries_of_suite(suite, chosen)
-    of_user = _by_board([Spec.parse(text) for text in entries], chosen)
+    suite_entries = _entries_of_suite(suite, chosen)
+    user_entries = _by_board([Spec.parse(text) for text in entries], chosen)
     ranked: dict[str, list[Spec]] = {}
     jobs: list[Job] = []
     options = JobOptions(marks=not only, calibration=calibration)
     for board in chosen:
-        own = [board.check_entry(spec) for spec in of_user[board.name]]
-        if specs := list(dict.fromkeys([*([] if only else of_suite[board.name]), *own])):
-            ranked[board.name] = specs
-            jobs += board.jobs(suite, specs, options)
+        specs = [board.check_entry(spec) for spec in user_entries[board.name]]
+        if not only:
+            specs = [*suite_entries[board.name], *specs]
+        if specs:
+            ranked[board.name] = list(dict.fromkeys(specs))
+            jobs += board.jobs(suite, ranked[board.name], options)
     if not jobs:
         names = ", ".join(board.name for board in chosen)
         raise SpecError(f"suite {suite.title} has nothing to run on: {names}")
@@ -246,18 +250,19 @@ def agreements(
     outcomes of other code are not found.
     Nothing is computed here: only suites that earlier runs have finished are compared.
     """
-    comparable = [board for board in run_plan.boards if board.compared_with]
+    recorded_boards = [board for board in run_plan.boards if board.compared_with]
     compared = []
-    for suite in map(load_suite, SUITES if comparable else ()):
-        for name in dict.fromkeys(board.compared_with for board in comparable):
-            boards = [board for board in comparable if board.compared_with == name]
+    for suite in map(load_suite, SUITES if recorded_boards else ()):
+        # Several recorded boards, one for each class of objects, have the same simulated board.
+        for simulated in dict.fromkeys(board.compared_with for board in recorded_boards):
+            boards = [board for board in recorded_boards if board.compared_with == simulated]
             entries = (spec for board in boards for spec in run_plan.entries.get(board.name, ()))
             specs = [spec for spec in dict.fromkeys(entries) if not is_tuned(spec)]
-            figures = _figures_of_earlier_runs(board_named(name), suite, specs, outcomes)
+            figures = _figures_of_earlier_runs(board_named(simulated), suite, specs, outcomes)
             for board in boards:
                 recorded = _headline_figures(results, board, list(map(str, specs)))
-                if match := BoardAgreement.of(board.name, suite.title, recorded, figures):
-                    compared.append(match)
+                if agreement := BoardAgreement.of(board.name, suite.title, recorded, figures):
+                    compared.append(agreement)
     return tuple(compared)
 
 
@@ -274,9 +279,10 @@ def _figures_of_earlier_runs(
     jobs = board.jobs(suite, specs, JobOptions(marks=False))
     jobs = [job for job in jobs if job.entry in names]
     stored = outcomes([job.key for job in jobs])
-    missing = {j.entry for j in jobs if j.key not in stored or stored[j.key].reason is not None}
-    done = [job for job in jobs if job.entry not in missing]
-    return _headline_figures(gather(done, stored, {}), board, names)
+    finished = {key for key, outcome in stored.items() if outcome.reason is None}
+    incomplete = {job.entry for job in jobs if job.key not in finished}
+    complete_jobs = [job for job in jobs if job.entry not in incomplete]
+    return _headline_figures(gather(complete_jobs, stored, {}), board, names)
 
 
 def _headline_figures(results: Results, board: Board, entries: Sequence[str]) -> dict[str, float]:
@@ -292,7 +298,8 @@ def _entries_of_suite(suite: Suite, boards: Iterable[Board]) -> dict[str, list[S
     """
     problems: list[str] = []
 
-    def result(key: str, check: Callable[[Any], object], argument: Any) -> Any:
+    def checked(key: str, check: Callable[[Any], object], argument: Any) -> Any:
+        """Return what a check returns; None, and more `problems`, if it raises `ValueError`."""
         try:
             return check(argument)
         except ValueError as error:
@@ -301,7 +308,7 @@ def _entries_of_suite(suite: Suite, boards: Iterable[Board]) -> dict[str, list[S
             return None
 
     if not suite.recorded:
-        result("", check_names, suite)
+        checked("", check_names, suite)
     entries: dict[str, list[Spec]] = {}
     for board in boards:
 
@@ -309,9 +316,9 @@ def _entries_of_suite(suite: Suite, boards: Iterable[Board]) -> dict[str, list[S
             return board.check_entry(Spec.parse(text))
 
         key = f"{board.name}.entries"
-        entries[board.name] = [result(key, entry, text) for text in board.suite_entries(suite)]
-        for check in () if suite.recorded else board.suite_checks(suite):
-            result(*check)
+        entries[board.name] = [checked(key, entry, text) for text in board.suite_entries(suite)]
+        for each in () if suite.recorded else board.suite_checks(suite):
+            checked(each.key, each.check, each.argument)
     if problems:
         every = ConfigError(dict.fromkeys(problems))
         raise SuiteError(f"suite {suite.title}: {every}", every.problems)
@@ -339,10 +346,11 @@ def _suite(
 def _by_board(specs: Sequence[Spec], boards: Sequence[Board]) -> dict[str, list[Spec]]:
     """Return the entries of each board; raise `SpecError` for one that no board ranks."""
     by_board: dict[str, list[Spec]] = {board.name: [] for board in boards}
-    possible = list(dict.fromkeys(board.kind.name for board in boards))
-    kinds = [next(b.kind for b in boards if b.kind.name == name) for name in possible]
+    kinds: dict[str, Kind] = {}
+    for board in boards:
+        kinds.setdefault(board.kind.name, board.kind)
     for spec in specs:
-        kind = entry_kind(spec, kinds)
+        kind = entry_kind(spec, list(kinds.values()))
         fitting = [board for board in boards if board.kind.name == kind.name]
         if not fitting:
             wanted = " or ".join(dict.fromkeys(str(board.kind) for board in boards))
@@ -362,10 +370,10 @@ def _outcomes(
     compile_first: bool,
 ) -> dict[str, Outcome]:
     """Compute the outcomes that the store does not have; write each as it comes."""
-    number = store.begin(conditions)
+    run_number = store.begin(conditions)
     keys = [job.key for job in run_plan.jobs]
     stored = {} if options.fresh else store.outcomes(keys)
-    not_stored: list[str] = []
+    store_errors: list[str] = []
     # Failures are tried again.
     done = {key: outcome for key, outcome in stored.items() if outcome.reason is None}
 
@@ -383,9 +391,9 @@ def _outcomes(
         )
         done[job.key] = outcome
         try:
-            store.put(row, outcome, number)
+            store.put(row, outcome, run_number)
         except StoreError as error:
-            not_stored.append(str(error))
+            store_errors.append(str(error))
 
     jobs = {job.key: job for job in run_plan.jobs}
     wanted = {key: job for key, job in jobs.items() if key not in done}
@@ -406,9 +414,9 @@ def _outcomes(
     # Where nothing ran, no plug-in could change anything.
     for key in _changed(store) if wanted else ():
         write(jobs[key], done[key])
-    if not_stored:
+    if store_errors:
         # The file was damaged during the run; the board is made from memory.
-        warnings.warn(f"{len(not_stored)} results are not kept: {not_stored[0]}", stacklevel=3)
+        warnings.warn(f"{len(store_errors)} results are not kept: {store_errors[0]}", stacklevel=3)
     return done
 
 
@@ -430,18 +438,19 @@ def _changed(store: Store) -> list[str]:
 def _first_calls(run_plan: RunPlan, wanted: Collection[Job]) -> list[Node | Job]:
     """Return short computations that compile the kernels of the wanted jobs.
 
-    In the run itself all workers begin with traffic, then all need the ray caster, and wait for the
-    one that compiles it. Here one begins with traffic and the others with scans of a scenario that
-    is scripted. Plug-ins of others are not called. Some small files stay in the cache folder.
+    Without them all workers begin with traffic, then all need the ray caster, and wait for the one
+    that compiles it. Here one worker begins with traffic, the others with scans of a scripted
+    scenario. Plug-ins that run in a process of their own are not called. Some small files stay in
+    the cache folder.
     """
     from roadscope.envs.traffic.scenarios import find
 
     suite = run_plan.suite
-    simulated = [name for name in suite.scenarios if not find(name).scripted]
+    unscripted = [name for name in suite.scenarios if not find(name).scripted]
     entries = {(job.board.name, job.entry) for job in wanted}
     jobs: list[Job] = []
     for board in run_plan.boards:
-        scenarios = [FIRST_SCENARIO] if board.takes_scripted else simulated[:1]
+        scenarios = [FIRST_SCENARIO] if board.takes_scripted else unscripted[:1]
         if scenarios and (specs := run_plan.entries.get(board.name)):
             short = _shortened(suite, scenarios[0])
             jobs += board.jobs(short, specs, JobOptions(marks=False))
@@ -456,9 +465,10 @@ def _first_calls(run_plan: RunPlan, wanted: Collection[Job]) -> list[Node | Job]
         return []
     traffic = [
         TrafficNode.of(Episode(name, suite.seeds[0], suite.rig, FIRST_DURATION_S))
-        for name in simulated[:1]
+        for name in unscripted[:1]
     ]
-    # From both ends: the first and the last jobs are of different boards and kernels.
+    # Alternately from both ends, first, last, second, ...: workers that start at the same time get
+    # jobs of different boards, which compile different kernels.
     both_ends = chain.from_iterable(zip(jobs, reversed(jobs), strict=True))
     return [*traffic, *islice(both_ends, len(jobs))]
 
