@@ -127,7 +127,7 @@ class Board(ABC):
     inputs_name: str = ""
     """The breakdown by the detector whose detections an entry gets; empty: it gets none."""
     object_metric: str = ""
-    """A metric that has a value unless no object is eligible."""
+    """A metric that has a value as soon as one object is eligible."""
     summed: Sequence[str] = ()
     """Counts that are shown as sums over episodes, as in papers."""
     medians: Sequence[str] = ()
@@ -149,7 +149,7 @@ class Board(ABC):
     kitti_markers: Sequence[Sequence[str]] = ()
     """Groups of names of files: a folder with a file of each group has KITTI's data for it."""
     comparison_note: str = ""
-    """What is said where there is nothing to compare its ranks with."""
+    """Text in place of the comparison where there is nothing to compare its ranks with."""
     predictors: Sequence[str] = ()
     """Metrics of the inputs of entries that may predict how well these do."""
     predicted: Sequence[str] = ()
@@ -213,11 +213,16 @@ class Board(ABC):
         return []
 
     def pooled(self, metric: str, scores: Sequence[Scores]) -> list[Score]:
-        """Return a score for each episode; pooled, they are the figure of a metric on the board."""
-        bins = [part_name(EXCESS, "score", band) for band in BANDS["score"].labels]
-        if metric == "calibration_error" and all(b in each for b in bins for each in scores):
-            return pooled_calibration([[each[b] for b in bins] for each in scores])
-        return [each[metric] for each in scores]
+        """Return the scores of episodes from which the board's figure of a metric is pooled.
+
+        They are those of the metric itself, but for the calibration error: it is pooled from the
+        bins of all episodes, where these have bins.
+        """
+        if metric == "calibration_error":
+            bins = [part_name(EXCESS, "score", band) for band in BANDS["score"].labels]
+            if all(name in of_episode for of_episode in scores for name in bins):
+                return pooled_calibration([[each[name] for name in bins] for each in scores])
+        return [of_episode[metric] for of_episode in scores]
 
     def is_silent(self, metric: str, scores: Sequence[Scores]) -> bool:
         """Return whether a metric is left out because the entry never reports what it measures."""
@@ -253,21 +258,25 @@ def episodes(suite: Suite) -> list[Episode]:
 
     They are not combined: only one of weather, light and faults differs from its first value.
     """
-    (weather, *weathers), (light, *lights) = suite.weathers, suite.lights
-    first, *faults = suite.faults
-    conditions = [(weather, light, first), *((other, light, first) for other in weathers)]
-    conditions += [(weather, other, first) for other in lights]
-    conditions += [(weather, light, other) for other in faults]
+    weather, *other_weathers = suite.weathers
+    light, *other_lights = suite.lights
+    faults, *other_faults = suite.faults
+    conditions = [
+        (weather, light, faults),
+        *((other, light, faults) for other in other_weathers),
+        *((weather, other, faults) for other in other_lights),
+        *((weather, light, other) for other in other_faults),
+    ]
     return [
-        Episode(scenario, seed, suite.rig, suite.duration_s, *each)
+        Episode(scenario, seed, suite.rig, suite.duration_s, *condition)
         for seed in suite.seeds
         for scenario in suite.scenarios
-        for each in conditions
+        for condition in conditions
     ]
 
 
 def mark_of(source: Spec) -> str | None:
-    """Return the mark of a source of image boxes or poses; None if it has a rank."""
+    """Return the mark of what image boxes or poses come from; None for an entry with a rank."""
     if source.kind == ORACLE:
         return UPPER_MARK
     if is_noise(source):
@@ -280,5 +289,5 @@ def call_cost(times: CallTimes, percentiles: Sequence[int] = (50, 99)) -> dict[s
 
     The first call is left out: it may compile or load what the plug-in needs.
     """
-    wall = cost(times.wall_ms, (50,))["call_p50_ms"]
-    return {**cost(times.processor_ms, percentiles), "wall_p50_ms": wall}
+    median_wall = cost(times.wall_ms, (50,))["call_p50_ms"]
+    return {**cost(times.processor_ms, percentiles), "wall_p50_ms": median_wall}

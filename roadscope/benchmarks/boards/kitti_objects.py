@@ -5,7 +5,7 @@ from __future__ import annotations
 from abc import abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from itertools import product
+from itertools import chain, product
 from typing import Any, ClassVar
 
 import numpy as np
@@ -61,7 +61,7 @@ from roadscope.core.fused import FusedDetections
 from roadscope.core.spec import ORACLE
 
 EVERYTHING = Eligibility((0.0, 1e4), 1, tuple(family.value for family in Family))
-"""The oracle reports all labels; KITTI's rules say which of them have to be found."""
+"""The oracle reports all labels: KITTI's rules, not this one, say which have to be found."""
 SEQUENCE = "sequence"
 AP_NOTE = (
     "AP: by KITTI's rules at 40 recalls, 0 to 1, from an IoU of 0.7 (cars) or 0.5; moderate: from "
@@ -69,7 +69,7 @@ AP_NOTE = (
 )
 FEW_NOTE = "Of fewer than 41 objects AP is at most (number - 1) / 40."
 MARKERS = {SCANS: (SCANS,), IMAGES: ("image_2", "image_02")}
-"""Names of the folder of a sensor's data."""
+"""Possible names of the folder of a sensor's data."""
 HEADINGS = {"2d": "AP image", "3d": "AP 3-D", "bev": "AP from above"}
 """Headings of average precision by overlap, a key of `OVERLAPS`."""
 
@@ -85,7 +85,10 @@ def precision_columns(*overlaps: str) -> tuple[Column, ...]:
 
 @dataclass(frozen=True)
 class AllDrives(Node):
-    """The answers on all drives of a folder; only those of each drive are kept as files."""
+    """The answers on all drives of a folder, in a node without a file of its own.
+
+    parts: the nodes of the answers on each drive, which are kept as files.
+    """
 
     parts: tuple[Node, ...]
 
@@ -152,25 +155,23 @@ class KittiObjectsBoard(Board):
         The precisions of each sequence are by the first overlap alone.
         """
         assert isinstance(job.episode, KittiDrives)
-        kind, drives = DETECTED_TYPES[self.category], job.episode.drives
-        labels = [rows for drive in drives for rows in labels_of(drive)]
-        boxes = [
-            rows
-            for drive, each in zip(drives, answers, strict=True)
-            for rows in self.rows(drive, each)
-        ]
-        shown = sum(int((rows.types == kind).sum()) for rows in boxes)
-        scores = precision_scores(labels, boxes, kind, self.overlaps)
-        scores["boxes_per_frame"] = mean(shown, len(boxes), "1/frame")
-        first = 0
+        object_type = DETECTED_TYPES[self.category]
+        drives = job.episode.drives
+        labels = [labels_of(drive) for drive in drives]
+        boxes = [self.rows(drive, each) for drive, each in zip(drives, answers, strict=True)]
+        all_labels = list(chain.from_iterable(labels))
+        all_boxes = list(chain.from_iterable(boxes))
+        scores = precision_scores(all_labels, all_boxes, object_type, self.overlaps)
+        count = sum(int((rows.types == object_type).sum()) for rows in all_boxes)
+        scores["boxes_per_frame"] = mean(count, len(all_boxes), "1/frame")
         # KITTI's object data have no sequences.
-        for drive in drives if drives[0].files.layout.by_sequence else ():
-            rows = slice(first, first + len(drive.files.numbers))
-            first = rows.stop
-            of_drive = precision_scores(labels[rows], boxes[rows], kind, self.overlaps[:1])
-            scores |= {
-                part_name(name, SEQUENCE, drive.name): score for name, score in of_drive.items()
-            }
+        if drives[0].files.layout.by_sequence:
+            for drive, drive_labels, drive_boxes in zip(drives, labels, boxes, strict=True):
+                of_drive = precision_scores(
+                    drive_labels, drive_boxes, object_type, self.overlaps[:1]
+                )
+                for name, score in of_drive.items():
+                    scores[part_name(name, SEQUENCE, drive.name)] = score
         if job.mark:
             return scores
         return scores | call_cost(_joined([each.times for each in answers]))
@@ -261,6 +262,7 @@ class KittiFusionBoard(KittiObjectsBoard):
         """Return every fusion on all pairs of detectors, and each sensor alone as marks."""
         settings = suite.settings(self.name, KittiSettings)
         passed_on = FUSION.registry.resolve(PASSED_ON)
+        # The name of a row, its fusion, and the only sensor that the fusion gets; empty: both.
         rows = [(str(entry), entry, "") for entry in dict.fromkeys(entries)]
         if options.marks:
             rows += [(alone, passed_on, alone) for alone in (LIDAR_ALONE, CAMERA_ALONE)]
@@ -275,13 +277,22 @@ class KittiFusionBoard(KittiObjectsBoard):
                 )
                 for drive in settings.drives
             )
-            mark = ONE_SENSOR if alone else None
-            every = KittiDrives(settings.drives), AllDrives(nodes)
-            jobs.append(Job(self, name, *every, mark=mark, inputs=nodes[0].inputs))
+            job = Job(
+                self,
+                name,
+                KittiDrives(settings.drives),
+                AllDrives(nodes),
+                mark=ONE_SENSOR if alone else None,
+                inputs=nodes[0].inputs,
+            )
+            jobs.append(job)
         return jobs
 
     def rows(self, drive: KittiDrive, answers: EpisodeFusions) -> list[KittiObjects]:
-        """Return the targets: image boxes of their own, else those around their boxes in space."""
+        """Return the fused targets.
+
+        A target without an image box of its own gets the one around its box in space.
+        """
         pairs = zip(answers.fused, places_of(drive), strict=True)
         return [place.fused_rows(fused) for fused, place in pairs]
 
@@ -297,12 +308,11 @@ def _joined(times: Sequence[CallTimes]) -> CallTimes:
 
     A first call may load or compile things; that of the first drive is left out by `call_cost`.
     """
-    kept = [
-        each.select(np.arange(number > 0, len(each.wall_ms))) for number, each in enumerate(times)
-    ]
+    first, *later = times
+    counted = [first, *(each.select(np.arange(1, len(each.wall_ms))) for each in later)]
     return CallTimes(
-        np.concatenate([each.processor_ms for each in kept]),
-        np.concatenate([each.wall_ms for each in kept]),
+        np.concatenate([each.processor_ms for each in counted]),
+        np.concatenate([each.wall_ms for each in counted]),
     )
 
 
