@@ -1,4 +1,4 @@
-"""Drives of a driver, who gets the tracks that a perception stack makes from sensor data."""
+"""Drives of a driver, who gets the tracks that a perception stack makes while the ego drives."""
 
 from __future__ import annotations
 
@@ -12,7 +12,16 @@ import numpy as np
 from roadscope.benchmarks.episode import Episode
 from roadscope.benchmarks.fingerprints import code_hash, plugin_hash
 from roadscope.benchmarks.isolation import PluginHandle
-from roadscope.benchmarks.kinds import DRIVER, KINDS, Kind, traits_of
+from roadscope.benchmarks.kinds import (
+    CAMERA_DETECTOR,
+    DETECTOR,
+    DRIVER,
+    FUSION,
+    KINDS,
+    ODOMETRY,
+    Kind,
+    traits_of,
+)
 from roadscope.benchmarks.loop import (
     AnswerCheck,
     CallInput,
@@ -42,7 +51,7 @@ from roadscope.driving.perception import BLIND, TRUTH, parts_of
 from roadscope.envs.sensors.rigs import rig
 
 CLOSED_LOOP = "roadscope.driving.closed_loop"
-"""The module whose code a drive depends on."""
+"""A module that a drive depends on; its code counts in the node's content."""
 
 
 @dataclass(frozen=True)
@@ -63,18 +72,17 @@ class Stack:
         detector, tracker = parts_of(self.text)
         specs = [tracker.plain]
         if detector.name == FUSED:
-            kinds = {"lidar": "detector", "camera": "camera detector", "fusion": "fusion"}
+            kinds = {"lidar": DETECTOR, "camera": CAMERA_DETECTOR, "fusion": FUSION}
             missing = [key for key in kinds if key not in detector.parts]
             if missing:
                 raise SpecError(f"'{detector}': expected {'=, '.join(missing)}= too")
             specs += [
-                resolved_plugin(KINDS[kind].registry, detector.parts[key])
-                for key, kind in kinds.items()
+                resolved_plugin(kind.registry, detector.parts[key]) for key, kind in kinds.items()
             ]
         else:
-            specs.append(resolved_plugin(KINDS["detector"].registry, detector))
+            specs.append(resolved_plugin(DETECTOR.registry, detector))
         if tracker.ego is not None and str(tracker.ego) not in (TRUE_POSES, NO_POSES):
-            specs.append(KINDS["odometry"].registry.resolve(tracker.ego))
+            specs.append(ODOMETRY.registry.resolve(tracker.ego))
         return tuple(specs)
 
     def missing(self) -> str:
@@ -166,12 +174,13 @@ class DriveNode(SensingNode):
             )
             log = _DriveLog()
 
+            # They take turns: the next scene is made after the traffic has moved on in `execute`.
             def scenes() -> Iterator[CallInput[DrivingScene]]:
                 while not loop.over:
                     tracks = loop.tracks()
                     log.add_scans(loop, calls)
                     scene = loop.scene(tracks)
-                    log.add(scene, loop)
+                    log.add_scene(scene, loop)
                     yield CallInput((scene,), scene)
 
             def execute(answer: Any, call_input: CallInput[DrivingScene]) -> DrivingCommand:
@@ -194,22 +203,28 @@ def duration_of(episode: Episode) -> float:
 
 @dataclass(slots=True)
 class _DriveLog:
-    """What is written down during a drive."""
+    """What is written down during a drive; see the fields of `EpisodeDrive`.
+
+    parked: numbers of the parked cars that sensors saw.
+    scan_times: processor and wall time of the stack for each processed scan, milliseconds.
+    """
 
     scenes: list[DrivingScene] = field(default_factory=list)
     reference_accelerations: list[float] = field(default_factory=list)
     sensed: list[Truth] = field(default_factory=list)
     believed: list[Tracks] = field(default_factory=list)
     parked: set[int] = field(default_factory=set)
-    times: list[tuple[float, float]] = field(default_factory=list)
+    scan_times: list[tuple[float, float]] = field(default_factory=list)
 
-    def add(self, scene: DrivingScene, loop: ClosedLoop) -> None:
+    def add_scene(self, scene: DrivingScene, loop: ClosedLoop) -> None:
+        """Note what the driver gets, and how a driver of the simulation would accelerate."""
         self.scenes.append(scene)
         traffic = loop.traffic
         reference = traffic.outlook(traffic.true_tracks()).model
         self.reference_accelerations.append(reference.acceleration_m_s2)
 
     def add_scans(self, loop: ClosedLoop, calls: _StackCalls) -> None:
+        """Note the scans that the stack has processed in this step, and their times."""
         for truth in loop.truths:
             self.parked |= parked_owners(truth)
         count = len(loop.processed)
@@ -220,9 +235,10 @@ class _DriveLog:
         for truth, tracks in loop.processed:
             self.sensed.append(without_sources(truth))
             self.believed.append(tracks)
-            self.times.append((processor_ms / count, wall_ms / count))
+            self.scan_times.append((processor_ms / count, wall_ms / count))
 
     def drive(self, loop: ClosedLoop, seed: int, driver_times: CallTimes) -> EpisodeDrive:
+        """Return the record of the drive, which is over."""
         timeline = loop.traffic.timeline(loop.traffic.now_s)
         stamps_s = np.array([scene.stamp_s for scene in self.scenes])
         states = timeline.at(stamps_s)
@@ -230,13 +246,13 @@ class _DriveLog:
         poses[~states.present] = np.nan
         speeds = np.array([scene.speed_m_s for scene in self.scenes])
         end_s = loop.traffic.now_s
-        after = np.append(speeds[1:], loop.traffic.speed_m_s)
+        next_speeds = np.append(speeds[1:], loop.traffic.speed_m_s)
         steps_s = np.diff(stamps_s, append=end_s)
         collided = loop.traffic.collided_with
         return EpisodeDrive(
             stamps_s=stamps_s,
             speeds=speeds,
-            accelerations=(after - speeds) / steps_s,
+            accelerations=(next_speeds - speeds) / steps_s,
             reference_accelerations=np.array(self.reference_accelerations),
             ids=timeline.ids,
             categories=timeline.categories,
@@ -251,7 +267,7 @@ class _DriveLog:
             believed=tuple(self.believed),
             parked=parked_centres_on(timeline, seed, self.parked),
             driver_times=driver_times,
-            perception_times=CallTimes(*np.array(self.times).reshape(-1, 2).T),
+            perception_times=CallTimes(*np.array(self.scan_times).reshape(-1, 2).T),
         )
 
 
@@ -276,14 +292,17 @@ class _StackCalls:
         return timed.answer
 
     def take_times(self) -> tuple[float, float]:
-        """Return the processor and wall time of all calls since the last time, milliseconds."""
+        """Return the processor and wall time of all calls since it was called last, ms."""
         times = self._processor_ms, self._wall_ms
         self._processor_ms = self._wall_ms = 0.0
         return times
 
 
 class _CalledPlugin:
-    """A plug-in of any kind as an object, whose methods call its handle."""
+    """A plug-in of a stack as an object whose methods call the plug-in, check and time.
+
+    It has the methods of every kind; the stack calls those of the plug-in's kind.
+    """
 
     def __init__(self, calls: _StackCalls, handle: PluginHandle, spec: Spec, kind: Kind) -> None:
         self._calls, self._handle, self._spec, self._kind = calls, handle, spec, kind

@@ -1,4 +1,4 @@
-"""Tracks: of a tracker, from detections and the ego's poses."""
+"""The tracks of a tracker, from detections and the ego's poses."""
 
 from __future__ import annotations
 
@@ -24,10 +24,10 @@ class TrackNode(Node):
     """The tracks of a tracker in frame `world`.
 
     The tracker gets detections in frame `ego`, whatever the source of its poses. It tracks in the
-    world frame of these poses: that of an odometry begins in the first ego frame and drifts;
-    without poses it is the ego frame. Its tracks are moved into the ego frame by the pose that it
-    got, and from there into the true world by the true pose. So slow drift costs little, and a
-    jump of the poses costs tracks.
+    world frame of these poses. That of an odometry begins in the first ego frame and drifts.
+    Without poses, the tracker tracks in frame `ego`. Its tracks are moved into the ego frame by the
+    pose that it got, and from there into the true world by the true pose. So slow drift costs
+    little, but a jump of the poses costs tracks.
 
     tracker: its resolved spec. detections: the node whose detections it gets.
     ego: the node of the poses that it gets; None: the true ones.
@@ -57,8 +57,8 @@ class TrackNode(Node):
     ) -> EpisodeTracks:
         """Run the tracker over detections. poses: the content of `ego`."""
         if self.least_score:
-            chosen = [d.select(d.scores >= self.least_score) for d in detections.detections]
-            detections = replace(detections, detections=tuple(chosen))
+            likely = [d.select(d.scores >= self.least_score) for d in detections.detections]
+            detections = replace(detections, detections=tuple(likely))
         ego_poses: Sequence[Pose | None] | None = None
         if not self.posed:
             ego_poses = [None] * len(detections.truths)
@@ -72,7 +72,7 @@ class TrackNode(Node):
 
 @dataclass(frozen=True, slots=True)
 class _Ego:
-    """The ego at one frame, in the world frame of the tracker.
+    """The ego at one frame, in the world frame in which the tracker tracks.
 
     world_from_ego: the pose that the tracker gets; the identity if it gets none.
     motion: (3,) velocity in x and y, m/s, and yaw rate, rad/s.
@@ -82,7 +82,11 @@ class _Ego:
     motion: np.ndarray
 
     def in_world(self, tracks: Tracks) -> Tracks:
-        """Return tracks in that world frame; velocities in frame `ego` are relative to the ego."""
+        """Return tracks in that world frame.
+
+        Velocities in frame `ego` are relative to the ego: its own velocity at the track's centre,
+        as that of a rigid body, is added.
+        """
         if tracks.frame == "world":
             return tracks
         moved = tracks.moved(self.world_from_ego, "world")
@@ -109,23 +113,25 @@ def track(
     """
     true_poses = [truth.world_from_ego for truth in inputs.truths]
     stamps_s = [truth.stamp_s for truth in inputs.truths]
-    ego_poses = true_poses if poses is None else list(poses)
-    believed = [Pose.identity() if pose is None else pose for pose in ego_poses]
-    egos = list(map(_Ego, believed, ego_motions(stamps_s, believed)))
-    check_answer, history = AnswerCheck(TRACKER.name), list[Tracks]()
+    tracker_poses = true_poses if poses is None else list(poses)
+    world_from_egos = [Pose.identity() if pose is None else pose for pose in tracker_poses]
+    egos = list(map(_Ego, world_from_egos, ego_motions(stamps_s, world_from_egos)))
+    check_answer = AnswerCheck(TRACKER.name)
+    history: list[Tracks] = []
 
-    def calls() -> Iterator[CallInput[_Ego]]:
-        frames = zip(inputs.detections, true_poses, ego_poses, egos, strict=True)
-        for detections, true_pose, pose, ego in frames:
-            yield CallInput((_in_ego(detections, true_pose), pose), ego)
+    def calls() -> Iterator[CallInput[None]]:
+        frames = zip(inputs.detections, true_poses, tracker_poses, strict=True)
+        for detections, true_pose, pose in frames:
+            yield CallInput((_in_ego(detections, true_pose), pose), None)
 
-    def check(answer: Any, call_input: CallInput[_Ego]) -> Tracks:
-        history.append(check_answer(answer, call_input))
-        return history[-1]
+    def check(answer: Any, call_input: CallInput[None]) -> Tracks:
+        checked_tracks: Tracks = check_answer(answer, call_input)
+        history.append(checked_tracks)
+        return checked_tracks
 
     def rescore(plugin: PluginHandle) -> Timed:
         timed = plugin.call("rescored", tuple(history))
-        posed = [pose is not None for pose in ego_poses]
+        posed = [pose is not None for pose in tracker_poses]
         check_all = partial(check_rescored, stamps_s=stamps_s, posed=posed)
         return replace(timed, answer=checked(tracker, check_all, timed.answer))
 
@@ -137,6 +143,7 @@ def track(
         for answer, ego in zip(answers, egos, strict=True)
     ]
     if poses is not None:
+        # From the tracker's world into the ego frame, and on into the true world.
         tracks = [
             each.moved(true_pose @ ego.world_from_ego.inverse(), "world")
             for each, true_pose, ego in zip(tracks, true_poses, egos, strict=True)
