@@ -1,6 +1,7 @@
-"""A simulated rig calibrated with a triangular target, and how many poses of it that takes.
+"""A simulated rig calibrated with a triangular target, and how many poses of the target it takes.
 
-The target and what both sensors measure of it: Li 2021, section 2.2.
+The target and what both sensors measure of it: Li 2021, section 2.2. A *view* is what both sensors
+measure of the target in one pose.
 """
 
 from __future__ import annotations
@@ -19,7 +20,7 @@ from roadscope.benchmarks.images import camera_of, projection_of
 from roadscope.benchmarks.progress import Progress, silent
 from roadscope.core import Pose
 from roadscope.core.projection import Projection
-from roadscope.envs.imaging.raster import rasterise
+from roadscope.envs.imaging.raster import GROUND_FACE, rasterise
 from roadscope.envs.raycast.scene import Scene
 from roadscope.envs.sensors.lidar import sweep
 from roadscope.envs.sensors.rig import Rig
@@ -57,17 +58,19 @@ alone on even ground."""
 PITCH_RAD, ROLL_RAD = 0.3, 0.15
 """Greatest tilts of a target; with more roll its base would no longer be its lowest edge."""
 LEAST_TARGETS = 3
-"""Targets without outliers that a joint refinement needs."""
+"""Views without outliers that a joint refinement needs."""
 GATE_PX = 25.0
 """A corner that is farther from its projection is an outlier; chosen by hand."""
 MISREAD_PX = (30.0, 90.0)
 """Least and greatest error of a misread corner; chosen by hand."""
 LEAST_POSES = 4
+"""Views that a calibration needs."""
 STEPS = (4, 6, 8, 10, 12, 16, 20, 30, 40, 60, 80, 100)
-"""Numbers of poses that are compared, up to the number of views."""
+"""Numbers of views whose calibrations are compared, as far as there are views."""
 DRAWS = 9
-"""Random choices of poses for each of these numbers; medians of their errors are shown."""
+"""Random choices of views for each of these numbers; medians of their errors are shown."""
 ENDINGS = (".json", ".toml")
+"""Endings of the files that hold a calibration."""
 
 
 class TargetPose(NamedTuple):
@@ -86,7 +89,7 @@ class TargetPose(NamedTuple):
 
 
 class TargetView(NamedTuple):
-    """The left, right and top corner of a target by both sensors.
+    """The left, right and top corner of a target, as both sensors measured them.
 
     points: (3, 3) metres, ego frame. pixels: (3, 2). scanned: what else the scans measured.
     """
@@ -109,12 +112,13 @@ def true_corners(target: TriangularTarget, pose: TargetPose) -> np.ndarray:
 
 
 def target_prisms(target: TriangularTarget, pose: TargetPose) -> Prisms:
-    """Return the target as a stack of thin slices, for x, y and yaw of 0."""
+    """Return the target in this pose as a stack of thin slices, but with x, y and yaw of 0."""
     corners = true_corners(target, pose._replace(x_m=0.0, y_m=0.0, yaw_rad=0.0))
     low, high = float(corners[:, 2].min()), float(corners[:, 2].max())
     count = round((high - low) / SLICE_M)
     edges = low + (high - low) / count * np.arange(count + 1)
-    slices, behind = [], np.array([THICKNESS_M, 0.0])
+    behind = np.array([THICKNESS_M, 0.0])
+    slices = []
     for bottom, top in pairwise(edges.tolist()):
         right, left = _ends_at_height(corners, (bottom + top) / 2)
         outline = np.array([right, right + behind, left + behind, left])
@@ -141,13 +145,14 @@ def random_poses(
     """
     ahead = rng.uniform(3.5, 9.0, count) + rig.lidar.ego_from_lidar.translation[0]
     left = rng.uniform(-0.22, 0.22, count) * ahead
-    low = rig.lidar.ego_from_lidar.translation[2] < 1.0
-    bottom = rng.uniform(0.1, 0.3, count) if low else rng.uniform(0.2, 0.7, count)
-    yaw, pitch, roll = rng.uniform(-0.6, 0.6, count), np.zeros(count), np.zeros(count)
+    is_low_lidar = rig.lidar.ego_from_lidar.translation[2] < 1.0
+    bottom = rng.uniform(0.1, 0.3, count) if is_low_lidar else rng.uniform(0.2, 0.7, count)
+    yaw = rng.uniform(-0.6, 0.6, count)
+    pitch, roll = np.zeros(count), np.zeros(count)
     if tilted:
         pitch = rng.uniform(-PITCH_RAD, PITCH_RAD, count)
         roll = rng.uniform(-ROLL_RAD, ROLL_RAD, count)
-        # The lower corner stays above the ground.
+        # With roll, one corner of the base is lower than its middle: the target is raised by that.
         bottom = bottom + TriangularTarget().base_m / 2 * np.abs(np.sin(roll))
     columns = np.column_stack([ahead, left, bottom, yaw, pitch, roll])
     return [TargetPose(*row) for row in columns.tolist()]
@@ -184,21 +189,24 @@ def _returns_of_target(
     rig: Rig, scene: Scene, rng: np.random.Generator, scans: int
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return (N, 3) points, LiDAR frame, and (N,) ring and column of the target's returns."""
-    mount, parts = rig.lidar, []
+    mount = rig.lidar
+    parts = []
     for _ in range(scans):
         scan, _ = sweep(scene, mount.spec, [mount.ego_from_lidar], 0.0, rng=rng)
-        high = mount.ego_from_lidar.apply(scan.points)[:, 2] > LEAST_HEIGHT_M
-        near = high & (np.linalg.norm(scan.points, axis=1) < FARTHEST_RETURN_M)
-        parts.append((scan.points[near], scan.ring[near], scan.column[near]))
+        is_high = mount.ego_from_lidar.apply(scan.points)[:, 2] > LEAST_HEIGHT_M
+        is_near = np.linalg.norm(scan.points, axis=1) < FARTHEST_RETURN_M
+        rows = is_high & is_near
+        parts.append((scan.points[rows], scan.ring[rows], scan.column[rows]))
     points, ring, column = (np.concatenate(part) for part in zip(*parts, strict=True))
     return points.astype(np.float64), ring, column
 
 
 def _corner_pixels(rig: Rig, scene: Scene, rng: np.random.Generator) -> np.ndarray:
+    """Return (3, 2) pixels of the target's corners, found in a noisy grey image of the scene."""
     camera = camera_of(rig)
     raster = rasterise(scene, camera.spec.pinhole, camera.ego_from_camera, 0.0)
-    levels = np.array([GREY["sky"], GREY["ground"]])
-    grey = np.where(raster.faces >= 0, GREY["target"], levels[np.minimum(raster.faces, -1) + 2])
+    background = np.where(raster.faces == GROUND_FACE, GREY["ground"], GREY["sky"])
+    grey = np.where(raster.faces >= 0, GREY["target"], background)
     return corners_in_image(grey + GREY_NOISE * rng.standard_normal(grey.shape))
 
 
@@ -217,7 +225,8 @@ def target_views(
     progress: called with the number of poses done. target: None is the paper's. scans: of each
     pose. tilted: as in `random_poses`. `CalibrationError` where no pose succeeded.
     """
-    target, views = target or TriangularTarget(), []
+    target = target or TriangularTarget()
+    views = []
     for number, pose in enumerate(random_poses(rig, poses, rng, tilted=tilted), start=1):
         try:
             views.append(target_view(rig, target, pose, rng, scans=scans))
@@ -279,8 +288,10 @@ def refine_jointly(
     """Refine camera and targets together, from the paper's solution and without its outliers.
 
     The result's reprojection error is still that of the corners found in scans; most of it is the
-    error of these corners. Views without `scanned`, or with too few targets, return the start.
+    error of these corners. The start is returned if a used view has no `scanned`, or if too few
+    views are without outliers.
     """
+    # All three corners of a view have to be inliers.
     inliers = np.asarray(start.inliers.reshape(-1, 3).all(axis=1))
     used = [view for view, inlier in zip(views, inliers, strict=True) if inlier]
     scanned = [view.scanned for view in used if view.scanned is not None]
@@ -304,12 +315,12 @@ def refine_jointly(
 
 
 def held_out_error_px(rig: Rig, projection: Projection) -> float:
-    """Return how far a calibration projects points from where they are, root mean square.
+    """Return how far a calibration projects points from their true pixels, root mean square.
 
     The points, a grid 8 to 30 m away, were not used to calibrate.
     """
-    axes = [8.0, 15, 30], [-0.2, 0, 0.2], [0.2, 1.0, 1.8]
-    points = np.stack(np.meshgrid(*axes), -1).reshape(-1, 3)
+    ahead_m, left_per_ahead, up_m = [8.0, 15, 30], [-0.2, 0, 0.2], [0.2, 1.0, 1.8]
+    points = np.stack(np.meshgrid(ahead_m, left_per_ahead, up_m), -1).reshape(-1, 3)
     points[:, 1] *= points[:, 0]
     pixels, _ = projection_of(rig).project(points)
     errors = distances_px(projection.matrix, points, pixels)
@@ -324,9 +335,11 @@ def held_out_error_px(rig: Rig, projection: Projection) -> float:
 class PoseRow:
     """Errors of a calibration from a number of poses: medians over choices of the poses.
 
-    reprojection_px: of the points used. held_out_px: of points 8 to 30 m away, against the truth;
-    held_out_most_px: that of the worst choice. position_m, rotation_deg: of the camera's pose.
-    corners_px: held_out_px of the paper's method, from corners alone.
+    reprojection_px: of the points used.
+    held_out_px: of points 8 to 30 m away, against the truth.
+    held_out_most_px: `held_out_px` of the worst choice, no median.
+    position_m, rotation_deg: of the camera's pose.
+    corners_px: `held_out_px` of the paper's method, from corners alone.
     """
 
     poses: int
@@ -463,9 +476,9 @@ def calibration_path(path: Path | str) -> Path:
 
 
 def sufficient_poses(rows: Sequence[PoseRow], factor: float = 1.5) -> int:
-    """Return from how many poses on the median held-out error is near that of the last row.
+    """Return the least number of poses from which on the held-out error is near the last row's.
 
-    factor: greatest ratio of both.
+    factor: greatest ratio of an error to that of the last row, which has all poses.
     """
     poses = rows[-1].poses
     for row in reversed(rows):
@@ -481,13 +494,21 @@ def _row(trial: CalibrationTrial, choices: Sequence[Sequence[TargetView]]) -> Po
     for views in choices:
         try:
             start, result = trial.calibrate(views)
-            before = held_out_error_px(trial.rig, start.projection)
-            errors.append((result.reprojection_px, *_errors(trial.rig, result), before))
+            corners_px = held_out_error_px(trial.rig, start.projection)
+            errors.append((result.reprojection_px, *_errors(trial.rig, result), corners_px))
         except CalibrationError:
             errors.append((np.inf,) * 5)
-    middle = np.median(errors, axis=0).tolist()
-    most = float(np.max([row[1] for row in errors]))
-    return PoseRow(len(choices[0]), middle[0], middle[1], most, *middle[2:])
+    medians = np.median(errors, axis=0).tolist()
+    reprojection_px, held_out_px, position_m, rotation_deg, corners_px = medians
+    return PoseRow(
+        poses=len(choices[0]),
+        reprojection_px=reprojection_px,
+        held_out_px=held_out_px,
+        held_out_most_px=float(np.max([row[1] for row in errors])),
+        position_m=position_m,
+        rotation_deg=rotation_deg,
+        corners_px=corners_px,
+    )
 
 
 def _errors(rig: Rig, result: CalibrationResult) -> tuple[float, float, float]:
@@ -497,6 +518,6 @@ def _errors(rig: Rig, result: CalibrationResult) -> tuple[float, float, float]:
     turn = pose.rotation.T @ true.rotation
     # The arccosine of the trace loses half the digits where the angle is small.
     sine = np.linalg.norm(turn - turn.T) / np.sqrt(8.0)
-    angle = float(np.degrees(np.arctan2(sine, (np.trace(turn) - 1) / 2)))
-    distance_m = float(np.linalg.norm(pose.translation - true.translation))
-    return held_out_error_px(rig, result.projection), distance_m, angle
+    rotation_deg = float(np.degrees(np.arctan2(sine, (np.trace(turn) - 1) / 2)))
+    position_m = float(np.linalg.norm(pose.translation - true.translation))
+    return held_out_error_px(rig, result.projection), position_m, rotation_deg
