@@ -1,4 +1,4 @@
-"""The suite `kitti`: the sequences of a folder in place of scenarios and seeds."""
+"""The suite of a folder of KITTI's data: its sequences in place of scenarios and seeds."""
 
 from __future__ import annotations
 
@@ -34,12 +34,16 @@ def kitti_suite(
     known = _kitti_boards()
     settings: dict[str, SequenceSettings] = {}
     for name in boards:
-        settings |= known[name].kitti_settings(place) if name in known else {}
+        if name in known:
+            settings |= known[name].kitti_settings(place)
     return suite_of(KITTI, settings)
 
 
 def _kitti_boards() -> dict[str, Board]:
-    """Return a board of KITTI's data for each board of simulated traffic that has some like it."""
+    """Return a board of KITTI's data by the name of the board of simulated traffic like it.
+
+    Of several, one for each class of objects, any has the settings of all.
+    """
     boards = [board for board in RECORDED_BOARDS.values() if board.kitti_markers]
     return {board.simulated_board: board for board in boards}
 
@@ -49,12 +53,14 @@ def _complete_boards(
 ) -> dict[str, SequenceSettings]:
     """Return the settings of all boards that a folder has complete data for."""
     known = _kitti_boards()
-    names = [name for name, each in known.items() if all(map(place.has, each.kitti_markers))]
+    names = [name for name, board in known.items() if all(map(place.has, board.kitti_markers))]
     if not names:
-        _refuse(place.folder)
+        _check_has_labels(place.folder)
+        # With labels alone, the board of trackers says what is missing.
+        names = [TRACKING]
     settings: dict[str, SequenceSettings] = {}
     errors: dict[str, FormatError] = {}
-    for name in names or [TRACKING]:
+    for name in names:
         try:
             settings |= known[name].kitti_settings(place)
         except FormatError as error:
@@ -67,8 +73,8 @@ def _complete_boards(
     return settings
 
 
-def _refuse(folder: Path) -> None:
-    """Raise `FormatError` for a folder that has nothing for any board, unless it has labels."""
+def _check_has_labels(folder: Path) -> None:
+    """Raise `FormatError`, with what boards need, for a folder without labels of sequences."""
     try:
         KittiFolder.find(folder)
     except FormatError as error:

@@ -13,9 +13,9 @@ from pathlib import Path
 SCRATCH = Path("/tmp")
 """The only folder that can be written; it is empty at first and is deleted at the end."""
 MASKED = (Path("/run"), Path("/var/run"), Path("/dev/shm"))
-"""Folders of sockets and of shared memory, which look empty in the sandbox."""
+"""Folders of sockets and of shared memory; they look empty in the sandbox."""
 SCRATCH_BYTES = 2_000_000_000
-"""Size of the scratch folder, which is in memory and not part of a plug-in's limit."""
+"""Size of the scratch folder, which is in memory; it does not count as memory of the plug-in."""
 TRY_S = 20.0
 """Seconds that a trial of bubblewrap may take."""
 
@@ -45,22 +45,29 @@ def sandbox_available() -> str:
 def sandbox_command(*, readable: Iterable[Path], hidden: Sequence[Path]) -> list[str]:
     """Return the words before a command that run it in a sandbox.
 
-    readable: files and folders that the command needs, even inside the scratch folder or a hidden
-        one. hidden: folders that look empty, even inside a readable one. Of a path that is both it
-        is hidden.
+    Files outside of the scratch folder and of hidden folders can be read.
+
+    readable: files and folders that can be read too, even inside the scratch folder or a hidden
+        folder.
+    hidden: folders that look empty, even inside a readable one. A path that is in both is hidden.
     """
     masks = [path for path in (*MASKED, *hidden) if path.is_dir() and not path.is_symlink()]
+    empty = (SCRATCH, *masks)
     needed = {path.resolve() for path in (Path(sys.prefix), Path(sys.base_prefix), *readable)}
+    shown_again = {
+        path
+        for path in needed
+        if path.exists() and any(path.is_relative_to(folder) for folder in empty)
+    }
     words = ["bwrap", "--die-with-parent", "--unshare-all", "--new-session"]
     words += ["--ro-bind", "/", "/", "--dev", "/dev", "--proc", "/proc"]
-    places = (SCRATCH, *masks)
-    needed = {path for path in needed if any(path.is_relative_to(place) for place in places)}
-    # A folder comes before those inside it.
-    for path in sorted({*places, *filter(Path.exists, needed)}):
-        if path in places:
+    # A folder comes before those inside it: each covers what the earlier ones put in its place.
+    for path in sorted({*empty, *shown_again}):
+        if path in empty:
             words += ["--size", str(SCRATCH_BYTES), "--tmpfs", str(path)]
         else:
             words += ["--ro-bind", str(path), str(path)]
+    # Only now: places for the folders shown again had to be made inside.
     for path in masks:
         words += ["--remount-ro", str(path)]
     return [*words, "--setenv", "TMPDIR", str(SCRATCH), "--setenv", "HOME", str(SCRATCH)]
@@ -72,15 +79,16 @@ def folders_behind(folder: Path) -> tuple[Path, ...]:
 
     Links to a folder that contains this one are left out.
     """
-    found = [folder.resolve()]
-    for top in found:
+    start = folder.resolve()
+    folders = [start]
+    for top in folders:  # It grows while links are followed.
         for place, names, _ in os.walk(top):
-            for link in (Path(place, name) for name in names):
-                target = link.resolve() if link.is_symlink() else top
-                is_new = not any(target.is_relative_to(each) for each in found)
-                if is_new and not found[0].is_relative_to(target):
-                    found.append(target)
-    return tuple(found)
+            targets = [path.resolve() for name in names if (path := Path(place, name)).is_symlink()]
+            for target in targets:
+                is_new = not any(target.is_relative_to(each) for each in folders)
+                if is_new and not start.is_relative_to(target):
+                    folders.append(target)
+    return tuple(folders)
 
 
 def needed_paths(path: Iterable[str]) -> list[Path]:
