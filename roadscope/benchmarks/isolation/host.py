@@ -1,4 +1,8 @@
-"""The worker's side: opens plug-ins, calls them and checks their answers."""
+"""The worker's side: opens plug-ins, calls them and checks their answers.
+
+A worker is a process of a run. Below it is one supervisor, which forks a guard for each plug-in;
+the guard forks the plug-in's own process and reports how that ended (see `supervisor`).
+"""
 
 from __future__ import annotations
 
@@ -66,6 +70,7 @@ RUN = (
     "import sys; sys.path[:] = sys.argv[2:]; "
     "from roadscope.benchmarks.isolation.supervisor import supervise; supervise(int(sys.argv[1]))"
 )
+"""The program of a supervisor; its arguments are the number of its socket and the import path."""
 ENVIRONMENT = (
     "PATH HOME USER LANG LANGUAGE LC_ALL LC_CTYPE TZ TMPDIR VIRTUAL_ENV PYTHONPATH PYTHONHASHSEED "
     "PYTHONHOME PYTHONDONTWRITEBYTECODE LD_LIBRARY_PATH DYLD_LIBRARY_PATH CUDA_VISIBLE_DEVICES "
@@ -82,10 +87,11 @@ MOST_PRELOADED = 1000
 REPORT_S = 8.0
 """Seconds that a guard may take to end a plug-in with all its processes, and to report."""
 MOST_REPORT_BYTES = 1 << 20
+"""Most bytes of a guard's report, and of a message beside the answer in it; chosen by hand."""
 CLOCK_ERROR_S = 0.01
 """Seconds by which a reported call time may exceed the wait for it; chosen by hand."""
 CORES = os.cpu_count() or 1
-"""A call may use this many seconds of processor time in a second."""
+"""Most seconds of processor time that a call can use in a second."""
 
 
 class PluginHandle(Protocol):
@@ -283,9 +289,9 @@ class _Isolated:
     ) -> None:
         self._text, self._limits = spec.text, limits
         self._left_s = limits.episode_s
-        self._called: set[str] = set()
-        self._number = 0
-        self._failed: PluginError | None = None
+        self._called_methods: set[str] = set()
+        self._call_number = 0
+        self._failure: PluginError | None = None
         self.log = ""
         if not hasattr(os, "fork"):
             raise PluginError(
@@ -304,15 +310,17 @@ class _Isolated:
             "memory_bytes": round(limits.memory_gb * 1e9),
             "output_bytes": round(limits.output_mb * 1e6),
         }
-        self._data, answering = socket.socketpair()
-        self._watch, watch = socket.socketpair()
+        # Calls and answers go through one socket, commands to the guard and its reports through
+        # another. The other ends are sent to the supervisor and then closed here.
+        self._call_socket, plugin_end = socket.socketpair()
+        self._guard_socket, guard_end = socket.socketpair()
         self._buffer = open_buffer()
-        self._channel = Channel(self._data, ended=self._watch, buffer=self._buffer)
-        self._reports = Channel(self._watch)
-        self._opened = time.monotonic()
-        with answering, watch:
-            files = [answering.fileno(), self._buffer, watch.fileno()]
-            self._guard = self._supervisor.open(request, files)
+        self._channel = Channel(self._call_socket, ended=self._guard_socket, buffer=self._buffer)
+        self._reports = Channel(self._guard_socket)
+        self._opened_s = time.monotonic()
+        with plugin_end, guard_end:
+            files = [plugin_end.fileno(), self._buffer, guard_end.fileno()]
+            self._guard_number = self._supervisor.open(request, files)
 
     def load(self) -> Traits:
         """Wait until the plug-in is loaded and made."""
@@ -328,16 +336,16 @@ class _Isolated:
         return self.traits
 
     def call(self, method: str, *arguments: Any) -> Timed:
-        if self._failed is not None:
-            raise self._failed
-        first = method not in self._called
-        self._called.add(method)
-        self._number += 1
-        message = encode({"number": self._number, "method": method, "arguments": list(arguments)})
+        if self._failure is not None:
+            raise self._failure
+        is_first = method not in self._called_methods
+        self._called_methods.add(method)
+        self._call_number += 1
+        number = self._call_number
         return self._answer(
-            message,
-            self._number,
-            limit_s=self._limits.first_call_s if first else self._limits.call_s,
+            encode({"number": number, "method": method, "arguments": list(arguments)}),
+            number,
+            limit_s=self._limits.first_call_s if is_first else self._limits.call_s,
             doing=method,
         )
 
@@ -348,25 +356,27 @@ class _Isolated:
             self._own.close()
 
     def _answer(self, message: bytes | None, number: int, *, limit_s: float, doing: str) -> Timed:
-        """Send a call, wait for its answer and check it."""
-        most = round(self._limits.answer_mb * 1e6) + MOST_REPORT_BYTES
+        """Send a call, wait for its answer and check it.
+
+        message: None while the plug-in is loaded, which it does without a call.
+        doing: what an error says that failed, such as the name of a method.
+        """
+        most_bytes = round(self._limits.answer_mb * 1e6) + MOST_REPORT_BYTES
         # Loading starts by itself, maybe before this line is reached.
-        start = self._opened if message is None else time.monotonic()
-        deadline = start + min(limit_s, self._left_s)
+        start_s = self._opened_s if message is None else time.monotonic()
+        deadline_s = start_s + min(limit_s, self._left_s)
         try:
             if message is not None:
                 if self._channel.surplus():
                     self._fail(f"sent more than one answer before {doing}")
-                self._channel.send(message, deadline)
-            received = self._channel.receive(most, deadline)
+                self._channel.send(message, deadline_s)
+            received = self._channel.receive(most_bytes, deadline_s)
         except TimeoutError:
             self._supervisor.resume()
-            whole = limit_s >= self._left_s
-            self._fail(
-                f"{doing}: all calls of the episode took more than {self._limits.episode_s:g} s"
-                if whole
-                else f"{doing}: no answer within {limit_s:g} s: it hangs"
-            )
+            if limit_s >= self._left_s:
+                took = f"all calls of the episode took more than {self._limits.episode_s:g} s"
+                self._fail(f"{doing}: {took}")
+            self._fail(f"{doing}: no answer within {limit_s:g} s: it hangs")
         except TooLongError as error:
             self._fail(
                 f"{doing}: an answer of {int(str(error)) / 1e6:.1f} MB, more than the "
@@ -374,7 +384,7 @@ class _Isolated:
             )
         except ClosedError:
             self._fail(doing, CLOSED)
-        waited_s = time.monotonic() - start
+        waited_s = time.monotonic() - start_s
         self._left_s -= waited_s
         if self._channel.surplus():
             self._fail(f"{doing}: more than one answer")
@@ -392,36 +402,41 @@ class _Isolated:
         return Timed(content["answer"], content["processor_ms"], content["wall_ms"])
 
     def _fail(self, reason: str, command: bytes = END) -> NoReturn:
-        """End the plug-in and raise `PluginError` with the reason and how its process ended."""
+        """End the plug-in and raise `PluginError` with the reason and how its process ended.
+
+        command: to the guard; `CLOSED` if the process has closed its socket or ended.
+        """
         report = self._end(command)
         if report is None:
             reason = f"{reason}: the process that watches over it does not answer"
         elif report["how"]:
             reason = f"{reason}: {report['how']}"
-        self._failed = PluginError(self._text, reason, self.log)
-        raise self._failed
+        self._failure = PluginError(self._text, reason, self.log)
+        raise self._failure
 
     def _end(self, command: bytes) -> Mapping[str, str] | None:
         """End the process and return the last report, None if there is none."""
-        if self._watch.fileno() < 0:
+        has_ended = self._guard_socket.fileno() < 0
+        if has_ended:
             return None
         report = self._report(command)
         self.log = "" if report is None else last_lines(report["log"], MOST_LOG_CHARACTERS)
-        self._data.close()
-        self._watch.close()
+        self._call_socket.close()
+        self._guard_socket.close()
         os.close(self._buffer)
         if report is None:
-            self._supervisor.end(self._guard)
+            self._supervisor.end(self._guard_number)
         return report
 
     def _report(self, command: bytes) -> Mapping[str, str] | None:
         """Send a command to the guard and return its report, None if it does not answer."""
         try:
             with suppress(OSError):
-                self._watch.send(command)
-            deadline = time.monotonic() + REPORT_S
+                self._guard_socket.send(command)
+            deadline_s = time.monotonic() + REPORT_S
             while True:
-                report = decode(self._reports.receive(MOST_REPORT_BYTES, deadline))
+                report = decode(self._reports.receive(MOST_REPORT_BYTES, deadline_s))
+                # A late answer to an earlier `LOG` may come before the last report.
                 if report["ended"] or command == LOG:
                     return dict(report)
         except (ClosedError, TimeoutError, TooLongError, WireError):
@@ -432,19 +447,20 @@ class _Supervisor:
     """The handle of a supervisor, the process that forks those of plug-ins."""
 
     _running: dict[int, _Supervisor] = {}  # noqa: RUF012
+    """By the number of the process that started it: a forked process needs its own."""
     _lock = threading.Lock()
 
     def __init__(self, before: Sequence[str] = ()) -> None:
         """Start it. before: words before its command, such as those of a sandbox."""
-        self._control, control = socket.socketpair()
-        words = [*before, sys.executable, "-c", RUN, str(control.fileno())]
+        self._control, supervisor_end = socket.socketpair()
+        words = [*before, sys.executable, "-c", RUN, str(supervisor_end.fileno())]
         self._mark = secrets.token_hex(16)
         names = [name for name in ENVIRONMENT.split() if name in os.environ]
         environment = {name: os.environ[name] for name in names}
-        with control:
+        with supervisor_end:
             self._process = subprocess.Popen(
                 [*words, *_import_path(), str(ROOT)],
-                pass_fds=[control.fileno()],
+                pass_fds=[supervisor_end.fileno()],
                 stdin=subprocess.DEVNULL,
                 stdout=subprocess.DEVNULL,
                 env=environment | {MARK: self._mark},
@@ -481,8 +497,8 @@ class _Supervisor:
         has ended, reading from the sockets raises `ClosedError`.
         """
         number = next(self._numbers)
-        more = {"end": False, "number": number, "preload": list(self._preload)}
-        message = framed(encode({**request, **more}))
+        order = {"end": False, "number": number, "preload": list(self._preload)}
+        message = framed(encode({**request, **order}))
         with self._sending, suppress(OSError):
             sent = socket.send_fds(self._control, [message], list(files))
             self._control.sendall(message[sent:])
@@ -498,7 +514,7 @@ class _Supervisor:
         self.close()
 
     def resume(self) -> None:
-        """Resume all processes below: a plug-in may have stopped its guard or supervisor."""
+        """Let stopped processes run again: a plug-in may have stopped its guard or supervisor."""
         self._send_signal(signal.SIGCONT)
 
     def _send_signal(self, number: signal.Signals) -> None:
@@ -532,36 +548,42 @@ class _Supervisor:
         import psutil
 
         for _ in range(MOST_SWEEPS):
-            left = 0
+            remaining = 0
             for process in psutil.process_iter():
                 with suppress(psutil.Error):
                     if process.environ().get(MARK) == self._mark:
-                        left += process.status() != psutil.STATUS_ZOMBIE
+                        remaining += process.status() != psutil.STATUS_ZOMBIE
                         process.kill()
-            if not left:
+            if not remaining:
                 return
 
 
 def _import_path() -> list[str]:
+    """Return the import path of this process; the empty entry is the current folder."""
     return [entry or str(Path.cwd()) for entry in sys.path]
 
 
 def _sandboxed(spec: Spec, hidden: Sequence[Path], data: Sequence[Path]) -> list[str]:
+    """Return the words before a supervisor's command that run it in a sandbox.
+
+    The sandbox can read the package, the import path and the folder of the plug-in's file, but
+    nothing in folders of recorded data. `PluginError` for a file in a folder that must look empty.
+    """
     if why := sandbox_available():
         raise SandboxError(why)
     from roadscope.benchmarks.cache import cache_dir
 
     place = spec.target.rpartition(":")[0]
-    sealed = [each for path in data for each in folders_behind(path.resolve())]
+    data_folders = [each for path in data for each in folders_behind(path.resolve())]
 
     def in_data(path: Path) -> bool:
-        return any(path.resolve().is_relative_to(each) for each in sealed)
+        return any(path.resolve().is_relative_to(each) for each in data_folders)
 
     readable = [PACKAGE, *(path for path in needed_paths(sys.path) if not in_data(path))]
-    folders = [path.resolve() for path in (cache_dir(), *hidden)]
+    hidden_folders = [path.resolve() for path in (cache_dir(), *hidden)]
     if place.endswith(".py"):
         folder = Path(place).resolve().parent
-        if folder in folders:
+        if folder in hidden_folders:
             raise PluginError(
                 spec.text,
                 f"its file is in {folder}, which looks empty in a sandbox, as results are there: "
@@ -574,7 +596,7 @@ def _sandboxed(spec: Spec, hidden: Sequence[Path], data: Sequence[Path]) -> list
                 "sandbox, as labels are there: move the file of the plug-in to another folder",
             )
         readable.append(folder)
-    return sandbox_command(readable=readable, hidden=[*folders, *sealed])
+    return sandbox_command(readable=readable, hidden=[*hidden_folders, *data_folders])
 
 
 def _is_answer(content: Any, number: int, most_s: float) -> bool:
