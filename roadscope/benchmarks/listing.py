@@ -37,6 +37,7 @@ def names_of(kind: str) -> list[tuple[str, str]]:
     kind: `detectors`, `trackers`, `scenarios`, `suites`, `rigs` or another of the kinds that
         `roadscope list` shows; an unknown one raises `SpecError`.
     """
+    # Other kinds are known only to boards, which take long to import.
     kinds = KINDS if kind in KINDS else listed_kinds()
     if kind not in kinds:
         raise SpecError(unknown("kind", kind, kinds))
@@ -47,11 +48,10 @@ def listed_kinds() -> dict[str, Callable[[], Names]]:
     """Return `KINDS`, and after them the kinds of plug-in that boards bring."""
     from roadscope.benchmarks.boards import plugin_kinds
 
-    plugins = {
-        kind.plural.replace(" ", "-"): partial(_registered, kind.registry)
-        for kind in plugin_kinds().values()
-    }
-    return {**KINDS, **{name: each for name, each in plugins.items() if name not in KINDS}}
+    kinds = dict(KINDS)
+    for kind in plugin_kinds().values():
+        kinds.setdefault(kind.plural.replace(" ", "-"), partial(_registered, kind.registry))
+    return kinds
 
 
 def _detectors() -> Names:
@@ -74,7 +74,10 @@ def _odometries() -> Names:
 
 
 def _registered(registry: Registry[Any]) -> Names:
-    """Return names with summaries; plug-ins of other packages have that of their class."""
+    """Return the names of a registry with their summaries.
+
+    A plug-in of another package has no summary there: it is described by its class.
+    """
     return [
         (name, registry.summaries.get(name) or _described(registry, name))
         for name in registry.names()
@@ -82,12 +85,13 @@ def _registered(registry: Registry[Any]) -> Names:
 
 
 def _described(registry: Registry[Any], name: str) -> str:
+    """Return the first line of a plug-in's docstring, with its arguments, or why it has none."""
     try:
-        plugin = registry.resolve(name)
-        text = _first_line(plugin.factory)
+        spec = registry.resolve(name)
+        text = _first_line(spec.factory)
     except SpecError as error:
         return f"cannot be loaded: {error}"
-    arguments = ", ".join(f"{k}={v}" for k, v in plugin.arguments.items())
+    arguments = ", ".join(f"{key}={value}" for key, value in spec.arguments.items())
     return f"{text} ({arguments})" if arguments else text
 
 
@@ -126,21 +130,21 @@ def _rigs() -> Names:
 
 def _sensors() -> Names:
     lidars = {
-        name: f"LiDAR: {s.beams} beams, {s.columns} columns, {1 / s.period_s:g} Hz, "
-        f"to {s.range_max_m:g} m, range noise {s.range_noise_m * 100:g} cm."
-        for name, s in SPECS.items()
+        name: f"LiDAR: {spec.beams} beams, {spec.columns} columns, {1 / spec.period_s:g} Hz, "
+        f"to {spec.range_max_m:g} m, range noise {spec.range_noise_m * 100:g} cm."
+        for name, spec in SPECS.items()
     }
     cameras = {
-        name: f"Camera: {s.pinhole.width} x {s.pinhole.height} pixels, "
-        f"focal length {s.pinhole.focal_px[0]:g} pixels, {1 / s.period_s:g} Hz."
-        for name, s in CAMERAS.items()
+        name: f"Camera: {spec.pinhole.width} x {spec.pinhole.height} pixels, "
+        f"focal length {spec.pinhole.focal_px[0]:g} pixels, {1 / spec.period_s:g} Hz."
+        for name, spec in CAMERAS.items()
     }
-    units = {
-        name: f"IMU: {s.rate_hz:g} Hz, noise {s.gyro_noise:.3g} rad/s and "
-        f"{s.accelerometer_noise:.3g} m/s2 per root of a Hz."
-        for name, s in IMUS.items()
+    imus = {
+        name: f"IMU: {spec.rate_hz:g} Hz, noise {spec.gyro_noise:.3g} rad/s and "
+        f"{spec.accelerometer_noise:.3g} m/s2 per root of a Hz."
+        for name, spec in IMUS.items()
     }
-    return [*lidars.items(), *cameras.items(), *units.items()]
+    return [*lidars.items(), *cameras.items(), *imus.items()]
 
 
 def _boards() -> Names:
@@ -169,4 +173,4 @@ KINDS: Mapping[str, Callable[[], Names]] = {
     "lights": lambda: [(name, _first_line(light)) for name, light in LIGHTS.items()],
     "faults": lambda: [(kind, summary_of(kind)) for kind in FAULTS],
 }
-"""What is listed, without kinds of plug-in that only their board knows."""
+"""Kinds of names, and what lists each; `listed_kinds` has the kinds that boards bring too."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Mapping, Sequence
 from importlib import resources
 from pathlib import Path
@@ -64,25 +63,27 @@ class KittiOdometrySettings(SequenceSettings, frozen=True, kw_only=True):
 
 
 class DataFolder(NamedTuple):
-    """A folder of KITTI's data; lidar_height_m: of the LiDAR above the road."""
+    """A folder of KITTI's data. lidar_height_m: height of the LiDAR above the road."""
 
     folder: Path
     lidar_height_m: float
 
     def has(self, patterns: Sequence[str]) -> bool:
-        """Return whether anything of these names is in the folder, `training` or `dataset`."""
+        """Return whether anything that fits a pattern is in it, in `training` or in `dataset`."""
         places = (self.folder, self.folder / "training", self.folder / "dataset")
         return any(visible(place, pattern) for place in places for pattern in patterns)
 
 
 def kitti_tracking_settings(place: DataFolder) -> dict[str, SequenceSettings]:
-    """Return the settings of the boards of trackers."""
+    """Return the settings of the boards of trackers by their names."""
     files = KittiFolder.find(place.folder)
-    files.choose_detector(files.detectors()[0] if files.detectors() else None)
+    detectors = files.detectors()
+    if not detectors:
+        files.choose_detector(None)  # It says which folders are expected.
     categories = _labelled_categories(files)
     recordings = tuple(
         Recording(str(files.root.resolve()), sequence, category.name.lower(), detector, number)
-        for detector in files.detectors()
+        for detector in detectors
         for category in categories
         for number, sequence in enumerate(files.sequences())
         if files.has_detections(sequence, category, detector)
@@ -100,7 +101,8 @@ def kitti_tracking_settings(place: DataFolder) -> dict[str, SequenceSettings]:
             f"({known}), got {_detection_files(files)}"
         )
     for sequence in dict.fromkeys(recording.sequence for recording in recordings):
-        files.calibration(sequence)  # It says what is missing.
+        # Both raise `FormatError` for a missing file.
+        files.calibration(sequence)
         files.poses(sequence)
     remarks = _remarks(files, recordings)
     return tracking_settings(KITTI, recordings, labelled=len(files.sequences()), remarks=remarks)
@@ -109,9 +111,10 @@ def kitti_tracking_settings(place: DataFolder) -> dict[str, SequenceSettings]:
 def kitti_object_settings(
     place: DataFolder, board: str, sensors: Sequence[str]
 ) -> dict[str, SequenceSettings]:
-    """Return the settings of a board of each class that has labels.
+    """Return the settings by the name of the board, one for each class that has labels.
 
-    board: the name of the board of simulated traffic like it. sensors: whose data plug-ins get.
+    board: the name of the board of simulated traffic that ranks the same plug-ins.
+    sensors: whose data plug-ins get.
     """
     found = find_kitti_frames(place.folder, sensors)
     drives = tuple(
@@ -124,15 +127,15 @@ def kitti_object_settings(
         )
         for number, frames in enumerate(found.frames)
     )
-    counts = Counter(name for frames in found.frames for name in frames.type_names())
+    labelled = {name for frames in found.frames for name in frames.type_names()}
     names = [TYPE_NAMES[kind] for kind in DETECTED_TYPES.values()]
-    if not any(counts[name.lower()] for name in names):
+    if not any(name.lower() in labelled for name in names):
+        # A malformed file may be the reason; its reader says so.
         for drive in drives:
             drive.check()
-        raise FormatError(
-            f"{drives[0].files.label_file(drives[0].files.numbers[0]).parent}: expected labels of "
-            f"{', '.join(names)}, got none"
-        )
+        files = drives[0].files
+        folder = files.label_file(files.numbers[0]).parent
+        raise FormatError(f"{folder}: expected labels of {', '.join(names)}, got none")
     table = recorded_table(KITTI)
     settings = KittiSettings(
         entries=table.names(board, "entries"),
@@ -141,7 +144,8 @@ def kitti_object_settings(
         drives=drives,
         remark=" ".join([_frames_in_words(drives, place, sensors), *found.notes]),
     )
-    return {f"{KITTI} {board} {name.lower()}": settings for name in names if counts[name.lower()]}
+    boards = [name.lower() for name in names if name.lower() in labelled]
+    return {f"{KITTI} {board} {name}": settings for name in boards}
 
 
 def _frames_in_words(
@@ -164,7 +168,10 @@ def _frames_in_words(
 
 
 def kitti_odometry_settings(place: DataFolder, board: str) -> dict[str, SequenceSettings]:
-    """Return the settings of the board of odometries. board: that of simulated traffic."""
+    """Return the settings of the board of odometries by its name.
+
+    board: the name of the board of odometries on simulated traffic.
+    """
     found = find_kitti_odometry(place.folder)
     drives = [
         KittiOdometryDrive(seed=number, sequence=each, digest=each.digest())
@@ -199,7 +206,7 @@ def _stretches_in_words(drives: Sequence[KittiOdometryDrive]) -> str:
 def tracking_settings(
     name: str, recordings: Sequence[Recording], *, labelled: int, remarks: Sequence[str] = ()
 ) -> dict[str, SequenceSettings]:
-    """Return the settings of the boards of recordings.
+    """Return the settings of the boards of recordings by the names of these boards.
 
     name: of the suite, whose file `NAME.toml` lists the trackers that are compared.
     labelled: number of sequences that have labels.
@@ -217,15 +224,14 @@ def tracking_settings(
 
 def suite_of(name: str, boards: Mapping[str, SequenceSettings]) -> Suite:
     """Return the suite of recorded data with these settings of its boards."""
-    table, numbers = recorded_table(name), dict[int, None]()
-    for settings in boards.values():
-        numbers |= dict.fromkeys(settings.seeds)
+    table = recorded_table(name)
+    seeds = dict.fromkeys(seed for settings in boards.values() for seed in settings.seeds)
     return Suite(
         name=table.name,
         version=table.version,
         summary=table.summary,
         scenarios=(name,),
-        seeds=tuple(numbers),
+        seeds=tuple(seeds),
         rig=name,
         weathers=(Recording.weather,),
         boards=boards,
@@ -263,7 +269,7 @@ def _detection_files(files: KittiFolder) -> str:
 
 
 def _remarks(files: KittiFolder, recordings: Sequence[Recording]) -> list[str]:
-    """Return a sentence for each detector and class of which rows are left out."""
+    """Return a sentence for each detector and class some of whose detections are left out."""
     pairs = dict.fromkeys((r.detector, Category[r.category.upper()]) for r in recordings)
     texts = [other_classes_remark(files, category, detector) for detector, category in pairs]
     return [text for text in texts if text]
@@ -274,4 +280,8 @@ def _labelled_categories(files: KittiFolder) -> list[Category]:
     paths = [files.labels(sequence) for sequence in files.sequences()]
     lines = (line.split() for path in paths for line in path.read_bytes().splitlines())
     names = {fields[2].lower() for fields in lines if len(fields) > 2}
-    return [c for c, kind in DETECTED_TYPES.items() if TYPE_NAMES[kind].lower().encode() in names]
+    return [
+        category
+        for category, kind in DETECTED_TYPES.items()
+        if TYPE_NAMES[kind].lower().encode() in names
+    ]
