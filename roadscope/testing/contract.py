@@ -1,4 +1,4 @@
-"""Checks all promises of a plug-in, for a report, or one by one in a test suite."""
+"""Checks the promises of a plug-in: all of them for a report, or one by one in a test suite."""
 
 from __future__ import annotations
 
@@ -25,15 +25,17 @@ from roadscope.testing.subject import DEADLINE_S, Promise, PromiseError, Subject
 
 LOADED = "can be loaded"
 QUIET = "prints nothing"
-SAME = "for the same reason as above"
+"""Promises beside those of the kind: the first and the last item of a report."""
+SAME_REASON = "for the same reason as above"
 """The remark of an item that is wrong for the same reason as an earlier one."""
 WARNING = re.compile(r"^.*:\d+: \w*Warning: .*\n(?:  .*\n?)?", re.MULTILINE)
 """A printed warning of Python and its line of code."""
 OUR_REPORT = re.compile(
     r"^(?:Traceback \(most recent call last\)|Fatal Python error:)", re.MULTILINE
 )
-"""How the report begins that a plug-in's process prints of an error: no output of the plug-in."""
-MOST_SHOWN = 60
+"""How the report of an error begins that the harness prints in the plug-in's process; it does not
+count as output of the plug-in."""
+MOST_SHOWN_CHARACTERS = 60
 """Most characters that a report shows of what a plug-in printed; chosen by hand."""
 
 
@@ -152,25 +154,29 @@ def check(
 
     with probing(Limits(first_call_s=deadline_s), trust=trust):
         try:
-            plugin, known = _resolved(spec, kind)
-            promises = _promises(plugin, known)
+            plugin, resolved_kind = _resolved(spec, kind)
+            promises = _promises(plugin, resolved_kind)
         except SpecError as error:
             add(Item(LOADED, False, str(error)))
             return Report(spec, "", tuple(items))
-        add(Item(LOADED, True, _kind_in_words(plugin, known)))
-        reasons: set[str] = set()
+        add(Item(LOADED, True, _kind_in_words(plugin, resolved_kind)))
+        earlier_remarks: set[str] = set()
         for number, promise in enumerate(promises):
-            subject = Subject(plugin, known, deadline_s=deadline_s, trust=trust)
+            subject = Subject(plugin, resolved_kind, deadline_s=deadline_s, trust=trust)
             item = _item(promise, subject)
-            logs += subject.logs if item.good else [OUR_REPORT.split(t, 1)[0] for t in subject.logs]
-            again = not item.good and item.remark in reasons
-            reasons.add(item.remark)
-            add(Item(item.promise, False, SAME) if again else item)
-            # All others of a plug-in that cannot be made or called, or that hangs, fail too.
+            if item.good:
+                logs += subject.logs
+            else:
+                logs += [OUR_REPORT.split(log, 1)[0] for log in subject.logs]
+            is_same = not item.good and item.remark in earlier_remarks
+            earlier_remarks.add(item.remark)
+            add(Item(item.promise, False, SAME_REASON) if is_same else item)
+            # The first two are those of `start_promises`. If one of them is broken, or if the
+            # plug-in hangs, all others are broken too.
             if not item.good and (number < 2 or subject.hangs):
                 break
         add(_quiet("".join(logs)))
-        return Report(spec, known.name, tuple(items))
+        return Report(spec, resolved_kind.name, tuple(items))
 
 
 def _item(promise: Promise, subject: Subject) -> Item:
@@ -194,7 +200,7 @@ def _verify(promise: Promise, subject: Subject) -> str:
 
 
 def _resolved(text: str, kind: str | None) -> tuple[Spec, Kind]:
-    """Return the spec of a plug-in and its kind; raise `SpecError` if it is no plug-in."""
+    """Return the resolved spec of a plug-in and its kind; `SpecError` if it is no plug-in."""
     spec = Spec.parse(text).plain
     if spec.name == FUSED:
         raise SpecError(f"'{text}' joins two detectors by a fusion; check each of the three")
@@ -221,10 +227,16 @@ def _kind_named(kind: str) -> Kind:
 
 def _promises(spec: Spec, kind: Kind) -> Sequence[Promise]:
     """Return the promises of a kind; without a module of its name, those of every plug-in."""
-    if not find_spec(_module_of(kind)):
+    if not _has_own_promises(kind):
         return start_promises(kind.method, "...")
     module = import_module(_module_of(kind))
-    return (*module.PROMISES, *(module.OFFLINE_PROMISES if _is_offline(spec, kind) else ()))
+    promises: Sequence[Promise] = module.PROMISES
+    return (*promises, *module.OFFLINE_PROMISES) if _is_offline(spec, kind) else promises
+
+
+def _has_own_promises(kind: Kind) -> bool:
+    """Return whether this package has a module for a kind; it has none for kinds of others."""
+    return find_spec(_module_of(kind)) is not None
 
 
 def _module_of(kind: Kind) -> str:
@@ -234,7 +246,7 @@ def _module_of(kind: Kind) -> str:
 def _kind_in_words(spec: Spec, kind: Kind) -> str:
     if _is_offline(spec, kind):
         return "an offline tracker"
-    if not find_spec(_module_of(kind)):
+    if not _has_own_promises(kind):
         return f"{kind}; what {kind.plural} promise beyond these items is not known"
     return str(kind)
 
@@ -248,5 +260,5 @@ def _quiet(printed: str) -> Item:
     text = WARNING.sub("", printed).strip()
     if not text:
         return Item(QUIET, True)
-    first = one_line(text.splitlines()[0])[:MOST_SHOWN]
+    first = one_line(text.splitlines()[0])[:MOST_SHOWN_CHARACTERS]
     return Item(QUIET, False, f"it prints '{first}'; use logging below the level WARNING")
