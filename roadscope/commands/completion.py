@@ -13,18 +13,24 @@ Names = Iterator[tuple[str, str]]
 
 
 def _names_of(table: Any, text: str = "") -> Names:
-    """Yield the names of a table or registry. text: beside a name; formats the table's value."""
+    """Yield the names of a table or registry.
+
+    text: a format of the table's value, shown beside its name; empty: nothing is shown.
+    """
     from roadscope.core import Registry
 
     for name in table:
         if isinstance(table, Registry):
             yield name, table.summaries.get(name, "")
         else:
-            yield name, text and text.format(table[name])
+            yield name, text.format(table[name]) if text else ""
 
 
 def _names_in(place: str, text: str = "") -> Callable[[], Names]:
-    """Return a function that yields the names of a table, `module:attribute` in `roadscope`."""
+    """Return a function that imports a table and yields its names.
+
+    place: `module:attribute` in `roadscope`. text: as in `_names_of`.
+    """
     module, _, attribute = place.partition(":")
     return lambda: _names_of(getattr(import_module(f"roadscope.{module}"), attribute), text)
 
@@ -53,12 +59,12 @@ def entries() -> Names:
 
 
 def entries_of_runs(ctx: typer.Context) -> Names:
-    """Yield the entries of the results that stand on the command line before."""
+    """Yield the entries of the results that the command line already names."""
     from roadscope.benchmarks.compare import CompareError, read_run
 
-    # Typer names the arguments; click does not where an option lacks its value.
-    places = [ctx.params.get(name) for name in ("a", "b", "source")]
-    for place in filter(None, [*places, *ctx.args]):
+    # Where the last option still lacks its value, click has not named the arguments.
+    named = [ctx.params.get(name) for name in ("a", "b", "source")]
+    for place in filter(None, [*named, *ctx.args]):
         try:
             names = read_run(place).entries()
         except (CompareError, OSError):

@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 DEFAULT_SUITE = "quick"
 
 CHOICE = "What is ranked"
+"""Heading of a group of options."""
 
 
 def leaderboard(
@@ -98,12 +99,15 @@ def leaderboard(
     from roadscope.benchmarks.workers import WorkerSettings
 
     loaded = _suite(suite, board, kitti=kitti, mot=mot, lidar_height_m=lidar_height)
-    loaded = loaded if seeds is None else _with_fewer_seeds(loaded, seeds)
-    boards = chosen_boards(loaded, None if board is None else [board])
-    loaded = _with_detections(loaded, boards, detections) if detections else loaded
+    if seeds is not None:
+        loaded = _with_fewer_seeds(loaded, seeds)
+    board_names = None if board is None else [board]
+    boards = chosen_boards(loaded, board_names)
+    if detections:
+        loaded = _with_detections(loaded, boards, detections)
     _check_tracks(tracks, kitti or mot, boards)
     if calibration is not None:
-        _boards_for("--calibration", boards, lambda each: each.uses_calibration)
+        _check_used("--calibration", boards, lambda each: each.uses_calibration)
     for each in by or ():
         check_breakdown(each, boards)
     page = (out or cache_dir()) / PAGE if browse else None
@@ -112,7 +116,7 @@ def leaderboard(
         results = run(
             loaded,
             entry or (),
-            boards=None if board is None else [board],
+            boards=board_names,
             only=only,
             jobs=settings.jobs,
             out_dir=out,
@@ -152,10 +156,12 @@ def leaderboard(
     else:
         _show_boards(results, loaded, console(width=width), list(dict.fromkeys(by or ())))
         if suite is None and not (kitti or mot):
-            arguments = [*_repeated("--entry", entry), *["--only"] * only]
-            arguments += _repeated("--detections", detections)
-            arguments += [] if calibration is None else ["--calibration", str(calibration)]
-            _name_full_suite(board, [*arguments, *["--sandbox"] * sandbox])
+            words = _repeated("--entry", entry)
+            words += ["--only"] if only else []
+            words += _repeated("--detections", detections)
+            words += [] if calibration is None else ["--calibration", str(calibration)]
+            words += ["--sandbox"] if sandbox else []
+            _name_full_suite(board, words)
         if left_out:
             typer.echo(f"no tracks were written of {', '.join(left_out)}")
         for path in filter(None, (out and out / "leaderboard.json", page, tracks)):
@@ -174,9 +180,9 @@ def _show_boards(results: Results, suite: Suite, screen: Any, breakdowns: Sequen
     from roadscope.benchmarks.boards import board_named
     from roadscope.benchmarks.report import tables
 
-    marked = any(place.mark for place in results.standings)
-    bounded = any(row.low is not None and row.low != row.high for row in results.rows)
-    text = tables.explanation(suite, results.boards(), marks=marked, intervals=bounded)
+    has_marks = any(place.mark for place in results.standings)
+    has_intervals = any(row.low is not None and row.low != row.high for row in results.rows)
+    text = tables.explanation(suite, results.boards(), marks=has_marks, intervals=has_intervals)
     introduction = printable(f": {suite.summary_with_seeds}. {text}")
     screen.print(Text.assemble((printable(suite.title), "bold"), introduction))
     for name in results.boards():
@@ -233,21 +239,23 @@ def _name_earlier_boards(out: Path | None) -> None:
 
 
 def _repeated(name: str, values: list[str] | None) -> list[str]:
+    """Return the words of an option that is repeated for each of its values."""
     return [word for value in values or () for word in (name, value)]
 
 
-def _name_full_suite(board: str | None, options: Sequence[str]) -> None:
+def _name_full_suite(board: str | None, words: Sequence[str]) -> None:
     """Print the command for the full suite of a board that was shown on the quick one."""
     from shlex import join
 
     from roadscope.benchmarks.suite_files import SUITES
 
     if board in SUITES and _usual_suite(board) != board:
-        command = join(["roadscope", "leaderboard", board, "--suite", board, *options])
+        command = join(["roadscope", "leaderboard", board, "--suite", board, *words])
         typer.echo(f"A quick look. In full: {command}")
 
 
 def _usual_suite(board: str | None) -> str:
+    """Return the suite of a run without `--suite`; an unknown board is refused later."""
     from roadscope.benchmarks.boards import BOARDS
 
     registered = BOARDS.get(board) if board else None
@@ -258,13 +266,14 @@ def _with_detections(suite: Suite, boards: Sequence[Board], detections: list[str
     """Return the suite with other detections for the boards whose entries get detections."""
     if suite.recorded:
         raise ValueError("--detections is for simulated traffic; recorded data have their own")
-    for board in _boards_for("--detections", boards, lambda each: bool(each.detections_field)):
+    _check_used("--detections", boards, lambda each: bool(each.detections_field))
+    for board in filter(lambda each: each.detections_field, boards):
         suite = suite.with_settings(board.name, **{board.detections_field: tuple(detections)})
     return suite
 
 
 def _with_fewer_seeds(suite: Suite, seeds: int) -> Suite:
-    """Return the suite with only its first seeds, so that earlier results of them count."""
+    """Return the suite with only its first seeds; results that are stored for these are used."""
     from dataclasses import replace
 
     if suite.recorded:
@@ -305,20 +314,21 @@ def _suite(
         boards = None if board is None else [board]
         height_m = LIDAR_HEIGHT_M if lidar_height_m is None else lidar_height_m
         return kitti_suite(kitti, boards, lidar_height_m=height_m, notice=complain)
-    return load_suite(suite or _usual_suite(board)) if mot is None else mot_suite(mot)
+    if mot is not None:
+        return mot_suite(mot)
+    return load_suite(suite or _usual_suite(board))
 
 
-def _boards_for(option: str, boards: Sequence[Board], uses: Callable[[Board], bool]) -> list[Board]:
-    """Return the boards of the run that use an option; refuse it if none does."""
+def _check_used(option: str, boards: Sequence[Board], uses: Callable[[Board], bool]) -> None:
+    """Refuse an option that no board of the run uses."""
     from roadscope.benchmarks.boards import BOARDS
 
-    using = [board for board in boards if uses(board)]
-    if not using:
-        possible = [board.name for board in BOARDS.values() if uses(board)]
-        word = "board" if len(possible) == 1 else "boards"
-        names = " and ".join(board.name for board in boards)
-        raise ValueError(f"{option} is for the {word} {' and '.join(possible)}, not {names}")
-    return using
+    if any(map(uses, boards)):
+        return
+    possible = [board.name for board in BOARDS.values() if uses(board)]
+    word = "board" if len(possible) == 1 else "boards"
+    names = " and ".join(board.name for board in boards)
+    raise ValueError(f"{option} is for the {word} {' and '.join(possible)}, not {names}")
 
 
 def _check_tracks(tracks: Path | None, recorded: Path | None, boards: Sequence[Board]) -> None:
@@ -332,11 +342,12 @@ def _check_tracks(tracks: Path | None, recorded: Path | None, boards: Sequence[B
         raise ValueError(
             "--tracks writes tracks of recorded data: name its folder with --kitti or --mot"
         )
-    _boards_for("--tracks", boards, lambda each: each.kind.name == TRACKER.name)
+    _check_used("--tracks", boards, lambda each: each.kind.name == TRACKER.name)
     usable_folder(tracks)
 
 
 def _complain_of_failures(results: Results) -> None:
+    """Print failed entries, and the files with their output, as errors."""
     from roadscope.benchmarks.report.tables import failure_lines
 
     for board in results.boards():

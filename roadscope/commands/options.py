@@ -23,7 +23,10 @@ def argument(
     default: Any = ...,
     show_default: bool = True,
 ) -> Any:
-    """Return an argument, required if it has no default; parameters are those of `option`."""
+    """Return an argument, as the default of a parameter; it is required if it has no default.
+
+    metavar, text, names: as in `option`. show_default: whether the help shows the default.
+    """
     return typer.Argument(
         default, metavar=metavar, help=text, autocompletion=names, show_default=show_default
     )
@@ -41,16 +44,19 @@ def option(
 ) -> Any:
     """Return an option with a value, as the default of a parameter.
 
-    metavar: stands for the value in the help. text: says what the option does.
-    group: its heading in the help; None: the first one. name: `--NAME`, if not the parameter's.
+    metavar: stands for the value in the help.
+    text: says what the option does.
+    group: its heading in the help; None: the first one.
+    name: `--NAME`, if not the parameter's.
     names: what a shell offers to complete, see `completion`.
+    settings: other arguments of `typer.Option`.
     """
     settings |= {"help": text, "rich_help_panel": group, "autocompletion": names}
     return typer.Option(default, *([name] if name else []), metavar=metavar, **settings)
 
 
 def flag(name: str, text: str, group: str | None = None) -> Any:
-    """Return an option without a value; parameters are those of `option`."""
+    """Return an option without a value, false if it is left out. name: `--NAME`."""
     return typer.Option(False, name, help=text, rich_help_panel=group)
 
 
@@ -114,13 +120,13 @@ LAYOUT: str = option(
 
 
 def workers(jobs: int) -> int:
-    """Return the number of processes for --jobs: 0 stands for one on each core."""
+    """Return the number of worker processes for `--jobs`: 0 stands for one on each core."""
     from joblib import cpu_count
 
     return jobs or int(cpu_count())
 
 
 def is_given(context: typer.Context, name: str) -> bool:
-    """Return whether the command line has the option of a parameter."""
+    """Return whether the option of a parameter stands on the command line, not its default."""
     source = context.get_parameter_source(name)
     return source is not None and source.name == "COMMANDLINE"
