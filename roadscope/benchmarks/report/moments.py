@@ -26,7 +26,7 @@ from roadscope.benchmarks.metrics.driving import (
     phantom_braking,
     times_to_collision,
 )
-from roadscope.benchmarks.metrics.matching import match
+from roadscope.benchmarks.metrics.matching import Pairing, match
 from roadscope.benchmarks.metrics.tracking.clear import switched
 from roadscope.benchmarks.metrics.tracking.matching import match_tracks
 from roadscope.benchmarks.metrics.tracking.scores import (
@@ -47,12 +47,14 @@ from roadscope.core import Category, Detections, RecordError, Tracks, Truth
 SWITCHES, MISSES, ALARMS = "identity switches", "misses", "false alarms"
 DRIFT, JUMP = "drift", "jump"
 COLLISION, NEAR_MISS, PHANTOM = "collision", "near miss", "phantom braking"
-AROUND_S, MOST_AROUND = 2.0, 30
+AROUND_S, MOST_FRAMES_AROUND = 2.0, 30
 """Length of a moment before its event and after it, and most frames of either; chosen by hand."""
-SMOOTH = 5
-"""Frames over which misses and false alarms are summed to find where most are."""
-OF_A_KIND = 2
-"""Most moments of one kind for an entry."""
+SUMMED_FRAMES = 5
+"""Frames over which misses and false alarms are summed to find where most are; chosen by hand."""
+MOST_OF_A_KIND = 2
+"""Most moments of one kind for an entry; chosen by hand."""
+JUMP_FRAMES = 10
+"""Poses on either side of a jump that are all replayed; chosen by hand."""
 MOST_BOXES = 60
 """Most objects, and most boxes of an entry, in a frame: those nearest to the ego."""
 MOST_POSES = 240
@@ -62,13 +64,13 @@ MARGIN_M = 10.0
 MARKER_AHEAD_M = 1.45
 """How far the middle of the ego, as the page draws it, is ahead of its pose: the rear axle."""
 NEAR_M = 45.0
-"""The ego is in the first view if something that went wrong is nearer to it. Chosen by hand."""
-
-VIEW_M = 12.0
+"""The ego is in the first view if something that went wrong is nearer to it; chosen by hand."""
+VIEW_MARGIN_M = 12.0
 """Margin of a view around what went wrong; chosen by hand."""
 LANE_TOLERANCE_M = 0.15
 """Points of a lane that are nearer than this to its simplified line are left out."""
 DECIMETRES, CENTIRADIANS = 10.0, 100.0
+"""Decimetres of a metre and hundredths of a radian: the units of files for the page."""
 
 
 class LaneStrip(msgspec.Struct, frozen=True, array_like=True):
@@ -133,7 +135,7 @@ SEVERITIES: Mapping[type, Mapping[str, str]] = {
     EpisodePoses: {DRIFT: "end", JUMP: "rpe"},
     EpisodeDrive: {COLLISION: "collided", NEAR_MISS: "near_misses", PHANTOM: "phantom_braking"},
 }
-"""For each record of answers, what can be wrong with them, and the metric of how bad it is."""
+"""For each record of answers: the kinds of moments, each with the metric of how bad it is."""
 
 
 def worst_moments(
@@ -141,8 +143,10 @@ def worst_moments(
 ) -> list[Moment]:
     """Return moments of each ranked entry, the worst ones of all entries first.
 
-    jobs: those of the results, in the same order. Of each kind, moments are those of the episode
-    that is worst in it. Answers that are not kept, or that cannot be read, have none.
+    Moments of a kind are from the entry's episode with the worst score of it. Answers that are not
+    kept, or that cannot be read, have none.
+
+    jobs: those of the results, in the same order.
     """
     of_entry: dict[tuple[str, str], list[tuple[Job, JobScores]]] = {}
     for job, scored in zip(jobs, results.jobs, strict=True):
@@ -150,10 +154,13 @@ def worst_moments(
             of_entry.setdefault((job.board.name, job.entry), []).append((job, scored))
     queues: list[list[Moment]] = []
     for done, pairs in enumerate(of_entry.values(), start=1):
-        for kind, metric in SEVERITIES[pairs[0][0].answers.record].items():
-            chosen = _worst(pairs, kind, metric)
-            queues.append([] if chosen is None else _read(chosen, kind))
+        first_job, _ = pairs[0]
+        for kind, metric in SEVERITIES[first_job.answers.record].items():
+            worst_job = _worst(pairs, kind, metric)
+            if worst_job is not None:
+                queues.append(_read(worst_job, kind))
         progress("worst moments", done, len(of_entry))
+    # The first moments of all queues, then the second ones.
     turns = zip_longest(*queues)
     return [moment for turn in turns for moment in turn if moment is not None]
 
@@ -161,12 +168,14 @@ def worst_moments(
 def _worst(pairs: Sequence[tuple[Job, JobScores]], kind: str, metric: str) -> Job | None:
     """Return the job with the worst score; None if all are perfect."""
     scores = [scored.scores[metric] for _, scored in pairs]
-    # Of a ratio, how many of its samples are failures.
-    counted = kind in (MISSES, ALARMS)
-    severities = [(1.0 - score.value) * score.n if counted else score.value for score in scores]
-    figures = np.nan_to_num(severities, nan=0.0)
-    worst = int(np.argmax(figures))
-    return pairs[worst][0] if figures[worst] > 0 else None
+    if kind in (MISSES, ALARMS):
+        # The metric is a ratio of `n` samples: how many of them are failures.
+        severities = [(1.0 - score.value) * score.n for score in scores]
+    else:
+        severities = [score.value for score in scores]
+    severities = np.nan_to_num(severities, nan=0.0).tolist()
+    worst = int(np.argmax(severities))
+    return pairs[worst][0] if severities[worst] > 0 else None
 
 
 def _read(job: Job, kind: str) -> list[Moment]:
@@ -196,7 +205,11 @@ def _read(job: Job, kind: str) -> list[Moment]:
 
 
 class _Boxes(NamedTuple):
-    """The boxes of a frame: N numbers, centres and sizes (N, 2), yaws, and states (letters)."""
+    """The N boxes of a frame from above.
+
+    numbers: (N,). centres, sizes: (N, 2). yaws: (N,).
+    states: (N,) letters as in `MovingBox`; they are `i` until the boxes are judged.
+    """
 
     numbers: np.ndarray
     centres: np.ndarray
@@ -209,7 +222,9 @@ class _Boxes(NamedTuple):
 class JudgedScene:
     """An episode with what was right and wrong in each frame.
 
+    objects, answers: true boxes, and those of the entry, with their states.
     switches: by frame, texts about switches of identities.
+    reach_m: how far from the ego boxes are shown.
     """
 
     truths: Sequence[Truth]
@@ -219,7 +234,10 @@ class JudgedScene:
     reach_m: float
 
     def wrong(self, kind: str) -> list[np.ndarray]:
-        """Return for each frame (N,) bool, which objects, or answers, something is wrong with."""
+        """Return for each frame (N,) bool: which boxes are wrong, answers for false alarms.
+
+        For switches and misses these are objects.
+        """
         boxes = self.answers if kind == ALARMS else self.objects
         letter = {SWITCHES: "s", MISSES: "x", ALARMS: "f"}[kind]
         return [frame.states == letter for frame in boxes]
@@ -238,42 +256,65 @@ def judged_scene(
 ) -> JudgedScene:
     """Match answers with the objects of each frame. inputs: with the truth of the frames."""
     truths = inputs.truths
-    boxes = answers.tracks if isinstance(answers, EpisodeTracks) else answers.detections
-    pairings = rule.pairings(boxes, truths, inputs.parked)
     objects = [_boxes(truth, truth.ids) for truth in truths]
-    switches: dict[int, list[str]] = {}
+    switches: Mapping[int, Sequence[str]] = {}
     if isinstance(answers, EpisodeTracks):
-        found = [_boxes(tracks, tracks.ids) for tracks in answers.tracks]
-        counted = counted_rows(pairings)
-        sequence = counted_sequence(answers.tracks, truths, pairings, counted)
-        matched = match_tracks(sequence)
-        pairs = matched_rows(sequence, matched, counted)
-        changed = switched(matched.objects, matched.tracks)
-        last: dict[int, int] = {}
-        for k, frame in enumerate(matched.frames.tolist()):
-            number = int(sequence.truth_ids[matched.truth_rows[k]])
-            track = int(sequence.track_ids[matched.track_rows[k]])
-            if changed[k]:
-                text = f"object {number} goes from track {last[number]} to track {track}"
-                switches.setdefault(frame, []).append(text)
-            last[number] = track
-        ends = np.searchsorted(matched.frames, np.arange(len(truths) + 1))
-        for t, (frame_counted, pair) in enumerate(zip(counted, pairs, strict=True)):
-            letters = np.where(changed[ends[t] : ends[t + 1]], "s", "m")
-            objects[t].states[frame_counted.objects] = "x"
-            found[t].states[frame_counted.tracks] = "f"
-            objects[t].states[pair.objects] = found[t].states[pair.tracks] = letters
+        pairings = rule.pairings(answers.tracks, truths, inputs.parked)
+        boxes = [_boxes(tracks, tracks.ids) for tracks in answers.tracks]
+        switches = _judge_tracks(answers.tracks, truths, pairings, objects, boxes)
     else:
-        found = [_boxes(each, np.full(len(each), -1)) for each in answers.detections]
-        for seen, detected, pairing in zip(objects, found, pairings, strict=True):
-            matching = match(pairing, GATE_M)
-            seen.states[matching.misses] = "x"
-            detected.states[matching.false_alarms] = "f"
-            seen.states[matching.truth] = detected.states[matching.detected] = "m"
-    return JudgedScene(truths, objects, found, switches, rule.range_m[1] + MARGIN_M)
+        pairings = rule.pairings(answers.detections, truths, inputs.parked)
+        boxes = [_boxes(each, np.full(len(each), -1)) for each in answers.detections]
+        _judge_detections(pairings, objects, boxes)
+    return JudgedScene(truths, objects, boxes, switches, rule.range_m[1] + MARGIN_M)
+
+
+def _judge_detections(
+    pairings: Sequence[Pairing], objects: Sequence[_Boxes], boxes: Sequence[_Boxes]
+) -> None:
+    """Write the states of the objects and of the detected boxes of each frame."""
+    for true, detected, pairing in zip(objects, boxes, pairings, strict=True):
+        matching = match(pairing, GATE_M)
+        true.states[matching.misses] = "x"
+        detected.states[matching.false_alarms] = "f"
+        true.states[matching.truth] = "m"
+        detected.states[matching.detected] = "m"
+
+
+def _judge_tracks(
+    tracks: Sequence[Tracks],
+    truths: Sequence[Truth],
+    pairings: Sequence[Pairing],
+    objects: Sequence[_Boxes],
+    boxes: Sequence[_Boxes],
+) -> dict[int, list[str]]:
+    """Write the states of the objects and tracks of each frame; return the texts of switches."""
+    counted = counted_rows(pairings)
+    sequence = counted_sequence(tracks, truths, pairings, counted)
+    matched = match_tracks(sequence)
+    pairs = matched_rows(sequence, matched, counted)
+    is_switch = switched(matched.objects, matched.tracks)
+    switches: dict[int, list[str]] = {}
+    last_tracks: dict[int, int] = {}
+    for k, frame in enumerate(matched.frames.tolist()):
+        number = int(sequence.truth_ids[matched.truth_rows[k]])
+        track = int(sequence.track_ids[matched.track_rows[k]])
+        if is_switch[k]:
+            text = f"object {number} goes from track {last_tracks[number]} to track {track}"
+            switches.setdefault(frame, []).append(text)
+        last_tracks[number] = track
+    ends = np.searchsorted(matched.frames, np.arange(len(truths) + 1))
+    for t, (frame_counted, pair) in enumerate(zip(counted, pairs, strict=True)):
+        objects[t].states[frame_counted.objects] = "x"
+        boxes[t].states[frame_counted.tracks] = "f"
+        letters = np.where(is_switch[ends[t] : ends[t + 1]], "s", "m")
+        objects[t].states[pair.objects] = letters
+        boxes[t].states[pair.tracks] = letters
+    return switches
 
 
 def _boxes(record: Truth | Tracks | Detections, numbers: np.ndarray) -> _Boxes:
+    """Return the boxes of a record, not yet judged."""
     states = np.full(len(record), "i")
     return _Boxes(numbers, record.centres[:, :2], record.sizes[:, :2], record.yaws, states)
 
@@ -281,30 +322,34 @@ def _boxes(record: Truth | Tracks | Detections, numbers: np.ndarray) -> _Boxes:
 def _events(scene: JudgedScene, kind: str) -> list[int]:
     """Return the frames in which most goes wrong, some seconds apart, the worst one first."""
     counts = scene.counts(kind)
-    # The mode "same" of NumPy returns more than there is of an episode of few frames.
-    around = np.convolve(counts, np.ones(SMOOTH))[SMOOTH // 2 :][: len(counts)]
-    sums = counts if kind == SWITCHES else around
+    sums = counts
+    if kind != SWITCHES:
+        # The mode "same" of NumPy returns more than there is of an episode of few frames.
+        sums = np.convolve(counts, np.ones(SUMMED_FRAMES))[SUMMED_FRAMES // 2 :][: len(counts)]
     sums = np.where(counts > 0, sums, 0)
     times_s = np.array([truth.stamp_s for truth in scene.truths])
     events: list[int] = []
-    while len(events) < OF_A_KIND and sums.max(initial=0) > 0:
+    while len(events) < MOST_OF_A_KIND and sums.max(initial=0) > 0:
         events.append(int(np.argmax(sums)))
         sums = np.where(abs(times_s - times_s[events[-1]]) > 2 * AROUND_S, sums, 0)
     return events
 
 
 def _of_scene(job: Job, kind: str, scene: JudgedScene, event: int, lanes: Sequence[Any]) -> Moment:
+    """Return the moment around an event. event: number of its frame in the episode."""
     times_s = np.array([truth.stamp_s for truth in scene.truths])
     near = np.flatnonzero(abs(times_s - times_s[event]) <= AROUND_S + 1e-9)
-    frames: list[int] = near[abs(near - event) <= MOST_AROUND].tolist()
+    frames: list[int] = near[abs(near - event) <= MOST_FRAMES_AROUND].tolist()
     truths = [scene.truths[t] for t in frames]
     origin = planar(scene.truths[event].world_from_ego.matrix[None])[0]
     egos = planar(np.array([truth.world_from_ego.matrix for truth in truths]))
-    boxes, rows = (scene.answers if kind == ALARMS else scene.objects)[event], scene.wrong(kind)
-    centres, yaws = boxes.centres[rows[event]], boxes.yaws[rows[event]]
-    moved = moved_into(np.column_stack([centres, yaws]), origin)[:, :2]
-    if np.linalg.norm(moved, axis=1).min() < NEAR_M:
-        moved = np.vstack([moved, np.zeros(2)])
+    boxes = (scene.answers if kind == ALARMS else scene.objects)[event]
+    wrong = scene.wrong(kind)[event]
+    wrong_poses = np.column_stack([boxes.centres[wrong], boxes.yaws[wrong]])
+    in_view = moved_into(wrong_poses, origin)[:, :2]
+    if np.linalg.norm(in_view, axis=1).min() < NEAR_M:
+        ego = np.zeros(2)
+        in_view = np.vstack([in_view, ego])
     return Moment(
         **_named(job),
         kind=kind,
@@ -312,7 +357,7 @@ def _of_scene(job: Job, kind: str, scene: JudgedScene, event: int, lanes: Sequen
         event=frames.index(event),
         times_s=[round(truth.stamp_s, 2) for truth in truths],
         ego=motion_of(moved_into(egos, origin)),
-        focus=focus_on(moved),
+        focus=focus_on(in_view),
         objects=_series([scene.objects[t] for t in frames], origin, egos, scene.reach_m),
         answers=_series([scene.answers[t] for t in frames], origin, egos, scene.reach_m),
         lanes=near_lanes(lanes, origin, egos, scene.reach_m),
@@ -320,6 +365,7 @@ def _of_scene(job: Job, kind: str, scene: JudgedScene, event: int, lanes: Sequen
 
 
 def _named(job: Job) -> dict[str, Any]:
+    """Return the fields of a moment that say whose it is."""
     episode = job.episode
     assert isinstance(episode, Episode)
     return {
@@ -333,6 +379,7 @@ def _named(job: Job) -> dict[str, Any]:
 
 
 def _text(scene: JudgedScene, kind: str, event: int) -> str:
+    """Return what happens in the frame of an event."""
     if kind == SWITCHES:
         return "; ".join(scene.switches[event])
     truth, objects = scene.truths[event], scene.objects[event]
@@ -360,29 +407,43 @@ def _object_text(truth: Truth, row: int) -> str:
 def _series(
     frames: Sequence[_Boxes], origin: np.ndarray, egos: np.ndarray, reach_m: float
 ) -> list[MovingBox]:
-    """Join the boxes of frames by their numbers; boxes out of reach of the ego are left out."""
-    rows: dict[tuple[int, int], list[tuple[int, str, np.ndarray, np.ndarray]]] = {}
+    """Join the boxes of frames by their numbers; boxes out of reach of the ego are left out.
+
+    origin: planar pose in whose frame the boxes are shown. egos: those of the ego in each frame.
+    """
+    series: dict[tuple[int, int], list[_BoxInFrame]] = {}
     for t, (boxes, ego) in enumerate(zip(frames, egos, strict=True)):
         poses = moved_into(np.column_stack([boxes.centres, boxes.yaws]), origin)
         away_m = np.linalg.norm(boxes.centres - ego[:2], axis=1)
         nearest = np.argsort(away_m, kind="stable")[:MOST_BOXES]
         for row in np.sort(nearest[away_m[nearest] <= reach_m]):
-            number = int(boxes.numbers[row])
+            number = max(int(boxes.numbers[row]), -1)
             # A detection has no identity: each is a box of its own.
             key = (number, -1) if number >= 0 else (t, int(row))
-            item = (t, str(boxes.states[row]), poses[row], boxes.sizes[row])
-            rows.setdefault(key, []).append(item)
-    series = []
-    for (number, second), items in rows.items():
-        first, last = items[0][0], items[-1][0]
-        states = ["."] * (last - first + 1)
-        for t, state, _, _ in items:
-            states[t - first] = state
-        length, width = np.rint(np.median([size for *_, size in items], axis=0) * DECIMETRES)
-        motion = motion_of(np.array([pose for _, _, pose, _ in items]))
-        own = number if second < 0 else -1
-        series.append(MovingBox(own, first, "".join(states), int(length), int(width), motion))
-    return series
+            box = _BoxInFrame(t, number, str(boxes.states[row]), poses[row], boxes.sizes[row])
+            series.setdefault(key, []).append(box)
+    return [_moving_box(each) for each in series.values()]
+
+
+class _BoxInFrame(NamedTuple):
+    """A box in one frame of a moment: its number or -1, state, planar pose, length and width."""
+
+    frame: int
+    number: int
+    state: str
+    pose: np.ndarray
+    size: np.ndarray
+
+
+def _moving_box(boxes: Sequence[_BoxInFrame]) -> MovingBox:
+    """Join the boxes of one object, track or detection, in order of frames."""
+    first, last = boxes[0].frame, boxes[-1].frame
+    states = ["."] * (last - first + 1)
+    for box in boxes:
+        states[box.frame - first] = box.state
+    length, width = np.rint(np.median([box.size for box in boxes], axis=0) * DECIMETRES)
+    motion = motion_of(np.array([box.pose for box in boxes]))
+    return MovingBox(boxes[0].number, first, "".join(states), int(length), int(width), motion)
 
 
 # --------------------------------------------------------------------------------------------------
@@ -392,26 +453,26 @@ def _series(
 def _of_drive(job: Job, kind: str, answers: EpisodeDrive, rule: Eligibility) -> list[Moment]:
     """Return one moment: what was true and what the driver believed around an event."""
     assert isinstance(job.episode, Episode)
-    happens = _event_mask(drive_of(answers, answers.end_s), kind)
-    if not happens.any():
+    is_event = _event_mask(drive_of(answers, answers.end_s), kind)
+    if not is_event.any():
         return []
-    event = int(np.argmax(happens))
+    event = int(np.argmax(is_event))
     near = np.flatnonzero(abs(answers.stamps_s - answers.stamps_s[event]) <= AROUND_S + 1e-9)
     reach_m = rule.range_m[1] + MARGIN_M
     objects, believed = [], []
     for k in near.tolist():
-        present = np.flatnonzero(np.isfinite(answers.poses[k, :, 0]))[1:]
-        poses, tracks = answers.poses[k, present], answers.tracks[k]
-        gaps = np.linalg.norm(poses[:, None, :2] - tracks.centres[None, :, :2], axis=-1)
-        ids, sizes = answers.ids[present], answers.sizes[present, :2]
-        seen = np.where(gaps.min(axis=1, initial=np.inf) <= GATE_M, "m", "x")
-        true = np.where(gaps.min(axis=0, initial=np.inf) <= GATE_M, "m", "f")
-        objects.append(_Boxes(ids, poses[:, :2], sizes, poses[:, 2], seen))
-        believed.append(
-            _Boxes(tracks.ids, tracks.centres[:, :2], tracks.sizes[:, :2], tracks.yaws, true)
-        )
+        # Row 0 is the ego.
+        others = np.flatnonzero(np.isfinite(answers.poses[k, :, 0]))[1:]
+        poses, tracks = answers.poses[k, others], answers.tracks[k]
+        gaps_m = np.linalg.norm(poses[:, None, :2] - tracks.centres[None, :, :2], axis=-1)
+        object_states = np.where(gaps_m.min(axis=1, initial=np.inf) <= GATE_M, "m", "x")
+        track_states = np.where(gaps_m.min(axis=0, initial=np.inf) <= GATE_M, "m", "f")
+        ids, sizes = answers.ids[others], answers.sizes[others, :2]
+        objects.append(_Boxes(ids, poses[:, :2], sizes, poses[:, 2], object_states))
+        believed.append(_boxes(tracks, tracks.ids)._replace(states=track_states))
     origin, egos = answers.poses[event, 0], answers.poses[near, 0]
-    # The page draws the middle of the ego at its place.
+    # A drive has the poses of box centres. The page gets those of the rear axle, and draws the
+    # middle of the ego ahead of them.
     ahead = np.column_stack([np.cos(egos[:, 2]), np.sin(egos[:, 2]), np.zeros(len(egos))])
     moment = Moment(
         **_named(job),
@@ -434,12 +495,13 @@ def _event_mask(drive: ScoredDrive, kind: str) -> np.ndarray:
         return phantom_braking(drive)
     if kind == NEAR_MISS:
         return near_misses(drive, times_to_collision(drive))
-    last: np.ndarray = np.arange(len(drive.speeds)) == len(drive.speeds) - 1
-    return last & drive.collided
+    # A drive ends with the collision.
+    is_last: np.ndarray = np.arange(len(drive.speeds)) == len(drive.speeds) - 1
+    return is_last & drive.collided
 
 
 def _text_of_drive(answers: EpisodeDrive, kind: str, event: int) -> str:
-    """Return what happens, and since when the driver knew of whom the ego collides with."""
+    """Return what happens, and for how long the driver has known the other one of a collision."""
     speed = f"at {answers.speeds[event]:.1f} m/s"
     if kind == PHANTOM:
         due = answers.reference_accelerations[event]
@@ -453,13 +515,13 @@ def _text_of_drive(answers: EpisodeDrive, kind: str, event: int) -> str:
         return f"collides with an obstacle {speed}"
     row = int(np.flatnonzero(answers.ids == answers.collided_with)[0])
     name = Category(int(answers.categories[row])).name.lower()
-    known = [
+    is_tracked = [
         len(tracks) > 0 and np.linalg.norm(tracks.centres[:, :2] - pose[:2], axis=1).min() <= GATE_M
         for tracks, pose in zip(answers.tracks, answers.poses[:, row], strict=True)
     ]
-    unknown = np.flatnonzero(~np.array(known))
-    since = int(unknown[-1]) + 1 if len(unknown) else 0
-    if since >= len(known):
+    untracked = np.flatnonzero(~np.array(is_tracked))
+    since = int(untracked[-1]) + 1 if len(untracked) else 0
+    if since >= len(is_tracked):
         tracked = "which has no track at that time"
     else:
         tracked = f"tracked for the last {answers.stamps_s[-1] - answers.stamps_s[since]:.1f} s"
@@ -478,24 +540,25 @@ def _text_of_drive(answers: EpisodeDrive, kind: str, event: int) -> str:
 
 def _of_poses(job: Job, kind: str, answers: EpisodePoses) -> list[Moment]:
     """Return one moment: the whole drive, with the largest jump or the end as its event."""
-    both = answers.trajectories
-    estimate = planar(aligned(both, "origin"))
-    truth = planar(both.truth)
-    errors_m = absolute_errors(both, "origin").positions_m
-    steps_m = relative_errors(both).translations_m
-    if not len(steps_m):
+    trajectories = answers.trajectories
+    estimate = planar(aligned(trajectories, "origin"))
+    truth = planar(trajectories.truth)
+    errors_m = absolute_errors(trajectories, "origin").positions_m
+    step_errors_m = relative_errors(trajectories).translations_m
+    if not len(step_errors_m):
         return []
-    jump = int(np.argmax(steps_m)) + 1
+    jump = int(np.argmax(step_errors_m)) + 1
     event = jump if kind == JUMP else len(truth) - 1
-    rows = np.linspace(0, len(truth) - 1, min(MOST_POSES, len(truth)))
-    around = np.arange(max(0, jump - 10), min(len(truth), jump + 11))
-    kept = np.unique(np.concatenate([np.rint(rows).astype(int), around, [event]]))
+    spread = np.linspace(0, len(truth) - 1, min(MOST_POSES, len(truth)))
+    around_jump = np.arange(max(0, jump - JUMP_FRAMES), min(len(truth), jump + JUMP_FRAMES + 1))
+    shown = np.unique(np.concatenate([np.rint(spread).astype(int), around_jump, [event]]))
     origin = truth[0]
-    true_path, path = moved_into(truth, origin)[kept], moved_into(estimate, origin)[kept]
+    true_path, path = moved_into(truth, origin)[shown], moved_into(estimate, origin)[shown]
+    # A drift is seen over the whole path; the view of a jump is of the ego alone.
     paths = np.vstack([true_path[:, :2], path[:, :2]]) - true_path[-1, :2]
-    travelled_m = both.distances[-1]
+    travelled_m = trajectories.distances[-1]
     text = (
-        f"from one scan to the next, the estimated motion is {steps_m[jump - 1]:.2f} m off"
+        f"from one scan to the next, the estimated motion is {step_errors_m[jump - 1]:.2f} m off"
         if kind == JUMP
         else f"after {travelled_m:.0f} m the estimated position is {errors_m[-1]:.2f} m off"
     )
@@ -503,12 +566,12 @@ def _of_poses(job: Job, kind: str, answers: EpisodePoses) -> list[Moment]:
         **_named(job),
         kind=kind,
         text=text,
-        event=int(np.searchsorted(kept, event)),
-        times_s=[round(float(t), 2) for t in answers.stamps_s[kept]],
+        event=int(np.searchsorted(shown, event)),
+        times_s=[round(float(t), 2) for t in answers.stamps_s[shown]],
         ego=motion_of(true_path),
         focus=focus_on(paths if kind == DRIFT else np.zeros((1, 2))),
         estimate=motion_of(path),
-        errors=[round(100 * float(error)) for error in errors_m[kept]],
+        errors=[round(100 * float(error)) for error in errors_m[shown]],
     )
     return [moment]
 
@@ -519,7 +582,7 @@ def _of_poses(job: Job, kind: str, answers: EpisodePoses) -> list[Moment]:
 
 
 def planar(poses: np.ndarray) -> np.ndarray:
-    """Return (N, 4, 4) poses as planar ones."""
+    """Return (N, 3) planar poses of (N, 4, 4) ones."""
     return np.column_stack([poses[:, :2, 3], np.arctan2(poses[:, 1, 0], poses[:, 0, 0])])
 
 
@@ -532,7 +595,7 @@ def moved_into(poses: np.ndarray, origin: np.ndarray) -> np.ndarray:
 
 def focus_on(points: np.ndarray) -> tuple[int, int, int, int]:
     """Return the centre, half length and half width of a view of (N, 2) points."""
-    low, high = points.min(axis=0) - VIEW_M, points.max(axis=0) + VIEW_M
+    low, high = points.min(axis=0) - VIEW_MARGIN_M, points.max(axis=0) + VIEW_MARGIN_M
     x, y, length, width = np.rint(np.append(low + high, high - low) / 2 * DECIMETRES).astype(int)
     return int(x), int(y), int(length), int(width)
 
@@ -545,6 +608,7 @@ def motion_of(poses: np.ndarray) -> list[int]:
 
 
 def _differences(rows: np.ndarray) -> list[int]:
+    """Return the first row, then the differences from row to row, one after the other."""
     return [int(value) for value in np.diff(rows, axis=0, prepend=0 * rows[:1]).ravel()]
 
 
@@ -566,10 +630,11 @@ def near_lanes(
     """Return the parts of lanes that come near the ego, with no more points than bends need."""
     shown = []
     for points, widths in lanes:
-        close = np.zeros(len(points), bool)
+        is_near = np.zeros(len(points), bool)
         for ego in egos[:: max(1, len(egos) // 8)]:
-            close |= np.linalg.norm(points - ego[:2], axis=1) <= 1.5 * reach_m
-        rows = np.flatnonzero(close)
+            is_near |= np.linalg.norm(points - ego[:2], axis=1) <= 1.5 * reach_m
+        rows = np.flatnonzero(is_near)
+        # A lane that leaves and comes back gives several parts.
         for part in np.split(rows, np.flatnonzero(np.diff(rows) > 1) + 1):
             if len(part) > 1:
                 poses = np.column_stack([points[part], np.zeros(len(part))])
