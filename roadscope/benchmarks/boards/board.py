@@ -106,66 +106,77 @@ class Board(ABC):
     be expected (upper mark), the least (lower mark), noise models, or one sensor alone.
     """
 
+    # What it ranks.
     name: str
     kind: Kind
     """Kind of the plug-ins that it ranks."""
-    settings_type: type[BoardSettings] = BoardSettings
-    """Record of a suite's settings for the board; all of its fields have defaults."""
     headline: str
     """The metric that it ranks by."""
+    settings_type: type[BoardSettings] = BoardSettings
+    """Record of a suite's settings for the board; all of its fields have defaults."""
+    default_suite: str = "quick"
+    """The suite of a run without `--suite`."""
+    takes_scripted: bool = True
+    """Whether it can use scenarios whose traffic is scripted."""
+
+    # What entries get.
+    detections_field: str = ""
+    """Field of its settings that names the detectors whose detections entries get; empty: they get
+    none."""
+    inputs_name: str = ""
+    """The breakdown by the detector whose detections an entry gets; empty: it gets none."""
+    uses_calibration: bool = False
+    """Whether its plug-ins get the calibration file of a run, if it has one."""
+
+    # Its table.
     columns: Sequence[Column]
     """The columns, the most important first; the table shows as many as its width allows."""
+    three_digits: bool = False
+    """Whether figures have three significant digits: for metrics from millimetres to kilometres."""
+    summed: Sequence[str] = ()
+    """Counts that are shown as sums over episodes, as in papers."""
+    medians: Sequence[str] = ()
+    """Metrics whose median over episodes is shown too, as `NAME_median`."""
+    sample: str = "seeds"
+    """What intervals are computed over, in words; empty: there are no intervals."""
+    marks_note: str = ""
+    """Explanation of its marks, where they are shown."""
+    object_metric: str = ""
+    """A metric that has a value as soon as one object is eligible."""
+
+    # Its breakdowns.
     breakdowns: Sequence[Breakdown]
     by_condition: Sequence[str]
     """Metrics of whole episodes that are broken down by conditions."""
     shown_parts: Sequence[Column]
     """Metrics that are shown broken down; the heading is part of a title."""
     conditions: Mapping[str, Condition] = CONDITIONS
-    detections_field: str = ""
-    """Field of its settings that names the detectors whose detections entries get; empty: they get
-    none."""
-    inputs_name: str = ""
-    """The breakdown by the detector whose detections an entry gets; empty: it gets none."""
-    object_metric: str = ""
-    """A metric that has a value as soon as one object is eligible."""
-    summed: Sequence[str] = ()
-    """Counts that are shown as sums over episodes, as in papers."""
-    medians: Sequence[str] = ()
-    """Metrics whose median over episodes is shown too, as `NAME_median`."""
-    marks_note: str = ""
-    """Explanation of its marks, where they are shown."""
-    three_digits: bool = False
-    """Whether figures have three significant digits: for metrics from millimetres to kilometres."""
     alarms: str = ""
     """Heading of `false_alarms` beside detection rates in breakdowns; empty: they are not shown."""
     always_by: tuple[str, str] | None = None
     """A breakdown, and its one metric, that is shown even without `--by`."""
-    uses_calibration: bool = False
-    """Whether its plug-ins get the calibration file of a run, if it has one."""
-    compared_with: str = ""
-    """For recorded data: the board of simulated traffic that its ranks are compared with."""
-    simulated_board: str = ""
-    """For recorded data: the board that ranks the same plug-ins on simulated traffic."""
-    kitti_markers: Sequence[Sequence[str]] = ()
-    """Groups of names of files: a folder with a file of each group has KITTI's data for it."""
-    comparison_note: str = ""
-    """Text in place of the comparison where there is nothing to compare its ranks with."""
+
+    # Predictions, pictures and views.
     predictors: Sequence[str] = ()
     """Metrics of the inputs of entries that may predict how well these do."""
     predicted: Sequence[str] = ()
     """Metrics of how well entries do, which `predictors` may predict."""
-    takes_scripted: bool = True
-    """Whether it can use scenarios whose traffic is scripted."""
-    default_suite: str = "quick"
-    """The suite of a run without `--suite`."""
-    unviewable: str = ""
-    """Empty, or why `roadscope view` cannot show its answers: `a drive, which no view shows`."""
-    sample: str = "seeds"
-    """What intervals are computed over, in words."""
     by_distance: Mapping[str, str] = {}
     """Metrics that `drift.svg` draws over the distance driven, with the labels of their axes."""
     over_time: Sequence[str] = ()
     """Metrics of `box_scores` that `roadscope view` shows over time."""
+    unviewable: str = ""
+    """Empty, or why `roadscope view` cannot show its answers: `a drive, which no view shows`."""
+
+    # For recorded data.
+    simulated_board: str = ""
+    """The board that ranks the same plug-ins on simulated traffic."""
+    compared_with: str = ""
+    """The board of simulated traffic that its ranks are compared with."""
+    comparison_note: str = ""
+    """Text in place of the comparison where there is nothing to compare its ranks with."""
+    kitti_markers: Sequence[Sequence[str]] = ()
+    """Groups of names of files: a folder with a file of each group has KITTI's data for it."""
 
     @property
     def summary(self) -> str:
