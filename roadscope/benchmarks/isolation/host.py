@@ -566,8 +566,9 @@ def _import_path() -> list[str]:
 def _sandboxed(spec: Spec, hidden: Sequence[Path], data: Sequence[Path]) -> list[str]:
     """Return the words before a supervisor's command that run it in a sandbox.
 
-    The sandbox can read the package, the import path and the folder of the plug-in's file, but
-    nothing in folders of recorded data. `PluginError` for a file in a folder that must look empty.
+    The package, the import path and the folder of the plug-in's file can be read even inside hidden
+    folders, but nothing can in folders of recorded data. `PluginError` for a file of a plug-in in a
+    folder that must look empty.
     """
     if why := sandbox_available():
         raise SandboxError(why)
