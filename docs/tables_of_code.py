@@ -242,8 +242,8 @@ def commands() -> str:
     def helps(command: Any, path: str) -> Iterator[str]:
         context = command.make_context(path, [], resilient_parsing=True, max_content_width=96)
         yield f"### `{path}`\n\n```text\n{context.get_help()}\n```"
-        for name, child in getattr(command, "commands", {}).items():
-            yield from helps(child, f"{path} {name}")
+        for name in getattr(command, "commands", ()):
+            yield from helps(command.get_command(context, name), f"{path} {name}")
 
     return "\n\n".join(helps(get_command(app), "roadscope"))
 

@@ -143,8 +143,8 @@ class Workers:
                 yield index, function(prepare(item))
             return
 
-        def start(index: int) -> Future[R]:
-            return pool.submit(function, prepare(items[index]))
+        def start(index: int, after: Future[R] | None) -> Future[R]:
+            return pool.submit(function, prepare(items[index]), after)
 
         for index, future in _share(pool, start, _Waiting(len(items), groups)):
             error = future.exception()
@@ -192,8 +192,10 @@ class _Pool(Protocol):
 
     slots: int
 
-    def submit(self, function: Callable[[Any], Any], item: Any) -> Future[Any]:
-        """Have an item computed by an idle worker."""
+    def submit(
+        self, function: Callable[[Any], Any], item: Any, after: Future[Any] | None
+    ) -> Future[Any]:
+        """Have an item computed by an idle worker, if possible by the one that computed `after`."""
 
     def deaths(self, error: BaseException) -> int:
         """Return how many workers died during the item, 0 if its function raised the error."""
@@ -216,12 +218,12 @@ class _Waiting:
         """Let an item wait again."""
         self._indices[index] = None
 
-    def take(self, after: int | None, running: Iterable[int]) -> int:
-        """Return the next item for the worker that computed item `after`.
+    def take(self, before: int | None, running: Iterable[int]) -> int:
+        """Return the next item for the worker that computed item `before`.
 
         Of the same group if there is one; else of a group that no other worker computes.
         """
-        own = () if after is None else (self._groups[after],)
+        own = () if before is None else (self._groups[before],)
         others = {self._groups[index] for index in running}
         same = (i for i in self._indices if self._groups[i] in own)
         free = (i for i in self._indices if self._groups[i] not in others)
@@ -231,24 +233,26 @@ class _Waiting:
 
 
 def _share(
-    pool: _Pool, start: Callable[[int], Future[R]], waiting: _Waiting
+    pool: _Pool, start: Callable[[int, Future[R] | None], Future[R]], waiting: _Waiting
 ) -> Iterator[tuple[int, Future[R]]]:
     """Have the workers compute all items, never more at a time than there are workers.
 
     So every item that was sent is being computed, and it is clear whose worker died. A future with
     an error is that of an item whose workers died in all trials.
+
+    start: has an item computed, if possible by the worker of the future that it gets.
     """
     deaths = Counter[int]()
     alone = deque[int]()
     running: dict[Future[R], int] = {}
 
-    def send(after: int | None = None) -> None:
+    def send(before: int | None = None, after: Future[R] | None = None) -> None:
         while waiting and len(running) < pool.slots:
-            index = waiting.take(after, running.values())
-            running[start(index)] = index
+            index = waiting.take(before, running.values())
+            running[start(index, after)] = index
         if alone and not running:
             index = alone.popleft()
-            running[start(index)] = index
+            running[start(index, None)] = index
 
     send()
     while running:
@@ -268,7 +272,10 @@ def _share(
                     waiting.put(index)
                 elif deaths[index] == MOST_SHARED_DEATHS:
                     alone.append(index)
-            send(after=index if error is None else None)
+            if error is None:
+                send(index, future)
+            else:
+                send()
             if error is None or deaths[index] > MOST_SHARED_DEATHS:
                 yield index, future
 
@@ -283,15 +290,20 @@ class _LokyPool:
         threads = str(max(int(cpu_count()) // self.slots, 1))
         self._environment = {name: os.environ.get(name, threads) for name in THREAD_VARIABLES}
         self._place = _Place.of_this_process(parent=os.getpid())
-        self._idle: list[Any] = []
+        self._idle: dict[Future[Any], Any] = {}
+        """The idle workers, each by its last item."""
         self._busy: dict[Future[Any], Any] = {}
 
-    def submit(self, function: Callable[[Any], Any], item: Any) -> Future[Any]:
+    def submit(
+        self, function: Callable[[Any], Any], item: Any, after: Future[Any] | None
+    ) -> Future[Any]:
         from joblib.externals.loky import ProcessPoolExecutor
 
         self._collect()
-        if self._idle:
-            executor = self._idle.pop()
+        if after in self._idle:
+            executor = self._idle.pop(after)
+        elif self._idle:
+            executor = self._idle.popitem()[1]
         else:
             executor = ProcessPoolExecutor(max_workers=1, env=self._environment)
         with _interrupts_held():
@@ -307,12 +319,12 @@ class _LokyPool:
     def close(self, *, kill: bool) -> None:
         if kill:
             self._let_items_arrive()
-        executors = [*self._idle, *self._busy.values()]
+        executors = [*self._idle.values(), *self._busy.values()]
         # At once: a worker with all modules loaded takes a while to end.
         with ThreadPoolExecutor(max(len(executors), 1)) as threads:
             for executor in executors:
                 threads.submit(executor.shutdown, wait=True, kill_workers=kill)
-        self._idle, self._busy = [], {}
+        self._idle, self._busy = {}, {}
 
     def _let_items_arrive(self) -> None:
         """Wait until loky has handed on what was just sent.
@@ -333,7 +345,7 @@ class _LokyPool:
             if error is not None and self.deaths(error):
                 executor.shutdown(wait=True, kill_workers=True)
             else:
-                self._idle.append(executor)
+                self._idle[future] = executor
 
 
 class _RayPool:
@@ -354,7 +366,9 @@ class _RayPool:
         self._place = _Place.of_this_process()
         self._running: list[tuple[Future[Any], Any]] = []
 
-    def submit(self, function: Callable[[Any], Any], item: Any) -> Future[Any]:
+    def submit(
+        self, function: Callable[[Any], Any], item: Any, after: Future[Any] | None
+    ) -> Future[Any]:
         reference = self._task.remote(self._place, function, item)
         future: Future[Any] = reference.future()
         self._running = [each for each in self._running if not each[0].done()]
@@ -442,7 +456,9 @@ class _DaskPool:
         self._executor = self._client.get_executor(pure=False)
         self._place = _Place.of_this_process()
 
-    def submit(self, function: Callable[[Any], Any], item: Any) -> Future[Any]:
+    def submit(
+        self, function: Callable[[Any], Any], item: Any, after: Future[Any] | None
+    ) -> Future[Any]:
         future: Future[Any] = self._executor.submit(_in_worker, self._place, function, item)
         return future
 
