@@ -194,18 +194,18 @@ class Board(ABC):
     def kitti_settings(self, place: DataFolder) -> Mapping[str, SequenceSettings]:
         """Return the settings for a folder of KITTI's data, of this board and of others like it.
 
-        A board with `kitti_markers` has this method. `FormatError` if the data are not complete.
+        Empty for a board without `kitti_markers`. `FormatError` if the data are not complete.
         """
-        raise NotImplementedError
+        return {}
 
     def box_scores(
         self, boxes: Sequence[Any], truths: Sequence[Truth], pairings: Sequence[Pairing]
     ) -> Scores:
-        """Return the scores of some frames; a board with metrics in `over_time` has this method.
+        """Return the scores of some frames; empty for a board without metrics in `over_time`.
 
         boxes: detections for a board of detectors, tracks for one of trackers.
         """
-        raise NotImplementedError
+        return {}
 
     @abstractmethod
     def explanation(self, suite: Suite) -> str:
