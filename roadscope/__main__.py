@@ -65,7 +65,7 @@ COMMANDS: Mapping[str, CommandEntry] = {
     "compare": CommandEntry(
         "Compare two runs, or two entries of one run",
         OWN,
-        ("roadscope compare results --entries nearest existence",),
+        ("roadscope compare results --entry nearest --entry existence",),
     ),
     "export": CommandEntry(
         "Write a suite's scans, images and truth in KITTI's layout",

@@ -77,11 +77,11 @@ def test_two_entries_of_one_file(tmp_path, answer) -> None:
         for seed in range(5)
     ]
     path.write_text(json.dumps(run(jobs)))
-    pair = "--entries", "nearest", "existence"
+    pair = "--entry", "nearest", "--entry", "existence"
     status, out, _ = answer("compare", path, *pair)
     assert status == 0
     assert "better" in out
-    backwards = "--entries", "existence", "nearest", "--fail-on-regression"
+    backwards = "--entry", "existence", "--entry", "nearest", "--fail-on-regression"
     assert answer("compare", path, *backwards)[0] == 1
 
 
@@ -91,7 +91,9 @@ def test_bad_input_is_answered_in_one_line(results, answer) -> None:
         [results / "none", results / "before"],
         [results / "before", results / "old"],
         [results / "before", results / "same", "--metric", "hota"],
-        [results / "before", "--entries", "mine", "other"],
+        [results / "before", "--entry", "mine", "--entry", "other"],
+        [results / "before", "--entry", "mine"],
+        [results / "before", results / "same", *["--entry", "mine"] * 3],
     ):
         status, out, errors = answer("compare", *arguments)
         assert (status, out) == (1, "")

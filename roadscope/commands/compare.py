@@ -21,11 +21,13 @@ if TYPE_CHECKING:
 def compare(
     a: Path = argument("A", "The earlier run: its folder or leaderboard.json"),
     b: Path | None = argument(
-        "B", "The later run; with --entries, A if left out", show_default=False, default=None
+        "B", "The later run; with --entry, A if left out", show_default=False, default=None
     ),
     *,
-    entries: tuple[str, str] | None = option(
-        "X Y", "Compare the entry X of A with the entry Y of B", names=completion.entries_of_runs
+    entry: list[str] | None = option(
+        "NAME",
+        "Compare two entries: give it twice, an entry of A, then one of B",
+        names=completion.entries_of_runs,
     ),
     metric: list[str] | None = option(
         "NAME", "Only this metric, such as hota or 'f1 by range: 0-20' (can be repeated)"
@@ -54,9 +56,14 @@ def compare(
     Exit status: 1 if the two cannot be compared, or with --fail-on-regression if B is worse.
     """
     from roadscope.benchmarks.cache import write_text
+    from roadscope.benchmarks.compare import CompareError
     from roadscope.benchmarks.compare import compare as compare_runs
 
-    comparison = compare_runs(a, b, entries=entries, metrics=metric, level=level, times=times)
+    if entry and len(entry) != 2:
+        raise CompareError(
+            f"give --entry twice: an entry of A, then one of B; got {', '.join(entry)}"
+        )
+    comparison = compare_runs(a, b, entries=entry or None, metrics=metric, level=level, times=times)
     if out is not None:
         write_text(out, comparison.to_json())
     if json:

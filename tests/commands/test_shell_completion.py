@@ -69,7 +69,7 @@ def test_names_are_completed(words: str, expected: set[str]) -> None:
     assert set(completed(words)) == expected
 
 
-@pytest.mark.parametrize("before", ["compare {run} --entries", "compare {run} --entries gnn"])
+@pytest.mark.parametrize("before", ["compare {run} --entry", "compare {run} --entry gnn --entry"])
 def test_entries_of_a_run_are_completed(before: str, tmp_path: Path) -> None:
     scores = [{**JOB, "entry": name} for name in ("gnn", "gnn on oracle", "imm")]
     (tmp_path / "leaderboard.json").write_text(json.dumps({"scores": scores}))
