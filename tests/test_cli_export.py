@@ -35,7 +35,10 @@ def test_export_submit_compare(tmp_path, answer) -> None:
     assert "at most" in out
     assert (folder / "README.md").is_file()
     assert sorted(p.stem for p in (folder / "calib").iterdir()) == ["0000"]
-    assert answer(*asked)[0] == 0
+    record = json.loads(answer(*asked, "--json")[1])
+    assert record["folder"] == str(folder)
+    (sequence,) = record["sequences"]
+    assert (sequence["name"], sequence["scenario"]) == ("0000", "lu2018-occlusion")
 
     results = tmp_path / "results" / "tracking"
     results.mkdir(parents=True)

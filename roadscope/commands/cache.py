@@ -31,15 +31,12 @@ def print_path() -> None:
 @cache.command("show", cls=GroupedCommand)
 def show_usage(json: bool = options.JSON) -> None:
     """Show how much there is of each kind of file."""
-    from dataclasses import asdict
-
     from roadscope.benchmarks.cache import cache_folder
     from roadscope.benchmarks.cached_files import cache_usage
 
     usages = cache_usage()
     if json:
-        table = {"folder": str(cache_folder()), "kinds": [asdict(usage) for usage in usages]}
-        print_json(table)
+        _print_json(usages)
         return
     typer.echo(cache_folder())
     _show_sizes(usages)
@@ -54,17 +51,31 @@ def clear(
         names=cache_kinds,
     ),
     results: bool = flag("--results", "Remove the results database, too"),
+    quiet: bool = options.QUIET,
+    json: bool = options.JSON,
 ) -> None:
     """Remove files; they are computed again when needed."""
     from roadscope.benchmarks.cache import cache_folder
     from roadscope.benchmarks.cached_files import clear_cache
 
     removed = [usage for usage in clear_cache(kind, results=results) if usage.files]
+    if json:
+        _print_json(removed)
+    if json or quiet:
+        return
     if not removed:
         typer.echo(f"nothing to remove in {cache_folder()}")
         return
     typer.echo(f"removed from {cache_folder()}:")
     _show_sizes(removed)
+
+
+def _print_json(usages: Sequence[KindUsage]) -> None:
+    from dataclasses import asdict
+
+    from roadscope.benchmarks.cache import cache_folder
+
+    print_json({"folder": str(cache_folder()), "kinds": [asdict(usage) for usage in usages]})
 
 
 def _show_sizes(usages: Sequence[KindUsage]) -> None:

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import typer
 
 from roadscope.commands import completion, options
 from roadscope.commands.options import flag, option
-from roadscope.commands.terminal import headline, progress_bars, show
+from roadscope.commands.terminal import headline, print_json, progress_bars, show
 
 if TYPE_CHECKING:
     from roadscope.benchmarks.calibrating import RigCalibration
@@ -35,6 +36,7 @@ def calibrate(
         "SHARE", "Share of poses with a misread corner, up to 0.5", HOW, min=0, max=0.5, default=0.0
     ),
     quiet: bool = options.QUIET,
+    json: bool = options.JSON,
 ) -> None:
     """Calibrate LiDAR and camera with a triangular target that both see (Li 2021).
 
@@ -59,15 +61,39 @@ def calibrate(
             outliers=outliers,
             progress=progress,
         )
-    if not quiet:
+    if json:
+        print_json(_content(calibration, rig))
+    elif not quiet:
         _show(calibration, rig)
     if place is not None:
         origin = f"roadscope calibrate --rig {rig} --poses {poses} --seed {seed}"
         origin += " --known-intrinsics" * known_intrinsics + " --corners-only" * corners_only
         origin += " --upright" * upright + f" --outliers {outliers:g}" * bool(outliers)
         save_rig_calibration(calibration, place, origin + f" --scans {scans}" * (scans != 25))
-        if not quiet:
+        if not (json or quiet):
             typer.echo(f"written: {place}")
+
+
+def _content(calibration: RigCalibration, rig: str) -> dict[str, Any]:
+    """Return the calibration and its errors as JSON has them; an error without a bound is None."""
+    from dataclasses import asdict
+
+    from roadscope.benchmarks.calibrating import sufficient_poses
+
+    projection = calibration.result.projection
+    return {
+        "rig": rig,
+        "poses": calibration.poses,
+        "usable_poses": calibration.usable_poses,
+        "sufficient_poses": sufficient_poses(calibration.rows),
+        "matrix": projection.matrix.tolist(),
+        "width": projection.width,
+        "height": projection.height,
+        "rows": [
+            {name: value if math.isfinite(value) else None for name, value in asdict(row).items()}
+            for row in calibration.rows
+        ],
+    }
 
 
 def _show(calibration: RigCalibration, rig: str) -> None:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import typer
 
 from roadscope.commands import options
-from roadscope.commands.terminal import headline, print_json
+from roadscope.commands.terminal import complain, headline, print_json
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from roadscope.benchmarks.doctor import Diagnosis
 
 
-def doctor(json: bool = options.JSON) -> None:
+def doctor(quiet: bool = options.QUIET, json: bool = options.JSON) -> None:
     """Show whether this installation works: versions, extras, cache, kernels, isolation.
 
     Exit status: 1 if something is broken.
@@ -25,6 +25,9 @@ def doctor(json: bool = options.JSON) -> None:
     diagnosis = examine()
     if json:
         print_json(diagnosis.to_json())
+    elif quiet:
+        for text in diagnosis.broken:
+            complain(f"broken: {text}")
     else:
         _show(diagnosis)
     if diagnosis.broken:

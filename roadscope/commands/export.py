@@ -8,7 +8,7 @@ import typer
 
 from roadscope.commands import completion, options
 from roadscope.commands.options import argument, flag, option
-from roadscope.commands.terminal import printable, progress_bars
+from roadscope.commands.terminal import print_json, printable, progress_bars
 
 NONE = "none"
 """Detector that stands for no detections."""
@@ -35,6 +35,7 @@ def export(
         names=completion.detectors,
     ),
     quiet: bool = options.QUIET,
+    json: bool = options.JSON,
 ) -> None:
     """Write a suite's scans, images, calibration and truth in KITTI's layout.
 
@@ -42,14 +43,16 @@ def export(
 
     Exit status: 1 if the folder holds other files or cannot be written.
     """
+    import msgspec
+
     from roadscope.benchmarks.cached_files import size_text
-    from roadscope.benchmarks.suite_exports import export_suite, plan_export
+    from roadscope.benchmarks.suite_exports import export_suite, plan_export, read_manifest
 
     detectors = [d for d in detections if d != NONE] if detections else None
     plan = plan_export(
         suite, folder, seeds=seeds, scenarios=scenarios, with_truth=with_truth, detections=detectors
     )
-    if not quiet:
+    if not (json or quiet):
         sequences = len(plan.manifest.sequences)
         done = f"; already there: {plan.done}" if plan.done else ""
         typer.echo(
@@ -58,5 +61,7 @@ def export(
         )
     with progress_bars(quiet=quiet) as progress:
         export_suite(plan, progress=progress)
-    if not quiet:
+    if json:
+        print_json({"folder": str(folder), **msgspec.to_builtins(read_manifest(folder))})
+    elif not quiet:
         typer.echo(f"written: {folder / 'README.md'}")

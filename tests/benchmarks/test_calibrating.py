@@ -141,6 +141,14 @@ def test_the_command_tells_errors_and_a_table(tmp_path: Path) -> None:
     assert read_calibration(out).width == 640
 
 
+def test_the_command_prints_json_alone(tmp_path: Path) -> None:
+    out = tmp_path / "calibration.json"
+    options = "--rig", "wide", "--poses", "6", "--scans", "2", "--out", str(out)
+    table = json.loads(CliRunner().invoke(app, ["calibrate", *options, "--json"]).stdout)
+    assert (table["poses"], table["rows"][-1]["poses"]) == (6, table["usable_poses"])
+    np.testing.assert_allclose(table["matrix"], read_calibration(out).matrix)
+
+
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [

@@ -112,6 +112,8 @@ def test_the_command(folder: Path, answer) -> None:
     assert status == 0
     assert "results" in said
     assert names(folder) == set(FOREIGN)
+    assert json.loads(answer("cache", "clear", "--json")[1])["kinds"] == []
+    assert answer("cache", "clear", "--quiet") == (0, "", "")
     status, _, errors = answer("cache", "clear", "--kind", "nothing")
     assert status == 1
     assert "no kind of cached files" in errors

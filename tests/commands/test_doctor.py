@@ -63,6 +63,7 @@ def test_text(answer) -> None:
     assert status == 0
     for words in ("numpy", "cores", "kernels", "bubblewrap"):
         assert words in said
+    assert answer("doctor", "--quiet") == (0, "", "")
 
 
 def test_a_cache_that_cannot_be_written_is_broken(monkeypatch, answer, diagnose) -> None:
@@ -70,6 +71,9 @@ def test_a_cache_that_cannot_be_written_is_broken(monkeypatch, answer, diagnose)
     status, out, _ = answer("doctor")
     assert status == 1
     assert "/proc/no/such/folder" in out
+    status, out, errors = answer("doctor", "--quiet")
+    assert (status, out, errors.count("\n")) == (1, "", 1)
+    assert "/proc/no/such/folder" in errors
     assert not diagnose()["cache"]["writable"]
 
 

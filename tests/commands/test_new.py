@@ -95,6 +95,11 @@ def test_what_is_there_is_written_over_by_force_alone(tmp_path: Path) -> None:
     assert path.read_text() == template_text("tracker")
 
 
+def test_the_command_can_be_quiet(tmp_path: Path, answer) -> None:
+    assert answer("new", "tracker", tmp_path / "mine.py", "--quiet") == (0, "", "")
+    assert (tmp_path / "mine.py").is_file()
+
+
 def test_paths_with_blanks_can_be_pasted(tmp_path: Path) -> None:
     written = write_template("fusion", tmp_path / "my code" / "f.py")
     assert written.path.is_file()
