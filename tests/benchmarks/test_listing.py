@@ -2,13 +2,15 @@
 
 import json
 import os
+import shutil
 import subprocess
 import sys
+from importlib import resources
 
 import pytest
 from rich.console import Console
 
-from roadscope.benchmarks import KINDS, SUITES, name_table, names_of
+from roadscope.benchmarks import KINDS, SUITES, SuiteError, name_table, names_of
 from roadscope.benchmarks.recorded import KITTI, MOT
 from roadscope.detectors import DETECTORS
 from roadscope.detectors.camera import CAMERA_DETECTORS
@@ -30,6 +32,28 @@ def test_each_takes_one_line_of_an_ordinary_terminal(kind):
     names = names_of(kind)
     console = Console(width=80, record=True, file=None, quiet=True)
     assert len(console.render_lines(name_table(kind, names))) == len(names) + 1
+
+
+@pytest.mark.parametrize(
+    ("right", "wrong", "words"),
+    [
+        ("[boards.camera]", "[boards.camrea]", ("'boards.camrea'", "boards.tracking")),
+        ("\nlidar =", "\nlidra =", ("'boards.fusion.lidra'", "'boards.fusion.lidar'")),
+        ("version =", "versoin =", ("'versoin'", "'version'")),
+    ],
+)
+def test_a_wrong_key_in_the_file_of_recorded_data_is_refused(
+    right, wrong, words, tmp_path, monkeypatch
+):
+    copied = shutil.copytree(
+        resources.files("roadscope.benchmarks") / "suites", tmp_path / "suites"
+    )
+    file = copied / f"{KITTI}.toml"
+    file.write_text(file.read_text().replace(right, wrong))
+    monkeypatch.setattr(resources, "files", lambda package: tmp_path)
+    with pytest.raises(SuiteError) as caught:
+        names_of("suites")
+    assert all(each in str(caught.value) for each in (str(file), *words))
 
 
 @pytest.mark.parametrize("kind", KINDS)

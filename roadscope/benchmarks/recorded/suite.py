@@ -21,9 +21,9 @@ from roadscope.benchmarks.formats.table import FormatError, visible
 from roadscope.benchmarks.metrics.trajectory_errors import KITTI_M
 from roadscope.benchmarks.recorded.kitti_drive import KittiDrive, KittiOdometryDrive
 from roadscope.benchmarks.recorded.recording import RecordedSettings, Recording, SequenceSettings
-from roadscope.benchmarks.suite import Names, Suite
+from roadscope.benchmarks.suite import Names, Suite, SuiteError
 from roadscope.core import Category
-from roadscope.core.config import read_config
+from roadscope.core.config import ConfigError, read_config
 
 KITTI = "kitti"
 TRACKING = "tracking"
@@ -136,11 +136,11 @@ def kitti_object_settings(
         files = drives[0].files
         folder = files.label_file(files.numbers[0]).parent
         raise FormatError(f"{folder}: expected labels of {', '.join(names)}, got none")
-    table = recorded_table(KITTI)
+    table = recorded_table(KITTI).of_board(board)
     settings = KittiSettings(
-        entries=table.names(board, "entries"),
-        lidar=table.names(board, "lidar"),
-        camera=table.names(board, "camera"),
+        entries=table.entries,
+        lidar=table.lidar,
+        camera=table.camera,
         drives=drives,
         remark=" ".join([_frames_in_words(drives, place, sensors), *found.notes]),
     )
@@ -180,7 +180,7 @@ def kitti_odometry_settings(place: DataFolder, board: str) -> dict[str, Sequence
     for drive in drives:
         drive.check()
     settings = KittiOdometrySettings(
-        entries=recorded_table(KITTI).names(board, "entries"),
+        entries=recorded_table(KITTI).of_board(board).entries,
         drives=tuple(drives),
         remark=" ".join([_stretches_in_words(drives), *found.notes]),
     )
@@ -214,7 +214,7 @@ def tracking_settings(
     """
     table = recorded_table(name)
     settings = RecordedSettings(
-        entries=table.names(TRACKING, "entries"),
+        entries=table.of_board(TRACKING).entries,
         recordings=tuple(recordings),
         labelled=labelled,
         remark=" ".join([*remarks, table.remark]),
@@ -239,27 +239,46 @@ def suite_of(name: str, boards: Mapping[str, SequenceSettings]) -> Suite:
     )
 
 
-class RecordedTable(Struct, frozen=True, forbid_unknown_fields=True):
-    """The file of a suite of recorded data, which is the same for every folder.
+class BoardTable(Struct, frozen=True, forbid_unknown_fields=True):
+    """The table of a board. lidar, camera: detectors whose detections fusions get."""
 
-    boards: tables by the name of the board of simulated traffic with the same plug-ins.
-    """
+    entries: Names
+    lidar: Names = ()
+    camera: Names = ()
+
+
+class BoardTables(Struct, frozen=True, forbid_unknown_fields=True):
+    """Tables by the name of the board of simulated traffic with the same plug-ins."""
+
+    detection: BoardTable = BoardTable(())
+    tracking: BoardTable = BoardTable(())
+    camera: BoardTable = BoardTable(())
+    fusion: BoardTable = BoardTable(())
+    odometry: BoardTable = BoardTable(())
+
+
+class RecordedTable(Struct, frozen=True, forbid_unknown_fields=True):
+    """The file of a suite of recorded data, which is the same for every folder."""
 
     name: str
     version: int
     summary: str
     remark: str
-    boards: Mapping[str, Mapping[str, Names]]
+    boards: BoardTables
 
-    def names(self, board: str, key: str) -> Names:
-        """Return a list of a board's table, such as its `entries`; empty without one."""
-        return self.boards.get(board, {}).get(key, ())
+    def of_board(self, board: str) -> BoardTable:
+        """Return the table of a board, which the file may lack: then it has no entries."""
+        table: BoardTable = getattr(self.boards, board)
+        return table
 
 
 def recorded_table(name: str) -> RecordedTable:
-    """Read the file of a suite of recorded data: `kitti` or `mot`."""
-    content = resources.files("roadscope.benchmarks").joinpath(f"suites/{name}.toml")
-    return read_config(content.read_text(encoding="utf-8"), RecordedTable)
+    """Read the file of a suite of recorded data: `kitti` or `mot`; errors name all problems."""
+    file = resources.files("roadscope.benchmarks").joinpath(f"suites/{name}.toml")
+    try:
+        return read_config(file.read_text(encoding="utf-8"), RecordedTable)
+    except ConfigError as error:
+        raise SuiteError(f"{file}: {error}", error.problems) from error
 
 
 def _detection_files(files: KittiFolder) -> str:
