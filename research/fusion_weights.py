@@ -20,8 +20,8 @@ import numpy as np
 from roadscope import CAMERA_DETECTORS, Detections, Episode, ImageDetections
 from roadscope.benchmarks.metrics.fusion import match_targets
 from roadscope.benchmarks.metrics.ranked_precision import FALSE_ALARM, IGNORED
-from roadscope.benchmarks.noisy_camera import FAMILY
 from roadscope.benchmarks.papers.li2021_pairs import SensorPair, sense_pairs
+from roadscope.core.category import families_of
 from roadscope.fusion import weights
 from roadscope.fusion.assembly import Views, assemble
 from roadscope.fusion.candidates import (
@@ -32,7 +32,7 @@ from roadscope.fusion.candidates import (
     lidar_features,
 )
 from roadscope.fusion.cluster_boxes import ClusterBoxes, features
-from roadscope.fusion.evidence import camera_features, camera_masses, families_of, lidar_masses
+from roadscope.fusion.evidence import camera_features, camera_masses, lidar_masses
 from roadscope.fusion.overlap import ious
 
 SEEDS = range(300, 312)
@@ -145,7 +145,7 @@ def labels_of(shapes: np.ndarray, moment: SensorPair) -> np.ndarray:
         offsets = shapes[:, :2] - centres[k, :2]
         local = np.abs(offsets @ np.array([[cosine, -sine], [sine, cosine]]))
         inside = (local <= truth.sizes[k, :2] / 2 + BESIDE_M).all(axis=1)
-        label[inside] = FAMILY[truth.categories[k]]
+        label[inside] = families_of(truth.categories[k])
     return label
 
 

@@ -12,13 +12,10 @@ from types import MappingProxyType
 
 import numpy as np
 
-from roadscope.core import Category, Family, ImageDetections, Registry, Truth
+from roadscope.core import ImageDetections, Registry, Truth
+from roadscope.core.category import CATEGORY_OF_FAMILY, families_of
 from roadscope.envs.imaging.pinhole import Pinhole
 
-CATEGORY_OF_FAMILY = np.array([Category.CAR, Category.CYCLIST, Category.PEDESTRIAN], np.int8)
-"""The category that detections of each family have."""
-FAMILIES = (Family.VEHICLE, Family.CYCLIST, Family.PEDESTRIAN)
-FAMILY = np.array([FAMILIES.index(category.family) for category in Category])
 HEIGHTS_M = np.array([1.5, 1.75, 1.7])
 """Heights of false detections, by family."""
 LEAST_PX = 4.0
@@ -105,7 +102,7 @@ class NoisyCamera:
         assert truth.image_boxes is not None
         rng, boxes = self._rng, truth.image_boxes
         sides = boxes[:, 2:] - boxes[:, :2]
-        family = FAMILY[truth.categories]
+        family = families_of(truth.categories)
         odds = self._odds(truth, sides, family)
         chance = self._lit * (1 - self._model.miss) / (1 + np.exp(-odds))
         draws = rng.random((len(truth), 3))

@@ -4,6 +4,9 @@ from __future__ import annotations
 
 from enum import IntEnum, StrEnum
 
+import numpy as np
+from numpy.typing import ArrayLike
+
 
 class Family(StrEnum):
     """Coarse classes in which Li 2021 reports its rates."""
@@ -30,3 +33,14 @@ class Category(IntEnum):
         if self is Category.PEDESTRIAN:
             return Family.PEDESTRIAN
         return Family.CYCLIST if self is Category.CYCLIST else Family.VEHICLE
+
+
+CATEGORY_OF_FAMILY = np.array([Category.CAR, Category.CYCLIST, Category.PEDESTRIAN], np.int8)
+"""The category that stands for each family, in their order, where no finer one is known."""
+_FAMILIES = np.array([list(Family).index(category.family) for category in Category])
+
+
+def families_of(categories: ArrayLike) -> np.ndarray:
+    """Return (N,) int64 places in `Family` of the families of (N,) categories."""
+    families: np.ndarray = _FAMILIES[np.asarray(categories, np.int64)]
+    return families

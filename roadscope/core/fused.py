@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from roadscope.core.category import Category, Family
+from roadscope.core.category import Family, families_of
 from roadscope.core.checks import (
     RecordError,
     check_categories,
@@ -18,9 +18,6 @@ from roadscope.core.checks import (
 )
 from roadscope.core.detections import Detections, ImageDetections
 from roadscope.core.record import Record
-
-_FAMILY_COLUMN = np.array([list(Family).index(category.family) for category in Category])
-"""For each category the column of its family in masses: vehicle, cyclist, pedestrian, ignorance."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -284,7 +281,7 @@ def _rows_or(values: np.ndarray, rows: np.ndarray, otherwise: float) -> np.ndarr
 
 def _simple_masses(categories: np.ndarray, scores: np.ndarray) -> np.ndarray:
     """Return (N, 4) masses: the score for the family, one minus the score for ignorance."""
-    families = _FAMILY_COLUMN[np.asarray(categories, np.int64)]
+    families = families_of(categories)
     masses = np.zeros((len(families), len(Family) + 1))
     masses[np.arange(len(families)), families] = scores
     masses[:, -1] = 1.0 - np.asarray(scores)

@@ -7,9 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from roadscope.core import Detections, ImageDetections, RecordError
+from roadscope.core.category import CATEGORY_OF_FAMILY, families_of
 from roadscope.core.fused import FusedDetections
 from roadscope.core.projection import Projection
-from roadscope.fusion.evidence import CATEGORY_OF_FAMILY, FAMILIES, families_of
+from roadscope.fusion.evidence import FAMILIES
 from roadscope.fusion.overlap import projected_boxes
 from roadscope.fusion.pairing import check_moment
 

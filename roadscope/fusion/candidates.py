@@ -7,9 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from roadscope.core import ImageDetections
+from roadscope.core.category import families_of
 from roadscope.core.projection import Projection
 from roadscope.fusion.assembly import Views
-from roadscope.fusion.evidence import camera_features, families_of, log_odds
+from roadscope.fusion.evidence import camera_features, log_odds
 from roadscope.fusion.overlap import areas, intersections, ious
 from roadscope.fusion.sizes import SPREAD, USUAL_M
 from roadscope.fusion.weights import ranking_model

@@ -7,12 +7,12 @@ from collections.abc import Iterator
 import numpy as np
 
 from roadscope.core import Detections, Frame
+from roadscope.core.category import CATEGORY_OF_FAMILY
 from roadscope.core.checks import require
 from roadscope.detectors.cloud import Cloud
 from roadscope.detectors.clustering import cluster_dbscan
 from roadscope.detectors.drops import without_faint
 from roadscope.detectors.ground import GroundSurface, grid_above_ground
-from roadscope.fusion.evidence import CATEGORY_OF_FAMILY
 from roadscope.fusion.sizes import completed
 from roadscope.fusion.weights import lidar_model
 

@@ -6,29 +6,20 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from roadscope.core import Category, Detections, Family, ImageDetections, RecordError
+from roadscope.core import Detections, Family, ImageDetections, RecordError
+from roadscope.core.category import families_of
 from roadscope.fusion.weights import confusion, odds_model
 
 # --------------------------------------------------------------------------------------------------
 # From scores to evidence.
 
-FAMILIES = (Family.VEHICLE, Family.CYCLIST, Family.PEDESTRIAN)
+FAMILIES = tuple(Family)
 """The frame of discernment; masses have these columns and then ignorance."""
-CATEGORY_OF_FAMILY = np.array([Category.CAR, Category.CYCLIST, Category.PEDESTRIAN], np.int8)
-"""The category that stands for each of `FAMILIES` where no detection names one."""
 MOST = 0.98
 """Greatest mass that a score gives to the classes together, chosen by hand: some ignorance always
 remains, so that masses from scores are never in full conflict."""
 
 Confusion = Sequence[Sequence[float]] | np.ndarray
-
-_FAMILY_OF = np.array([FAMILIES.index(category.family) for category in Category])
-
-
-def families_of(categories: np.ndarray) -> np.ndarray:
-    """(N,) columns of `FAMILIES` of (N,) categories."""
-    families: np.ndarray = _FAMILY_OF[np.asarray(categories, np.int64)]
-    return families
 
 
 def masses_of(detections: Detections | ImageDetections, split: Confusion) -> np.ndarray:

@@ -6,10 +6,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from roadscope.core import Category, Detections, Family
+from roadscope.core import Category, Detections
 from roadscope.core.box_overlap import overlapping_pairs, pair_overlaps
+from roadscope.core.category import families_of
 
-FAMILIES = np.array([list(Family).index(category.family) for category in Category])
+FAMILIES = families_of(list(Category))
 """For each value of `Category` the number of its family."""
 
 LOWEST_OVERLAPS = {"iou": 0.0, "giou": -1.0}

@@ -17,10 +17,11 @@ from roadscope.benchmarks.metrics.ranked_precision import (
     match_greedily,
 )
 from roadscope.benchmarks.metrics.score import Score, mean, ratio
+from roadscope.core.category import families_of
 from roadscope.core.checks import settle_arrays
 from roadscope.core.fused import FusedDetections
 from roadscope.core.record import Record
-from roadscope.fusion.evidence import FAMILIES, families_of
+from roadscope.fusion.evidence import FAMILIES
 from roadscope.fusion.overlap import ious
 
 LEAST_IOU = 0.5

@@ -9,10 +9,11 @@ import numpy as np
 
 from roadscope.benchmarks.metrics.breakdown import part_name, precision_by_score
 from roadscope.benchmarks.metrics.calibration import calibration_error, excess
-from roadscope.benchmarks.metrics.image_labels import FAMILIES, FAMILY_OF, Labels
+from roadscope.benchmarks.metrics.image_labels import FAMILIES, Labels
 from roadscope.benchmarks.metrics.matching import image_overlaps
 from roadscope.benchmarks.metrics.score import Score, ScoreFamily, mean, ratio
 from roadscope.core import Category, ImageDetections
+from roadscope.core.category import families_of
 
 RECALL_LEVELS = np.linspace(0.0, 1.0, 101)
 LEAST_IOU = 0.5
@@ -227,7 +228,7 @@ def images_of_family(
     """
     images = []
     for detected, label in zip(detections, labels, strict=True):
-        rows = np.flatnonzero(FAMILY_OF[detected.categories] == family)
+        rows = np.flatnonzero(families_of(detected.categories) == family)
         columns = np.flatnonzero(label.families == family)
         boxes, objects = detected.boxes[rows], label.boxes[columns]
         eligible, counted = label.eligible[columns], np.ones(len(rows), bool)
@@ -331,7 +332,8 @@ def _category_accuracy(detections: Sequence[ImageDetections], labels: Sequence[L
         if not len(objects) or not len(rows):
             continue
         overlaps = image_overlaps(detected.boxes[rows], label.boxes[objects])
-        same_family = FAMILY_OF[detected.categories[rows]][:, None] == label.families[objects][None]
+        families = families_of(detected.categories[rows])
+        same_family = families[:, None] == label.families[objects][None]
         overlaps = np.where(same_family, overlaps, 0.0)
         hit = overlaps.max(axis=0) >= LEAST_IOU
         best = rows[overlaps.argmax(axis=0)]

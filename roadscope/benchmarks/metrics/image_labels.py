@@ -6,7 +6,8 @@ from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
-from roadscope.core import Category, Family, Truth
+from roadscope.core import Family, Truth
+from roadscope.core.category import families_of
 from roadscope.core.checks import settle_arrays
 from roadscope.core.record import Record
 
@@ -21,8 +22,6 @@ PARKED = -1
 """Category of parked cars, which are scenery."""
 
 FAMILIES = tuple(Family)
-FAMILY_OF = np.array([FAMILIES.index(c.family) for c in Category])
-"""By category, the index of its family in `FAMILIES`."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -102,7 +101,7 @@ class Labels(Record):
     @property
     def families(self) -> np.ndarray:
         """(N,) int64, indices in `FAMILIES`; parked cars are vehicles."""
-        return np.where(self.categories == PARKED, 0, FAMILY_OF[self.categories])
+        return np.where(self.categories == PARKED, 0, families_of(self.categories))
 
 
 def labels_of(truth: Truth, parked: ParkedBoxes | None = None) -> Labels:

@@ -17,10 +17,10 @@ from roadscope.benchmarks.loop import CallInput, Replies, RunOptions, run_plugin
 from roadscope.benchmarks.metrics.fusion import FARTHEST_M, FusionTargets
 from roadscope.benchmarks.nodes.detections import DetectionNode
 from roadscope.benchmarks.nodes.images import ImageNode
-from roadscope.benchmarks.noisy_camera import FAMILY
 from roadscope.benchmarks.records import EpisodeDetections, EpisodeFusions, EpisodeImageDetections
 from roadscope.benchmarks.references import CALIBRATION, CAMERA_ALONE, LIDAR_ALONE
 from roadscope.core import Detections, Pose, Spec, Truth
+from roadscope.core.category import families_of
 from roadscope.core.fused import FusedDetections
 from roadscope.core.projection import Projection
 from roadscope.core.spec import FUSED
@@ -271,7 +271,7 @@ def targets_of(
         projection,
     )
     return FusionTargets(
-        np.concatenate([FAMILY[truth.categories[both]], np.zeros(n, np.int64)]),
+        np.concatenate([families_of(truth.categories[both]), np.zeros(n, np.int64)]),
         np.concatenate([centres, cars]),
         np.concatenate([boxes, car_boxes]),
         np.concatenate([eligible, np.zeros(n, bool)]),
