@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import signal
 import sys
 import warnings
 from collections.abc import Mapping
@@ -12,7 +13,7 @@ import typer
 from roadscope.commands.help import CommandEntry, GroupedCommands
 from roadscope.commands.terminal import complain
 
-USAGE, FAILED, INTERRUPTED = 2, 1, 130
+USAGE, FAILED, INTERRUPTED, TERMINATED = 2, 1, 130, 143
 
 START, OWN, RECORDED = "See it work", "Your own method", "Your own recordings"
 MORE, HERE = "Papers, sensors, networks", "This installation"
@@ -130,7 +131,7 @@ app = typer.Typer(
     cls=_Root,
     help="Compare detectors, trackers, odometries, fusions and drivers on simulated traffic with "
     "perfect truth. Exit status: 1 for wrong input or what a command's help says, 2 for unknown "
-    "options, 130 if interrupted.",
+    "options, 130 if interrupted, 143 if ended by SIGTERM.",
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
     context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
@@ -160,13 +161,25 @@ def _root(
 def main() -> None:
     """Run the command line; bad input ends in errors on stderr and a non-zero exit."""
     warnings.showwarning = _warn
+    terminated = False
+
+    def end(*_: Any) -> None:
+        """End as after Ctrl-C, which closes workers; a second SIGTERM ends at once."""
+        nonlocal terminated
+        terminated = True
+        signal.signal(signal.SIGTERM, signal.SIG_DFL)
+        raise KeyboardInterrupt
+
+    signal.signal(signal.SIGTERM, end)
     try:
         status = app(prog_name="roadscope", standalone_mode=False)
     except (KeyboardInterrupt, typer.Abort):
         status = INTERRUPTED
     except Exception as error:
         status = _report(error)
-    if status == INTERRUPTED:
+    if terminated:
+        status = TERMINATED
+    elif status == INTERRUPTED:
         kept = sys.argv[1:2] == ["leaderboard"]
         complain(f"interrupted{'; finished results are kept, run again to go on' * kept}")
     sys.exit(status)

@@ -2,6 +2,7 @@
 
 import gc
 import os
+import signal
 import sys
 import warnings
 from collections import Counter
@@ -133,8 +134,10 @@ def answer(
     def run_it(*arguments: object) -> tuple[int, str, str]:
         monkeypatch.setattr(sys, "argv", ["roadscope", *map(str, arguments)])
         monkeypatch.setattr(warnings, "showwarning", warnings.showwarning)
+        handler = signal.getsignal(signal.SIGTERM)
         with pytest.raises(SystemExit) as ended:
             main()
+        signal.signal(signal.SIGTERM, handler)
         text = capsys.readouterr()
         return int(ended.value.code or 0), text.out, text.err
 

@@ -537,6 +537,19 @@ def test_ctrl_c_keeps_finished_rows(tmp_path, suite, jobs) -> None:
     assert rows_of(out)
 
 
+@pytest.mark.slow
+def test_sigterm_ends_workers_and_prints_nothing(tmp_path, suite) -> None:
+    out = tmp_path / "out"
+    suite.write_text(SUITE + TRACKING)
+    process = started([*slow_run(suite, out, tmp_path / "log", 2), "--quiet"])
+    while not rows_of(out) and process.poll() is None:
+        time.sleep(0.01)
+    process.terminate()
+    assert process.communicate(timeout=60) == ("", "")
+    assert process.returncode == 143
+    assert rows_of(out)
+
+
 def workers_of(process: subprocess.Popen[str]) -> list[int]:
     children = Path(f"/proc/{process.pid}/task/{process.pid}/children").read_text().split()
     return [int(c) for c in children if "loky_posix" in Path(f"/proc/{c}/cmdline").read_text()]
