@@ -32,7 +32,6 @@ if TYPE_CHECKING:
     from roadscope.benchmarks.results import Results
     from roadscope.benchmarks.run import leaderboard
     from roadscope.benchmarks.single import run_episode
-    from roadscope.benchmarks.suite_files import load_suite
     from roadscope.core.category import Category, Family
     from roadscope.core.checks import RecordError
     from roadscope.core.detections import Detections, ImageDetections
@@ -52,6 +51,7 @@ if TYPE_CHECKING:
     from roadscope.core.wheels import WheelSamples
     from roadscope.detectors import DETECTORS
     from roadscope.detectors.camera import CAMERA_DETECTORS
+    from roadscope.driving import DRIVERS
     from roadscope.driving.wrapper import PerceptionWrapper
     from roadscope.envs.gym.registration import make
     from roadscope.envs.gym.sensor_wrapper import SensorWrapper
@@ -89,6 +89,7 @@ _PLACES = {
     "WheelSamples": "roadscope.core.wheels:WheelSamples",
     "CAMERA_DETECTORS": "roadscope.detectors.camera:CAMERA_DETECTORS",
     "DETECTORS": "roadscope.detectors:DETECTORS",
+    "DRIVERS": "roadscope.driving:DRIVERS",
     "FUSIONS": "roadscope.fusion:FUSIONS",
     "ODOMETRIES": "roadscope.odometry:ODOMETRIES",
     "TRACKERS": "roadscope.trackers:TRACKERS",
@@ -99,7 +100,6 @@ _PLACES = {
     "check": "roadscope.testing:check",
     "compare": "roadscope.benchmarks.compare:compare",
     "leaderboard": "roadscope.benchmarks.run:leaderboard",
-    "load_suite": "roadscope.benchmarks.suite_files:load_suite",
     "run_episode": "roadscope.benchmarks.single:run_episode",
     "benchmarks": "roadscope.benchmarks",
     "detectors": "roadscope.detectors",
@@ -117,6 +117,7 @@ _PLACES = {
 __all__ = [
     "CAMERA_DETECTORS",
     "DETECTORS",
+    "DRIVERS",
     "FUSIONS",
     "ODOMETRIES",
     "TRACKERS",
@@ -156,7 +157,6 @@ __all__ = [
     "formats",
     "fusion",
     "leaderboard",
-    "load_suite",
     "make",
     "metrics",
     "odometry",

@@ -2,8 +2,7 @@
 
 import pytest
 
-from roadscope import load_suite
-from roadscope.benchmarks import CallTimes
+from roadscope.benchmarks import CallTimes, load_suite
 from roadscope.benchmarks.boards import (
     BOARDS,
     RECORDED_BOARDS,
