@@ -27,6 +27,7 @@ def check(
     ),
     deadline: float = option("S", "Time limit of each item, seconds", min=1, default=120.0),
     trust: bool = flag("--trust", "Run it in this process, for debugging"),
+    sandbox: bool = flag("--sandbox", "No network, read-only files; needs bubblewrap"),
     quiet: bool = options.QUIET,
     json: bool = options.JSON,
 ) -> None:
@@ -37,7 +38,9 @@ def check(
     from roadscope.testing import check as check_contract
 
     report = None if json or quiet else typer.echo
-    checked = check_contract(spec, kind=kind, deadline_s=deadline, trust=trust, report=report)
+    checked = check_contract(
+        spec, kind=kind, deadline_s=deadline, trust=trust, sandbox=sandbox, report=report
+    )
     if json:
         print_json({**asdict(checked), "ok": checked.ok})
     elif quiet:

@@ -129,6 +129,7 @@ def check(
     kind: str | None = None,
     deadline_s: float = DEADLINE_S,
     trust: bool = False,
+    sandbox: bool = False,
     report: Callable[[Item], object] | None = None,
 ) -> Report:
     """Check everything that a plug-in promises and return the results.
@@ -140,6 +141,7 @@ def check(
         longer counts as hanging, and no more promises are checked.
     trust: run a class that is not part of roadscope in this process, where nothing ends it if it
         hangs.
+    sandbox: hide network, cache and results from such a class, and let it write no file.
     report: called with each item as soon as it is checked.
     """
     if kind is not None:
@@ -152,7 +154,7 @@ def check(
         if report is not None:
             report(item)
 
-    with probing(Limits(first_call_s=deadline_s), trust=trust):
+    with probing(Limits(first_call_s=deadline_s), sandbox=sandbox, trust=trust):
         try:
             plugin, resolved_kind = _resolved(spec, kind)
             promises = _promises(plugin, resolved_kind)
@@ -162,7 +164,9 @@ def check(
         add(Item(LOADED, True, _kind_in_words(plugin, resolved_kind)))
         earlier_remarks: set[str] = set()
         for number, promise in enumerate(promises):
-            subject = Subject(plugin, resolved_kind, deadline_s=deadline_s, trust=trust)
+            subject = Subject(
+                plugin, resolved_kind, deadline_s=deadline_s, trust=trust, sandbox=sandbox
+            )
             item = _item(promise, subject)
             if item.good:
                 logs += subject.logs

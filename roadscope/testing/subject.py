@@ -37,10 +37,17 @@ class Subject:
     """
 
     def __init__(
-        self, spec: Spec, kind: Kind, *, deadline_s: float = DEADLINE_S, trust: bool = False
+        self,
+        spec: Spec,
+        kind: Kind,
+        *,
+        deadline_s: float = DEADLINE_S,
+        trust: bool = False,
+        sandbox: bool = False,
     ) -> None:
         """Take the plug-in; trust: whether it runs in this process in any case."""
-        self.spec, self.kind, self.deadline_s, self._trust = spec, kind, deadline_s, trust
+        self.spec, self.kind, self.deadline_s = spec, kind, deadline_s
+        self._trust, self._sandbox = trust, sandbox
         self.logs: list[str] = []
         self.spent_s = 0.0
 
@@ -64,7 +71,7 @@ class Subject:
         """The options with which the benchmark runs it."""
         left_s = max(self.deadline_s - self.spent_s, 0.0)
         limits = Limits(first_call_s=left_s, call_s=left_s, episode_s=left_s + GRACE_S)
-        return RunOptions(limits=limits, trust=self._trust, fresh=True)
+        return RunOptions(limits=limits, trust=self._trust, sandbox=self._sandbox, fresh=True)
 
     @contextmanager
     def opened(self, *, watch_arguments: bool = False) -> Iterator[Instance]:
@@ -77,6 +84,7 @@ class Subject:
             self.spec,
             limits=self.options.limits,
             isolated=self.isolated,
+            sandbox=self._sandbox,
             watch_arguments=watch_arguments,
         )
         handle: PluginHandle | None = None

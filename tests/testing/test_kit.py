@@ -14,6 +14,7 @@ from typer.testing import CliRunner
 import roadscope
 from roadscope import SpecError
 from roadscope.__main__ import app
+from roadscope.benchmarks.isolation import sandbox_available
 from roadscope.testing import ContractItem, Item, PromiseError, check, contract_items
 
 HERE = Path(__file__).parent
@@ -204,6 +205,38 @@ def test_it_runs_in_this_process_on_demand(trust: bool) -> None:
     done = check(f"{TRACKERS}:MutatesInput", kind="tracker", trust=trust)
     assert any("changed its argument" in item.remark for item in done.broken)
     assert check(f"{TRACKERS}:Good", kind="tracker", trust=trust).ok
+
+
+WRITES = """
+from contextlib import suppress
+from pathlib import Path
+
+def write(name):
+    with suppress(OSError):
+        Path(__file__).with_name(name).touch()
+
+write("loaded")
+
+class Tracker:
+    kind = "tracker"
+
+    def __init__(self):
+        write("made")
+
+    def update(self, detections, ego_pose): ...
+"""
+
+
+@pytest.mark.skipif(bool(sandbox_available()), reason=sandbox_available() or "-")
+def test_a_sandbox_lets_it_write_no_file(tmp_path: Path) -> None:
+    (tmp_path / "writes.py").write_text(WRITES)
+    spec, written = f"{tmp_path / 'writes.py'}:Tracker", (tmp_path / "loaded", tmp_path / "made")
+    done = CliRunner().invoke(app, ["check", spec, "--sandbox"])
+    assert done.exit_code == 1
+    assert "no method reset" in done.output
+    assert not any(path.exists() for path in written)
+    check(spec)
+    assert all(path.exists() for path in written)
 
 
 @pytest.mark.slow
