@@ -32,7 +32,8 @@ if TYPE_CHECKING:
     from roadscope.benchmarks.results import Results
     from roadscope.benchmarks.run import leaderboard
     from roadscope.benchmarks.single import run_episode
-    from roadscope.core.category import Category, Family
+    from roadscope.benchmarks.suite_files import load_suite
+    from roadscope.core.category import Category
     from roadscope.core.checks import RecordError
     from roadscope.core.detections import Detections, ImageDetections
     from roadscope.core.driving import DrivingCommand, DrivingScene
@@ -72,7 +73,6 @@ _PLACES = {
     "Detections": "roadscope.core.detections:Detections",
     "DrivingCommand": "roadscope.core.driving:DrivingCommand",
     "DrivingScene": "roadscope.core.driving:DrivingScene",
-    "Family": "roadscope.core.category:Family",
     "Frame": "roadscope.core.frame:Frame",
     "FusedDetections": "roadscope.core.fused:FusedDetections",
     "ImageDetections": "roadscope.core.detections:ImageDetections",
@@ -100,6 +100,7 @@ _PLACES = {
     "check": "roadscope.testing:check",
     "compare": "roadscope.benchmarks.compare:compare",
     "leaderboard": "roadscope.benchmarks.run:leaderboard",
+    "load_suite": "roadscope.benchmarks.suite_files:load_suite",
     "run_episode": "roadscope.benchmarks.single:run_episode",
     "benchmarks": "roadscope.benchmarks",
     "detectors": "roadscope.detectors",
@@ -128,7 +129,6 @@ __all__ = [
     "DrivingCommand",
     "DrivingScene",
     "Episode",
-    "Family",
     "Frame",
     "FusedDetections",
     "ImageDetections",
@@ -157,6 +157,7 @@ __all__ = [
     "formats",
     "fusion",
     "leaderboard",
+    "load_suite",
     "make",
     "metrics",
     "odometry",

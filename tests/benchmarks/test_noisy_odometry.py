@@ -8,13 +8,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 from node_answers import poses_of
 
-from roadscope import Episode, Pose, leaderboard
+from roadscope import Episode, Pose, leaderboard, load_suite
 from roadscope.benchmarks import (
     ODOMETRY_NOISES,
     EgoNoise,
     check_ego,
     check_pose_source,
-    load_suite,
     names_of,
     noisy_poses,
     plan,

@@ -10,13 +10,12 @@ from node_answers import poses_of
 from rich.console import Console
 from typer.testing import CliRunner
 
-from roadscope import ODOMETRIES, Episode, Results, Spec, leaderboard
+from roadscope import ODOMETRIES, Episode, Results, Spec, leaderboard, load_suite
 from roadscope.__main__ import app
 from roadscope.benchmarks import (
     SuiteError,
     drive,
     imu_mounting,
-    load_suite,
     moving_in,
     parse_suite,
     plan,

@@ -12,16 +12,9 @@ from safetensors.numpy import save_file
 from toy_sensors import TINY
 from typer.testing import CliRunner
 
-from roadscope import CAMERA_DETECTORS, FUSIONS, Projection, Results, leaderboard
+from roadscope import CAMERA_DETECTORS, FUSIONS, Projection, Results, leaderboard, load_suite
 from roadscope.__main__ import app
-from roadscope.benchmarks import (
-    SUITES,
-    EpisodeImageDetections,
-    image_source,
-    load_suite,
-    parse_suite,
-    plan,
-)
+from roadscope.benchmarks import SUITES, EpisodeImageDetections, image_source, parse_suite, plan
 from roadscope.benchmarks.boards import episodes
 from roadscope.benchmarks.nodes import ImageNode
 from roadscope.benchmarks.report import board_table, breakdown_tables

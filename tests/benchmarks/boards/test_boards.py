@@ -2,7 +2,8 @@
 
 import pytest
 
-from roadscope.benchmarks import CallTimes, load_suite
+from roadscope import load_suite
+from roadscope.benchmarks import CallTimes
 from roadscope.benchmarks.boards import (
     BOARDS,
     RECORDED_BOARDS,

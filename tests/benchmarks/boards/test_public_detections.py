@@ -6,16 +6,8 @@ from dataclasses import replace
 import pytest
 from rich.console import Console
 
-from roadscope.benchmarks import (
-    Job,
-    Outcome,
-    Suite,
-    SuiteError,
-    load_suite,
-    parse_suite,
-    plan,
-    run_jobs,
-)
+from roadscope import load_suite
+from roadscope.benchmarks import Job, Outcome, Suite, SuiteError, parse_suite, plan, run_jobs
 from roadscope.benchmarks.metrics import Score
 from roadscope.benchmarks.report import (
     board_table,

@@ -13,17 +13,9 @@ from toy_kitti_scans import write_tracking
 from typer.testing import CliRunner
 
 from roadscope import TRACKERS as REGISTRY
-from roadscope import Spec, leaderboard
+from roadscope import Spec, leaderboard, load_suite
 from roadscope.__main__ import app
-from roadscope.benchmarks import (
-    Outcome,
-    RunOptions,
-    agreements,
-    kitti_suite,
-    load_suite,
-    plan,
-    run_jobs,
-)
+from roadscope.benchmarks import Outcome, RunOptions, agreements, kitti_suite, plan, run_jobs
 from roadscope.benchmarks.boards import OFFLINE, JobOptions, board_named
 from roadscope.benchmarks.metrics import Score
 from roadscope.benchmarks.recorded import recordings_of

@@ -3,8 +3,8 @@
 import pytest
 from toy_kitti import write_kitti
 
-from roadscope import Spec, leaderboard
-from roadscope.benchmarks import kitti_suite, load_suite, plan, run_jobs
+from roadscope import Spec, leaderboard, load_suite
+from roadscope.benchmarks import kitti_suite, plan, run_jobs
 from roadscope.benchmarks.boards import JobOptions, board_named
 from roadscope.benchmarks.nodes import THRESHOLDS, TunedNode, at_threshold, is_tuned
 from roadscope.benchmarks.recorded import MotRecording

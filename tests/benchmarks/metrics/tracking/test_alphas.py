@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 from toy_boxes import tracks, truth
 
-from roadscope.benchmarks import Eligibility, Outcome, load_suite, plan
+from roadscope import load_suite
+from roadscope.benchmarks import Eligibility, Outcome, plan
 from roadscope.benchmarks.metrics import part_name
 from roadscope.benchmarks.metrics.tracking import (
     ALPHA_BANDS,
