@@ -17,7 +17,7 @@ from hashlib import sha256
 from importlib.metadata import PackageNotFoundError, packages_distributions, version
 from importlib.util import resolve_name
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import msgspec
 import numpy as np
@@ -40,7 +40,7 @@ DATA_KINDS = (".toml", ".json", ".npz", ".safetensors")
 """Endings of data files that results depend on, beside the sources."""
 NUMERICAL_LIBRARIES = frozenset({"filterpy", "highway_env", "numba", "numpy", "scipy", "torch"})
 """Packages of others whose versions may change a score."""
-FORMAT = 4
+FORMAT = 5
 """Version of the index; increased when `Source` or what its digest covers changes."""
 REMEMBERED_SOURCES = 256
 """Most contents of plug-ins' files whose digests and imports a process remembers."""
@@ -324,7 +324,7 @@ def _parse(path: Path, module: str) -> Source:
     offered = [
         i for block in for_checkers for node in ast.walk(block) for i in _imports(node, place)
     ]
-    digest, nodes = _digest(tree), list(ast.walk(tree))
+    digest, nodes = _counted(tree)
     constants = [node.value for node in nodes if isinstance(node, ast.Constant)]
     texts = [text for text in constants if isinstance(text, str) and text]
     return Source(
@@ -332,7 +332,7 @@ def _parse(path: Path, module: str) -> Source:
         state.st_size,
         digest=digest,
         imports=tuple(dict.fromkeys(each for node in nodes for each in _imports(node, place))),
-        libraries=tuple(sorted(NUMERICAL_LIBRARIES & _imported_packages(tree))),
+        libraries=tuple(sorted(NUMERICAL_LIBRARIES & _imported_packages(nodes))),
         bound=tuple(sorted(bound)),
         offered=tuple(dict.fromkeys(offered)) if "__getattr__" in bound else (),
         texts=tuple(dict.fromkeys(text for text in texts if not set(text) & set(" \n"))),
@@ -340,25 +340,51 @@ def _parse(path: Path, module: str) -> Source:
     )
 
 
-def _digest(tree: ast.AST) -> str:
-    """Return the digest of a syntax tree, from which what does not count is removed."""
-    _Bare().visit(tree)
-    return sha256(ast.dump(tree).encode()).hexdigest()
+class _Counted(NamedTuple):
+    """What counts of a syntax tree: its digest, and its nodes without contexts of names."""
+
+    digest: str
+    nodes: list[ast.AST]
 
 
-class _Bare(ast.NodeTransformer):
-    """Removes docstrings and statements that only type checkers read."""
+def _counted(tree: ast.AST) -> _Counted:
+    """Walk a syntax tree once, past docstrings and statements that only type checkers read.
 
-    def visit_Expr(self, node: ast.Expr) -> ast.AST | None:
-        text = isinstance(node.value, ast.Constant) and isinstance(node.value.value, str)
-        return None if text else node
+    Contexts of names are left out: they follow from where a name stands.
+    """
+    nodes: list[ast.AST] = []
+    parts: list[str] = []
+    pending: list[Any] = [tree]
+    while pending:
+        item = pending.pop()
+        if isinstance(item, ast.AST):
+            nodes.append(item)
+            parts.append(type(item).__name__)
+            names = [name for name in reversed(item._fields) if name != "ctx"]
+            pending += [getattr(item, name, None) for name in names]
+        elif isinstance(item, list):
+            items = list(_without_docstrings(item))
+            parts.append(f"[{len(items)}]")
+            pending += reversed(items)
+        else:
+            parts.append(repr(item))
+    return _Counted(sha256("\n".join(parts).encode()).hexdigest(), nodes)
 
-    def visit_If(self, node: ast.If) -> ast.AST | list[ast.stmt]:
-        self.generic_visit(node)
-        return node.orelse if _is_for_checkers(node) else node
+
+def _without_docstrings(items: Iterable[Any]) -> Iterator[Any]:
+    """Yield what counts of a list in a syntax tree."""
+    for item in items:
+        if _is_for_checkers(item):
+            yield from _without_docstrings(item.orelse)
+        elif not (
+            isinstance(item, ast.Expr)
+            and isinstance(item.value, ast.Constant)
+            and isinstance(item.value.value, str)
+        ):
+            yield item
 
 
-def _is_for_checkers(node: ast.AST) -> bool:
+def _is_for_checkers(node: object) -> bool:
     """Whether this is `if TYPE_CHECKING:` or `if typing.TYPE_CHECKING:`."""
     if not isinstance(node, ast.If):
         return False
@@ -452,7 +478,7 @@ def source_hash(target: str) -> str:
 def _digest_of_bytes(content: bytes) -> str:
     """Return the digest of a source: of its syntax tree, or of its bytes if it has none."""
     try:
-        return _digest(ast.parse(content))
+        return _counted(ast.parse(content)).digest
     except PARSE_ERRORS:
         return sha256(content).hexdigest()
 
@@ -484,15 +510,15 @@ def _source_files(file: Path) -> list[Path]:
 def _imported_by(content: bytes) -> frozenset[str]:
     """Return the first parts of the names of all modules that a source imports, if it has any."""
     try:
-        return _imported_packages(ast.parse(content))
+        return _imported_packages(ast.walk(ast.parse(content)))
     except PARSE_ERRORS:
         return frozenset()
 
 
-def _imported_packages(tree: ast.AST) -> frozenset[str]:
-    """Return the first parts of the names of all modules that a syntax tree imports."""
+def _imported_packages(nodes: Iterable[ast.AST]) -> frozenset[str]:
+    """Return the first parts of the names of all modules that a syntax tree's nodes import."""
     names: list[str] = []
-    for node in ast.walk(tree):
+    for node in nodes:
         if isinstance(node, ast.Import):
             names += [alias.name for alias in node.names]
         elif isinstance(node, ast.ImportFrom):
