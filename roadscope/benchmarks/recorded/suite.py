@@ -247,29 +247,21 @@ class BoardTable(Struct, frozen=True, forbid_unknown_fields=True):
     camera: Names = ()
 
 
-class BoardTables(Struct, frozen=True, forbid_unknown_fields=True):
-    """Tables by the name of the board of simulated traffic with the same plug-ins."""
-
-    detection: BoardTable = BoardTable(())
-    tracking: BoardTable = BoardTable(())
-    camera: BoardTable = BoardTable(())
-    fusion: BoardTable = BoardTable(())
-    odometry: BoardTable = BoardTable(())
-
-
 class RecordedTable(Struct, frozen=True, forbid_unknown_fields=True):
-    """The file of a suite of recorded data, which is the same for every folder."""
+    """The file of a suite of recorded data, which is the same for every folder.
+
+    boards: tables by the name of the board of simulated traffic with the same plug-ins.
+    """
 
     name: str
     version: int
     summary: str
     remark: str
-    boards: BoardTables
+    boards: Mapping[str, BoardTable]
 
     def of_board(self, board: str) -> BoardTable:
         """Return the table of a board, which the file may lack: then it has no entries."""
-        table: BoardTable = getattr(self.boards, board)
-        return table
+        return self.boards.get(board, BoardTable(()))
 
 
 def recorded_table(name: str) -> RecordedTable:
