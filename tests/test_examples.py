@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from matplotlib.image import imread
+from toy_boxes import detections
 
 from roadscope.core import Detections, Pose
 from roadscope.trackers import TRACKERS
@@ -67,15 +68,7 @@ def test_the_tracker_of_ones_own_keeps_identities() -> None:
     centres = np.array([[10.0, 0.0, 0.5], [20.0, 3.0, 0.5]])
     ids = []
     for k in range(4):
-        moved = Detections(
-            centres + np.array([k, 0, 0]),
-            np.ones((2, 3)),
-            np.zeros(2),
-            np.zeros(2, int),
-            np.ones(2),
-            "ego",
-            0.1 * k,
-        )
+        moved = detections(centres + np.array([k, 0, 0]), frame="ego", stamp_s=0.1 * k)
         ids.append(tracker.update(moved, Pose.identity()).ids.tolist())
     assert ids == [[0, 1]] * 4
     assert len(tracker.update(Detections.empty(1.0), Pose.identity())) == 0

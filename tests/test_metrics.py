@@ -4,34 +4,17 @@ import math
 
 import numpy as np
 import pytest
+from toy_boxes import detections, truth
 
-from roadscope import Category, Detections, ImageDetections, Pose, Truth, metrics
+from roadscope import Detections, ImageDetections, Pose, Truth, metrics
 
 
 def boxes(xs: list[float], scores: list[float]) -> Detections:
-    n = len(xs)
-    centres = np.column_stack([xs, np.zeros(n), np.zeros(n)]).reshape(n, 3)
-    return Detections(
-        centres, np.ones((n, 3)), np.zeros(n), np.zeros(n, int), np.array(scores), "world", 0.0
-    )
+    return detections([(x, 0.0) for x in xs], scores=scores)
 
 
 def objects(xs: list[float]) -> Truth:
-    n = len(xs)
-    return Truth(
-        ids=np.arange(n),
-        categories=np.full(n, Category.CAR),
-        centres=np.column_stack([xs, np.zeros(n), np.zeros(n)]).reshape(n, 3),
-        sizes=np.ones((n, 3)),
-        yaws=np.zeros(n),
-        velocities=np.zeros((n, 2)),
-        lidar_returns=np.ones(n, int),
-        visible_pixels=np.ones(n, int),
-        occluded_fraction=np.zeros(n),
-        world_from_ego=Pose.identity(),
-        stamp_s=0.0,
-        sources=np.empty(0, int),
-    )
+    return truth([(x, 0.0) for x in xs])
 
 
 def straight(scale: float = 1.0, count: int = 301) -> list[Pose]:
@@ -61,20 +44,20 @@ def test_a_shifted_trajectory_has_no_error_once_it_is_aligned() -> None:
 
 
 def test_precision_of_detections() -> None:
-    truth = objects([0.0, 10.0])
-    assert metrics.average_precision([boxes([0.5, 9.0], [0.9, 0.8])], [truth]).value == 1.0
+    true = objects([0.0, 10.0])
+    assert metrics.average_precision([boxes([0.5, 9.0], [0.9, 0.8])], [true]).value == 1.0
     # One of two is found: precision 1 up to a recall of a half, which are 51 of 101 recalls.
-    half = metrics.average_precision([boxes([0.5, 50.0], [0.9, 0.8])], [truth])
+    half = metrics.average_precision([boxes([0.5, 50.0], [0.9, 0.8])], [true])
     assert half.value == pytest.approx(51 / 101)
-    assert metrics.average_precision([boxes([0.5], [0.9])], [truth], gate_m=0.4).value == 0.0
+    assert metrics.average_precision([boxes([0.5], [0.9])], [true], gate_m=0.4).value == 0.0
 
 
 def test_objects_that_are_not_required_count_neither_way() -> None:
-    truth, required = objects([0.0, 10.0]), [np.array([True, False])]
+    true, required = objects([0.0, 10.0]), [np.array([True, False])]
     found = [boxes([0.0, 10.0], [0.8, 0.9])]
-    assert metrics.average_precision(found, [truth], required=required).value == 1.0
+    assert metrics.average_precision(found, [true], required=required).value == 1.0
     missed = [boxes([0.0], [0.8])]
-    assert metrics.average_precision(missed, [truth], required=required).value == 1.0
+    assert metrics.average_precision(missed, [true], required=required).value == 1.0
 
 
 def test_precision_of_image_boxes() -> None:

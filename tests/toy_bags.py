@@ -24,10 +24,14 @@ def header(stamp_s):
 def cloud(stamp_s, fields, *, order="<", rows=1, gap=0):
     """A cloud of fields by name. rows: height; gap: bytes that fill up each of them."""
     formats = [values.dtype.str[1:] for values in fields.values()]
-    layout = np.dtype({
-        "names": list(fields), "formats": [order + each for each in formats],
-        "offsets": 4 + 8 * np.arange(len(fields)), "itemsize": 8 * len(fields) + 8,
-    })  # fmt: skip
+    layout = np.dtype(
+        {
+            "names": list(fields),
+            "formats": [order + each for each in formats],
+            "offsets": 4 + 8 * np.arange(len(fields)),
+            "itemsize": 8 * len(fields) + 8,
+        }
+    )
     count = len(next(iter(fields.values())))
     points = np.zeros(count, layout)
     for name, values in fields.items():
@@ -39,23 +43,42 @@ def cloud(stamp_s, fields, *, order="<", rows=1, gap=0):
         made("sensor_msgs/msg/PointField", name, 4 + 8 * k, KINDS[each], 1)
         for k, (name, each) in enumerate(zip(fields, formats, strict=True))
     ]
-    return made(CLOUD, header(stamp_s), rows, width, described, order == ">", step,
-                width * step + gap, data.ravel(), True)  # fmt: skip
+    return made(
+        CLOUD,
+        header(stamp_s),
+        rows,
+        width,
+        described,
+        order == ">",
+        step,
+        width * step + gap,
+        data.ravel(),
+        True,
+    )
 
 
 def imu(stamp_s, rate, force):
     covariance = np.zeros(9)
     vector, turn = "geometry_msgs/msg/Vector3", made("geometry_msgs/msg/Quaternion", 0, 0, 0, 1)
-    return made(IMU, header(stamp_s), turn, covariance, made(vector, *map(float, rate)), covariance,
-                made(vector, *map(float, force)), covariance)  # fmt: skip
+    return made(
+        IMU,
+        header(stamp_s),
+        turn,
+        covariance,
+        made(vector, *map(float, rate)),
+        covariance,
+        made(vector, *map(float, force)),
+        covariance,
+    )
 
 
 def image(stamp_s, pixels, encoding="rgb8", gap=0):
     height, width, channels = pixels.shape
     rows = np.zeros((height, width * channels + gap), np.uint8)
     rows[:, : width * channels] = pixels.reshape(height, -1)
-    return made(IMAGE, header(stamp_s), height, width, encoding, 0, width * channels + gap,
-                rows.ravel())  # fmt: skip
+    return made(
+        IMAGE, header(stamp_s), height, width, encoding, 0, width * channels + gap, rows.ravel()
+    )
 
 
 def jpeg(stamp_s, content):

@@ -3,6 +3,7 @@
 from functools import cache
 
 import numpy as np
+from toy_lidar import take
 
 from roadscope.core import ImuSamples, LidarScan
 from roadscope.odometry import exp_se3
@@ -18,10 +19,16 @@ FINE = {"zhang2022", "zhang2022-guarded", "zhang2022-map", "zhang2022-loop"}
 def street(seed=0):
     """Centres and half sizes, (B, 3), of houses, poles and bins on both sides of a road."""
     rng = np.random.default_rng(seed)
-    houses = [(x, s * rng.uniform(12, 16), 3, rng.uniform(3, 6), 3, 6) for s in (-1, 1)
-              for x in np.arange(-40, 80, 14.0)]  # fmt: skip
-    poles = [(x + rng.uniform(-3, 3), s * 8, 3, 0.1, 0.1, 4) for s in (-1, 1)
-             for x in np.arange(-40, 80, 17.0)]  # fmt: skip
+    houses = [
+        (x, s * rng.uniform(12, 16), 3, rng.uniform(3, 6), 3, 6)
+        for s in (-1, 1)
+        for x in np.arange(-40, 80, 14.0)
+    ]
+    poles = [
+        (x + rng.uniform(-3, 3), s * 8, 3, 0.1, 0.1, 4)
+        for s in (-1, 1)
+        for x in np.arange(-40, 80, 17.0)
+    ]
     boxes = np.array(houses + poles)
     return boxes[:, :3], boxes[:, 3:]
 
@@ -44,8 +51,9 @@ def ranges(origins, ways):
 def beams(azimuths, ring):
     """(N, 3) directions of beams."""
     flat = np.cos(ELEVATIONS[ring])
-    return np.column_stack([flat * np.cos(azimuths), flat * np.sin(azimuths),
-                            np.sin(ELEVATIONS[ring])])  # fmt: skip
+    return np.column_stack(
+        [flat * np.cos(azimuths), flat * np.sin(azimuths), np.sin(ELEVATIONS[ring])]
+    )
 
 
 class Drive:
@@ -54,8 +62,9 @@ class Drive:
     Both may grow from nothing during the first `ramp_s` seconds. A real VLP-16 has 1800 columns.
     """
 
-    def __init__(self, speed_m_s=8.0, yaw_rate_rad_s=0.1, noise_m=0.01, seed=0, ramp_s=0.0,
-                 columns=COLUMNS):  # fmt: skip
+    def __init__(
+        self, speed_m_s=8.0, yaw_rate_rad_s=0.1, noise_m=0.01, seed=0, ramp_s=0.0, columns=COLUMNS
+    ):
         self.twist = np.array([speed_m_s, 0, 0, 0, 0, yaw_rate_rad_s])
         self.noise_m, self.seed, self.ramp_s, self.columns = noise_m, seed, ramp_s, columns
 
@@ -79,18 +88,16 @@ class Drive:
         driven_s = self._driven_s(stamp_s + offsets)
         yaws = self.twist[5] * driven_s
         chords = self.twist[0] * driven_s * np.sinc(yaws / (2 * np.pi))
-        origins = np.column_stack([
-            chords * np.cos(yaws / 2), chords * np.sin(yaws / 2), np.full(self.columns, HEIGHT_M)
-        ])[column]  # fmt: skip
+        origins = np.column_stack(
+            [chords * np.cos(yaws / 2), chords * np.sin(yaws / 2), np.full(self.columns, HEIGHT_M)]
+        )[column]
         reach = ranges(origins, beams((azimuths + yaws)[column], ring))
         reach = reach + self.noise_m * rng.standard_normal(len(reach))
         seen = reach < 80
         n = int(seen.sum())
         ring, column = ring[seen].astype(np.int16), column[seen].astype(np.int32)
-        return LidarScan(
-            (reach[seen, None] * beams(azimuths[column], ring)).astype(np.float32),
-            np.full(n, 0.5), ring, column, offsets[column], stamp_s, "lidar",
-        )  # fmt: skip
+        points = (reach[seen, None] * beams(azimuths[column], ring)).astype(np.float32)
+        return LidarScan(points, np.full(n, 0.5), ring, column, offsets[column], stamp_s, "lidar")
 
     def imu(self, k, bias=(0.0, 0.0, 0.0)):
         """Samples from the end of scan k - 1 to that of scan k."""
@@ -100,9 +107,10 @@ class Drive:
         push = speed * (stamps < self.ramp_s) / max(self.ramp_s, 1e-9)
         up = np.full(len(stamps), GRAVITY_M_S2)
         return ImuSamples(
-            stamps, share[:, None] * [0, 0, rate] + bias,
+            stamps,
+            share[:, None] * [0, 0, rate] + bias,
             np.column_stack([push, share**2 * speed * rate, up]),
-        )  # fmt: skip
+        )
 
 
 def columns_for(name):
@@ -122,13 +130,7 @@ def driven(scans=12, speed_m_s=8.0, columns=COLUMNS):
 
 
 def emptied(scan):
-    return kept(scan, np.zeros(len(scan), bool))
-
-
-def kept(scan, rows, **changes):
-    arrays = {name: getattr(scan, name)[rows]
-              for name in ("points", "intensity", "ring", "column", "time_offset_s")}  # fmt: skip
-    return LidarScan(**arrays, stamp_s=changes.get("stamp_s", scan.stamp_s), sensor=scan.sensor)
+    return take(scan, np.zeros(len(scan), bool))
 
 
 def offset(estimate, truth):

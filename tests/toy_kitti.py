@@ -3,9 +3,10 @@
 from pathlib import Path
 
 import numpy as np
+from toy_boxes import tracks
 
 from roadscope.benchmarks.formats import box_corners, clipped_image_boxes, observation_angles
-from roadscope.core import Category, Tracks
+from roadscope.core import Category
 from roadscope.formats import ImageSize
 
 FRAMES = 30
@@ -85,17 +86,12 @@ def _write(path: Path, lines: list[str]) -> None:
 def tracks_at(centres, *, frame="ego", categories=None):
     """Tracks 7, 8 ... of cars, all alike but for place, yaw and score."""
     n = len(centres)
-    kinds = np.full(n, Category.CAR, np.int8) if categories is None else categories
-    return Tracks(
-        np.arange(n) + 7,
+    return tracks(
         centres,
-        np.tile([4.2, 1.7, 1.5], (n, 1)),
-        np.linspace(-3, 3, n),
-        np.zeros((n, 2)),
-        np.tile(np.eye(4), (n, 1, 1)),
-        kinds,
-        np.linspace(0, 1, n),
-        np.ones(n, np.int8),
-        frame,
-        0.0,
+        np.arange(n) + 7,
+        sizes=[4.2, 1.7, 1.5],
+        yaws=np.linspace(-3, 3, n),
+        categories=Category.CAR if categories is None else categories,
+        scores=np.linspace(0, 1, n),
+        frame=frame,
     )

@@ -7,9 +7,10 @@ from pathlib import Path
 
 import numpy as np
 from PIL import Image
+from toy_boxes import detections, image_detections
 
 from roadscope.benchmarks.formats import box_corners, clipped_image_boxes
-from roadscope.core import Category, Detections, ImageDetections
+from roadscope.core import Detections
 from roadscope.formats import ImageSize
 
 SIZE = ImageSize(1242, 375)
@@ -55,15 +56,14 @@ class Corners:
             # Corners come in pairs along the length, rear first.
             along = corners[1] - corners[0]
             boxes.append([*corners.mean(axis=0), np.arctan2(along[1], along[0])])
-        n, found = len(boxes), np.array(boxes).reshape(-1, 4)
-        return Detections(
+        found = np.array(boxes).reshape(-1, 4)
+        return detections(
             found[:, :3] + [self.shift_m, 0, 0],
-            np.tile(CAR, (n, 1)),
-            found[:, 3],
-            np.full(n, Category.CAR, np.int8),
-            np.full(n, self.score),
-            "ego",
-            scan.stamp_s,
+            sizes=CAR,
+            yaws=found[:, 3],
+            scores=self.score,
+            frame="ego",
+            stamp_s=scan.stamp_s,
         )
 
 
@@ -87,13 +87,7 @@ class Painted:
         for green in np.unique(pixels[..., 1][pixels[..., 0] == RED]):
             rows, columns = np.nonzero((pixels[..., 0] == RED) & (pixels[..., 1] == green))
             boxes.append([columns.min(), rows.min(), columns.max() + 1, rows.max() + 1])
-        n = len(boxes)
-        return ImageDetections(
-            np.array(boxes, float).reshape(-1, 4),
-            np.full(n, Category.CAR, np.int8),
-            np.full(n, 0.8),
-            frame.camera.stamp_s,
-        )
+        return image_detections(boxes, scores=0.8, stamp_s=frame.camera.stamp_s)
 
 
 def image_of(frame: int) -> np.ndarray:

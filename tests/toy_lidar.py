@@ -1,5 +1,7 @@
 """A tiny ray caster for tests: upright boxes on a plane, one column after the other."""
 
+from dataclasses import replace
+
 import numpy as np
 
 from roadscope.core import Calibration, Frame, LidarScan, Pose
@@ -29,6 +31,20 @@ def scan(boxes, *, noise_m=0.0, seed=0, elevations=LUX_DEG, azimuths=None, groun
     return LidarScan(
         points[seen], np.ones(count), ring[seen], column[seen], np.zeros(count), 1.0, "lux"
     )
+
+
+def scan_of(points, ring=None, column=None, stamp_s=1.0, sensor="lux"):
+    """Make a scan of (N, 3) points in the lidar frame, one column each unless told."""
+    n = len(points)
+    ring = np.zeros(n, int) if ring is None else ring
+    column = np.arange(n) if column is None else column
+    return LidarScan(np.asarray(points), np.ones(n), ring, column, np.zeros(n), stamp_s, sensor)
+
+
+def take(seen, rows):
+    """Take some returns of a scan, in this order."""
+    names = ("points", "intensity", "ring", "column", "time_offset_s")
+    return replace(seen, **{name: getattr(seen, name)[rows] for name in names})
 
 
 def frame(boxes, **options):

@@ -1,6 +1,7 @@
 """Made-up scenes, and trackers that run on them."""
 
 import numpy as np
+from toy_boxes import detections
 
 from roadscope.core import Category, Detections, construct
 from roadscope.trackers import TRACKERS
@@ -11,13 +12,18 @@ CAR, PERSON = (4.6, 1.85, 1.5), (0.6, 0.6, 1.75)
 
 def boxes(places, tick, scores=0.9, category=Category.CAR, yaws=0.0):
     """Return boxes of one kind, standing on the ground at (N, 2) places, ego frame."""
-    n = len(places)
     size = np.array(PERSON if category is Category.PEDESTRIAN else CAR)
-    centres = np.column_stack([np.reshape(places, (n, 2)), np.full(n, size[2] / 2)])
-    return Detections(
-        centres, np.tile(size, (n, 1)), np.broadcast_to(np.asarray(yaws, float), n),
-        np.full(n, category), np.broadcast_to(np.asarray(scores, float), n), "ego", tick * T,
-    )  # fmt: skip
+    places = np.reshape(places, (-1, 2))
+    centres = np.column_stack([places, np.full(len(places), size[2] / 2)])
+    return detections(
+        centres,
+        sizes=size,
+        yaws=yaws,
+        categories=category,
+        scores=scores,
+        frame="ego",
+        stamp_s=tick * T,
+    )
 
 
 def both(one, other):

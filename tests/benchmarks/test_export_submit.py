@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from toy_boxes import detections_of
 from toy_kitti import write_kitti
 
 from roadscope import compare
@@ -33,16 +34,7 @@ from roadscope.benchmarks.metrics import Trajectories, score_odometry
 from roadscope.benchmarks.metrics.tracking import score_tracks
 from roadscope.benchmarks.nodes import DetectionNode
 from roadscope.benchmarks.results import JobScores
-from roadscope.core import (
-    Calibration,
-    CameraImage,
-    Category,
-    Detections,
-    Frame,
-    Spec,
-    Tracks,
-    wrap_angle,
-)
+from roadscope.core import Calibration, CameraImage, Category, Frame, Spec, Tracks, wrap_angle
 from roadscope.detectors.camera import CAMERA_DETECTORS
 from roadscope.envs import find_rig
 from roadscope.formats import (
@@ -293,16 +285,7 @@ def perfect(exported: Path, out: Path, sequences=("0000", "0001"), off_m: float 
         rows, poses, stamps = [], [], []
         for number, truth in enumerate(truths_of(episode)):
             pose = truth.world_from_ego @ lidar
-            boxes = Detections(
-                truth.centres + np.array([off_m, 0, 0]),
-                truth.sizes,
-                truth.yaws,
-                truth.categories,
-                np.full(len(truth), 0.9),
-                "world",
-                truth.stamp_s,
-            )
-            tracks = Tracks.of(boxes, truth.ids)
+            tracks = Tracks.of(detections_of(truth, off_m=off_m, scores=0.9), truth.ids)
             rows.append(kitti_objects(tracks, number, pose, P2, (1242, 375), all_around=True))
             poses.append(pose)
             stamps.append(truth.stamp_s)
@@ -505,18 +488,7 @@ def test_scores_are_those_of_the_metrics(exported, tmp_path, episode) -> None:
     found = submit(out, suite=exported, name="off", inputs=DETECTOR)
     (own,) = [e for e in found.episodes if (e.board, e.scenario) == ("tracking", episode.scenario)]
     truths = truths_of(episode)
-    boxes = [
-        Detections(
-            t.centres + np.array([0.5, 0, 0]),
-            t.sizes,
-            t.yaws,
-            t.categories,
-            np.full(len(t), 0.9),
-            "world",
-            t.stamp_s,
-        )
-        for t in truths
-    ]
+    boxes = [detections_of(t, off_m=0.5, scores=0.9) for t in truths]
     tracks = [Tracks.of(b, t.ids) for b, t in zip(boxes, truths, strict=True)]
     rule = read_manifest(exported).eligibility
     pairings = rule.pairings(tracks, truths, parked_among(episode, truths))

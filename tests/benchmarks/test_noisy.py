@@ -5,9 +5,11 @@ import subprocess
 import sys
 from itertools import pairwise
 from math import erf
+from pathlib import Path
 
 import numpy as np
 import pytest
+import toy_boxes
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -23,7 +25,7 @@ from roadscope.benchmarks import (
     made_from_truth,
 )
 from roadscope.benchmarks.nodes import oracle_detections
-from roadscope.core import Category, Detections, Pose, SpecError, Truth, wrap_angle
+from roadscope.core import Detections, Pose, SpecError, Truth, wrap_angle
 
 EPISODE = Episode("intersection", 10_000, "hdl32e")
 RULE = Eligibility((5.0, 60.0), 5)
@@ -39,21 +41,15 @@ def truths(frames=FRAMES, objects=OBJECTS, hidden=0.0, returns=50) -> list[Truth
     places = grid.reshape(-1, 2)
     places = places[np.hypot(*places.T) > 10.0][:objects]
     yaws = rng.uniform(-np.pi, np.pi, len(places))
-    ids = np.arange(1, len(places) + 1)
     return [
-        Truth(
-            ids=ids,
-            categories=np.full(len(places), Category.CAR),
-            centres=np.column_stack([places, np.full(len(places), 0.75)]),
-            sizes=np.tile([4.5, 1.8, 1.5], (len(places), 1)),
+        toy_boxes.truth(
+            places,
+            ids=np.arange(1, len(places) + 1),
             yaws=yaws,
-            velocities=np.zeros((len(places), 2)),
-            lidar_returns=np.full(len(places), returns),
-            visible_pixels=np.zeros(len(places), np.int64),
+            returns=returns,
             occluded_fraction=np.full(len(places), hidden),
             world_from_ego=Pose.from_euler(0.01 * t, 0.0, 0.0, yaw=0.1 * t),
             stamp_s=0.1 * t,
-            sources=np.empty(0, np.int64),
         )
         for t in range(frames)
     ]
@@ -226,7 +222,8 @@ def digest() -> str:
 
 
 def test_the_same_bytes_in_another_process() -> None:
-    script = f"import sys; sys.path.insert(0, {str(__file__).rpartition('/')[0]!r})\n"
+    here = Path(__file__).parent
+    script = f"import sys; sys.path[:0] = [{str(here)!r}, {str(here.parent)!r}]\n"
     script += "from test_noisy import digest; print(digest())"
     done = subprocess.run(
         [sys.executable, "-c", script],

@@ -1,9 +1,10 @@
 import numpy as np
 import pytest
+import toy_boxes
 
 from roadscope.benchmarks import CAMERA_NOISES, LIT, CameraNoise, Episode, NoisyCamera
 from roadscope.benchmarks.nodes import lit_share
-from roadscope.core import Category, Pose, Truth
+from roadscope.core import Category, Truth
 from roadscope.envs.imaging import Pinhole
 
 LONG, WIDE = Pinhole.centred(1280, 960, 1600.0), Pinhole.centred(640, 480, 420.0)
@@ -21,21 +22,14 @@ def truth(
     n = len(tall)
     left = np.full(n, 300.0)
     boxes = np.column_stack([left, np.full(n, 200.0), left + tall / 2, 200.0 + tall])
-    zero = np.zeros(n, np.int64)
-    return Truth(
-        np.arange(n),
-        np.full(n, category),
+    return toy_boxes.truth(
         np.tile([far_m, 0, 1], (n, 1)),
-        np.ones((n, 3)),
-        np.zeros(n),
-        np.zeros((n, 2)),
-        zero,
-        zero + 500,
-        np.full(n, hidden),
-        Pose.identity(),
-        0.0,
-        np.empty(0, np.int64),
-        boxes,
+        categories=np.full(n, category),
+        sizes=np.ones((n, 3)),
+        returns=0,
+        visible_pixels=np.full(n, 500),
+        occluded_fraction=np.full(n, hidden),
+        image_boxes=boxes,
     )
 
 

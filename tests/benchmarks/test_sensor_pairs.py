@@ -1,15 +1,10 @@
 import numpy as np
+from toy_boxes import truth
+from toy_camera import LOOK
 
 from roadscope.benchmarks.nodes import targets_of
-from roadscope.core import Category, Pose, Projection, Truth
+from roadscope.core import Category, Pose, Truth
 
-OPTICAL = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
-PROJECTION = Projection.of(
-    np.array([[500.0, 0, 320], [0, 500.0, 240], [0, 0, 1]]),
-    Pose.from_parts(OPTICAL, np.array([0.0, 0.0, 1.4])),
-    640,
-    480,
-)
 BOX, NONE = (300.0, 200, 320, 260), (0.0, 0, 0, 0)
 ROWS = {
     "seen by both": (20.0, 30, 500, 0.1, BOX, True),
@@ -24,27 +19,20 @@ ROWS = {
 
 def truths() -> tuple[Truth, Truth]:
     far, returns, pixels, hidden, boxes, _ = zip(*ROWS.values(), strict=True)
-    n = len(ROWS)
     shared = {
-        "ids": np.arange(n),
-        "categories": np.full(n, Category.PEDESTRIAN),
-        "centres": np.array([[100.0 + x, 5.0, 1.0] for x in far]),
-        "sizes": np.ones((n, 3)),
-        "yaws": np.zeros(n),
-        "velocities": np.zeros((n, 2)),
+        "positions": [[100.0 + x, 5.0, 1.0] for x in far],
+        "categories": np.full(len(ROWS), Category.PEDESTRIAN),
+        "sizes": np.ones((len(ROWS), 3)),
         "occluded_fraction": np.array(hidden),
         "world_from_ego": Pose.planar(100.0, 5.0, 0.0),
-        "stamp_s": 0.0,
-        "sources": np.empty(0, np.int64),
     }
-    zero = np.zeros(n, np.int64)
-    scan = Truth(**shared, lidar_returns=np.array(returns), visible_pixels=zero)
-    shared |= {"image_boxes": np.array(boxes)}
-    return scan, Truth(**shared, lidar_returns=zero, visible_pixels=np.array(pixels))
+    scan = truth(**shared, returns=returns)
+    seen = {"visible_pixels": np.array(pixels), "image_boxes": np.array(boxes)}
+    return scan, truth(**shared, returns=0, **seen)
 
 
 def test_who_is_to_be_found() -> None:
-    found = targets_of(*truths(), np.empty((0, 2)), PROJECTION)
+    found = targets_of(*truths(), np.empty((0, 2)), LOOK)
     said = dict(zip(ROWS, found.eligible.tolist(), strict=True))
     assert said == {name: row[-1] for name, row in ROWS.items()}
     assert np.allclose(found.centres[0], [20.0, 0.0, 1.0])
@@ -52,7 +40,7 @@ def test_who_is_to_be_found() -> None:
 
 def test_parked_cars_are_neither_missed_nor_made_up() -> None:
     scan, image = truths()
-    found = targets_of(scan, image, np.array([[112.0, 3.0]]), PROJECTION)
+    found = targets_of(scan, image, np.array([[112.0, 3.0]]), LOOK)
     assert len(found) == len(ROWS) + 1
     assert not found.eligible[-1]
     assert np.allclose(found.centres[-1], [12.0, -2.0, 0.75])

@@ -126,6 +126,7 @@ def test_records_differ_when_one_value_differs() -> None:
         ({"ring": [0.0, 0.5, 1.0]}, r"LidarScan.ring: not an array of int16: .* got 0.5"),
         ({"ring": [0, 1 << 16, 0]}, r"LidarScan.ring: not an array of int16: .* got 65536"),
         ({"points": np.full((3, 3), np.nan)}, r"LidarScan.points: must be finite, got nan"),
+        ({"time_offset_s": [0.0, np.inf, 0.0]}, r"time_offset_s: must be finite, got inf"),
         ({"intensity": ["a", "b", "c"]}, r"LidarScan.intensity: not an array of float32"),
         ({"points": np.full((3, 3), 1e9)}, r"points: expected values from -5000 to 5000, got 1000"),
         ({"ring": [0, -1, 0]}, r"LidarScan.ring: expected values from 0 to 1023, got -1"),

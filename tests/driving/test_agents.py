@@ -9,12 +9,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
+import toy_boxes
 from hypothesis import given
 from hypothesis import strategies as st
 from safetensors.numpy import save_file
 
 import roadscope
-from roadscope.core import Category, Detections, DrivingCommand, DrivingScene, Pose, Tracks
+from roadscope.core import Category, DrivingCommand, DrivingScene, Pose, Tracks
 from roadscope.driving import AgentDriver, command_of, load_agent, observed, save_agent
 
 BRAKE, KEEP_SPEED, LEFT, RIGHT = 0, 3, 5, 6
@@ -46,18 +47,10 @@ def scene(tracks=None, path=None, **other):
 
 
 def tracks(places, velocities, category=Category.CAR):
-    places, count = np.reshape(places, (-1, 2)), len(places)
-    boxes = Detections(
-        np.column_stack([places, np.full(count, 0.8)]),
-        np.full((count, 3), 1.5),
-        np.zeros(count),
-        np.full(count, category, np.int8),
-        np.ones(count),
-        "world",
-        0.0,
-    )
-    found = Tracks.of(boxes, np.arange(count))
-    return replace(found, velocities=np.reshape(velocities, (-1, 2)).astype(float))
+    places = np.reshape(places, (-1, 2))
+    velocities = np.reshape(velocities, (-1, 2)).astype(float)
+    boxes = {"sizes": [1.5, 1.5, 1.5], "categories": category}
+    return toy_boxes.tracks(places, np.arange(len(places)), velocities=velocities, **boxes)
 
 
 def users_in(observation):

@@ -12,9 +12,10 @@ import pytest
 from gymnasium.utils.env_checker import check_env
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from toy_boxes import tracks
 
 import roadscope
-from roadscope import Category, SpecError, Tracks
+from roadscope import SpecError, Tracks
 from roadscope.driving import BelievedObservation, Perception, PerceptionWrapper
 from roadscope.envs import find_rig
 from roadscope.envs.traffic import ForeignEnvError, to_world
@@ -51,19 +52,8 @@ def true_tracks(env: Any) -> Tracks:
         np.array([each.heading for each in others]),
         np.array([each.velocity for each in others]),
     )
-    return Tracks(
-        np.arange(n),
-        np.column_stack([positions, np.full(n, 0.75)]),
-        np.array([[each.LENGTH, each.WIDTH, 1.5] for each in others]),
-        yaws,
-        velocities,
-        np.tile(np.eye(4), (n, 1, 1)),
-        np.full(n, Category.CAR),
-        np.ones(n),
-        np.ones(n, np.int8),
-        "world",
-        0.0,
-    )
+    sizes = np.reshape([(each.LENGTH, each.WIDTH, 1.5) for each in others], (-1, 3))
+    return tracks(positions, np.arange(n), velocities=velocities, yaws=yaws, sizes=sizes)
 
 
 def off_nearest(row: np.ndarray, others: np.ndarray) -> tuple[float, float]:

@@ -1,10 +1,10 @@
 import numpy as np
 import pytest
+from toy_camera import OPTICAL
 
 from roadscope.core import Pose, Projection
 from roadscope.fusion import CalibrationError, calibrate, decompose, distances_px, solve_linear
 
-OPTICAL = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
 INTRINSICS = np.array([[1600.0, 0, 640], [0, 1600.0, 480], [0, 0, 1]])
 
 

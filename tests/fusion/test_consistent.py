@@ -2,33 +2,25 @@
 
 import numpy as np
 import pytest
+from toy_boxes import detections, image_detections
+from toy_camera import LOOK
 
-from roadscope.core import Category, Detections, ImageDetections, Pose, Projection
+from roadscope.core import Category, Detections, ImageDetections
 from roadscope.fusion import FUSIONS, depths_of, places_at, projected_boxes
 
-OPTICAL = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
-LOOK = Projection.of(
-    np.array([[500.0, 0, 320], [0, 500.0, 240], [0, 0, 1]]),
-    Pose.from_parts(OPTICAL, np.array([0.0, 0.0, 1.4])),
-    640,
-    480,
-)
 PERSON = (0.5, 0.6, 1.72)
 
 
 def people(*places: tuple[float, float], size: tuple[float, ...] = PERSON) -> Detections:
-    n = len(places)
     centres = np.array([[x, y, size[2] / 2] for x, y in places])
-    categories = np.full(n, Category.PEDESTRIAN, np.int8)
-    return Detections(
-        centres, np.tile(size, (n, 1)), np.zeros(n), categories, np.full(n, 0.7), "ego", 1.0
+    return detections(
+        centres, sizes=size, categories=Category.PEDESTRIAN, scores=0.7, frame="ego", stamp_s=1.0
     )
 
 
 def seen(*places: tuple[float, float]) -> ImageDetections:
     boxes, _ = projected_boxes(people(*places), LOOK)
-    n = len(places)
-    return ImageDetections(boxes, np.full(n, Category.PEDESTRIAN, np.int8), np.full(n, 0.8), 1.01)
+    return image_detections(boxes, categories=Category.PEDESTRIAN, scores=0.8, stamp_s=1.01)
 
 
 def test_of_two_in_line_each_keeps_its_own_distance() -> None:

@@ -2,26 +2,13 @@
 
 import numpy as np
 import pytest
+from toy_camera import looking_ahead
 
-from roadscope.core import (
-    Category,
-    Detections,
-    Family,
-    ImageDetections,
-    Pose,
-    Projection,
-    TrackState,
-)
+from roadscope.core import Category, Detections, Family, ImageDetections, Pose, TrackState
 from roadscope.fusion import FUSIONS, projected_boxes
 from roadscope.trackers import TRACKERS, is_offline
 
-OPTICAL = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
-LOOK = Projection.of(
-    np.array([[420.0, 0, 320], [0, 420.0, 240], [0, 0, 1]]),
-    Pose.from_parts(OPTICAL, np.array([2.0, 0.0, 1.4])),
-    640,
-    480,
-)
+LOOK = looking_ahead(2.0, focal_px=420.0)
 FRAMES, PERIOD_S = 30, 0.1
 MISSED = (14,)
 """Frames in which no sensor finds the pedestrian."""

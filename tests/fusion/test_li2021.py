@@ -2,38 +2,24 @@
 
 import numpy as np
 import pytest
+from toy_boxes import detections, image_detections
+from toy_camera import looking_ahead
 
-from roadscope.core import Category, Detections, ImageDetections, Pose, Projection, RecordError
+from roadscope.core import Category, Detections, ImageDetections, RecordError
 from roadscope.fusion import Li2021Fusion, camera_masses, combine, lidar_masses, projected_boxes
 
-OPTICAL = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
-LOOK = Projection.of(
-    np.array([[500.0, 0, 320], [0, 500.0, 240], [0, 0, 1]]),
-    Pose.from_parts(OPTICAL, np.array([0.0, 0.0, 1.0])),
-    640,
-    480,
-)
+LOOK = looking_ahead(height_m=1.0)
 
 
 def lidar(*places: tuple[float, float], size=(2.0, 2.0, 2.0), category=Category.CAR) -> Detections:
-    n = len(places)
     centres = np.array([[x, y, 1.0] for x, y in places]).reshape(-1, 3)
-    return Detections(
-        centres,
-        np.tile(size, (n, 1)),
-        np.zeros(n),
-        np.full(n, category, np.int8),
-        np.full(n, 0.7),
-        "ego",
-        1.0,
+    return detections(
+        centres, sizes=size, categories=category, scores=0.7, frame="ego", stamp_s=1.0
     )
 
 
 def camera(*boxes: tuple[float, ...], category=Category.CAR) -> ImageDetections:
-    n = len(boxes)
-    return ImageDetections(
-        np.array(boxes, float).reshape(-1, 4), np.full(n, category, np.int8), np.full(n, 0.8), 1.01
-    )
+    return image_detections(boxes, categories=category, scores=0.8, stamp_s=1.01)
 
 
 def box_of(x: float, y: float) -> np.ndarray:

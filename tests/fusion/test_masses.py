@@ -1,13 +1,15 @@
 """Evidence is worth what it says: masses on families are the shares that are right."""
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 import pytest
+from toy_boxes import detections
 
 from roadscope.benchmarks import Episode
 from roadscope.benchmarks.papers import SensorPair, sense_pairs
-from roadscope.core import Category, Detections, ImageDetections
+from roadscope.core import ImageDetections
 from roadscope.detectors.camera import CAMERA_DETECTORS
 from roadscope.fusion import MOST, ClusterBoxes, camera_masses, ious, lidar_masses, masses_of
 
@@ -77,14 +79,5 @@ def test_masses_are_the_shares_that_are_right(
 
 def test_own_masses_go_before_scores() -> None:
     own = np.array([[0.1, 0.2, 0.3, 0.4]])
-    found = Detections(
-        np.zeros((1, 3)),
-        np.ones((1, 3)),
-        np.zeros(1),
-        np.array([Category.CAR], np.int8),
-        np.ones(1),
-        "ego",
-        0.0,
-        own,
-    )
+    found = replace(detections([[0.0, 0.0]], frame="ego"), masses=own)
     np.testing.assert_array_equal(lidar_masses(found), own)

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 from toy_lidar import CALIBRATION, scan
 
-from roadscope.core import Calibration, Detections, Frame, LidarScan, Pose, wrap_angle
+from roadscope.core import Calibration, Detections, Frame, Pose, wrap_angle
 
 MOUNT = CALIBRATION.pose("lux")
 LIMITED = np.radians(np.arange(-54.875, 55, 0.25))
@@ -14,24 +14,12 @@ AROUND = np.radians(np.arange(179.75, -180, -0.5))
 LAYERS = np.linspace(-6, 4, 6)
 
 DECIDED = (
-    (20.0, 6.0, 4.6, 1.85, 1.5, 0.15), (32.0, -4.0, 4.4, 1.8, 1.5, 0.1),
-    (14.0, -9.0, 4.6, 1.85, 1.5, 0.5), (-13.0, 5.0, 4.5, 1.8, 1.5, -0.2),
-)  # fmt: skip
+    (20.0, 6.0, 4.6, 1.85, 1.5, 0.15),
+    (32.0, -4.0, 4.4, 1.8, 1.5, 0.1),
+    (14.0, -9.0, 4.6, 1.85, 1.5, 0.5),
+    (-13.0, 5.0, 4.5, 1.8, 1.5, -0.2),
+)
 """Cars, ahead and behind, that show a flank: front and side are told apart by what is seen."""
-
-
-def take(seen: LidarScan, rows: np.ndarray) -> LidarScan:
-    """Take some returns of a scan, in this order."""
-    arrays = (seen.points, seen.intensity, seen.ring, seen.column, seen.time_offset_s)
-    return LidarScan(*(array[rows] for array in arrays), seen.stamp_s, seen.sensor)
-
-
-def scan_of(points, ring=None, column=None, stamp_s: float = 1.0) -> LidarScan:
-    """Make a scan of (N, 3) points in the lidar frame, one column each unless told."""
-    n = len(points)
-    ring = np.zeros(n, int) if ring is None else ring
-    column = np.arange(n) if column is None else column
-    return LidarScan(np.asarray(points), np.ones(n), ring, column, np.zeros(n), stamp_s, "lux")
 
 
 def look_around(boxes=DECIDED, *, seed: int = 0, **options) -> Frame:
@@ -57,8 +45,10 @@ def film(*, count: int = 7, seed: int = 0, start_s: float = 1.0, speed_m_s: floa
         world_from_ego = Pose.planar(0.1 * speed_m_s * k, 0.0, 0.002 * speed_m_s * k)
         seen = scan(
             [_seen_from(world_from_ego, b) for b in (_oncoming(count - 1 - k), *DECIDED[1:3])],
-            seed=seed + k, azimuths=LIMITED, noise_m=0.02,
-        )  # fmt: skip
+            seed=seed + k,
+            azimuths=LIMITED,
+            noise_m=0.02,
+        )
         stamp_s = start_s + 0.1 * k
         own = before.inverse() @ world_from_ego if before is not None and speed_m_s else None
         seen = replace(seen, stamp_s=stamp_s)

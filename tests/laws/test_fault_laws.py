@@ -209,9 +209,10 @@ def test_what_is_said_to_be_lost_is_lost(severity: int) -> None:
     for kind, sensor in (("dropped-scans", "lidar"), ("blackout", "camera")):
         sensing = Sensing(small(), SEED, "bare", faults=f"{kind}:{severity}")
         frames = [
-            frame for frame, truth in sensed(f"{kind}:{severity}")
+            frame
+            for frame, truth in sensed(f"{kind}:{severity}")
             if (truth.image_boxes is None) == (sensor == "lidar")
-        ]  # fmt: skip
+        ]
         for index, frame in enumerate(frames):
             came = getattr(frame, sensor)
             if sensor == "lidar":

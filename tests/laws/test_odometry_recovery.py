@@ -7,7 +7,8 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from toy_drive import Drive, columns_for, emptied, kept
+from toy_drive import Drive, columns_for, emptied
+from toy_lidar import take
 
 from roadscope.core import ImuSamples
 from roadscope.odometry import NO_SAMPLES, ODOMETRIES
@@ -29,9 +30,17 @@ RIGHT_M, RIGHT_RAD = 0.05, 0.01
 """In the end no step is further off than this, or by more than a quarter more than it ever is
 where nothing is spoilt: these scans are coarse, and who matches few features of them errs."""
 FEEL = {
-    "dead-reckoning", "lidar-inertial", "voxel-map", "zhang2022", "zhang2022-guarded",
-    "zhang2022-map", "zhang2022-loop", "loam", "lego-loam", "lego-loam-loop",
-}  # fmt: skip
+    "dead-reckoning",
+    "lidar-inertial",
+    "voxel-map",
+    "zhang2022",
+    "zhang2022-guarded",
+    "zhang2022-map",
+    "zhang2022-loop",
+    "loam",
+    "lego-loam",
+    "lego-loam-loop",
+}
 """They tell when an inertial unit that was there falls silent or sends what is no number."""
 TELL_ALONG = {"lidar-inertial"}
 """They are right, by the inertial unit, where all that is seen moves along, and yet tell it."""
@@ -71,7 +80,7 @@ def no_numbers(scan):
 
 def along(scan, first):
     """All that is seen moves along with the sensor."""
-    return kept(first, slice(None), stamp_s=scan.stamp_s)
+    return replace(first, stamp_s=scan.stamp_s)
 
 
 def loud(scan, first):
@@ -85,13 +94,13 @@ def loud(scan, first):
 
 SPOILT = {
     "empty": lambda scan, _: emptied(scan),
-    "one ring": lambda scan, _: kept(scan, scan.ring == 8),
-    "few points": lambda scan, _: kept(scan, np.arange(len(scan)) % 400 == 0),
+    "one ring": lambda scan, _: take(scan, scan.ring == 8),
+    "few points": lambda scan, _: take(scan, np.arange(len(scan)) % 400 == 0),
     "no numbers": lambda scan, _: no_numbers(scan),
     "all dynamic": along,
     "loud": loud,
-    "same stamp": lambda scan, first: kept(scan, slice(None), stamp_s=first.stamp_s),
-    "backward": lambda scan, first: kept(scan, slice(None), stamp_s=first.stamp_s - 0.8),
+    "same stamp": lambda scan, first: replace(scan, stamp_s=first.stamp_s),
+    "backward": lambda scan, first: replace(scan, stamp_s=first.stamp_s - 0.8),
 }
 TOLD = {"empty", "one ring", "few points", "no numbers", "loud", "same stamp", "backward"}
 """These scans tell nothing, or by far less than they should, so that they are degraded however good
@@ -145,8 +154,14 @@ def check_told_and_recovered(name, told, off):
     assert (off[-SETTLED:] < most).all(), (off[-SETTLED:].max(axis=0), most)
 
 
-VARIANTS = {"scan-to-scan", "zhang2022-map", "zhang2022-loop", "loam", "lego-loam-loop",
-            "small-gicp-scan"}  # fmt: skip
+VARIANTS = {
+    "scan-to-scan",
+    "zhang2022-map",
+    "zhang2022-loop",
+    "loam",
+    "lego-loam-loop",
+    "small-gicp-scan",
+}
 """They read scans as others do: two kinds of spoilt ones show that they go on."""
 OF_VARIANTS = {"all dynamic", "same stamp"}
 
@@ -160,8 +175,10 @@ OF_VARIANTS = {"all dynamic", "same stamp"}
 def test_spoilt_scans_are_told_and_left_behind(name, kind):
     inputs, first = inputs_of(name), drive_of(name)[1]
     last = first + LAST - FIRST
-    given = [(SPOILT[kind](s, inputs[first][0]) if first <= k < last else s, i)
-             for k, (s, i) in enumerate(inputs)]  # fmt: skip
+    given = [
+        (SPOILT[kind](s, inputs[first][0]) if first <= k < last else s, i)
+        for k, (s, i) in enumerate(inputs)
+    ]
     told, off = follow(name, given)
     if name in READ_NO_SCANS:
         return
@@ -198,8 +215,9 @@ NOTHING = ImuSamples(np.empty(0), np.empty((0, 3)), np.empty((0, 3)))
 def test_a_faulty_imu_is_left_behind(name, kind):
     inputs, first = inputs_of(name), drive_of(name)[1]
     last = first + LAST - FIRST
-    given = [(s, spoilt_imu(i, kind) if first <= k < last else i)
-             for k, (s, i) in enumerate(inputs)]  # fmt: skip
+    given = [
+        (s, spoilt_imu(i, kind) if first <= k < last else i) for k, (s, i) in enumerate(inputs)
+    ]
     told, off = follow(name, given)
     if name in FEEL and kind != "none":
         assert any(each.reason == NO_SAMPLES for each in told[first:last])

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from hypothesis import Phase, given, settings
 from hypothesis import strategies as st
-from law_scenes import take
+from toy_lidar import take
 
 from roadscope.benchmarks.papers import ford_fusion, sense_drive
 from roadscope.core import Pose, RecordError
@@ -126,9 +126,11 @@ def test_finds_the_car(name):
 @every
 @few
 @given(
-    turn=st.floats(-3.1, 3.1), x=st.floats(-50, 50), y=st.floats(-50, 50),
+    turn=st.floats(-3.1, 3.1),
+    x=st.floats(-50, 50),
+    y=st.floats(-50, 50),
     drive=st.sampled_from(["straight", "curve"]),
-)  # fmt: skip
+)
 def test_rigid_motion_moves_the_pose(name, turn, x, y, drive):
     motion, shots = Pose.planar(x, y, turn), seen(drive)
     here, there = (ESTIMATORS[name](s) for s in (shots, carried(shots, motion)))

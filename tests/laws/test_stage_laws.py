@@ -17,10 +17,9 @@ from law_scenes import (
     look_around,
     mirror_boxes,
     mirrored,
-    scan_of,
-    take,
     turned_sensor,
 )
+from toy_lidar import frame, scan_of, take
 
 from roadscope.core import Frame, Pose
 from roadscope.detectors import ClusterDetector
@@ -103,6 +102,14 @@ def test_any_two_stages_are_paired():
     for a, b in ((0, 1), (0, 2), (1, 2)):
         kinds = (GROUNDS, CLUSTERINGS, SHAPES)
         assert {(p[a], p[b]) for p in PAIRS} == {(x, y) for x in kinds[a] for y in kinds[b]}
+
+
+def test_finds_the_car_ahead(stages):
+    # One cluster for all shows one vehicle at most.
+    aside = () if stages[1] == "one" else ((22, -6, 4.6, 1.85, 1.5, 1.57),)
+    cars = [(25, 0, 4.6, 1.85, 1.5, 0), *aside]
+    found = make(stages).detect(frame(cars, noise_m=0.02, ground=False))
+    assert np.hypot(*(found.centres[:, :2] - [25, 0]).T).min() < 0.3
 
 
 @pytest.mark.sampled(4)
@@ -204,9 +211,12 @@ def test_fewer_than_three_places_are_nobody(stages, count):
 @every_pair
 @several
 @given(
-    bearing=st.floats(-0.9, 0.9), along=st.floats(-3.2, 3.2), span=st.floats(0.0, 8.0),
-    rings=st.integers(1, 4), seed=seeds,
-)  # fmt: skip
+    bearing=st.floats(-0.9, 0.9),
+    along=st.floats(-3.2, 3.2),
+    span=st.floats(0.0, 8.0),
+    rings=st.integers(1, 4),
+    seed=seeds,
+)
 def test_places_on_a_line_give_proper_boxes(stages, bearing, along, span, rings, seed):
     """Across, along and at any angle to the line of sight; upright too, where there is no span."""
     start = 15.0 * np.array([np.cos(bearing), np.sin(bearing)])

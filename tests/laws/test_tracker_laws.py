@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import toy_boxes
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -28,13 +29,11 @@ def tracker(request):
 
 
 def boxes(centres, stamp_s, score=0.9, category=Category.CAR):
-    n = len(centres)
-    return Detections(
-        centres=np.column_stack([centres, np.full(n, 0.75)]) if n else np.empty((0, 3)),
-        sizes=np.tile([4.6, 1.85, 1.5], (n, 1)),
-        yaws=np.zeros(n),
-        categories=np.full(n, category),
-        scores=np.full(n, score),
+    return toy_boxes.detections(
+        centres,
+        sizes=[4.6, 1.85, 1.5],
+        categories=category,
+        scores=score,
         frame="ego",
         stamp_s=stamp_s,
     )

@@ -1,5 +1,6 @@
 import numpy as np
 import pytest
+from toy_boxes import detections
 
 from research.tracker_existence import (
     PERSISTENCE,
@@ -12,7 +13,7 @@ from research.tracker_existence import (
     new_target_traits,
     persistence,
 )
-from roadscope.core import Category, Detections
+from roadscope.core import Category
 from roadscope.trackers import read_detector
 
 VALUES = np.array(list(PERSISTENCE.values()))
@@ -88,15 +89,7 @@ def test_belief_is_the_trackers_own():
     pattern = [True, True, True, False, False]
     tracker, told = RecordingTracker(traits=name), []
     for t, seen in enumerate(pattern):
-        found = Detections(
-            np.array([[10.0, 0.0, 0.8]]),
-            np.array([[4.5, 1.8, 1.5]]),
-            np.zeros(1),
-            np.array([Category.CAR], np.int8),
-            np.array([0.8]),
-            "ego",
-            0.1 * t,
-        )
+        found = detections([[10.0, 0.0, 0.8]], scores=0.8, frame="ego", stamp_s=0.1 * t)
         tracks = tracker.update(found.select(np.full(1, seen)), None)
         tracker.record(np.zeros(2), 0.1)
         told.append(np.log(tracks.scores[0] / (1 - tracks.scores[0])))

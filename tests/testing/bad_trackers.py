@@ -3,11 +3,12 @@
 import os
 import sys
 import time
+from dataclasses import replace
 
 import numpy as np
 from scipy.spatial.distance import cdist
 
-from roadscope import Detections, Tracks, TrackState
+from roadscope import Detections, Tracks
 from roadscope.trackers import assign_greedily, in_world
 
 
@@ -33,15 +34,7 @@ class Good:
         ids[new] = self.next_id + np.arange(new.sum())
         self.next_id += int(new.sum())
         self.centres, self.ids = detections.centres, ids
-        return tracks_of(detections, ids)
-
-
-def tracks_of(d, ids):
-    n = len(ids)
-    return Tracks(
-        ids, d.centres, d.sizes, d.yaws, np.zeros((n, 2)), np.tile(np.eye(4), (n, 1, 1)),
-        d.categories, d.scores, np.full(n, TrackState.CONFIRMED), d.frame, d.stamp_s,
-    )  # fmt: skip
+        return Tracks.of(detections, ids)
 
 
 class WrongType(Good):
@@ -52,11 +45,7 @@ class WrongType(Good):
 class ReturnsNan(Good):
     def update(self, detections, ego_pose):
         tracks = super().update(detections, ego_pose)
-        return tracks_of(tracks, tracks.ids) if not len(tracks) else Tracks(
-            tracks.ids, tracks.centres * np.nan, tracks.sizes, tracks.yaws, tracks.velocities,
-            tracks.covariances, tracks.categories, tracks.scores, tracks.states, tracks.frame,
-            tracks.stamp_s,
-        )  # fmt: skip
+        return replace(tracks, centres=tracks.centres * np.nan)
 
 
 class WrongStamp(Good):
@@ -77,7 +66,7 @@ class Invents(Good):
         if len(detections):
             return super().update(detections, ego_pose)
         some = Detections([[5, 0, 1]], [[4, 2, 1]], [0.0], [0], [1.0], "ego", detections.stamp_s)
-        return tracks_of(some, np.array([999_999]))
+        return Tracks.of(some, np.array([999_999]))
 
 
 class NumbersRows(Good):
@@ -85,7 +74,7 @@ class NumbersRows(Good):
 
     def update(self, detections, ego_pose):
         tracks = super().update(detections, ego_pose)
-        return tracks_of(tracks, np.arange(len(tracks)))
+        return replace(tracks, ids=np.arange(len(tracks)))
 
 
 class ReusesIds(Good):
@@ -203,7 +192,7 @@ class RandomNames(CountsAnew):
 
     def update(self, detections, ego_pose):
         tracks = super().update(detections, ego_pose)
-        return tracks_of(tracks, self.names[tracks.ids])
+        return replace(tracks, ids=self.names[tracks.ids])
 
 
 class IgnoresThePose(Good):
@@ -211,14 +200,7 @@ class IgnoresThePose(Good):
 
     def update(self, detections, ego_pose):
         tracks = super().update(detections, None)
-        return tracks if ego_pose is None else tracks_of_frame(tracks, "world")
-
-
-def tracks_of_frame(t, frame):
-    return Tracks(
-        t.ids, t.centres, t.sizes, t.yaws, t.velocities, t.covariances, t.categories, t.scores,
-        t.states, frame, t.stamp_s,
-    )  # fmt: skip
+        return tracks if ego_pose is None else replace(tracks, frame="world")
 
 
 class Raises(Good):
@@ -325,7 +307,7 @@ class LateScribbles(Late):
 class LateCounts(Late):
     def rescored(self, history):
         self.told = not getattr(self, "told", False)
-        return history if self.told else [tracks_of(h, h.ids[::-1]) for h in history]
+        return history if self.told else [replace(h, ids=h.ids[::-1]) for h in history]
 
 
 class LateForgets(Late):

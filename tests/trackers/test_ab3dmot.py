@@ -54,8 +54,15 @@ def test_confirmed_after_three_detections_dropped_after_two_misses():
     states = [each.states.tolist() for each in run(make("ab3dmot"), episode)]
     tentative, confirmed, coasting = list(TrackState)
     assert states == [
-        [tentative], [tentative], [confirmed], [coasting], [confirmed], [coasting], [], [],
-    ]  # fmt: skip
+        [tentative],
+        [tentative],
+        [confirmed],
+        [coasting],
+        [confirmed],
+        [coasting],
+        [],
+        [],
+    ]
 
 
 def test_generalised_overlap_tracks_cars_that_move_more_than_their_length():

@@ -1,22 +1,16 @@
 import numpy as np
 import pytest
+from toy_boxes import detections
 from tracked_scenes import make
 
-from roadscope.core import Detections, Pose, TrackState
+from roadscope.core import Pose, TrackState
 from roadscope.trackers import ConstantVelocityFilter, FilterNoise, process_noise
 
 T = 0.08
 
 
 def seen(tick, *places, frame="ego"):
-    n = len(places)
-    if not n:
-        return Detections.empty(tick * T, frame)
-    centres = np.column_stack([np.array(places, float), np.full(n, 0.75)])
-    return Detections(
-        centres, np.tile([4.6, 1.85, 1.5], (n, 1)), np.zeros(n), np.zeros(n, int), np.ones(n),
-        frame, tick * T,
-    )  # fmt: skip
+    return detections(places, sizes=[4.6, 1.85, 1.5], frame=frame, stamp_s=tick * T)
 
 
 def test_an_identity_survives_13_misses():

@@ -80,10 +80,11 @@ def test_tracks_begin_with_their_first_detection_even_if_tentative():
 def test_fragments_are_joined_and_crossing_the_gap_keeps_the_first_id():
     late = drive()
     fragments = [
-        replace(tracks, ids=tracks.ids + (100 if t > 22 else 0)) if t < 19 or t > 22 else
-        Tracks.empty(tracks.stamp_s, tracks.frame)
+        replace(tracks, ids=tracks.ids + (100 if t > 22 else 0))
+        if t < 19 or t > 22
+        else Tracks.empty(tracks.stamp_s, tracks.frame)
         for t, tracks in enumerate(late)
-    ]  # fmt: skip
+    ]
     after = offline_tracks(fragments)
     assert {int(tracks.ids[0]) for tracks in after} == {0}
     assert errors(after).max() < 0.6

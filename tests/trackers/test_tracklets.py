@@ -12,9 +12,14 @@ from roadscope.trackers import Gaussians, LifeCycle, TrackerTick, Tracklets
 def detections(n, seed=0, stamp_s=0.0, frame="ego"):
     rng = np.random.default_rng(seed)
     return Detections(
-        rng.uniform(-9, 9, (n, 3)), rng.uniform(1, 4, (n, 3)), rng.uniform(-3, 3, n),
-        rng.integers(0, 7, n), rng.random(n), frame, stamp_s,
-    )  # fmt: skip
+        rng.uniform(-9, 9, (n, 3)),
+        rng.uniform(1, 4, (n, 3)),
+        rng.uniform(-3, 3, n),
+        rng.integers(0, 7, n),
+        rng.random(n),
+        frame,
+        stamp_s,
+    )
 
 
 def started(targets, first_id=0):

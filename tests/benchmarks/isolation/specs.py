@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from roadscope.core import Detections, load_class
+from tests.core.wire_values import make_value
 
 BAD = Path(__file__).with_name("bad_trackers.py")
 
@@ -40,13 +41,4 @@ def written(folder: Path, code: str, name: str = "Tracker") -> Named:
 
 def detections(count: int = 30) -> Detections:
     """Make detections with random content."""
-    rng = np.random.default_rng(count)
-    return Detections(
-        rng.normal(size=(count, 3)),
-        rng.random((count, 3)) + 0.1,
-        rng.normal(size=count),
-        rng.integers(0, 7, count),
-        rng.random(count),
-        "ego",
-        1.0,
-    )
+    return make_value("detections", np.random.default_rng(count), count)

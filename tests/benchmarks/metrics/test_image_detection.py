@@ -2,9 +2,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from toy_boxes import image_detections, truth
 
 from roadscope.benchmarks.metrics import PARKED, Labels, ParkedBoxes, labels_of, score_images
-from roadscope.core import ImageDetections, Pose, Truth
+from roadscope.core import ImageDetections, Pose
 
 CAR, CYCLIST, PERSON = 0, 5, 6
 
@@ -23,9 +24,7 @@ def labels(*rows: tuple[list[float], int, int, float]) -> Labels:
 
 def found(*rows: tuple[list[float], int, float]) -> ImageDetections:
     boxes, categories, scores = zip(*rows, strict=True) if rows else ((), (), ())
-    return ImageDetections(
-        np.array(boxes, float).reshape(-1, 4), np.array(categories, np.int8), np.array(scores), 0.0
-    )
+    return image_detections(boxes, categories=categories, scores=scores)
 
 
 A, B, C = [0.0, 0, 40, 30], [100.0, 100, 120, 150], [300.0, 10, 330, 20]
@@ -97,23 +96,15 @@ def test_nothing_at_all_is_not_a_number() -> None:
 
 
 def test_labels_are_of_who_is_seen() -> None:
-    n = 3
-    truth = Truth(
-        np.arange(n),
-        np.array([CAR, PERSON, CAR], np.int8),
-        np.array([[3.0, 4, 1]] * n),
-        np.ones((n, 3)),
-        np.zeros(n),
-        np.zeros((n, 2)),
-        np.zeros(n, np.int64),
-        np.array([90, 0, 90]),
-        np.zeros(n),
-        Pose.planar(0.0, 0.0, 0.0),
-        0.0,
-        np.empty(0, np.int64),
-        np.array([A, B, [5.0, 5, 5, 9]]),
+    scene = truth(
+        [[3.0, 4, 1]] * 3,
+        categories=np.array([CAR, PERSON, CAR]),
+        returns=0,
+        visible_pixels=np.array([90, 0, 90]),
+        world_from_ego=Pose.planar(0.0, 0.0, 0.0),
+        image_boxes=np.array([A, B, [5.0, 5, 5, 9]]),
     )
-    made = labels_of(truth, ParkedBoxes(np.array([C]), np.array([40.0])))
+    made = labels_of(scene, ParkedBoxes(np.array([C]), np.array([40.0])))
     assert made.categories.tolist() == [CAR, PARKED]
     assert made.ranges_m.tolist() == [5.0, 40.0]
     assert made.eligible.tolist() == [True, False]

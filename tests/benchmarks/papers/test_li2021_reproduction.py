@@ -1,5 +1,7 @@
 import numpy as np
 import pytest
+from toy_boxes import detections, image_detections, truth
+from toy_camera import LOOK
 
 from roadscope.benchmarks.metrics import FusionTargets, fusion_rates, match_targets
 from roadscope.benchmarks.papers import (
@@ -27,16 +29,8 @@ from roadscope.benchmarks.papers import (
     with_camera,
     without_camera,
 )
-from roadscope.core import Calibration, Detections, Frame, ImageDetections, Pose, Projection, Truth
+from roadscope.core import Calibration, Category, Detections, Frame
 from roadscope.fusion import projected_boxes
-
-OPTICAL = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
-PROJECTION = Projection.of(
-    np.array([[500.0, 0, 320], [0, 500.0, 240], [0, 0, 1]]),
-    Pose.from_parts(OPTICAL, np.array([0.0, 0.0, 1.4])),
-    640,
-    480,
-)
 
 
 def test_table_1_is_the_papers_to_its_rounding_and_decides_as_printed() -> None:
@@ -51,34 +45,13 @@ def test_table_1_is_the_papers_to_its_rounding_and_decides_as_printed() -> None:
 def a_pair() -> tuple[SensorPair, Detections]:
     """Two people beside one another: LiDAR has the left one, the camera the right one."""
     centres = np.array([[15.0, 0.5, 0.86], [15.0, -0.5, 0.86]])
-    both = Detections(
-        centres,
-        np.tile([0.5, 0.6, 1.72], (2, 1)),
-        np.zeros(2),
-        np.full(2, 6, np.int8),
-        np.full(2, 0.95),
-        "ego",
-        0.0,
+    both = detections(
+        centres, sizes=[0.5, 0.6, 1.72], categories=Category.PEDESTRIAN, scores=0.95, frame="ego"
     )
-    boxes, _ = projected_boxes(both, PROJECTION)
-    camera = ImageDetections(boxes[1:], np.array([6], np.int8), np.array([0.9]), 0.0)
+    boxes, _ = projected_boxes(both, LOOK)
+    camera = image_detections(boxes[1:], categories=Category.PEDESTRIAN)
     targets = FusionTargets(np.array([2, 2]), centres, boxes, np.ones(2, bool), np.zeros(2))
-    none = np.empty(0)
-    truth = Truth(
-        none,
-        none,
-        none.reshape(0, 3),
-        none.reshape(0, 3),
-        none,
-        none.reshape(0, 2),
-        none,
-        none,
-        none,
-        Pose.identity(),
-        0.0,
-        none,
-    )
-    pair = SensorPair(Frame(0.0, Calibration()), truth, camera, targets, PROJECTION)
+    pair = SensorPair(Frame(0.0, Calibration()), truth([]), camera, targets, LOOK)
     return pair, both.select(np.array([0]))
 
 

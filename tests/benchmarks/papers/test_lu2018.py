@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from toy_boxes import detections_of
 
 from roadscope.benchmarks.papers import (
     FEWER_CLUSTERS,
@@ -36,7 +37,6 @@ from roadscope.benchmarks.papers import (
     track_targets,
     wrong_associations,
 )
-from roadscope.core import Detections
 from roadscope.detectors import DETECTORS
 from roadscope.envs.traffic import SCRIPTS, Event, Script
 
@@ -60,14 +60,8 @@ def sensed():
 
 def truth_as_detections(sensed):
     for frame, truth in zip(sensed.frames, sensed.truths, strict=True):
-        visible = truth.lidar_returns >= 1
-        arrays = (truth.centres, truth.sizes, truth.yaws, truth.categories)
-        boxes = Detections(
-            *(array[visible] for array in arrays),
-            np.ones(int(visible.sum())),
-            "world",
-            frame.stamp_s,
-        )
+        assert truth.stamp_s == frame.stamp_s
+        boxes = detections_of(truth).select(truth.lidar_returns >= 1)
         yield boxes.moved(truth.world_from_ego.inverse(), "ego")
 
 

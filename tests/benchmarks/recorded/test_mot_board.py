@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from toy_boxes import image_detections
 from typer.testing import CliRunner
 
 from roadscope import Category, ImageDetections, Tracks, leaderboard
@@ -171,17 +172,13 @@ box = st.tuples(*[st.floats(0, 2000)] * 2, *[st.floats(5, 500)] * 2)
 @given(st.lists(box, min_size=1, max_size=6), st.sampled_from([None, (1920, 1080), (640, 480)]))
 def test_flat_boxes_come_back_as_they_were(given_boxes, image_size):
     left_top, size = np.split(np.array(given_boxes), 2, axis=1)
-    n = len(size)
-    found = ImageDetections(
-        np.hstack([left_top, left_top + size]),
-        np.full(n, Category.PEDESTRIAN, np.int8),
-        np.full(n, 0.9),
-        0.0,
-    )
+    found = image_detections(np.hstack([left_top, left_top + size]), categories=Category.PEDESTRIAN)
     plane = ImagePlane.of([replace(found, stamp_s=1.0)], image_size)
     flat = plane.boxes_on_plane(found)
     assert np.median(flat.sizes[:, 0]) == pytest.approx(1.7)
-    assert plane.image_boxes(Tracks.of(flat, np.arange(n))) == pytest.approx(found.boxes, abs=1e-6)
+    assert plane.image_boxes(Tracks.of(flat, np.arange(len(flat)))) == pytest.approx(
+        found.boxes, abs=1e-6
+    )
 
 
 def test_only_people_are_followed():

@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from toy_boxes import detections_of
 from toy_kitti import write_kitti
 
 from roadscope.benchmarks.recorded import kitti_scores
@@ -21,23 +22,14 @@ def told(sequence, off_m=0.3, turned=0.0, variance=0.045, backwards=False):
     """Tracks of the labelled objects, off along x, with this variance of x and of y."""
     records = []
     for truth in sequence.truths:
-        n = len(truth)
-        order = np.arange(n)[::-1] if backwards else np.arange(n)
-        records.append(
-            Tracks(
-                truth.ids[order] + 100,
-                truth.centres[order] + [off_m, 0, 0],
-                truth.sizes[order],
-                truth.yaws[order] + turned,
-                truth.velocities[order],
-                np.tile(variance * np.eye(4), (n, 1, 1)),
-                truth.categories[order],
-                np.ones(n),
-                np.full(n, TrackState.CONFIRMED),
-                "world",
-                truth.stamp_s,
-            )
+        boxes, n = detections_of(truth, off_m=off_m), len(truth)
+        tracks = replace(
+            Tracks.of(boxes, truth.ids + 100),
+            yaws=truth.yaws + turned,
+            velocities=truth.velocities,
+            covariances=np.tile(variance * np.eye(4), (n, 1, 1)),
         )
+        records.append(tracks.select(np.arange(n)[::-1]) if backwards else tracks)
     return records
 
 

@@ -4,6 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 import pytest
+import toy_boxes
 
 from roadscope.benchmarks import (
     CallTimes,
@@ -43,19 +44,14 @@ def ego(frame: int) -> Pose:
 
 
 def truth(frame: int) -> Truth:
-    return Truth(
-        np.array([4, 8]),
-        np.zeros(2, np.int8),
+    return toy_boxes.truth(
         places_m(frame),
-        np.tile(CAR, (2, 1)),
-        np.array([0.1, 3.1]),
-        np.zeros((2, 2)),
-        np.array([50, 50]),
-        np.zeros(2, np.int64),
-        np.zeros(2),
-        ego(frame),
-        PERIOD_S * frame,
-        np.empty(0, np.int64),
+        ids=[4, 8],
+        sizes=np.tile(CAR, (2, 1)),
+        yaws=np.array([0.1, 3.1]),
+        returns=50,
+        world_from_ego=ego(frame),
+        stamp_s=PERIOD_S * frame,
     )
 
 
@@ -69,16 +65,7 @@ def answer(frame: int) -> tuple[Detections, list[int]]:
     if frame in ALARM:
         centres.append(np.array([20.0, 12.0, 0.8]))
         numbers.append(77)
-    n = len(centres)
-    boxes = Detections(
-        np.array(centres),
-        np.tile(CAR, (n, 1)),
-        np.full(n, 0.1),
-        np.zeros(n, np.int8),
-        np.ones(n),
-        "world",
-        PERIOD_S * frame,
-    )
+    boxes = toy_boxes.detections(centres, sizes=CAR, yaws=0.1, stamp_s=PERIOD_S * frame)
     return boxes, numbers
 
 
@@ -269,17 +256,8 @@ def test_a_collision_shows_what_was_true_and_what_was_believed() -> None:
 
 
 def tracks_at(stamp_s: float, centres: Sequence[Sequence[float]]) -> Tracks:
-    count = len(centres)
-    boxes = Detections(
-        np.array(centres),
-        np.tile(CAR, (count, 1)),
-        np.zeros(count),
-        np.zeros(count, np.int8),
-        np.ones(count),
-        "world",
-        float(stamp_s),
-    )
-    return Tracks.of(boxes, np.arange(count))
+    ids = np.arange(len(centres))
+    return toy_boxes.tracks(centres, ids, sizes=CAR, stamp_s=float(stamp_s))
 
 
 def test_what_is_not_kept_has_no_moments(tracked) -> None:

@@ -2,6 +2,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from toy_boxes import detections, tracks, truth
 
 from roadscope.core import (
     ASPHALT_COLOUR,
@@ -14,7 +15,6 @@ from roadscope.core import (
     WEATHER,
     Calibration,
     Category,
-    Detections,
     Frame,
     LidarScan,
     Pose,
@@ -41,22 +41,8 @@ DETECTION = DETECTION_COLOURS["vehicle"]
 
 def _truth(timeline, offsets=((15.0, 0.0),), returns=0) -> Truth:
     pose = timeline.world_from_ego(5.0)
-    count = len(offsets)
     centres = pose.apply(np.array([(x, y, 0.75) for x, y in offsets]).reshape(-1, 3))
-    return Truth(
-        ids=np.arange(count),
-        categories=np.zeros(count, np.int8),
-        centres=centres,
-        sizes=np.tile([4.5, 1.8, 1.5], (count, 1)),
-        yaws=np.zeros(count),
-        velocities=np.zeros((count, 2)),
-        lidar_returns=np.ones(count, int),
-        visible_pixels=np.zeros(count, int),
-        occluded_fraction=np.zeros(count),
-        world_from_ego=pose,
-        stamp_s=5.0,
-        sources=np.full(returns, -1),
-    )
+    return truth(centres, returns=1, world_from_ego=pose, stamp_s=5.0, sources=np.full(returns, -1))
 
 
 def _frame(points=None) -> Frame:
@@ -206,15 +192,7 @@ def test_a_long_title_leaves_the_clock_alone():
 
 def test_detections_are_drawn_at_their_place():
     pose = platoon().world_from_ego(5.0)
-    ego = Detections(
-        np.array([[12.0, -5.0, 0.8]]),
-        np.array([[4.0, 2.0, 1.5]]),
-        np.zeros(1),
-        np.zeros(1, np.int8),
-        np.ones(1),
-        "ego",
-        5.0,
-    )
+    ego = detections([[12.0, -5.0, 0.8]], sizes=[4.0, 2.0, 1.5], frame="ego", stamp_s=5.0)
     image = _draw(detections=ego.moved(pose, "world"))
     rows, columns = np.nonzero((image != _draw()).any(axis=2))
     assert rows.mean() == pytest.approx(HOME[0] - 12 / SCALE, abs=2)
@@ -223,25 +201,13 @@ def test_detections_are_drawn_at_their_place():
 
 
 def _tracks(numbers, offsets, state=TrackState.CONFIRMED) -> Tracks:
-    pose, count = platoon().world_from_ego(5.0), len(numbers)
-    return Tracks(
-        np.array(numbers),
-        pose.apply(np.array([(x, y, 0.8) for x, y in offsets])),
-        np.tile([4.0, 2.0, 1.5], (count, 1)),
-        np.zeros(count),
-        np.zeros((count, 2)),
-        np.tile(np.eye(4), (count, 1, 1)),
-        np.zeros(count, np.int8),
-        np.ones(count),
-        np.full(count, state, np.int8),
-        "world",
-        5.0,
-    )
+    centres = platoon().world_from_ego(5.0).apply(np.array([(x, y, 0.8) for x, y in offsets]))
+    return tracks(centres, numbers, state=state, sizes=[4.0, 2.0, 1.5], stamp_s=5.0)
 
 
 @pytest.mark.parametrize("number", range(len(TRACK_COLOURS)))
-@pytest.mark.parametrize("offset", [(12.0, 8.0), (-10.0, -6.0), (25.0, 0.0)])
-def test_the_colour_of_a_track_appears_where_the_track_is(number, offset):
+def test_the_colour_of_a_track_appears_where_the_track_is(number):
+    offset = ((12.0, 8.0), (-10.0, -6.0), (25.0, 0.0))[number % 3]
     image = _draw(truth=_truth(platoon(), ()), tracks=_tracks([number], [offset]))
     rows, columns = _close(image, track_colour(number), 3).T
     middle = np.array([HOME[0] - offset[0] / SCALE, HOME[1] - offset[1] / SCALE])

@@ -1,5 +1,6 @@
 import numpy as np
 import pytest
+from toy_boxes import tracks
 
 from roadscope.core import LABEL_COLOUR, Pose, Tracks, TrackState, track_colour
 from roadscope.envs.drawing import (
@@ -34,22 +35,9 @@ def _labels(value: int = 0) -> LabelPlacer:
     return LabelPlacer(Canvas(SIZE, SIZE, (value, value, value)))
 
 
-def _tracks(centres, states=None) -> Tracks:
-    count = len(centres)
-    states = [TrackState.CONFIRMED] * count if states is None else states
-    return Tracks(
-        np.arange(count),
-        np.array([(x, y, 0.8) for x, y in centres]),
-        np.tile([4.0, 2.0, 1.5], (count, 1)),
-        np.zeros(count),
-        np.zeros((count, 2)),
-        np.tile(np.eye(4), (count, 1, 1)),
-        np.zeros(count, np.int8),
-        np.ones(count),
-        np.array(states, np.int8),
-        "world",
-        5.0,
-    )
+def _tracks(centres, states=TrackState.CONFIRMED) -> Tracks:
+    ids = np.arange(len(centres))
+    return tracks(centres, ids, state=states, sizes=[4.0, 2.0, 1.5], stamp_s=5.0)
 
 
 def _written(tracks: Tracks) -> list[int]:

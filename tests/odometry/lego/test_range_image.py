@@ -6,7 +6,7 @@ from itertools import pairwise
 import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from toy_drive import Drive, kept
+from toy_drive import Drive, emptied
 
 from roadscope.odometry.lego import (
     GROUND,
@@ -117,7 +117,7 @@ def test_a_street_has_ground_and_houses_and_small_things_are_dropped():
         < len(ground_and_objects(scan, least=1))
     )
     assert np.allclose(found.points, scan.points[found.rows])
-    assert len(ground_and_objects(kept(scan, np.zeros(len(scan), bool)))) == 0
+    assert len(ground_and_objects(emptied(scan))) == 0
 
 
 def test_edges_are_of_objects_and_matched_planes_of_the_ground():

@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 from scipy.optimize import least_squares
-from toy_drive import Drive, kept
+from toy_drive import Drive
+from toy_lidar import take
 
 from roadscope.odometry import deskewed, exp_se3, log_se3
 from roadscope.odometry.loam import (
@@ -24,7 +25,7 @@ from roadscope.odometry.loam import (
 
 def features(drive, k, rows=slice(None)):
     """Of a scan whose sweep's own motion is taken out; label 0 is the ground."""
-    scan = kept(drive.scan(k), rows)
+    scan = take(drive.scan(k), rows)
     points = deskewed(scan.points, scan.time_offset_s, drive.twist)
     labels = (points[:, 2] > -1.6).astype(int)
     return extract(points, scan.ring, scan.column, labels, edge_rows=labels == 1)

@@ -4,7 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from toy_drive import Drive, kept
+from toy_drive import Drive, emptied
+from toy_lidar import take
 
 from roadscope.odometry.voxels import ENOUGH, ThinnedScan
 
@@ -36,12 +37,12 @@ def test_in_a_room_more_of_the_selected_returns_are_matched(scan):
 
 
 def test_a_sensor_with_few_beams_is_not_in_a_room(scan):
-    sweep = ThinnedScan.of(kept(scan, np.arange(len(scan)) % 16 == 0), 0.3, 0.8)
+    sweep = ThinnedScan.of(take(scan, np.arange(len(scan)) % 16 == 0), 0.3, 0.8)
     assert len(sweep.few) < ENOUGH
     assert not sweep.close
 
 
 def test_few_returns_stay_few(scan):
-    poor = kept(scan, np.arange(len(scan)) % 400 == 0)
+    poor = take(scan, np.arange(len(scan)) % 400 == 0)
     assert len(ThinnedScan.of(poor, 0.3, 0.8).few) <= len(poor)
-    assert not len(ThinnedScan.of(kept(scan, np.zeros(len(scan), bool)), 0.3, 0.8).few)
+    assert not len(ThinnedScan.of(emptied(scan), 0.3, 0.8).few)

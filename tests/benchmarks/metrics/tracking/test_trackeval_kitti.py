@@ -12,7 +12,7 @@ from test_trackeval_parity import check
 
 from roadscope.benchmarks.metrics import centre_distances, image_overlaps
 from roadscope.benchmarks.metrics.tracking import SIMILARITIES
-from roadscope.core import Detections, Tracks, TrackState
+from roadscope.core import Detections, Tracks
 from roadscope.formats import KittiFolder, KittiSequence, read_kitti_sequence
 from roadscope.metrics import TrackedSequence, clear, tracked_sequence
 
@@ -35,23 +35,6 @@ def linked(detections: list[Detections]) -> Iterator[np.ndarray]:
         own[new] = fresh + np.arange(new.sum())
         fresh, ids, before = fresh + int(new.sum()), own, found.centres
         yield own
-
-
-def as_tracks(found: Detections, ids: np.ndarray) -> Tracks:
-    n = len(found)
-    return Tracks(
-        ids,
-        found.centres,
-        found.sizes,
-        found.yaws,
-        np.zeros((n, 2)),
-        np.tile(np.eye(4), (n, 1, 1)),
-        found.categories,
-        found.scores,
-        np.full(n, TrackState.CONFIRMED),
-        "world",
-        found.stamp_s,
-    )
 
 
 def in_the_image(real: KittiSequence, ids: list[np.ndarray]) -> TrackedSequence:
@@ -87,7 +70,7 @@ def test_real_sequences(similarity, count) -> None:
         if similarity == "image":
             s = in_the_image(real, ids)
         else:
-            s = tracked_sequence(list(map(as_tracks, found, ids)), real.truths, similarity)
+            s = tracked_sequence(list(map(Tracks.of, found, ids)), real.truths, similarity)
         check(s)
         check(s, 0.25)
         good += clear(s, 0.25).recall > 0.5
