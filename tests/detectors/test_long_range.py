@@ -1,12 +1,14 @@
 """Detectors of moving vehicles: when they answer, what for, and how near."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from toy_lidar import CALIBRATION, scan
+from toy_lidar import CALIBRATION, scan, scan_of
 
-from roadscope.core import Category, Frame, LidarScan, Pose
+from roadscope.core import Category, Frame, Pose
 from roadscope.detectors import DETECTORS
 
 CAUSAL = ("zhang2017", "zhang2017-multi-causal", "zhang2017-ransac", "long-range")
@@ -30,10 +32,7 @@ def frames(count=10, ego_m_s=0.0):
         moving = (*(place(k) - shift), *CAR, YAW)
         boxes = [moving, *((b[0] - shift[0], *b[1:]) for b in SCENE)]
         seen = scan(boxes, noise_m=0.02, seed=k, elevations=BEAMS_DEG)
-        seen = LidarScan(
-            seen.points, seen.intensity, seen.ring, seen.column, seen.time_offset_s, 1 + 0.1 * k,
-            "lux",
-        )  # fmt: skip
+        seen = replace(seen, stamp_s=1 + 0.1 * k)
         motion = Pose.planar(ego_m_s * STEP_S, 0, 0) if k else None
         drive.append(Frame(seen.stamp_s, CALIBRATION, seen, previous_from_ego=motion))
     return drive
@@ -99,9 +98,7 @@ def test_any_clouds_in_a_row_give_proper_boxes(name, seed, count, grid) -> None:
     for k in range(5):
         points = rng.uniform(-20, 20, (count, 3)) * [1, 1, 0.05]
         points = np.round(points) if grid else points
-        seen = LidarScan(
-            points, np.ones(count), rng.integers(0, 4, count), rng.integers(0, 400, count),
-            np.zeros(count), 1.0 + k / 10, "lux",
-        )  # fmt: skip
+        ring, column = rng.integers(0, 4, count), rng.integers(0, 400, count)
+        seen = scan_of(points, ring, column, stamp_s=1.0 + k / 10)
         found = detector.detect(Frame(seen.stamp_s, CALIBRATION, seen))
         assert (np.abs(found.centres[:, :2]) < 60).all()

@@ -8,22 +8,9 @@ from toy_lidar import frame
 
 from roadscope.core import Calibration, Category, Frame, LidarScan, Pose
 from roadscope.detectors import DETECTORS, STAGES, ClusterDetector, exclusive_rows, options_of
-from roadscope.detectors.clustering import CLUSTERINGS
-from roadscope.detectors.ground import GROUNDS
-from roadscope.detectors.shape import SHAPES, Vehicle
+from roadscope.detectors.shape import Vehicle
 
 CARS = [(25, 0, 4.6, 1.85, 1.5, 0), (35, 4, 4.6, 1.85, 1.5, 0), (22, -6, 4.6, 1.85, 1.5, 1.57)]
-
-
-@pytest.mark.parametrize("shape", SHAPES)
-@pytest.mark.parametrize("clustering", CLUSTERINGS)
-@pytest.mark.parametrize("ground", GROUNDS)
-def test_every_combination_has_a_name_and_finds_the_car_ahead(ground, clustering, shape):
-    spec = f"cluster?ground={ground}&clustering={clustering}&shape={shape}"
-    # One cluster for all shows one vehicle at most.
-    cars = CARS[:1] if clustering == "one" else CARS[:1] + CARS[2:]
-    found = DETECTORS.make(spec).detect(frame(cars, noise_m=0.02, ground=False))
-    assert np.hypot(*(found.centres[:, :2] - [25, 0]).T).min() < 0.3
 
 
 def test_boxes_of_three_cars():
@@ -45,11 +32,6 @@ def test_residual_refuses_what_is_not_straight():
     assert len(everything) == 3
 
 
-def test_distance_counts():
-    cars = frame([(25, 0, 4.6, 1.85, 1.5, 0), (25, 2.6, 4.6, 1.85, 1.5, 0)])
-    assert len(ClusterDetector(clustering="distance", distance_m=0.5).detect(cars)) == 2
-
-
 def test_split_counts():
     """A corner that is not split is no straight line."""
     cars = frame([(16, 4, 4.6, 1.85, 1.5, 0)])
@@ -63,14 +45,6 @@ def test_lone_car_in_an_empty_place():
     for name in ("distance", "breakpoint"):
         found = DETECTORS.make(name).detect(frame(CARS[:1], ground=False))
         assert found.centres[0, :2] == pytest.approx((25, 0), abs=0.1)
-
-
-def test_boxes_come_in_the_ego_frame_of_a_turned_sensor():
-    seen = frame(CARS[:1], ground=False)
-    turned = Pose.planar(5.0, 0.0, np.pi / 2, 0.55)
-    other = Frame(1.0, Calibration((("lux", turned),)), seen.lidar)
-    (x, y) = DETECTORS.make("distance").detect(other).centres[0, :2]
-    assert (x, y) == pytest.approx((5.0, 20.0), abs=0.2)
 
 
 @pytest.mark.parametrize(

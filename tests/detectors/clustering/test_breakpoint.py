@@ -81,9 +81,3 @@ def test_seam_behind_the_sensor_is_no_break():
     azimuths = np.radians(np.arange(-180, 180, 0.5))
     found = cloud([(-15, 0, 2, 4, 1.5, 0)], ground=False, azimuths=azimuths)
     assert (cluster_breakpoint(found) == 0).all()
-
-
-@pytest.mark.parametrize("count", [0, 1])
-def test_nothing_to_link(count):
-    found = cloud([(25, 0, 4.6, 1.85, 1.5, 0)], ground=False).select(np.arange(count))
-    assert cluster_breakpoint(found).tolist() == [0] * count

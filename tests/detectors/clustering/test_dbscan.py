@@ -40,18 +40,6 @@ def test_labels_are_scikit_learns_in_disorder(seed, count, radius, min_points):
     assert np.array_equal(density_labels(points, radius, min_points), expected)
 
 
-def test_border_point_joins_the_cluster_that_is_found_first():
-    """Two rows of core points and one point between them that is near both."""
-    right = np.array([0.9, 1.2, 1.5, 1.8])
-    for order in (1, -1):
-        x = np.concatenate([[0.0], *(-right, right)[::order]])
-        points = np.column_stack([x, np.zeros(9)])
-        labels = density_labels(points, 0.95, 4)
-        assert np.array_equal(labels, by_scikit_learn(points, 0.95, 4))
-        assert labels[0] == 0
-        assert labels.max() == 1
-
-
 @pytest.mark.parametrize("span", [1e-6, 1.0, 1e5])
 def test_any_scale(span):
     points = span * np.random.default_rng(3).uniform(-1, 1, (300, 2))
@@ -64,15 +52,6 @@ def test_far_outlier_does_not_slow_down_or_change():
     points = np.concatenate([np.random.default_rng(0).uniform(0, 2, (50, 2)), [[1e7, -1e7]]])
     assert density_labels(points, 1.0, 3)[-1] == OUTLIER
     assert (density_labels(points, 1.0, 3)[:-1] == 0).all()
-
-
-@given(st.integers(0, 2**32 - 1))
-def test_grouping_of_core_points_does_not_depend_on_order(seed):
-    rng = np.random.default_rng(seed)
-    points = rng.uniform(0, 9, (80, 2))
-    order = rng.permutation(80)
-    before, after = density_labels(points, 0.8, 1)[order], density_labels(points[order], 0.8, 1)
-    assert np.array_equal(before[:, None] == before, after[:, None] == after)
 
 
 def test_two_cars_and_a_lone_return():

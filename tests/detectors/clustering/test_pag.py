@@ -67,20 +67,6 @@ def test_cells_join_as_in_the_paper(values):
     assert np.array_equal(label_cells(counts, counts > 0), labels_by_flooding(counts))
 
 
-def test_sparse_cells_do_not_draw_in_further_ones():
-    counts = np.zeros((5, 5))
-    counts[0, :4] = [9, 1, 1, 1]
-    assert label_cells(counts, counts > 0)[0].tolist() == [0, 0, OUTLIER, OUTLIER, OUTLIER]
-
-
-@given(st.randoms(use_true_random=False), st.integers(1, 60))
-def test_order_of_points_changes_no_grouping(random, count):
-    points = np.array([[random.uniform(0, 9), random.uniform(0, 9)] for _ in range(count)])
-    order = np.array(random.sample(range(count), count))
-    weights = np.ones(count)
-    assert np.array_equal(pag_labels(points, weights)[order], pag_labels(points[order], weights))
-
-
 def test_dense_group_stays_and_scattered_points_go():
     rng = np.random.default_rng(0)
     body = rng.uniform(0, 1, (80, 2)) + 50

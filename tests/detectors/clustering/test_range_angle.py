@@ -110,16 +110,6 @@ def test_a_wall_is_one_cluster_wherever_it_goes():
     assert set(cluster_range_angle(found)) == {0}
 
 
-@given(st.integers(0, 2**32 - 1), st.floats(-3, 3))
-def test_turning_the_scene_changes_nothing(seed, angle):
-    found = random_cloud(seed)
-    turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
-    places = np.column_stack([found.points[:, :2] @ turn.T + [4, -3], found.points[:, 2]])
-    moved = Cloud(places, found.ring, found.column, found.rows, np.array([4.0, -3.0]))
-    before, after = (cluster_range_angle(c, min_points=3) for c in (found, moved))
-    assert np.array_equal(before, after)
-
-
 def test_spacing_is_the_wider_of_beams_and_columns():
     car = [(15, 0, 4.6, 1.85, 1.5, 0)]
     found = cloud(car, ground=False)
@@ -150,10 +140,3 @@ def test_printed_distance_links_no_two_beams():
 def test_bad_options_are_named(name):
     with pytest.raises(ValueError, match=f"{name} must be positive, got -1"):
         cluster_range_angle(cloud([]), **{name: -1})
-
-
-def test_nothing_one_point_and_copies():
-    found = random_cloud(0)
-    assert cluster_range_angle(found.select(np.arange(0))).shape == (0,)
-    assert cluster_range_angle(found.select(np.arange(1)), min_points=1).tolist() == [0]
-    assert cluster_range_angle(found.select(np.zeros(40, int))).tolist() == [0] * 40

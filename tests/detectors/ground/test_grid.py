@@ -50,7 +50,3 @@ def test_crowns_are_dropped():
     )
     assert grid_above_ground(found).tolist() == [True, False]
     assert keep_all(found).all()
-
-
-def test_empty():
-    assert grid_above_ground(cloud([], ground=False)).shape == (0,)

@@ -4,9 +4,8 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from toy_lidar import CALIBRATION, scan
+from toy_lidar import CALIBRATION, scan, take
 
-from roadscope.core import LidarScan
 from roadscope.detectors import Cloud
 from roadscope.detectors.ground import GROUNDS
 
@@ -16,25 +15,19 @@ CARS = [(22, 1, 4.6, 1.85, 1.5, 0.1), (12, -6, 4.6, 1.85, 1.5, 1.57)]
 every = pytest.mark.parametrize("ground", GROUNDS.values(), ids=list(GROUNDS))
 
 
-def select(seen, rows):
-    """Take some returns of a scan, in this order."""
-    arrays = (seen.points, seen.intensity, seen.ring, seen.column, seen.time_offset_s)
-    return LidarScan(*(array[rows] for array in arrays), seen.stamp_s, seen.sensor)
-
-
 @every
 @given(seed=st.integers(0, 2**32 - 1))
 def test_order_of_the_returns_changes_nothing(ground, seed):
     seen = scan(CARS, noise_m=0.03)
     order = np.random.default_rng(seed).permutation(len(seen))
-    shuffled = Cloud.of(select(seen, order), POSE)
+    shuffled = Cloud.of(take(seen, order), POSE)
     assert np.array_equal(ground(shuffled), ground(Cloud.of(seen, POSE)))
 
 
 @every
 def test_copies_change_nothing(ground):
     seen = scan(CARS, noise_m=0.03)
-    doubled = Cloud.of(select(seen, np.repeat(np.arange(len(seen)), 2)), POSE)
+    doubled = Cloud.of(take(seen, np.repeat(np.arange(len(seen)), 2)), POSE)
     assert np.array_equal(ground(doubled)[::2], ground(Cloud.of(seen, POSE)))
     assert np.array_equal(ground(doubled)[::2], ground(doubled)[1::2])
 
@@ -42,7 +35,7 @@ def test_copies_change_nothing(ground):
 @every
 @pytest.mark.parametrize("count", [0, 1, 2])
 def test_few_returns(ground, count):
-    mask = ground(Cloud.of(select(scan(CARS), np.arange(count)), POSE))
+    mask = ground(Cloud.of(take(scan(CARS), np.arange(count)), POSE))
     assert mask.dtype == np.bool_
     assert mask.shape == (count,)
 

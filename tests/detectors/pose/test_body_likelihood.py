@@ -188,9 +188,15 @@ def test_rays_misfit_by_as_much_as_an_obvious_way_says(model, slack_m):
 def level_ray(y, reach, kind=HIT):
     """Return one level ray along x at a height of 1 m from 20 m behind the origin."""
     return BodyRays(
-        np.array([[-20.0, y, 1.0]]), np.array([[1.0, 0.0]]), np.zeros(1), np.array([reach]),
-        np.array([kind]), np.array([0.02]), np.zeros(1), np.zeros(1),
-    )  # fmt: skip
+        np.array([[-20.0, y, 1.0]]),
+        np.array([[1.0, 0.0]]),
+        np.zeros(1),
+        np.array([reach]),
+        np.array([kind]),
+        np.array([0.02]),
+        np.zeros(1),
+        np.zeros(1),
+    )
 
 
 def misfit(ray, slack_m=0.0):

@@ -86,34 +86,6 @@ def test_finds_a_brick_from_any_side(bearing, heading):
     assert (found.length, found.width) == tuple(SIZE.values())
 
 
-poses = st.tuples(st.floats(12, 60), st.floats(-20, 20), st.floats(-3, 3), st.integers(0, 1000))
-motions = st.tuples(st.floats(-50, 50), st.floats(-50, 50), st.floats(-3, 3))
-
-
-@settings(max_examples=30, deadline=None)
-@given(poses, motions)
-def test_rigid_motion_moves_the_answer_with_it(pose, motion):
-    points = visible_faces(pose[:3], seed=pose[3])
-    dx, dy, angle = motion
-    turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
-    here = fit_single(points, ORIGIN, **SIZE)
-    there = fit_single(points @ turn.T + (dx, dy), np.array([dx, dy]), **SIZE)
-    assert np.hypot(*(turn @ here.centre + (dx, dy) - there.centre)) < 0.02
-    assert abs(axis_difference(there.yaw, here.yaw + angle)) < 0.002
-
-
-@settings(max_examples=20, deadline=None)
-@given(poses, st.integers(0, 1000))
-def test_order_and_duplicates_change_nothing(pose, seed):
-    points = visible_faces(pose[:3], seed=pose[3])
-    shuffled = np.random.default_rng(seed).permutation(np.repeat(points, 3, axis=0))
-    # Few enough points that none are joined.
-    once, again = (fit_single(p[:90], ORIGIN, **SIZE) for p in (points, points[::-1]))
-    thrice = fit_single(shuffled, ORIGIN, **SIZE)
-    assert np.allclose([once.x, once.y], [again.x, again.y], atol=1e-6)
-    assert np.allclose([once.x, once.y], [thrice.x, thrice.y], atol=0.02)
-
-
 @settings(max_examples=40, deadline=None)
 @given(
     st.lists(st.tuples(st.integers(-9, 9), st.integers(-9, 9)), min_size=1, max_size=12),
@@ -164,12 +136,6 @@ def test_a_quarter_turn_searched_loses_half_of_the_headings():
 def test_settings_are_refused_by_name(options, message):
     with pytest.raises(ValueError, match=message):
         fit_single(np.array([[10.0, 0.0]]), ORIGIN, **{**SIZE, **options})
-
-
-@pytest.mark.parametrize("points", [np.empty((0, 2)), np.array([[np.nan, 0.0]]), np.zeros((2, 3))])
-def test_points_are_refused(points):
-    with pytest.raises(ValueError, match="point"):
-        fit_single(points, ORIGIN, **SIZE)
 
 
 def test_a_plateau_counts_at_its_middle_and_a_peak_between_bins():

@@ -21,9 +21,13 @@ def test_the_compiled_fit_is_the_obvious_one(count, long_side):
         cos, sin = np.cos(turn), np.sin(turn)
         points = points @ np.array([[cos, sin], [-sin, cos]]) + rng.uniform(-40, 40, 2)
         found = fit_ransac(
-            points, np.zeros(2), np.random.default_rng(0),
-            length_m=LENGTH_M, width_m=WIDTH_M, long_side=long_side,
-        )  # fmt: skip
+            points,
+            np.zeros(2),
+            np.random.default_rng(0),
+            length_m=LENGTH_M,
+            width_m=WIDTH_M,
+            long_side=long_side,
+        )
         x, y, yaw, share = obvious(points, np.zeros(2), np.random.default_rng(0), long_side)
         assert (found.x, found.y, found.score) == pytest.approx((x, y, share), abs=1e-9)
         assert abs((found.yaw - yaw + np.pi) % (2 * np.pi) - np.pi) < 1e-9

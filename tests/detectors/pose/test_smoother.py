@@ -56,19 +56,6 @@ def test_the_newest_frame_can_be_asked_for(curve):
     assert rms(newest[4:, :2]) < 0.02
 
 
-def test_reset_forgets_and_the_same_scans_give_the_same(curve):
-    smoother = Smoother(curve.spec, ford_fusion(), frames=3, lag=0)
-
-    def once():
-        smoother.reset()
-        return [
-            smoother.update(s.scan, s.target, s.world_from_lidar, rolling=False)
-            for s in curve.sweeps[:4]
-        ]
-
-    assert once() == once()
-
-
 def test_a_scan_with_one_return_feeds_the_window(curve):
     smoother = Smoother(curve.spec, ford_fusion(), frames=5)
     for k, shot in enumerate(curve.sweeps[:7]):
@@ -137,10 +124,14 @@ def test_sharp_noise_turns_no_vehicle_across_its_way(seed):
 
 
 AT_THE_SEAM = [
-    (-13.0, 4.4, -2.0, 78.0), (-10.65, 1.4, -1.68, 42.0), (-22.0, 0.05, 0.04, 31.0),
-    (-16.0, 1.6, 1.67, 37.0), (-12.0, -1.0, 0.6, 5.0), (-22.6, -0.02, 0.2, 0.08),
+    (-13.0, 4.4, -2.0, 78.0),
+    (-10.65, 1.4, -1.68, 42.0),
+    (-22.0, 0.05, 0.04, 31.0),
+    (-16.0, 1.6, 1.67, 37.0),
+    (-12.0, -1.0, 0.6, 5.0),
+    (-22.6, -0.02, 0.2, 0.08),
     (-58.0, -0.06, 0.2, 0.08),
-]  # fmt: skip
+]
 """x, y, yaw, speed in the middle frame."""
 
 

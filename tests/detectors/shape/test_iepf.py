@@ -54,14 +54,6 @@ def test_segments_cover_the_outline_and_share_their_ends(points):
     assert np.array_equal(joined, points)
 
 
-@given(outlines, st.floats(-3, 3))
-def test_rigid_motion_changes_no_split_of_clear_shapes(points, angle):
-    points = np.round(points)
-    turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
-    straight = fit_iepf(points, split_m=1e3)
-    assert len(straight) == len(fit_iepf(points @ turn.T + 7, split_m=1e3)) == 1
-
-
 def test_a_point_at_the_threshold_stays_on_the_line():
     points = np.array([[0.0, 0.0], [1.0, 0.5], [2.0, 0.0]])
     assert len(fit_iepf(points, split_m=0.5)) == 1
