@@ -19,6 +19,7 @@ from roadscope.benchmarks.metrics import (
     part_name,
     relative_errors,
     rests,
+    score_moving,
     score_odometry,
     score_standing,
     truth_from_estimate,
@@ -185,8 +186,6 @@ def test_what_a_resting_sensor_truly_moves_is_no_false_motion():
     truth = straight(40, 0.005)
     stood = score_standing(Trajectories(truth, truth), 0.1 * np.arange(40)).named()
     assert stood["false_motion"].value == pytest.approx(0, abs=1e-12)
-    drove = straight(40, 1.0)
-    assert score_standing(Trajectories(drove, drove), 0.1 * np.arange(40)).false_motion.n == 0
 
 
 @settings(max_examples=15, deadline=None)
@@ -201,7 +200,42 @@ def test_curves_are_read_where_the_way_passes_a_mark(seed):
         assert told.n == min(len(beyond), 1)
         if len(beyond):
             assert told.value == errors.positions_m[beyond[0]]
-        t_rel = curves[part_name("t_rel", DISTANCE, str(mark_m))]
         known = drift(both, (float(mark_m),), every=1)
-        assert t_rel.n == len(known)
-        assert t_rel.value == pytest.approx(known.t_rel, nan_ok=True)
+        for metric in ("t_rel", "r_rel"):
+            curve = curves[part_name(metric, DISTANCE, str(mark_m))]
+            assert curve.n == len(known)
+            assert curve.value == pytest.approx(getattr(known, metric), nan_ok=True)
+
+
+def ahead(estimate_m, truth_m):
+    """Poses after steps straight ahead."""
+    poses = np.tile(np.eye(4), (2, len(truth_m) + 1, 1, 1))
+    poses[:, 1:, 0, 3] = np.cumsum([estimate_m, truth_m], axis=1)
+    return Trajectories(*poses), 0.1 * np.arange(len(truth_m) + 1)
+
+
+def test_false_motion_is_the_farthest_and_the_last_of_a_rest():
+    there_and_back = [0.1] * 10 + [-0.08] * 10
+    score = score_standing(
+        *ahead([2.0] * 5 + there_and_back + [1.0] * 3, [1.0] * 5 + [0.0] * 20 + [1.0] * 3)
+    )
+    assert score.false_motion.value == pytest.approx(1.0)
+    assert score.false_motion_end.value == pytest.approx(0.2)
+    assert score.false_motion.n == 21
+
+
+def test_who_never_stands_has_no_false_motion():
+    score = score_standing(*ahead([1.0] * 30, [1.0] * 30))
+    assert score.false_motion.n == 0
+    assert score.false_motion.weight == 0
+    assert score.false_motion_end.n == 0
+
+
+def test_dynamic_returns_are_counted_over_scans():
+    told = [np.array([1, 1, 0, 0], bool), np.array([1, 0, 0], bool)]
+    true = [np.array([1, 0, 1, 1], bool), np.array([0, 0, 1], bool)]
+    scores = score_moving(told, true)
+    assert scores.dynamic_precision.value == pytest.approx(1 / 3)
+    assert scores.dynamic_recall.value == pytest.approx(1 / 4)
+    none = score_moving([np.zeros(3, bool)], [np.zeros(3, bool)])
+    assert none.dynamic_precision.n == none.dynamic_recall.n == 0

@@ -96,14 +96,6 @@ def test_identity_lasts_over_a_time_in_which_the_object_cannot_be_seen() -> None
     assert lost.id_switches.value == 1
 
 
-def test_errors_of_position_and_velocity() -> None:
-    there = truth([A], velocities=np.array([[10.0, 0.0]]))
-    guess = tracks([[10.0, 0.6]], [7], velocities=np.array([[13.0, 4.0]]))
-    s = score([guess], [there])
-    assert s.position_rmse_m.value == pytest.approx(0.6)
-    assert s.velocity_rmse_m_s.value == pytest.approx(5.0)
-
-
 def test_perfect_tracks_in_all_other_scores() -> None:
     s = score(*episode([({1: A, 2: B}, {7: A, 8: B})] * 50)).named()
     best = (
@@ -155,10 +147,12 @@ def test_sets_of_tracks_and_objects() -> None:
     assert s.gospa_m.value == (0.5 + 1.0) / 2
 
 
-def test_headings_and_consistency() -> None:
+def test_errors_of_states_and_consistency() -> None:
     """Unit covariances and an error of 3 m/s and 4 m/s."""
     there = truth([A], velocities=np.array([[10.0, 0.0]]), yaws=np.array([3.0]))
     s = score([tracks([[10.0, 0.6]], [7], velocities=np.array([[13.0, 4.0]]))], [there])
+    assert s.position_rmse_m.value == pytest.approx(0.6)
+    assert s.velocity_rmse_m_s.value == pytest.approx(5.0)
     assert s.heading_rmse_deg.value == pytest.approx(math.degrees(3.0))
     assert s.heading_reversed.value == 1.0
     assert s.nees_position.value == pytest.approx(0.36 / 2)
