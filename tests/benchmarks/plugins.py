@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from roadscope.core import Detections, Tracks, TrackState
+from roadscope.core import Detections, Tracks
 
 
 class Logged:
@@ -34,15 +34,6 @@ class Raises:
         raise KeyError("what\nis this")
 
 
-class RaisesWhenMade:
-    def __init__(self):
-        raise OSError("no weights")
-
-    def reset(self): ...
-
-    def detect(self, frame): ...
-
-
 class ReturnsNonsense:
     def reset(self): ...
 
@@ -65,15 +56,6 @@ class Scribbles:
     def detect(self, frame):
         frame.lidar.points[:] = 0
         return Detections.empty(frame.stamp_s)
-
-
-class Exits:
-    """Ends the program, as scripts do."""
-
-    def reset(self):
-        raise SystemExit(3)
-
-    def detect(self, frame): ...
 
 
 class Prints:
@@ -135,11 +117,6 @@ class EgoFrame:
         self.next = 0
 
     def update(self, detections, ego_pose):
-        n = len(detections)
-        ids = self.next + np.arange(n)
-        self.next += n
-        return Tracks(
-            ids, detections.centres, detections.sizes, detections.yaws, np.zeros((n, 2)),
-            np.tile(np.eye(4), (n, 1, 1)), detections.categories, detections.scores,
-            np.full(n, TrackState.CONFIRMED), "ego", detections.stamp_s,
-        )  # fmt: skip
+        ids = self.next + np.arange(len(detections))
+        self.next += len(detections)
+        return Tracks.of(detections, ids)

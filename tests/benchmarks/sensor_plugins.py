@@ -1,7 +1,5 @@
 """An odometry, camera detectors and fusions as users bring them, some of them bad."""
 
-import time
-
 import numpy as np
 
 from roadscope import Detections, ImageDetections, OdometryEstimate, OdometryStatus, Pose
@@ -30,16 +28,6 @@ class Steady:
         )
 
 
-class RaisingOdometry(Steady):
-    def update(self, scan, imu=None):
-        raise KeyError("what is this")
-
-
-class HangingOdometry(Steady):
-    def update(self, scan, imu=None):
-        time.sleep(600)
-
-
 class OneBox:
     """A camera detector with one box in every image; nothing says its kind."""
 
@@ -55,13 +43,6 @@ class RaisingCamera(OneBox):
 
     def detect(self, frame):
         raise KeyError("what is this")
-
-
-class HangingCamera(OneBox):
-    kind = "camera detector"
-
-    def detect(self, frame):
-        time.sleep(600)
 
 
 class SpatialBox:

@@ -8,10 +8,8 @@ import numpy as np
 import pytest
 from node_answers import poses_of
 from rich.console import Console
-from typer.testing import CliRunner
 
 from roadscope import ODOMETRIES, Episode, Results, Spec, leaderboard, load_suite
-from roadscope.__main__ import app
 from roadscope.benchmarks import (
     SuiteError,
     drive,
@@ -115,21 +113,6 @@ def test_a_second_run_does_nothing_again(suite, out, results) -> None:
     assert again.rows == results.rows
 
 
-@pytest.mark.slow
-def test_an_odometry_that_raises_or_hangs_costs_its_own_row(suite) -> None:
-    small = replace(suite, seeds=suite.seeds[:1], faults=((),), scenarios=suite.scenarios[:1])
-    given = {"boards": ["odometry"], "only": True}
-    raising, hanging = f"{PLUGINS}:RaisingOdometry", f"{PLUGINS}:HangingOdometry"
-    found = leaderboard(small, [GOOD, raising], **given)
-    assert found.row("odometry", GOOD, "t_rel").value > 0
-    (failure,) = found.failures
-    assert failure.entry == raising
-    assert "KeyError" in failure.reason
-    (failure,) = leaderboard(small, [hanging], deadline_s=1.0, **given).failures
-    assert failure.reason.startswith(f"{hanging}: update: ")
-    assert "1 s" in failure.reason
-
-
 def test_the_median_stands_beside_the_mean(results) -> None:
     middle = results.row("odometry", "still", "t_rel_median")
     assert middle.n == results.row("odometry", "still", "t_rel").n
@@ -216,35 +199,3 @@ def test_what_is_no_odometry_is_named_before_anything_runs(suite) -> None:
             plan(suite, [spec], boards=["odometry"])
     with pytest.raises(SuiteError, match=r"odometry\.lengths_m"):
         parse_suite(TINY.replace("[10, 20]", "[0]"), "tiny")
-
-
-@pytest.mark.slow
-def test_the_command_line_shows_the_board(tmp_path, suite, results, monkeypatch) -> None:
-    small = TINY.replace('"scan-to-scan", ', "").replace(', "dropped-scans:2"', "")
-    (tmp_path / "tiny.toml").write_text(small.replace(', "standing-in-traffic"', ""))
-    for by, words in (("distance", "t_rel (%) by distance"), ("scenario", "by scenario")):
-        said = CliRunner().invoke(
-            app,
-            [
-                "leaderboard",
-                "odometry",
-                "--suite",
-                str(tmp_path / "tiny.toml"),
-                "--by",
-                by,
-                "--jobs",
-                "1",
-                "--seeds",
-                "1",
-                "--out",
-                str(tmp_path / "out"),
-                "--entry",
-                GOOD,
-            ],
-            env={"COLUMNS": "80"},
-        )
-        assert said.exit_code == 0, said.output
-        for each in (words, "fail", "t_rel", "still", "Steady", "oracle"):
-            assert each in said.output
-        lines = [line for line in said.stdout.splitlines() if not line.startswith("written")]
-        assert max(map(len, lines)) <= 80

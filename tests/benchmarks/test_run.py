@@ -214,39 +214,6 @@ def test_trackers_share_one_run_of_the_detector(suite, tmp_path) -> None:
     assert log.read_text().count("begun") == EPISODES
 
 
-BAD = {
-    "Raises": ["KeyError", r"what\nis this", "plugins.py:"],
-    "RaisesWhenMade": ["no weights"],
-    "ReturnsNonsense": ["not Detections"],
-    "ReturnsNan": ["finite", "plugins.py:"],
-    "Exits": ["SystemExit: 3", "plugins.py:"],
-    "Late": ["stamped"],
-    "Dies": ["3"],
-}
-
-
-@pytest.mark.slow
-def test_bad_plug_ins_become_rows_with_reasons_and_the_rest_goes_on(
-    suite, results, tmp_path
-) -> None:
-    """With several workers: `tests/torture`."""
-    given = [plugin(name) for name in BAD]
-    found = leaderboard(suite, given, boards=["detection"], out_dir=tmp_path)
-    reasons = {f.entry.partition(":")[2]: f.reason for f in found.failures}
-    assert set(reasons) == set(BAD)
-    for name, words in BAD.items():
-        assert reasons[name].startswith(f"{plugin(name)}: ")
-        assert not [word for word in words if word not in reasons[name]], reasons[name]
-        assert len(reasons[name].splitlines()) == 1
-        failed = found.row("detection", plugin(name), "failed_episodes")
-        assert failed.value == failed.n == EPISODES
-        assert found.standing("detection", plugin(name)).rank is None
-    assert set(found.failed_entries) == set(given)
-    assert found.entries("detection")[0] == "pag"
-    assert found.entries("detection")[-2:] == ["oracle", "one-cluster"]
-    assert untimed(found, "detection", "pag") == untimed(results, "detection", "pag")
-
-
 TIMES = ("call_p50_ms", "call_p99_ms", "wall_p50_ms")
 
 

@@ -1,6 +1,5 @@
 """Boards of camera detectors and of fusions, on a suite of seconds."""
 
-import json
 from dataclasses import replace
 from pathlib import Path
 
@@ -106,38 +105,6 @@ def test_a_strangers_fusion_costs_only_its_own_row(suite, out, capfd) -> None:
     assert all("AttributeError" in failure.reason for failure in found.failures)
     assert {f.condition for f in found.failures} <= {e.condition for e in episodes(small)}
     assert "Warning" not in capfd.readouterr().err
-
-
-@pytest.mark.slow
-def test_a_second_run_does_nothing_again(suite, out, results) -> None:
-    stages = []
-    again = leaderboard(
-        suite,
-        boards=["camera", "fusion"],
-        out_dir=out,
-        progress=lambda stage, done, total: stages.append(stage),
-    )
-    assert stages == []
-    assert again.rows == results.rows
-    written = json.loads((out / "leaderboard.json").read_text())
-    assert {row["board"] for row in written["rows"]} == {"camera", "fusion"}
-    assert "### detected (false alarms per image) by family" in (out / "leaderboard.md").read_text()
-
-
-def test_a_camera_detector_that_raises_or_hangs_costs_its_own_row(suite) -> None:
-    small = replace(suite, seeds=suite.seeds[:1], faults=((),))
-    given = {"boards": ["camera"], "only": True}
-    good, raising, hanging = (
-        f"{SENSORS}:{name}" for name in ("OneBox", "RaisingCamera", "HangingCamera")
-    )
-    found = leaderboard(small, [good, raising], **given)
-    assert found.row("camera", good, "failed_episodes").value == 0
-    (failure,) = found.failures
-    assert failure.entry == raising
-    assert "KeyError" in failure.reason
-    (failure,) = leaderboard(small, [hanging], deadline_s=1.0, **given).failures
-    assert failure.reason.startswith(f"{hanging}: detect: ")
-    assert "1 s" in failure.reason
 
 
 def test_detections_are_kept_as_they_were(suite, tmp_path) -> None:
@@ -261,24 +228,6 @@ def test_a_class_with_detect_says_its_kind_or_the_board_does(suite) -> None:
 def test_suites_of_the_package_have_jobs_on_all_their_boards(name: str) -> None:
     made = plan(load_suite(name), ())
     assert {job.board.name for job in made.jobs} == {board.name for board in made.boards}
-
-
-@pytest.mark.slow
-def test_the_command_line_shows_both_boards(tmp_path, suite, results) -> None:
-    path = tmp_path / "tiny.toml"
-    path.write_text(TINY)
-    for board, words in (
-        ("camera", ("AP50", "false alarms per image) by family", "AP50 by size")),
-        ("fusion", ("dist.", "false alarms per scan) by family", "AP by inputs")),
-    ):
-        by = {"camera": "size", "fusion": "inputs"}[board]
-        arguments = ["leaderboard", board, "--suite", str(path), "--by", by, "--jobs", "1"]
-        said = CliRunner().invoke(app, arguments, env={"COLUMNS": "80"})
-        assert said.exit_code == 0, said.output
-        for each in words:
-            assert each in said.output
-        lines = [line for line in said.stdout.splitlines() if not line.startswith("written")]
-        assert max(map(len, lines)) <= 80
 
 
 def test_detections_on_the_command_line_replace_the_suites(tmp_path) -> None:

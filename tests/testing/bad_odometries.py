@@ -9,8 +9,12 @@ from roadscope import OdometryEstimate, OdometryStatus, Pose
 
 
 def told(scan, x=0.0, **changed):
-    given = {"start_from_lidar": Pose.planar(x, 0.0, 0.0), "covariance": np.zeros((6, 6)),
-             "dynamic": np.zeros(len(scan), bool), "stamp_s": scan.stamp_s}  # fmt: skip
+    given = {
+        "start_from_lidar": Pose.planar(x, 0.0, 0.0),
+        "covariance": np.zeros((6, 6)),
+        "dynamic": np.zeros(len(scan), bool),
+        "stamp_s": scan.stamp_s,
+    }
     if not len(scan):
         given |= {"status": OdometryStatus.DEGRADED, "reason": "no returns"}
     return OdometryEstimate(**(given | changed))
