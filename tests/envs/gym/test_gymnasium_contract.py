@@ -226,6 +226,7 @@ def test_copies_are_independent(twin: Any, settings: dict[str, Any]) -> None:
         ({"scenario": "lu2018-occlusion", "ego": "agent"}, "is only played"),
         ({"scenario": "merge", "rig": "radar"}, "no rig 'radar'"),
         ({"scenario": "merge", "style": "moon"}, "no roadside style 'moon'"),
+        ({"scenario": "street", "rig": "vlp16", "light": "dusk"}, "rig 'vlp16' has no camera"),
         ({"scenario": "merge", "weather": "hail"}, "no weather 'hail'"),
         ({"scenario": "merge", "ego": "idm", "weather": "hail"}, "no weather 'hail'"),
         ({"scenario": "merge", "step_s": 0.1}, "step_s: only with ego='idm'"),

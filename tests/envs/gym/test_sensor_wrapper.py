@@ -14,6 +14,7 @@ import roadscope  # noqa: F401  (registers ours)
 from roadscope.core import WEATHER, Pose, RecordError
 from roadscope.envs import find_rig
 from roadscope.envs.gym import SensorWrapper
+from roadscope.envs.imaging import Light
 from roadscope.envs.sensors import IMUS, BodySway, DeadReckoning, ImuMount, Sensing
 from roadscope.envs.traffic import DRIVER_CONSTANTS, ForeignEnvError, restore_driver_constants
 
@@ -158,24 +159,12 @@ def test_unknown_rigs_styles_and_weathers_are_answered_with_what_is_possible() -
         SensorWrapper(env, weather=3)  # type: ignore[arg-type]
     with pytest.raises(ValueError, match="no light 'noon'; known: day"):
         SensorWrapper(env, light="noon")
+    for light in ("night", Light()):
+        with pytest.raises(RecordError, match="rig 'lux' has no camera"):
+            SensorWrapper(env, "lux", light=light)
+    SensorWrapper(env, "lux", light="day")
     with pytest.raises(ValueError, match="light 'dusk' and fault 'night:2' both say"):
         SensorWrapper(env, light="dusk", faults="night:2")
-
-
-@pytest.mark.parametrize(
-    ("line", "message"),
-    [
-        ("range_noise_m = -0.1", "range_noise_m: expected a finite value from 0 up"),
-        ("dropout = nan", "dropout: expected a finite number"),
-        ("z_m = -1.0", "a sensor above the ground"),
-        ("colour = 3", "unknown key 'colour'"),
-    ],
-)
-def test_impossible_sensors_are_refused(tmp_path: Path, line: str, message: str) -> None:
-    path = tmp_path / "mine.toml"
-    path.write_text(f'lidar = "lux"\n{line}\n')
-    with pytest.raises(RecordError, match=message):
-        SensorWrapper(gym.make("merge-v1"), str(path))
 
 
 def test_a_position_that_is_not_finite_raises_an_error() -> None:

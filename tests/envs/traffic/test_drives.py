@@ -4,6 +4,7 @@ from functools import cache
 
 import numpy as np
 import pytest
+from bodies import gaps_m, slips_m
 
 from roadscope.core import Bounds, Category
 from roadscope.envs.traffic import (
@@ -41,30 +42,13 @@ def way_m(line):
     return float(np.linalg.norm(np.diff(line.axles[:, 0], axis=0), axis=1).sum())
 
 
-def overlap_free_m(line, row):
-    """Least gap of any two bodies at an instant, by separating axes: negative where they meet."""
-    here = np.flatnonzero(line.present[row])
-    yaws, half = line.yaws[row, here], line.sizes[here, :2] / 2
-    ahead = np.stack([np.cos(yaws), np.sin(yaws)], axis=-1)
-    left = np.stack([-ahead[:, 1], ahead[:, 0]], axis=-1)
-    centres = line.axles[row, here] + line.centre_ahead_m[here, None] * ahead
-    apart = centres - centres[:, None]
-    gaps = np.full(apart.shape[:2], -np.inf)
-    for axis, own in ((ahead, half[:, 0]), (left, half[:, 1])):
-        reach = np.abs(axis @ ahead.T) * half[:, 0] + np.abs(axis @ left.T) * half[:, 1]
-        gap = np.abs((apart * axis[:, None]).sum(axis=-1)) - own[:, None] - reach
-        gaps = np.maximum(gaps, np.maximum(gap, gap.T))
-    np.fill_diagonal(gaps, np.inf)
-    return gaps.min()
-
-
 @pytest.mark.sampled(1)
 @pytest.mark.parametrize("name", DRIVES)
 def test_no_two_bodies_touch(recorded, name):
     for seed in SEEDS:
         line = recorded(name, seed)
         rows = range(0, len(line.stamps_s), 50)
-        assert min(overlap_free_m(line, row) for row in rows) > 0.25, seed
+        assert min(gaps_m(line, row).min() for row in rows) > 0.25, seed
         assert not line.crashed.any()
 
 
@@ -91,10 +75,7 @@ def test_motion_is_that_of_vehicles(recorded, name):
 def test_rear_axles_do_not_slip(recorded, name):
     for seed in SEEDS:
         line = recorded(name, seed)
-        moved, yaws = np.diff(line.axles, axis=0), np.unwrap(line.yaws, axis=0)
-        yaws = (yaws[1:] + yaws[:-1]) / 2
-        across = moved[..., 1] * np.cos(yaws) - moved[..., 0] * np.sin(yaws)
-        assert np.abs(across[line.present[1:] & line.present[:-1]]).max() < 1e-3, seed
+        assert np.abs(slips_m(line)[line.present[1:] & line.present[:-1]]).max() < 1e-3, seed
 
 
 @pytest.mark.sampled(2)
