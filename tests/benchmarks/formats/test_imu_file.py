@@ -30,7 +30,8 @@ def written(path, rows=ROWS, head="", separator=" ", stamps="%.9f"):
     ],
 )
 def test_samples_are_read(tmp_path, head, separator):
-    found, left_out = read_imu(written(tmp_path / "imu.csv", head=head, separator=separator))
+    path = written(tmp_path / "imu.csv", head=head, separator=separator)
+    found, left_out = read_imu(str(path))
     assert not left_out
     assert found.stamps_s == pytest.approx(ROWS[:, 0])
     assert found.angular_velocity == pytest.approx(ROWS[:, 1:4])

@@ -2,6 +2,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from toy_boxes import detections_of
 from toy_kitti import IMAGE_SIZE, P2, tracks_at, write_kitti
 
 from roadscope.benchmarks.formats import detections_from_rows
@@ -49,6 +50,12 @@ def test_what_the_image_does_not_show_is_left_out():
     assert rows.ids.tolist() == [7]
 
 
+def test_empty_results_are_no_error(tmp_path):
+    path = str(tmp_path / "0000.txt")
+    write_kitti_results(path, [])
+    assert len(read_kitti_labels(path, results=True)) == 0
+
+
 def test_every_category_has_a_type():
     kinds = np.arange(len(Category), dtype=np.int8)
     centres = np.column_stack([10.0 + 3 * kinds, np.zeros(7), np.full(7, -1)])
@@ -61,20 +68,7 @@ def test_every_category_has_a_type():
 def test_labels_projected_are_the_image_boxes_that_they_come_with(tmp_path):
     car = read_kitti_sequence(write_kitti(tmp_path), "0000")
     truth, labels = car.truths[3], car.label_rows[3]
-    n = len(truth)
-    tracks = Tracks(
-        truth.ids,
-        truth.centres,
-        truth.sizes,
-        truth.yaws,
-        truth.velocities,
-        np.zeros((n, 4, 4)),
-        truth.categories,
-        np.ones(n),
-        np.ones(n, np.int8),
-        "world",
-        truth.stamp_s,
-    )
+    tracks = Tracks.of(detections_of(truth), truth.ids)
     rows = kitti_objects(tracks, 3, truth.world_from_ego, P2, IMAGE_SIZE)
     expected = labels.select(labels.types == KittiType.CAR)
     assert rows.ids.tolist() == expected.ids.tolist()

@@ -3,9 +3,8 @@
 import numpy as np
 import pytest
 
-from roadscope.benchmarks.formats import trajectory_text
 from roadscope.core import Pose
-from roadscope.formats import FormatError, read_trajectory
+from roadscope.formats import FormatError, read_trajectory, write_trajectory
 from roadscope.odometry import exp_se3
 
 
@@ -17,8 +16,8 @@ def poses():
 
 @pytest.mark.parametrize("form", ["kitti", "tum"])
 def test_written_poses_are_read_again(tmp_path, poses, form):
-    path, stamps = tmp_path / "poses.txt", [0.1 * k for k in range(20)]
-    path.write_text(trajectory_text(form, poses, stamps))
+    path, stamps = str(tmp_path / "poses.txt"), [0.1 * k for k in range(20)]
+    write_trajectory(path, poses, stamps_s=stamps, form=form)
     found = read_trajectory(path, form)
     for one, other in zip(poses, found.poses, strict=True):
         assert np.allclose(one.matrix, other.matrix, atol=1e-12)
