@@ -37,7 +37,6 @@ scenarios = ["lu2018-three-vehicles"]
 seeds = 4
 duration_s = 0.9
 """
-EPISODES = 4
 
 
 def command(*arguments: object) -> list[str]:
@@ -120,23 +119,19 @@ def test_json_of_a_check_holds_every_item(answer, entry, status) -> None:
         (["leaderboard", "--jobs", "-1"], 2, "--jobs"),
         (["leaderboard", "--by", "rnage"], 1, "no breakdown 'rnage' (did you mean 'range'?)"),
         (["leaderboard", "tracking", "--by", "range"], 1, "no tracking breakdown 'range'; known"),
-        (["leaderboard", "drift", "--by", "range"], 1, "no board 'drift'; known: detection"),
         (["leaderboard", "--jbos", "2"], 2, "roadscope leaderboard --help"),
         (["run", "motorwy"], 1, "no scenario 'motorwy' (did you mean 'motorway'?)"),
         (["run", "motorway", "--rig", "lxu"], 1, "no rig 'lxu' (did you mean 'lux'?)"),
         (["run", "motorway", "--weather", "fgo"], 1, "no weather 'fgo' (did you mean 'fog'?)"),
         (["run", "motorway", "--light", "dsk"], 1, "no light 'dsk' (did you mean 'dusk'?)"),
         (["run", "motorway", "--detector", "pga"], 1, "no detector 'pga' (did you mean 'pag'?)"),
-        (["run", "motorway", "--tracker", "x"], 1, "no tracker 'x'; known: nearest"),
         (["run", "motorway", "--tracker", "nearst"], 1, "(did you mean 'nearest'?)"),
         (["speed", "trakcers"], 1, "no part 'trakcers' (did you mean 'trackers'?)"),
         (["run", "motorway", "--seconds", "-2"], 1, "got -2 s"),
         (["run", "lu2018-occlusion", "--seconds", "0.01"], 1, "one sweep of 'lux', got 0.01 s"),
         (["run", "motorway", "--seconds", "nan"], 1, "got nan s"),
-        (["run", "motorway", "--seconds", "inf"], 1, "got inf s"),
         (["run", "motorway", "--seconds", "1e9"], 1, "at most 3600 s"),
         (["run", "motorway", "--light", "night"], 1, "rig 'lux' has no camera"),
-        (["run", "highway-v0"], 1, "the scenario 'motorway'"),
         (["run", "roadscope/HighwayDense-v0"], 1, "the scenario 'dense-motorway'"),
         (["new", "trakcer"], 1, "no template 'trakcer' (did you mean 'tracker'?)"),
         (["run", "motorway", "--picture", "scene.txt"], 1, "a picture ends in .png"),
@@ -150,11 +145,6 @@ def test_json_of_a_check_holds_every_item(answer, entry, status) -> None:
         ),
         (
             ["run", "motorway", "--video", "a.gif", "--camera-detector", "oracle"],
-            1,
-            "rig 'lux' has no camera",
-        ),
-        (
-            ["run", "motorway", "--picture", "a.png", "--camera-detector", "oracle"],
             1,
             "rig 'lux' has no camera",
         ),

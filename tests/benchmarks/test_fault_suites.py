@@ -13,14 +13,12 @@ from roadscope.benchmarks import (
     SuiteError,
     check_episode,
     manifest,
-    names_of,
     parse_suite,
     plan,
     sensed,
     timeline_path,
 )
 from roadscope.benchmarks.boards import episodes
-from roadscope.envs.sensors import FAULTS
 
 TINY = """
 name = "tiny"
@@ -108,9 +106,3 @@ def test_a_scan_that_is_lost_can_be_drawn() -> None:
     lost = [k for k, (frame, _) in enumerate(sensed(summary.episode)) if frame.lidar is None]
     pictures = RunPictures(summary)
     assert pictures.frame(lost[0]).shape == pictures.frame(len(pictures) // 2).shape
-
-
-def test_faults_are_listed() -> None:
-    listed = dict(names_of("faults"))
-    assert list(listed) == list(FAULTS)
-    assert listed["clock-offset"].endswith("clock-offset:5 are 5, 10, 25, 50, 100 ms.")

@@ -16,6 +16,7 @@ from roadscope.benchmarks.boards import BOARDS
 from roadscope.benchmarks.recorded import KITTI, MOT
 from roadscope.detectors import DETECTORS
 from roadscope.detectors.camera import CAMERA_DETECTORS
+from roadscope.envs.sensors import FAULTS, WEATHERS
 from roadscope.fusion import FUSIONS
 from roadscope.trackers import TRACKERS
 
@@ -66,6 +67,20 @@ def test_recorded_data_has_entries_for_boards_that_exist(name):
 @pytest.mark.parametrize("kind", KINDS)
 def test_everything_is_described(kind):
     assert all(text.strip() for _, text in names_of(kind))
+
+
+@pytest.mark.parametrize(
+    ("kind", "known", "name", "said"),
+    [
+        ("weathers", WEATHERS, "fog-3", "visibility 120 m"),
+        ("weathers", WEATHERS, "rain-2", "10 mm/h"),
+        ("faults", FAULTS, "clock-offset", "clock-offset:5 are 5, 10, 25, 50, 100 ms"),
+    ],
+)
+def test_every_weather_and_fault_is_listed_with_its_numbers(kind, known, name, said):
+    listed = dict(names_of(kind))
+    assert list(listed) == list(known)
+    assert said in listed[name]
 
 
 def test_stages_say_nothing_of_the_shapes_of_their_answers():

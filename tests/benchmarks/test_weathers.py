@@ -13,14 +13,12 @@ from roadscope.benchmarks import (
     SuiteError,
     check_episode,
     manifest,
-    names_of,
     parse_suite,
     plan,
     sensed,
     timeline_path,
 )
 from roadscope.core import WEATHER
-from roadscope.envs.sensors import WEATHERS
 
 TINY = """
 name = "tiny"
@@ -103,10 +101,3 @@ def test_a_stack_runs_in_fog_and_is_drawn_in_it() -> None:
     )
     in_fog, in_clear_air = (RunPictures(each).frame(0) for each in (summary, clear))
     assert not np.array_equal(in_fog, in_clear_air)
-
-
-def test_weathers_are_listed() -> None:
-    listed = dict(names_of("weathers"))
-    assert list(listed) == list(WEATHERS)
-    assert listed["fog-3"].startswith("Fog, visibility 120 m: ")
-    assert listed["rain-2"].startswith("Rain, 10 mm/h: ")
