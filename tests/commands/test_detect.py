@@ -77,14 +77,24 @@ def folder(tmp_path) -> Path:
     return place
 
 
-def run(folder: Path, *options: str, detector: str = "", out: str = "out"):
-    """The finished command, and what `detections.json` says if it is there."""
+def run(folder: Path, *options: str, detector: str | None = "", out: str = "out"):
+    """The finished command, and what `detections.json` says if it is there.
+
+    detector: a class of the stranger's. None leaves the choice to the command.
+    """
     spec = f"{folder.parent}/stranger.py:{detector}" if detector else "distance-l-shape"
     place = folder.parent / out
-    named = [] if "--detector" in options else ["--detector", spec]
+    named = [] if detector is None or "--detector" in options else ["--detector", spec]
     done = CliRunner().invoke(app, ["detect", str(folder), "--out", str(place), *named, *options])
     file = place / "detections.json"
     return done, json.loads(file.read_text()) if file.is_file() else {}
+
+
+def works(*folder_and_options, **named):
+    """The same, of a command that must succeed."""
+    done, found = run(*folder_and_options, **named)
+    assert done.exit_code == 0, done.output
+    return done, found
 
 
 def labels(folder: Path, name: str, out: str = "out"):
@@ -92,8 +102,7 @@ def labels(folder: Path, name: str, out: str = "out"):
 
 
 def test_cars_are_where_they_stand(folder):
-    done, found = run(folder)
-    assert done.exit_code == 0, done.output
+    _, found = works(folder)
     assert found["lidar_height_m"] == pytest.approx(HEIGHT_M, abs=0.03)
     assert [each["name"] for each in found["frames"]] == ["000000", "000001", "000002"]
     for frame in found["frames"]:
@@ -113,8 +122,7 @@ def test_cars_are_where_they_stand(folder):
 
 
 def test_height_is_named_or_of_the_ground(folder):
-    done, found = run(folder, "--height", "1.25", detector="Echo")
-    assert done.exit_code == 0, done.output
+    done, found = works(folder, "--height", "1.25", detector="Echo")
     assert found["lidar_height_m"] == 1.25
     assert "1.25 m above the ground, as named" in done.stderr
     box = found["frames"][0]["detections"][0]
@@ -124,8 +132,7 @@ def test_height_is_named_or_of_the_ground(folder):
 
 
 def test_boxes_are_in_the_axes_of_a_turned_lidar_and_labels_ahead_of_the_vehicle(folder):
-    done, found = run(folder, "--lidar-mounting", "0,0,0,0,0,90", detector="Echo")
-    assert done.exit_code == 0, done.output
+    _, found = works(folder, "--lidar-mounting", "0,0,0,0,0,90", detector="Echo")
     box, count = found["frames"][0]["detections"][0], len(rows_of()) / 1000
     assert box["centre_m"][:2] == pytest.approx([count, -10])
     assert box["yaw_rad"] == pytest.approx(0, abs=1e-9)
@@ -133,8 +140,7 @@ def test_boxes_are_in_the_axes_of_a_turned_lidar_and_labels_ahead_of_the_vehicle
 
 
 def test_every_scan_has_a_label_file(folder):
-    done, found = run(folder, detector="Nothing")
-    assert done.exit_code == 0, done.output
+    _, found = works(folder, detector="Nothing")
     assert [len(labels(folder, f"{k:06d}")) for k in range(SCANS)] == [0] * SCANS
     assert [frame["detections"] for frame in found["frames"]] == [[]] * SCANS
 
@@ -142,8 +148,7 @@ def test_every_scan_has_a_label_file(folder):
 def test_poses_give_the_motion_of_the_ego(folder):
     poses = folder.parent / "poses.txt"
     poses.write_text("".join(f"1 0 0 {0.5 * k} 0 1 0 0 0 0 1 0\n" for k in range(SCANS)))
-    done, found = run(folder, "--poses", str(poses), detector="Echo")
-    assert done.exit_code == 0, done.output
+    _, found = works(folder, "--poses", str(poses), detector="Echo")
     ahead = [frame["detections"][0]["centre_m"][0] for frame in found["frames"]]
     assert ahead == pytest.approx([10, 10.5, 10.5])
 
@@ -151,16 +156,14 @@ def test_poses_give_the_motion_of_the_ego(folder):
 def test_an_answer_of_a_late_detector_is_put_to_its_scan(folder):
     for k in range(SCANS):
         rows_of()[: -k or None].tofile(folder / f"{k:06d}.bin")
-    done, found = run(folder, detector="Late")
-    assert done.exit_code == 0, done.output
+    _, found = works(folder, detector="Late")
     counts = [[1000 * b["centre_m"][1] for b in frame["detections"]] for frame in found["frames"]]
     assert counts == [pytest.approx([len(rows_of())]), pytest.approx([len(rows_of()) - 1]), []]
 
 
 def test_a_damaged_scan_is_empty_and_told(folder):
     (folder / "000001.bin").write_bytes(b"damaged")
-    done, found = run(folder)
-    assert done.exit_code == 0, done.output
+    done, found = works(folder)
     assert "1 scan is taken as empty" in done.stderr
     assert [bool(frame.get("problem")) for frame in found["frames"]] == [False, True, False]
     assert [len(frame["detections"]) for frame in found["frames"]] == [2, 0, 2]
@@ -264,6 +267,10 @@ class Join:
 WIDTH, HEIGHT = 640, 480
 P2 = np.array([[500.0, 0, 320, 0], [0, 500, 240, 0], [0, 0, 1, 0]])
 CAMERA_FROM_LIDAR = np.array([[0.0, -1, 0, 0.1], [0, 0, -1, -0.2], [1, 0, 0, -0.3]])
+CALIBRATION = "".join(
+    f"{key}: {' '.join(map(str, matrix.ravel()))}\n"
+    for key, matrix in {"P2": P2, "Tr": CAMERA_FROM_LIDAR}.items()
+)
 SPOT = (300, 200, 340, 260)
 
 
@@ -284,9 +291,7 @@ def both(folder) -> Path:
     folder.rename(root / "velodyne")
     write_images(root / "image_2")
     (root.parent / "camera.py").write_text(CAMERA)
-    rows = {"P2": P2, "Tr": CAMERA_FROM_LIDAR}
-    lines = (f"{key}: {' '.join(map(str, matrix.ravel()))}\n" for key, matrix in rows.items())
-    (root / "calib.txt").write_text("".join(lines))
+    (root / "calib.txt").write_text(CALIBRATION)
     return root
 
 
@@ -323,10 +328,9 @@ def test_images_alone(folder, ending):
     write_images(place, ending=ending)
     (folder.parent / "camera.py").write_text(CAMERA)
     pictures = folder.parent / "pictures"
-    done, found = run(
+    _, found = works(
         place, "--detector", f"{folder.parent}/camera.py:Eye", "--pictures", str(pictures)
     )
-    assert done.exit_code == 0, done.output
     assert [frame["name"] for frame in found["frames"]] == ["000000", "000001", "000002"]
     slack = 0 if ending == "png" else 1
     for k, frame in enumerate(found["frames"]):
@@ -346,17 +350,13 @@ def test_images_alone(folder, ending):
 def test_the_shipped_network_is_the_default_for_images(folder):
     place = folder.parent / "images"
     write_images(place, 1)
-    done = CliRunner().invoke(app, ["detect", str(place), "--out", str(folder.parent / "out")])
-    assert done.exit_code == 0, done.output
-    assert json.loads((folder.parent / "out" / "detections.json").read_text())["detectors"] == {
-        "camera": "network"
-    }
+    _, found = works(place, detector=None)
+    assert found["detectors"] == {"camera": "network"}
 
 
 def test_a_fusion_gets_both_and_the_calibration(both):
     pictures = both.parent / "pictures"
-    done, found = run(both, "--detector", fused_spec(both), "--pictures", str(pictures))
-    assert done.exit_code == 0, done.output
+    _, found = works(both, "--detector", fused_spec(both), "--pictures", str(pictures))
     for k, frame in enumerate(found["frames"]):
         (target,) = frame["detections"]
         assert target["sensors"] == ["lidar", "camera"]
@@ -369,18 +369,15 @@ def test_a_fusion_gets_both_and_the_calibration(both):
 
 
 def test_the_default_for_both_is_a_fusion(both):
-    done = CliRunner().invoke(app, ["detect", str(both), "--out", str(both.parent / "out")])
-    assert done.exit_code == 0, done.output
-    told = json.loads((both.parent / "out" / "detections.json").read_text())
-    assert set(told["detectors"]) == {"lidar", "camera", "fusion"}
-    placed = [box for frame in told["frames"] for box in frame["detections"] if "centre_m" in box]
+    _, found = works(both, detector=None)
+    assert set(found["detectors"]) == {"lidar", "camera", "fusion"}
+    placed = [box for frame in found["frames"] for box in frame["detections"] if "centre_m" in box]
     ahead = {round(box["centre_m"][0]) for box in placed if box["category"] == "car"}
     assert any(abs(x - (CARS[0][0] - FRONT_M)) <= 1 for x in ahead)
 
 
 def test_labels_of_a_lidar_alone_have_boxes_in_the_image(both):
-    done, found = run(both)
-    assert done.exit_code == 0, done.output
+    _, found = works(both)
     rows = labels(both, "000000")
     assert len(rows) == len(CARS)
     for box, centre in zip(rows.boxes, found["frames"][0]["detections"], strict=True):
@@ -394,8 +391,7 @@ def test_labels_of_a_lidar_alone_have_boxes_in_the_image(both):
 
 def test_without_a_calibration_images_are_not_used_and_that_is_told(both):
     (both / "calib.txt").unlink()
-    done = CliRunner().invoke(app, ["detect", str(both), "--out", str(both.parent / "out")])
-    assert done.exit_code == 0, done.output
+    done, _ = works(both, detector=None)
     assert "the images are not used: no calibration" in done.stderr
     refused, _ = run(both, "--detector", fused_spec(both))
     assert "no calibration" in str(refused.exception)
@@ -403,22 +399,19 @@ def test_without_a_calibration_images_are_not_used_and_that_is_told(both):
 
 def test_a_calibration_that_cannot_be_read_is_told_or_refused(both):
     (both / "calib.txt").write_text("nothing\n")
-    done, _ = run(both, detector="Nothing")
-    assert done.exit_code == 0, done.output
+    done, _ = works(both, detector="Nothing")
     assert "a calibration is not used" in done.stderr
     refused, _ = run(both, "--calibration", str(both / "calib.txt"), detector="Nothing")
     assert isinstance(refused.exception, FormatError)
 
 
 def test_each_scan_may_have_a_calibration(both):
-    text = (both / "calib.txt").read_text()
     (both / "calib.txt").unlink()
     (both / "calib").mkdir()
     for k in range(SCANS):
         focal = f"P2: {500.0 + k}"
-        (both / "calib" / f"00000{k}.txt").write_text(text.replace("P2: 500.0", focal))
-    done, found = run(both, "--detector", fused_spec(both), "--height", "1")
-    assert done.exit_code == 0, done.output
+        (both / "calib" / f"00000{k}.txt").write_text(CALIBRATION.replace("P2: 500.0", focal))
+    _, found = works(both, "--detector", fused_spec(both), "--height", "1")
     # `Eye` tells the focal length by its score, where it is the greater one.
     scores = [frame["detections"][0]["score"] for frame in found["frames"]]
     assert scores == [0.5, 0.501, 0.502]
@@ -427,8 +420,7 @@ def test_each_scan_may_have_a_calibration(both):
 def test_lost_images_and_scans_are_told_and_the_other_sensor_is_used(both):
     (both / "image_2" / "000001.png").write_bytes(b"damaged")
     (both / "velodyne" / "000002.bin").write_bytes(b"damaged")
-    done, found = run(both, "--detector", fused_spec(both))
-    assert done.exit_code == 0, done.output
+    done, found = works(both, "--detector", fused_spec(both))
     sensors = [[box["sensors"] for box in frame["detections"]] for frame in found["frames"]]
     assert sensors == [[["lidar", "camera"]], [["lidar"]], [["camera"]]]
     assert [bool(frame.get("problem")) for frame in found["frames"]] == [False, True, True]
@@ -443,16 +435,14 @@ def test_images_of_other_names_belong_to_scans_by_time(both):
     assert "nothing says when they were taken" in str(refused.exception)
     (both / "velodyne" / "times.txt").write_text("0.0\n0.1\n0.2\n")
     (both / "image_2" / "times.txt").write_text("0.11\n0.21\n0.9\n")
-    done, found = run(both, "--detector", fused_spec(both))
-    assert done.exit_code == 0, done.output
+    done, found = works(both, "--detector", fused_spec(both))
     left = [
         [box["image_box_px"][0] for box in frame["detections"] if "image_box_px" in box]
         for frame in found["frames"]
     ]
     assert left == [[], [300], [301]]
     (both / "image_2" / "times.txt").write_text("7.11\n7.21\n7.9\n")
-    done = CliRunner().invoke(app, ["detect", str(both), "--out", str(both.parent / "out")])
-    assert done.exit_code == 0, done.output
+    done, found = works(both, detector=None)
     assert "the images are not used: no scan has an image" in done.stderr
 
 
@@ -465,8 +455,7 @@ def test_a_bird_s_eye_view_shows_returns_and_boxes(folder):
     shots = {}
     for detector in ("Nothing", ""):
         place = folder.parent / f"pictures{detector}"
-        done, _ = run(folder, "--pictures", str(place), detector=detector, out=f"out{detector}")
-        assert done.exit_code == 0, done.output
+        works(folder, "--pictures", str(place), detector=detector, out=f"out{detector}")
         shots[detector] = np.asarray(Image.open(place / "000000_scan.png")).astype(int)
     # Cars at 12 and 20 m, the way ahead is upwards.
     changed = np.argwhere((shots[""] != shots["Nothing"]).any(axis=2))
@@ -516,16 +505,11 @@ def test_a_bag_with_both_sensors(folder, monkeypatch):
     bag = write_bag(folder.parent / "bag", messages, mcap=True)
     (folder.parent / "camera.py").write_text(CAMERA)
     calibration = folder.parent / "mine.txt"
-    numbers = {"P2": P2, "Tr": CAMERA_FROM_LIDAR}
-    calibration.write_text(
-        "".join(f"{key}: {' '.join(map(str, each.ravel()))}\n" for key, each in numbers.items())
-    )
-    done, found = run(bag, "--detector", fused_spec(bag), "--calibration", str(calibration))
-    assert done.exit_code == 0, done.output
+    calibration.write_text(CALIBRATION)
+    _, found = works(bag, "--detector", fused_spec(bag), "--calibration", str(calibration))
     assert len(opened) == 1
     targets = [frame["detections"] for frame in found["frames"]]
     assert [[box["sensors"] for box in each] for each in targets] == [[["lidar", "camera"]]] * SCANS
     assert [each[0]["image_box_px"] for each in targets] == [[300, 200, 340, 260]] * SCANS
-    done, found = run(bag, out="scans-alone")
-    assert done.exit_code == 0, done.output
+    _, found = works(bag, out="scans-alone")
     assert [len(frame["detections"]) for frame in found["frames"]] == [len(CARS)] * SCANS
