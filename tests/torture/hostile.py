@@ -1,7 +1,8 @@
 """Plug-ins of all kinds that answer honestly, but for the act that they are asked for.
 
 A run loads this file from a copy, in the process of a plug-in. An act is a function that takes the
-plug-in and its honest answer and returns what is answered instead.
+plug-in and its honest answer and returns what is answered instead. `tests/benchmarks/isolation` has
+acts of the tracker done too, without a run.
 """
 
 import ctypes

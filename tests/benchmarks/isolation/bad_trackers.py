@@ -1,10 +1,9 @@
-"""Trackers as strangers may bring them, nearly all of them bad."""
+"""Trackers as strangers may bring them, nearly all bad in ways that `hostile.py` has no act for."""
 
 import ctypes
 import os
 import signal
 import socket
-import stat
 import subprocess
 import sys
 import threading
@@ -13,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-from roadscope.core import Detections, Tracks, encode
+from roadscope.core import Tracks, encode
 
 
 class Good:
@@ -32,11 +31,6 @@ class Good:
         return Tracks.of(detections, np.arange(len(detections)) + self.first)
 
 
-class Segfault(Good):
-    def update(self, detections, ego_pose):
-        ctypes.string_at(0)
-
-
 class SegfaultWhenMade(Good):
     def __init__(self):
         ctypes.string_at(0)
@@ -52,43 +46,12 @@ class Leaves(Good):
         os._exit(self.status)
 
 
-class KillsItself(Good):
-    def update(self, detections, ego_pose):
-        os.kill(os.getpid(), signal.SIGKILL)
-
-
-class KillsParent(Good):
-    def update(self, detections, ego_pose):
-        os.kill(os.getppid(), signal.SIGKILL)
-        time.sleep(60)
-
-
-class StopsParents(Good):
-    """Stops its guard and the supervisor without ending them."""
-
-    def update(self, detections, ego_pose):
-        status = Path(f"/proc/{os.getppid()}/stat").read_text()
-        os.kill(int(status.rpartition(")")[2].split()[1]), signal.SIGSTOP)
-        os.kill(os.getppid(), signal.SIGSTOP)
-        time.sleep(60)
-
-
 class StopsGuard(Good):
     """Stops its guard and answers its own process number."""
 
     def update(self, detections, ego_pose):
         os.kill(os.getppid(), signal.SIGSTOP)
         return os.getpid()
-
-
-class KillsGrandparent(Good):
-    """Ends its guard and the supervisor."""
-
-    def update(self, detections, ego_pose):
-        status = Path(f"/proc/{os.getppid()}/stat").read_text()
-        os.kill(int(status.rpartition(")")[2].split()[1]), signal.SIGKILL)
-        os.kill(os.getppid(), signal.SIGKILL)
-        time.sleep(60)
 
 
 class Raises(Good):
@@ -103,21 +66,11 @@ class Raises(Good):
         raise self.kind_of_error("what\nis \x1b[31mthis")
 
 
-class UnspeakableError(Exception):
-    def __str__(self):
-        raise RuntimeError("no text")
-
-
 class Nameless(type):
     def __getattribute__(cls, name):
         if name == "__name__":
             raise RuntimeError("no name")
         return super().__getattribute__(name)
-
-
-class RaisesUnspeakable(Good):
-    def update(self, detections, ego_pose):
-        raise UnspeakableError
 
 
 class RaisesNameless(Good):
@@ -126,37 +79,6 @@ class RaisesNameless(Good):
             pass
 
         raise Error
-
-
-class RaisesAtLength(Good):
-    def update(self, detections, ego_pose):
-        raise ValueError("x" * 50_000_000)
-
-
-class HangsWhenMade(Good):
-    def __init__(self):
-        time.sleep(60)
-
-
-class HangsInReset(Good):
-    def reset(self):
-        time.sleep(60)
-
-
-class HangsInUpdate(Good):
-    def update(self, detections, ego_pose):
-        time.sleep(60)
-
-
-class HangsLater(Good):
-    """Answers two calls and then hangs."""
-
-    calls = 0
-
-    def update(self, detections, ego_pose):
-        self.calls += 1
-        time.sleep(60 if self.calls > 2 else 0.05)
-        return super().update(detections, ego_pose)
 
 
 class Slow(Good):
@@ -173,24 +95,11 @@ class Busy(Good):
         return super().update(detections, ego_pose)
 
 
-class Stops(Good):
-    """Stops its own process without ending it."""
-
-    def update(self, detections, ego_pose):
-        os.kill(os.getpid(), signal.SIGSTOP)
-
-
 class IgnoresSignals(Good):
     def update(self, detections, ego_pose):
         for number in (signal.SIGTERM, signal.SIGHUP, signal.SIGINT):
             signal.signal(number, signal.SIG_IGN)
         time.sleep(60)
-
-
-class Floods(Good):
-    def update(self, detections, ego_pose):
-        while True:
-            os.write(1, b"y" * 65536)
 
 
 class Prints(Good):
@@ -208,14 +117,6 @@ class ClosesOutput(Good):
         return super().update(detections, ego_pose)
 
 
-class Hogs(Good):
-    def update(self, detections, ego_pose):
-        self.memory = []
-        while True:
-            self.memory.append(np.ones(1 << 21))
-            time.sleep(0.002)
-
-
 class HogsInChild(Good):
     def update(self, detections, ego_pose):
         code = (
@@ -223,40 +124,6 @@ class HogsInChild(Good):
         )
         subprocess.Popen([sys.executable, "-c", code], start_new_session=True)
         time.sleep(60)
-
-
-class AnswersTooMuch(Good):
-    def update(self, detections, ego_pose):
-        n = 10_000_000
-        nothing = np.zeros(n, np.int8)
-        return Detections(
-            np.broadcast_to(np.zeros(3), (n, 3)),
-            np.broadcast_to(np.ones(3), (n, 3)),
-            nothing,
-            nothing,
-            nothing,
-            "ego",
-            detections.stamp_s,
-        )
-
-
-class AnswersObjects(Good):
-    def update(self, detections, ego_pose):
-        return np.array([object()])
-
-
-class AnswersItself(Good):
-    def update(self, detections, ego_pose):
-        return self
-
-
-class AnswersNonsense(Good):
-    """Writes what is no number into a record that was checked."""
-
-    def update(self, detections, ego_pose):
-        tracks = super().update(detections, ego_pose)
-        tracks.centres[:] = np.nan
-        return tracks
 
 
 class AnswersHostile(Good):
@@ -271,33 +138,13 @@ class AnswersHostile(Good):
 
 
 def write(data):
-    """Write to the one socket among the open files of this process."""
-    sockets = [number for number in range(256) if is_socket(number)]
-    with socket.socket(fileno=os.dup(sockets[0])) as connection:
+    """Write to the connection to the run."""
+    with socket.socket(fileno=os.dup(3)) as connection:
         connection.sendall(data)
-
-
-def is_socket(number):
-    try:
-        return stat.S_ISSOCK(os.fstat(number).st_mode)
-    except OSError:
-        return False
 
 
 def framed(message):
     return len(message).to_bytes(8, "little") + message
-
-
-class ForgesBytes(Good):
-    def update(self, detections, ego_pose):
-        write(os.urandom(64))
-        return super().update(detections, ego_pose)
-
-
-class ForgesLength(Good):
-    def update(self, detections, ego_pose):
-        write((1 << 40).to_bytes(8, "little"))
-        time.sleep(60)
 
 
 class ForgesMessage(Good):
@@ -324,22 +171,6 @@ class ForgesMessage(Good):
     def update(self, detections, ego_pose):
         write(framed(encode(self.message)))
         time.sleep(60)
-
-
-class AnswersTwice(Good):
-    def update(self, detections, ego_pose):
-        answer = super().update(detections, ego_pose)
-        told = {"error": "", "answer": answer, "wall_ms": 0.0, "processor_ms": 0.0}
-        for number in (2, 2, 3):
-            write(framed(encode(told | {"number": number})))
-        return answer
-
-
-class Truncates(Good):
-    def update(self, detections, ego_pose):
-        answer = framed(encode(super().update(detections, ego_pose)))
-        write(answer[: len(answer) // 2])
-        os._exit(0)
 
 
 class Drips(Good):
@@ -485,8 +316,3 @@ class EchoesArguments(Good):
 class SaysWhere(Good):
     def update(self, detections, ego_pose):
         return os.getpid()
-
-
-class TakesAnything(Good):
-    def update(self, detections, ego_pose):
-        return None

@@ -19,7 +19,7 @@ from roadscope.benchmarks.isolation import (
     sandbox_available,
 )
 from roadscope.core import Tracks
-from tests.benchmarks.isolation.specs import bad, detections, written
+from tests.benchmarks.isolation.specs import bad, detections, hostile, written
 
 ROOT = Path(roadscope.__file__).parents[1]
 needs_sandbox = pytest.mark.skipif(bool(sandbox_available()), reason=sandbox_available() or "-")
@@ -142,11 +142,19 @@ def test_a_sandbox_changes_no_answer() -> None:
 
 
 @needs_sandbox
-@pytest.mark.parametrize("name", ["Segfault", "KillsParent", "KillsGrandparent", "Hogs"])
-def test_failures_in_a_sandbox_are_named(name: str) -> None:
+@pytest.mark.parametrize(
+    ("act", "said"),
+    [
+        ("segfault", "SIGSEGV"),
+        ("kill_guard", "watches over it"),
+        ("kill_both", "watches over it"),
+        ("hog", "memory"),
+    ],
+)
+def test_failures_in_a_sandbox_are_named(act: str, said: str) -> None:
     with (
-        pytest.raises(PluginError, match=name),
-        open_plugin(bad(name), sandbox=True, limits=Limits(memory_gb=0.5)) as plugin,
+        pytest.raises(PluginError, match=said),
+        open_plugin(hostile(act), sandbox=True, limits=Limits(memory_gb=0.5)) as plugin,
     ):
         plugin.call("update", detections(), None)
 

@@ -16,7 +16,7 @@ import pytest
 import roadscope.core
 from roadscope.benchmarks.isolation import Limits, PluginError, PluginHandle, open_plugin
 from roadscope.core import Pose, RecordError, Tracks
-from tests.benchmarks.isolation.specs import Named, bad, detections, written
+from tests.benchmarks.isolation.specs import Named, bad, detections, hostile, written
 
 LIMITS = Limits(first_call_s=20, call_s=1, episode_s=30, memory_gb=0.5, output_mb=2)
 SHORT = Limits(first_call_s=1.5, call_s=1, episode_s=30)
@@ -53,11 +53,11 @@ def failure(spec: Named, limits: Limits = LIMITS) -> PluginError:
 
 
 def test_the_end_of_the_process_is_named() -> None:
-    crash = failure(bad("Segfault"))
+    crash = failure(hostile("segfault"))
     assert "SIGSEGV" in str(crash)
-    assert "bad_trackers.py" in crash.log
+    assert "hostile.py" in crash.log
     assert "SIGSEGV" in str(failure(bad("SegfaultWhenMade")))
-    assert "SIGKILL" in str(failure(bad("KillsItself")))
+    assert "SIGKILL" in str(failure(hostile("kill_itself")))
     assert isinstance(one_call(bad("Good")), Tracks)
 
 
@@ -76,24 +76,29 @@ def test_exceptions_of_any_kind_are_named_with_their_line(name: str) -> None:
 
 
 def test_exceptions_whose_text_is_trouble() -> None:
-    assert "UnspeakableError" in str(failure(bad("RaisesUnspeakable")))
+    assert "UnspeakableError" in str(failure(hostile("unspeakable")))
     failure(bad("RaisesNameless"))
-    assert "ValueError" in str(failure(bad("RaisesAtLength"), Limits(memory_gb=2)))
+    assert "ValueError" in str(failure(hostile("long_text")))
 
 
 @pytest.mark.sampled(1)
 @pytest.mark.parametrize(
-    "name", ["HangsWhenMade", "HangsInReset", "HangsInUpdate", "Stops", "IgnoresSignals", "Drips"]
+    "spec",
+    [
+        *map(hostile, ("hang_when_made", "hang_in_reset", "hang_in_call", "stop_itself")),
+        *map(bad, ("IgnoresSignals", "Drips")),
+    ],
+    ids=str,
 )
-def test_hanging_has_an_end(name: str) -> None:
-    assert "1.5 s" in str(failure(bad(name), SHORT))
+def test_hanging_has_an_end(spec: Named) -> None:
+    assert "1.5 s" in str(failure(spec, SHORT))
     assert isinstance(one_call(bad("Good")), Tracks)
 
 
 @pytest.mark.slow
 def test_later_calls_have_a_shorter_deadline() -> None:
     limits = Limits(first_call_s=60, call_s=2)
-    with open_plugin(bad("HangsLater"), limits=limits) as plugin:
+    with open_plugin(hostile("hang_in_third_call"), limits=limits) as plugin:
         for _ in range(2):
             plugin.call("update", detections(), None)
         start = time.monotonic()
@@ -116,7 +121,7 @@ def test_an_episode_has_a_deadline() -> None:
 
 
 def test_output_is_limited() -> None:
-    error = failure(bad("Floods"))
+    error = failure(hostile("flood"))
     assert "output" in str(error)
     assert "2 MB" in str(error)
 
@@ -136,9 +141,9 @@ def test_output_may_be_closed() -> None:
 
 
 @pytest.mark.sampled(1)
-@pytest.mark.parametrize("name", ["Hogs", "HogsInChild"])
-def test_memory_is_limited(name: str) -> None:
-    error = failure(bad(name))
+@pytest.mark.parametrize("spec", [hostile("hog"), bad("HogsInChild")], ids=str)
+def test_memory_is_limited(spec: Named) -> None:
+    error = failure(spec)
     assert "memory" in str(error)
     assert "0.5 GB" in str(error)
     assert isinstance(one_call(bad("Good")), Tracks)
@@ -146,26 +151,29 @@ def test_memory_is_limited(name: str) -> None:
 
 @pytest.mark.slow
 def test_answers_are_limited() -> None:
-    assert "64 MB" in str(failure(bad("AnswersTooMuch"), Limits(memory_gb=4)))
-    assert "64 MB" in str(failure(bad("ForgesLength")))
+    assert "64 MB" in str(failure(hostile("million_boxes"), Limits(memory_gb=4)))
+    assert "64 MB" in str(failure(hostile("forged_length")))
 
 
 @pytest.mark.parametrize(
-    ("name", "said"),
+    ("spec", "said"),
     [
-        ("AnswersObjects", "object"),
-        ("AnswersItself", "AnswersItself"),
-        ("AnswersNonsense", "Tracks.centres"),
-        ("AnswersHostile", "SystemExit"),
+        (hostile("object_arrays"), "object"),
+        (hostile("itself"), "cannot be sent"),
+        (hostile("nan_scores"), "Tracks.scores"),
+        (bad("AnswersHostile"), "SystemExit"),
     ],
+    ids=str,
 )
-def test_answers_that_cannot_be_sent(name: str, said: str) -> None:
-    assert said in str(failure(bad(name)))
+def test_answers_that_cannot_be_sent(spec: Named, said: str) -> None:
+    assert said in str(failure(spec))
 
 
-@pytest.mark.parametrize("name", ["ForgesBytes", "Truncates", "ClosesAll"])
-def test_what_is_written_to_the_socket_is_checked(name: str) -> None:
-    failure(bad(name))
+@pytest.mark.parametrize(
+    "spec", [hostile("forged_bytes"), hostile("truncated"), bad("ClosesAll")], ids=str
+)
+def test_what_is_written_to_the_socket_is_checked(spec: Named) -> None:
+    failure(spec)
 
 
 @pytest.mark.parametrize("case", range(13))
@@ -173,18 +181,18 @@ def test_forged_messages_are_refused(case: int) -> None:
     assert "60 s" not in str(failure(bad("ForgesMessage", case=case)))
 
 
-@pytest.mark.parametrize("name", ["AnswersTwice", "Forks"])
-def test_a_call_has_one_answer(name: str) -> None:
-    with open_plugin(bad(name), limits=LIMITS) as plugin:
+@pytest.mark.parametrize("spec", [hostile("second_answer"), bad("Forks")], ids=str)
+def test_a_call_has_one_answer(spec: Named) -> None:
+    with open_plugin(spec, limits=LIMITS) as plugin:
         plugin.call("reset")
         with pytest.raises(PluginError):
             updates(plugin, 5, pause_s=0.2)
     one_call(bad("Good"))
 
 
-@pytest.mark.parametrize("name", ["KillsParent", "KillsGrandparent"])
-def test_who_ends_those_that_watch_it_fails(name: str) -> None:
-    failure(bad(name))
+@pytest.mark.parametrize("act", ["kill_guard", "kill_both"])
+def test_who_ends_those_that_watch_it_fails(act: str) -> None:
+    failure(hostile(act))
     assert isinstance(one_call(bad("Good")), Tracks)
 
 
@@ -192,8 +200,8 @@ def test_who_stops_those_that_watch_it_is_ended() -> None:
     one_call(bad("Good"))
     before = psutil.Process().children()
     with (
-        pytest.raises(PluginError, match="StopsParents"),
-        open_plugin(bad("StopsParents"), limits=SHORT) as plugin,
+        pytest.raises(PluginError, match="stop_both"),
+        open_plugin(hostile("stop_both"), limits=SHORT) as plugin,
     ):
         plugin.call("update", detections(), None)
     deadline = time.monotonic() + MOST_S
@@ -204,10 +212,10 @@ def test_who_stops_those_that_watch_it_is_ended() -> None:
     one_call(bad("Good"))
 
 
-@pytest.mark.parametrize("name", ["KillsParent", "StopsParents"])
-def test_who_harms_its_guard_costs_no_other_plugin(name: str) -> None:
+@pytest.mark.parametrize("act", ["kill_guard", "stop_both"])
+def test_who_harms_its_guard_costs_no_other_plugin(act: str) -> None:
     with open_plugin(bad("Good")) as other:
-        with pytest.raises(PluginError), open_plugin(bad(name), limits=SHORT) as plugin:
+        with pytest.raises(PluginError), open_plugin(hostile(act), limits=SHORT) as plugin:
             plugin.call("update", detections(), None)
         assert isinstance(other.call("update", detections(), None).answer, Tracks)
         assert isinstance(one_call(bad("Good")), Tracks)
