@@ -33,12 +33,13 @@ def scan(boxes, *, noise_m=0.0, seed=0, elevations=LUX_DEG, azimuths=None, groun
     )
 
 
-def scan_of(points, ring=None, column=None, stamp_s=1.0, sensor="lux"):
+def scan_of(points, ring=None, column=None, stamp_s=1.0, sensor="lux", intensity=1.0):
     """Make a scan of (N, 3) points in the lidar frame, one column each unless told."""
-    n = len(points)
+    points, n = np.reshape(points, (-1, 3)), len(points)
+    intensity = np.broadcast_to(intensity, n)
     ring = np.zeros(n, int) if ring is None else ring
     column = np.arange(n) if column is None else column
-    return LidarScan(np.asarray(points), np.ones(n), ring, column, np.zeros(n), stamp_s, sensor)
+    return LidarScan(points, intensity, ring, column, np.zeros(n), stamp_s, sensor)
 
 
 def take(seen, rows):

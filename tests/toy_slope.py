@@ -1,8 +1,9 @@
 """A tiny ray caster for tests: an HDL-64 over ground of any shape, with boxes standing on it."""
 
 import numpy as np
+from toy_lidar import scan_of
 
-from roadscope.core import Calibration, Frame, LidarScan, Pose
+from roadscope.core import Calibration, Frame, Pose
 from roadscope.detectors import Cloud
 from roadscope.envs.sensors import SPECS
 
@@ -42,8 +43,7 @@ def hdl64_scan(height, boxes, *, columns=2083, noise_m=0.02, seed=0):
     noise = noise_m * np.random.default_rng(seed).standard_normal(len(column))
     flat = reach[column, ring] + noise * np.cos(ELEVATIONS[ring])
     points = np.column_stack([flat * cos[column, 0], flat * sin[column, 0], flat * slopes[ring]])
-    count = len(points)
-    return LidarScan(points, np.full(count, 0.3), ring, column, np.zeros(count), 1.0, "lidar")
+    return scan_of(points, ring, column, sensor="lidar", intensity=0.3)
 
 
 def frame_of(scan, *, offset_m=0.0):

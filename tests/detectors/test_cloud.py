@@ -1,9 +1,9 @@
 import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
-from toy_lidar import CALIBRATION, FRONT_M, HEIGHT_M, scan
+from toy_lidar import CALIBRATION, FRONT_M, HEIGHT_M, scan, scan_of
 
-from roadscope.core import LidarScan, Pose
+from roadscope.core import Pose
 from roadscope.detectors import Cloud
 
 
@@ -23,8 +23,7 @@ def test_sorted_by_column_ring_and_place(seed, count, columns):
     rng = np.random.default_rng(seed)
     points = rng.integers(1, 4, (count, 3)).astype(np.float32)
     ring, column = rng.integers(0, 3, count), rng.integers(0, columns, count)
-    seen = LidarScan(points, np.ones(count), ring, column, np.zeros(count), 0.0, "lux")
-    found = Cloud.of(seen, Pose.identity())
+    found = Cloud.of(scan_of(points, ring, column), Pose.identity())
     assert np.array_equal(found.rows, np.lexsort((*points.T[::-1], ring, column)))
     assert np.array_equal(found.points, points[found.rows])
     assert np.array_equal(found.column, column[found.rows])

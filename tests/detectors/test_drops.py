@@ -2,21 +2,15 @@
 
 import numpy as np
 import pytest
-from toy_lidar import CALIBRATION
+from toy_lidar import CALIBRATION, scan_of
 
-from roadscope.core import Frame, LidarScan
+from roadscope.core import Frame
 from roadscope.detectors import DROPS_M, ClusterDetector, LongRangeDetector, without_faint
-
-
-def made(points, intensity, stamp_s=1.0):
-    count = len(points)
-    ring, column = np.zeros(count, np.int32), np.arange(count)
-    return LidarScan(points, intensity, ring, column, np.zeros(count), stamp_s, "lux")
 
 
 def test_faint_returns_go_when_near_and_all_else_stays():
     points = np.array([[3.0, 0, 0], [3.0, 1, 0], [DROPS_M + 0.1, 0, 0], [-9.0, -9.0, 1]])
-    scan = made(points, np.array([0.005, 0.5, 0.005, 0.009]))
+    scan = scan_of(points, intensity=[0.005, 0.5, 0.005, 0.009])
     left = without_faint(scan, 0.01)
     assert np.array_equal(left.points, scan.points[1:3])
     assert left.column.tolist() == [1, 2]
@@ -24,12 +18,12 @@ def test_faint_returns_go_when_near_and_all_else_stays():
 
 
 def test_a_lidar_without_intensities_tells_nothing_of_drops():
-    scan = made(np.array([[3.0, 0, 0], [4.0, 1, 0]]), np.zeros(2))
+    scan = scan_of([[3.0, 0, 0], [4.0, 1, 0]], intensity=0.0)
     assert without_faint(scan, 0.01) is scan
 
 
 def test_an_intensity_that_was_rounded_to_0_is_kept():
-    scan = made(np.array([[3.0, 0, 0], [4.0, 1, 0], [5.0, 0, 0]]), np.array([0.0, 0.4, 0.005]))
+    scan = scan_of([[3.0, 0, 0], [4.0, 1, 0], [5.0, 0, 0]], intensity=[0.0, 0.4, 0.005])
     assert without_faint(scan, 0.01).column.tolist() == [0, 1]
 
 
@@ -50,7 +44,8 @@ def test_what_moves_is_looked_for_without_drops():
         for k in range(8):
             near = shape + np.array([12.0 - 0.6 * k, 0, 0])
             points = np.concatenate([far, near])
-            seen = made(points, np.r_[np.full(400, 0.4), np.full(200, 0.005)], 1 + k / 10)
+            intensity = np.repeat([0.4, 0.005], [400, 200])
+            seen = scan_of(points, stamp_s=1 + k / 10, intensity=intensity)
             total += len(detector.detect(Frame(seen.stamp_s, CALIBRATION, seen)))
         found[faint] = total
     assert found[0.0] > 0

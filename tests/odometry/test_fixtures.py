@@ -2,9 +2,9 @@
 
 import numpy as np
 import pytest
+from toy_lidar import scan_of
 
 from roadscope.benchmarks.formats import azimuth_steps, rings_of
-from roadscope.core import LidarScan
 from roadscope.odometry.inertial import (
     BeamTable,
     Ends,
@@ -91,19 +91,9 @@ def street(speed_m_s, posts, walking_m_s=0.0, wide_m=0.2):
             hit = (up * at_m < top_m - 1.9) & (up * at_m > -1.9)
             reach[np.ix_(hit, across % COLUMNS)] = at_m
         column, ring = np.nonzero(reach.T)
-        flat, angle, n = reach[ring, column], column * STEP_RAD, len(ring)
+        flat, angle = reach[ring, column], column * STEP_RAD
         points = np.column_stack([flat * np.cos(angle), flat * np.sin(angle), flat * up[ring]])
-        scans.append(
-            LidarScan(
-                points.astype(np.float32),
-                np.full(n, 0.5),
-                ring,
-                column,
-                np.zeros(n),
-                0.1 * k,
-                "lidar",
-            )
-        )
+        scans.append(scan_of(points, ring, column, 0.1 * k, "lidar"))
     return [Ends.of(scan) for scan in scans]
 
 
@@ -211,11 +201,7 @@ def lorry(columns, low=0.5, high=3.9, open_rad=2 * np.pi):
 
 
 def read(points):
-    ring, column = rings_of(points), azimuth_steps(points)
-    n = len(points)
-    return LidarScan(
-        points.astype(np.float32), np.full(n, 0.5), ring, column, np.zeros(n), 0.0, "lidar"
-    )
+    return scan_of(points, rings_of(points), azimuth_steps(points), 0.0, "lidar")
 
 
 @pytest.mark.parametrize("columns", [400, 512, 720, 900, 1024, 1800, 2048])

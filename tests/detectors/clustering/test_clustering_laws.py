@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from toy_lidar import CALIBRATION, scan, take
+from toy_lidar import CALIBRATION, scan, scan_of, take
 
-from roadscope.core import LidarScan, Pose
+from roadscope.core import Pose
 from roadscope.detectors import Cloud
 from roadscope.detectors.clustering import CLUSTERINGS
 
@@ -64,6 +64,5 @@ def test_copies_share_a_label(cluster):
 @every
 def test_returns_on_a_line(cluster):
     points = np.column_stack([np.full(40, 12.0), np.linspace(-2, 2, 40), np.zeros(40)])
-    flat = np.zeros(40)
-    line = LidarScan(points, flat, flat.astype(int), np.arange(40)[::-1], flat, 0.0, "lux")
+    line = scan_of(points, column=np.arange(40)[::-1])
     assert cluster(Cloud.of(line, POSE)).shape == (40,)

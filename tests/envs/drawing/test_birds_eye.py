@@ -3,6 +3,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from toy_boxes import detections, tracks, truth
+from toy_lidar import scan_of
 
 from roadscope.core import (
     ASPHALT_COLOUR,
@@ -16,7 +17,6 @@ from roadscope.core import (
     Calibration,
     Category,
     Frame,
-    LidarScan,
     Pose,
     Tracks,
     TrackState,
@@ -49,10 +49,9 @@ def _frame(points=None) -> Frame:
     calibration = Calibration((("lidar", Pose.planar(2.5, 0.0, 0.0, z_m=1.9)),))
     if points is None:
         return Frame(5.0, calibration)
-    n = len(points)
-    none = np.zeros(n)
-    scan = LidarScan(points, none, none.astype(int), none.astype(int), none, 5.0, "lidar")
-    return Frame(5.0, calibration, lidar=scan)
+    return Frame(
+        5.0, calibration, lidar=scan_of(points, stamp_s=5.0, sensor="lidar", intensity=0.0)
+    )
 
 
 def _snapshot(frame=None, truth=None, **shown) -> Snapshot:

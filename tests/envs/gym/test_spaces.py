@@ -1,5 +1,6 @@
 import numpy as np
 import pytest
+from toy_lidar import scan_of
 
 from roadscope.core import Category, LidarScan, Pose
 from roadscope.envs import find_rig
@@ -43,16 +44,7 @@ def drive(speed: float, yaw_rate: float) -> Timeline:
 
 
 def scan(points: list[tuple[float, float, float]], ring: list[int], column: list[int]) -> LidarScan:
-    count = len(points)
-    return LidarScan(
-        np.reshape(points, (count, 3)),
-        np.linspace(0.5, 1.0, count),
-        np.array(ring, np.int16),
-        np.array(column, np.int32),
-        np.zeros(count),
-        0.0,
-        "lidar",
-    )
+    return scan_of(points, ring, column, 0.0, "lidar", np.linspace(0.5, 1.0, len(points)))
 
 
 @pytest.mark.parametrize("name", ["lux", "vlp16", "hdl32e", "hdl64e"])
