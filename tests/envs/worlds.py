@@ -35,17 +35,32 @@ def platoon(actors: int = 3, style: str = "campus", road: RoadMap | None = None)
     grid = (len(stamps), actors)
     axles = np.zeros((*grid, 2))
     axles[..., 0] = 50 + 10 * stamps[:, None] + 12 * np.arange(actors)
-    return Timeline(
-        stamps_s=stamps,
+    return timeline(
+        stamps,
+        axles,
+        np.zeros(grid),
+        np.full(grid, 10.0),
+        size=(4.5, 1.8, 1.5),
         ids=np.arange(actors) * 7,
-        categories=np.zeros(actors, np.int8),
-        sizes=np.tile([4.5, 1.8, 1.5], (actors, 1)),
         centre_ahead_m=np.full(actors, 2.25),
-        present=np.ones(grid, bool),
-        axles=axles,
-        yaws=np.zeros(grid),
-        speeds=np.full(grid, 10.0),
-        crashed=np.zeros(grid, bool),
         road=straight() if road is None else road,
         style=style,
     )
+
+
+def timeline(stamps, axles, yaws, speeds, *, size=(1.0, 1.0, 1.0), **changes) -> Timeline:
+    """Cars of one size that are there all the time, on a short road, unless something is changed.
+
+    axles: (samples, actors, 2). yaws, speeds: (samples, actors).
+    """
+    samples, actors = np.shape(yaws)
+    given = {
+        "ids": np.arange(actors),
+        "categories": np.zeros(actors, np.int8),
+        "sizes": np.tile(size, (actors, 1)),
+        "centre_ahead_m": np.full(actors, 2.5),
+        "present": np.ones((samples, actors), bool),
+        "crashed": np.zeros((samples, actors), bool),
+        "road": straight(lanes=1, length_m=20.0),
+    }
+    return Timeline(stamps_s=stamps, axles=axles, yaws=yaws, speeds=speeds, **given | changes)

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from toy_lidar import scan_of
 
-from roadscope.core import Category, LidarScan, Pose
+from roadscope.core import LidarScan, Pose
 from roadscope.envs import find_rig
 from roadscope.envs.gym import (
     EGO_BOUNDS,
@@ -13,6 +13,7 @@ from roadscope.envs.gym import (
     range_image,
 )
 from roadscope.envs.traffic import RoadMap, Timeline
+from tests.envs.worlds import timeline
 
 EAST = np.array([[0.0, 0.0], [10.0, 0.0], [20.0, 0.0]])
 WIDTHS = np.full(3, 4.0)
@@ -27,20 +28,8 @@ def drive(speed: float, yaw_rate: float) -> Timeline:
     yaws = yaw_rate * stamps
     steps = speed * 0.05 * np.stack([np.cos(yaws), np.sin(yaws)], axis=1)
     axles = np.concatenate([np.zeros((1, 2)), np.cumsum(steps[:-1], axis=0)])
-    shape = (len(stamps), 1)
-    return Timeline(
-        stamps,
-        np.array([0]),
-        np.array([Category.CAR]),
-        np.array([[5.0, 2.0, 1.5]]),
-        np.array([2.5]),
-        np.ones(shape, bool),
-        axles[:, None],
-        yaws[:, None],
-        np.full(shape, speed),
-        np.zeros(shape, bool),
-        road(EAST),
-    )
+    speeds = np.full((len(stamps), 1), speed)
+    return timeline(stamps, axles[:, None], yaws[:, None], speeds, size=(5.0, 2.0, 1.5))
 
 
 def scan(points: list[tuple[float, float, float]], ring: list[int], column: list[int]) -> LidarScan:
@@ -81,18 +70,18 @@ def test_no_returns_are_zeros(empty: LidarScan | None) -> None:
 
 
 def test_the_own_state_is_speed_yaw_rate_and_place_on_the_lane() -> None:
-    timeline = drive(10.0, 0.2)
-    state = ego_state(timeline, 1.0, LaneLocator(timeline.road))
-    _, y = timeline.axles[-1, 0]
+    driven = drive(10.0, 0.2)
+    state = ego_state(driven, 1.0, LaneLocator(driven.road))
+    _, y = driven.axles[-1, 0]
     assert state.dtype == np.float32
     np.testing.assert_allclose(state, [10.0, 0.2, y, 0.2], rtol=1e-2)
 
 
 def test_the_own_state_at_the_start_and_beyond_its_bounds_stays_in_the_space() -> None:
-    timeline = drive(500.0, 40.0)
-    lanes = LaneLocator(timeline.road)
-    assert ego_state(timeline, 0.0, lanes)[1] == 0.0
-    state = ego_state(timeline, 1.0, lanes)
+    driven = drive(500.0, 40.0)
+    lanes = LaneLocator(driven.road)
+    assert ego_state(driven, 0.0, lanes)[1] == 0.0
+    state = ego_state(driven, 1.0, lanes)
     assert (np.abs(state) <= EGO_BOUNDS).all()
     assert state[1] == EGO_BOUNDS[1]
 

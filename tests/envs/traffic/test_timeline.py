@@ -7,27 +7,8 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from roadscope.core import RecordError
-from roadscope.envs.traffic import Change, RoadMap, ScriptedMotion, Timeline
-
-ROAD = RoadMap.from_lanes([(np.array([[0.0, 0.0], [10.0, 0.0]]), np.array([4.0, 4.0]))])
-
-
-def timeline(stamps, axles, yaws, speeds, present=None, **changes):
-    samples, actors = np.shape(yaws)
-    return Timeline(
-        stamps_s=stamps,
-        ids=np.arange(actors),
-        categories=np.zeros(actors, np.int8),
-        sizes=np.ones((actors, 3)),
-        centre_ahead_m=np.full(actors, 2.5),
-        present=np.ones((samples, actors), bool) if present is None else present,
-        axles=axles,
-        yaws=yaws,
-        speeds=speeds,
-        crashed=np.zeros((samples, actors), bool),
-        road=ROAD,
-        **changes,
-    )
+from roadscope.envs.traffic import Change, ScriptedMotion, Timeline
+from tests.envs.worlds import timeline
 
 
 def circle(times, radius, speed):
@@ -52,7 +33,7 @@ def timelines(draw):
         draw(arrays(float, (samples, actors, 2), elements=finite)),
         draw(arrays(float, (samples, actors), elements=finite)),
         draw(arrays(float, (samples, actors), elements=finite)),
-        presence,
+        present=presence,
     )
 
 
@@ -97,7 +78,7 @@ def test_outside_the_recording_motion_goes_on_at_constant_velocity(line, after):
 def test_an_actor_is_absent_before_its_first_and_after_its_last_sample():
     times = np.arange(5.0)
     present = np.array([[1, 0], [1, 1], [1, 1], [1, 0], [1, 0]], bool)
-    line = timeline(times, np.zeros((5, 2, 2)), np.zeros((5, 2)), np.zeros((5, 2)), present)
+    line = timeline(times, np.zeros((5, 2, 2)), np.zeros((5, 2)), np.zeros((5, 2)), present=present)
     seen = line.at(np.array([-1.0, 0.999, 1.0, 1.5, 2.0, 2.001, 9.0])).present
     assert seen[:, 1].tolist() == [False, False, True, True, True, False, False]
     assert seen[:, 0].all()
