@@ -52,16 +52,3 @@ def test_every_road_user_of_a_kind_can_be_replaced(category, name, size) -> None
         s for mix in MIXES.values() for c, _, sizes in mix for s in sizes if c == category
     ):
         assert any(s[0] <= other[0] and s[1] <= other[1] for s in UNSEEN[category].values())
-
-
-@MODELS
-@pytest.mark.parametrize("seed", range(3))
-def test_a_body_fits_its_box_exactly(category, name, size, seed) -> None:
-    body = body_prisms(category, np.array(size), np.random.default_rng(seed))
-    corners = np.concatenate([o[:n] for o, n in zip(body.footprints, body.corners, strict=True)])
-    np.testing.assert_allclose(corners.max(0), np.array(size[:2]) / 2, atol=1e-9)
-    np.testing.assert_allclose(corners.min(0), -np.array(size[:2]) / 2, atol=1e-9)
-    assert body.tops.max() == pytest.approx(size[2])
-    assert 0 <= body.bottoms.min() < 0.3 * size[2]
-    assert (body.bottoms < body.tops).all()
-    assert ((body.reflectivities > 0) & (body.reflectivities <= 1)).all()

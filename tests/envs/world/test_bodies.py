@@ -2,6 +2,7 @@ import numpy as np
 import pytest
 
 from roadscope.core import Category
+from roadscope.envs.traffic import UNSEEN
 from roadscope.envs.world import Prisms, body_prisms
 
 SIZES = {
@@ -14,14 +15,15 @@ SIZES = {
     Category.PEDESTRIAN: [(0.3, 0.5, 1.6), (0.8, 0.6, 1.9)],
 }
 CASES = [(category, size) for category, sizes in SIZES.items() for size in sizes]
+STRANGE = [(category, size) for category, models in UNSEEN.items() for size in models.values()]
 
 
 def _body(category: Category, size: tuple[float, float, float], seed: int = 0) -> Prisms:
     return body_prisms(category, np.array(size), np.random.default_rng(seed))
 
 
-@pytest.mark.parametrize(("category", "size"), CASES)
-@pytest.mark.parametrize("seed", range(5))
+@pytest.mark.parametrize(("category", "size"), CASES + STRANGE)
+@pytest.mark.parametrize("seed", range(3))
 def test_a_body_fits_its_box_exactly(category, size, seed):
     body = _body(category, size, seed)
     corners = body.footprints.reshape(-1, 2)
@@ -29,6 +31,8 @@ def test_a_body_fits_its_box_exactly(category, size, seed):
     assert np.allclose(corners.min(0), -np.array(size[:2]) / 2, atol=1e-9)
     assert body.tops.max() == pytest.approx(size[2])
     assert 0.0 <= body.bottoms.min() < 0.3 * size[2]
+    assert (body.bottoms < body.tops).all()
+    assert ((body.reflectivities > 0) & (body.reflectivities <= 1)).all()
 
 
 @pytest.mark.parametrize(("category", "size"), CASES)
@@ -38,7 +42,6 @@ def test_a_body_is_a_short_stack_of_convex_solid_prisms(category, size):
     assert 3 <= len(body) <= (15 if on_two_wheels else 6)
     assert (body.owners == 0).all()
     assert (body.extinctions == 0).all()
-    assert ((body.reflectivities > 0) & (body.reflectivities <= 1)).all()
     for outline, count in zip(body.footprints, body.corners, strict=True):
         sides = np.diff(outline[:count], axis=0, append=outline[:1])
         after = np.roll(sides, -1, axis=0)
