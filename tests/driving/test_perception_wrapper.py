@@ -14,7 +14,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from toy_boxes import tracks
 
-import roadscope
 from roadscope import SpecError, Tracks
 from roadscope.driving import BelievedObservation, Perception, PerceptionWrapper
 from roadscope.envs import find_rig
@@ -227,7 +226,3 @@ def test_other_observations_are_refused() -> None:
             PerceptionWrapper(env, perception)
     own = gym.make("roadscope/ParkingLot-v0", perception="truth", disable_env_checker=True)
     assert own.observation_space == env.observation_space
-
-
-def test_the_wrapper_is_public() -> None:
-    assert roadscope.PerceptionWrapper is PerceptionWrapper

@@ -54,15 +54,6 @@ def test_every_target_has_a_place_even_without_lidar() -> None:
     assert len(fused.detections()) == 2
 
 
-@pytest.mark.parametrize("missing", ["lidar", "camera"])
-def test_one_failing_sensor_leaves_all_that_the_other_finds(missing: str) -> None:
-    lidar, camera = people((12.0, 2.0), (25.0, -3.0)), seen((12.0, 2.0), (18.0, 0.0))
-    fused = FUSIONS.make("consistent").fuse(
-        None if missing == "lidar" else lidar, None if missing == "camera" else camera, LOOK
-    )
-    assert len(fused) == 2
-
-
 def test_what_both_see_is_believed_more_than_what_one_sees() -> None:
     places = (12.0, 2.0), (18.0, -3.0)
     fused = FUSIONS.make("consistent").fuse(people(*places), seen(places[0]), LOOK)

@@ -62,11 +62,13 @@ def test_nothing_seen_is_nothing_found(name: str) -> None:
 def test_one_sensor_is_enough(name: str) -> None:
     lidar, camera = scene(3)
     alone = FUSIONS.make(name).fuse(None, camera, LOOK)
-    assert len(alone)
+    assert len(alone) == len(camera)
     assert alone.by_camera.all()
+    assert not alone.by_lidar.any()
     assert alone.stamp_s == camera.stamp_s
     other = FUSIONS.make(name).fuse(lidar, None, LOOK)
-    assert len(other)
+    assert len(other) == len(lidar)
+    assert other.by_lidar.all()
     assert not other.by_camera.any()
 
 

@@ -5,7 +5,7 @@ import pytest
 from toy_boxes import detections, image_detections
 from toy_camera import looking_ahead
 
-from roadscope.core import Category, Detections, ImageDetections, RecordError
+from roadscope.core import Category, Detections, ImageDetections
 from roadscope.fusion import Li2021Fusion, camera_masses, combine, lidar_masses, projected_boxes
 
 LOOK = looking_ahead(height_m=1.0)
@@ -99,21 +99,6 @@ def test_a_crowd_shares_one_number_and_distance() -> None:
     assert fused.lidar_rows.tolist() == [0, 0, 0]
     assert np.allclose(fused.distances_m, 20.0)
     assert (fused.categories == Category.PEDESTRIAN).all()
-
-
-@pytest.mark.parametrize("missing", ["lidar", "camera"])
-def test_it_goes_on_with_one_sensor(missing: str) -> None:
-    points, image = lidar((20, 0)), camera((300, 200, 340, 280))
-    fused = Li2021Fusion().fuse(
-        None if missing == "lidar" else points, None if missing == "camera" else image, LOOK
-    )
-    assert len(fused) == 1
-    assert fused.by_lidar.tolist() == [missing == "camera"]
-
-
-def test_two_missing_sensors_are_refused() -> None:
-    with pytest.raises(RecordError, match="one sensor at least"):
-        Li2021Fusion().fuse(None, None, LOOK)
 
 
 def test_a_box_beside_the_camera_is_cut_at_its_plane() -> None:
