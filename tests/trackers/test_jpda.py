@@ -9,7 +9,7 @@ from hypothesis.extra.numpy import arrays
 from scipy.optimize import linear_sum_assignment
 from tracked_scenes import boxes, make
 
-from roadscope.core import Category, Detections, Pose, TrackState
+from roadscope.core import Category, Pose, TrackState
 from roadscope.trackers import (
     EXACT_LIMIT,
     FOLDER,
@@ -345,7 +345,3 @@ def test_base_rates_are_taken_out_of_scores(tmp_path):
     rare.write_text(text.replace("score_offset = 0.0", "score_offset = -3.0"), "utf-8")
     assert 1 / (1 + np.exp(3 - np.log(0.7 / 0.3))) < 0.11
     assert ScoreCalibration(str(rare)).probabilities(tick)[0] > 0.3
-
-
-def test_no_detections_at_all():
-    assert len(make("jpda").update(Detections.empty(0.0), None)) == 0
