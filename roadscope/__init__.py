@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from roadscope.benchmarks.run import leaderboard
     from roadscope.benchmarks.single import run_episode
     from roadscope.benchmarks.suite_files import load_suite
-    from roadscope.core.category import Category
+    from roadscope.core.category import Category, Family
     from roadscope.core.checks import RecordError
     from roadscope.core.detections import Detections, ImageDetections
     from roadscope.core.driving import DrivingCommand, DrivingScene
@@ -73,6 +73,7 @@ _PLACES = {
     "Detections": "roadscope.core.detections:Detections",
     "DrivingCommand": "roadscope.core.driving:DrivingCommand",
     "DrivingScene": "roadscope.core.driving:DrivingScene",
+    "Family": "roadscope.core.category:Family",
     "Frame": "roadscope.core.frame:Frame",
     "FusedDetections": "roadscope.core.fused:FusedDetections",
     "ImageDetections": "roadscope.core.detections:ImageDetections",
@@ -129,6 +130,7 @@ __all__ = [
     "DrivingCommand",
     "DrivingScene",
     "Episode",
+    "Family",
     "Frame",
     "FusedDetections",
     "ImageDetections",
