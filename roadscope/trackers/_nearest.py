@@ -4,10 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Any
 
 import numpy as np
-from filterpy.kalman import KalmanFilter
 
 from roadscope.core import Detections, Pose, Tracks, TrackState
 from roadscope.trackers._headings import facing_ahead
@@ -195,50 +193,48 @@ class FilterNoise:
 
 
 class ConstantVelocityFilter:
-    """filterpy's `KalmanFilter` of one target at constant velocity (section 3.3)."""
+    """Kalman filter of one target at constant velocity (section 3.3)."""
 
     def __init__(
         self, noise: FilterNoise, position: np.ndarray, velocity: np.ndarray, period_s: float
     ) -> None:
         """Start at a measured (2,) position with a guess of the (2,) velocity."""
-        self._noise = noise
-        self._kalman: Any = KalmanFilter(dim_x=4, dim_z=2)
-        self._kalman.x = np.array([position[0], velocity[0], position[1], velocity[1]])
-        self._kalman.H = H
-        self._kalman.P = initial_covariance(noise.sigma_p_m, period_s)
-        self._kalman.R = noise.sigma_m_m**2 * np.eye(2)
+        self._noise, self._R = noise, noise.sigma_m_m**2 * np.eye(2)
+        self._x = np.array([position[0], velocity[0], position[1], velocity[1]])
+        self._P = initial_covariance(noise.sigma_p_m, period_s)
 
     @property
     def position(self) -> np.ndarray:
         """(2,) x, y in metres."""
-        position: np.ndarray = self._kalman.x[[0, 2]]
-        return position
+        return self._x[[0, 2]]
 
     @property
     def velocity(self) -> np.ndarray:
         """(2,) vx, vy in m/s."""
-        velocity: np.ndarray = self._kalman.x[[1, 3]]
-        return velocity
+        return self._x[[1, 3]]
 
     @velocity.setter
     def velocity(self, velocity: np.ndarray) -> None:
-        self._kalman.x[[1, 3]] = velocity
+        self._x[[1, 3]] = velocity
 
     @property
     def covariance(self) -> np.ndarray:
         """(4, 4) of x, y, vx, vy."""
-        covariance: np.ndarray = self._kalman.P[PLANAR_ORDER]
-        return covariance
+        return self._P[PLANAR_ORDER]
 
     def predict(self, period_s: float) -> None:
         """Advance by one period (eq. 16 and 8)."""
-        self._kalman.predict(
-            F=transition(period_s), Q=process_noise(self._noise.acceleration_m_s2, period_s)
-        )
+        A, Q = transition(period_s), process_noise(self._noise.acceleration_m_s2, period_s)
+        self._x = A @ self._x
+        self._P = A @ self._P @ A.T + Q
 
     def update(self, position: np.ndarray) -> None:
-        """Correct by a measured (2,) position (eq. 9 to 11)."""
-        self._kalman.update(position)
+        """Correct by a measured (2,) position (eq. 9 to 11; eq. 11 in Joseph's stable form)."""
+        PHT = self._P @ H.T
+        K = PHT @ np.linalg.inv(H @ PHT + self._R)
+        self._x = self._x + K @ (position - H @ self._x)
+        rest = np.eye(4) - K @ H
+        self._P = rest @ self._P @ rest.T + K @ self._R @ K.T
 
 
 @lru_cache(maxsize=8)

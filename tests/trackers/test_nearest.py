@@ -1,5 +1,6 @@
 import numpy as np
 import pytest
+from filterpy.kalman import KalmanFilter
 from toy_boxes import detections
 from tracked_scenes import make
 
@@ -99,7 +100,7 @@ def test_detections_in_the_world_frame_are_taken_as_they_are():
 
 
 def test_the_filter_is_the_printed_recursion():
-    """Eq. 8 to 16, written out, against filterpy with Q at 0."""
+    """Eq. 8 to 16 as they are printed, with Q at 0."""
     rng = np.random.default_rng(0)
     places = rng.normal(size=(30, 2)) + np.arange(30)[:, None]
     kalman = ConstantVelocityFilter(FilterNoise(0.5, 0.2, 0.0), places[0], np.zeros(2), T)
@@ -117,6 +118,25 @@ def test_the_filter_is_the_printed_recursion():
     assert np.allclose(kalman.position, x[[0, 2]])
     assert np.allclose(kalman.velocity, x[[1, 3]])
     assert np.allclose(kalman.covariance, P[np.ix_([0, 2, 1, 3], [0, 2, 1, 3])], atol=1e-9)
+
+
+def test_the_filter_is_filterpys_to_the_bit():
+    rng = np.random.default_rng(0)
+    places = rng.normal(size=(30, 2)) + np.arange(30)[:, None]
+    ours = ConstantVelocityFilter(FilterNoise(0.5, 0.2, 2.0), places[0], np.ones(2), T)
+    theirs = KalmanFilter(dim_x=4, dim_z=2)
+    theirs.x, theirs.H = np.array([places[0, 0], 1, places[0, 1], 1]), np.eye(4)[[0, 2]]
+    theirs.P = np.kron(np.eye(2), [[1.0, 1 / T], [1 / T, 2 / T**2]]) * 0.5**2
+    theirs.F, theirs.Q = np.kron(np.eye(2), [[1, T], [0, 1]]), process_noise(2.0, T)
+    theirs.R = 0.2**2 * np.eye(2)
+    for z in places[1:]:
+        ours.predict(T)
+        theirs.predict()
+        ours.update(z)
+        theirs.update(z)
+        assert (ours.position == theirs.x[[0, 2]]).all()
+        assert (ours.velocity == theirs.x[[1, 3]]).all()
+        assert (ours.covariance == theirs.P[np.ix_([0, 2, 1, 3], [0, 2, 1, 3])]).all()
 
 
 def test_without_process_noise_the_gain_goes_to_zero():

@@ -1,7 +1,7 @@
 """How long trackers take for an update, by the number of targets.
 
 In processor time, summed over threads: what one core needs for it, whatever else runs. `nearest`
-has a filterpy filter for every target, each with its own small matrices; that is what it measures.
+has a filter for every target, each with its own small matrices; that is what it measures.
 """
 
 from __future__ import annotations
