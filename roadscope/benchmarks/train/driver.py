@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import multiprocessing
 import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
@@ -265,6 +266,8 @@ def _trained(recipe: DriverRecipe, start: Layers | None, progress: Progress) -> 
     rate = LEARNING_RATE if start is None else RETRAINING_RATE
     threads = torch.get_num_threads()
     torch.set_num_threads(1)
+    # Where processes are forked from a server, it imports once what takes each of them seconds.
+    multiprocessing.set_forkserver_preload(["__main__", PPO.__module__, __name__])
     environments = SubprocVecEnv([lambda: _environment(recipe)] * ENVIRONMENTS)
     try:
         model = PPO(
