@@ -37,10 +37,16 @@ LONGEST = tuple(
         "odometry/test_empty_roads",
         "test_cli",
         "benchmarks/test_clusters",
+        "torture/test_deadlines",
+        "torture/test_loading",
+        "torture/test_worker_deaths",
         "odometry/test_convoys",
+        "torture/test_trust_and_sandbox",
         "research/test_shipped_traits",
         "test_examples",
         "benchmarks/papers/test_figures",
+        "benchmarks/test_workers_speed",
+        "benchmarks/test_run",
         "benchmarks/isolation/test_cost",
         "benchmarks/test_keys",
         "torture/test_command",
@@ -56,8 +62,8 @@ LONGEST = tuple(
         "research/test_zhang2017_calibration",
     )
 )
-"""Files that take a minute and more, the longest first: nothing runs beside what a worker begins
-last."""
+"""Files that take half a minute and more, the longest first: nothing runs beside what a worker
+begins last."""
 
 
 @pytest.hookimpl(optionalhook=True)
