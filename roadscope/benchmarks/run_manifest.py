@@ -21,7 +21,7 @@ from roadscope.benchmarks.fingerprints import (
 from roadscope.benchmarks.metrics import METRIC_VERSION
 from roadscope.benchmarks.suite import Suite
 
-LIBRARIES = ("numpy", "scipy", "numba", "gymnasium", "highway-env", "filterpy", "joblib")
+LIBRARIES = ("numpy", "scipy", "numba", "gymnasium", "highway-env", "joblib")
 
 
 def manifest(

@@ -19,7 +19,7 @@ class NorfairTracker:
     metres and the true time between ticks instead of pixels and frames.
     """
 
-    requires: ClassVar = Requirement("norfair", "pip install --no-deps norfair")
+    requires: ClassVar = Requirement("norfair", "pip install --no-deps norfair filterpy")
     """It works with NumPy 2, filterpy 2 and rich 15 but its metadata asks for older ones."""
 
     def __init__(
