@@ -180,9 +180,10 @@ def _show_boards(results: Results, suite: Suite, screen: Any, breakdowns: Sequen
     from roadscope.benchmarks.boards import board_named
     from roadscope.benchmarks.report import tables
 
-    has_marks = any(place.mark for place in results.standings)
     has_intervals = any(row.low is not None and row.low != row.high for row in results.rows)
-    text = tables.explanation(suite, results.boards(), marks=has_marks, intervals=has_intervals)
+    text = tables.explanation(
+        suite, results.boards(), standings=results.standings, intervals=has_intervals
+    )
     introduction = printable(f": {suite.summary_with_seeds}. {text}")
     screen.print(Text.assemble((printable(suite.title), "bold"), introduction))
     for name in results.boards():

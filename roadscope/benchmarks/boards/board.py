@@ -139,8 +139,8 @@ class Board(ABC):
     """Metrics whose median over episodes is shown too, as `NAME_median`."""
     sample: str = "seeds"
     """What intervals are computed over, in words; empty: there are no intervals."""
-    marks_note: str = ""
-    """Explanation of its marks, where they are shown."""
+    marks_notes: Mapping[str, str] = {}
+    """What marks are, by the ending of their names; said where one of them is shown."""
     object_metric: str = ""
     """A metric that has a value as soon as one object is eligible."""
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 from roadscope.benchmarks.boards.board import (
     CONDITIONS,
@@ -101,7 +101,10 @@ class DrivingBoard(Board):
     )
     detections_field = "stacks"
     inputs_name = BY_STACK
-    marks_note = f"'on {TRUTH}': with all road users as they are; 'on {BLIND}': with none."
+    marks_notes: Mapping[str, str] = {
+        f"on {TRUTH}": "with all road users as they are",
+        f"on {BLIND}": "with none",
+    }
     predictors = PERCEPTION
     predicted = ("reward", "collided", "phantom_braking")
     default_suite = "driving"

@@ -64,7 +64,7 @@ class KittiOdometryBoard(OdometryBoard):
         Column("end", "error of the last position (m)"),
     )
     conditions: Mapping[str, Condition] = {"sequence": lambda drive: drive.sequence.name}
-    marks_note = ""
+    marks_notes: Mapping[str, str] = {}
     by_distance: Mapping[str, str] = {}
     sample = "sequences"
 

@@ -130,9 +130,9 @@ class OdometryBoard(Board):
         Column("dynamic_recall", "recall of dynamic returns"),
     )
     medians = ("t_rel",)
-    marks_note = (
-        f"'on {ORACLE}': without the returns of objects that move faster than {MOVING_M_S:g} m/s."
-    )
+    marks_notes: Mapping[str, str] = {
+        f"on {ORACLE}": f"without the returns of objects that move faster than {MOVING_M_S:g} m/s"
+    }
     three_digits = True
     by_distance: Mapping[str, str] = {
         "t_rel": "t_rel (%)",

@@ -60,6 +60,8 @@ def sandbox_command(*, readable: Iterable[Path], hidden: Sequence[Path]) -> list
         if path.exists() and any(path.is_relative_to(folder) for folder in empty)
     }
     words = ["bwrap", "--die-with-parent", "--unshare-all", "--new-session"]
+    # Root would keep its capabilities, with which it can mount over all that follows.
+    words += ["--cap-drop", "ALL"]
     words += ["--ro-bind", "/", "/", "--dev", "/dev", "--proc", "/proc"]
     # A folder comes before those inside it: each covers what the earlier ones put in its place.
     for path in sorted({*empty, *shown_again}):

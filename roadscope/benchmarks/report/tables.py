@@ -52,17 +52,25 @@ class Layout:
 
 
 def explanation(
-    suite: Suite, boards: Sequence[str], *, marks: bool = True, intervals: bool = True
+    suite: Suite,
+    boards: Sequence[str],
+    *,
+    standings: Sequence[Standing] = (),
+    intervals: bool = True,
 ) -> str:
     """Return as text which objects are eligible, what entries get, and what intervals are over.
 
-    marks, intervals: whether any is shown.
+    standings: those shown, whose marks are explained. intervals: whether any is shown.
     """
     chosen = [board_named(name) for name in boards]
     texts = dict.fromkeys(board.explanation(suite) for board in chosen)
     # Boards of LiDAR share the rule of eligibility, which is printed once.
     whole = [t for t in texts if not any(o != t and o.startswith(t) for o in texts)]
-    whole += [board.marks_note for board in chosen if marks and board.marks_note]
+    for board in chosen:
+        marks = [each.entry for each in standings if each.board == board.name and each.mark]
+        notes = board.marks_notes.items()
+        shown = [f"'{e}': {t}" for e, t in notes if any(name.endswith(f" {e}") for name in marks)]
+        whole += [f"{'; '.join(shown)}."] if shown else []
     if not suite.recorded and len(suite.seeds) == 1:
         return " ".join([*whole, "One seed gives no intervals."])
     over = " and ".join(dict.fromkeys(board.sample for board in chosen if board.sample))

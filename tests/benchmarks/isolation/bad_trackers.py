@@ -300,6 +300,17 @@ class Tries(Good):
         return ""
 
 
+class Mounts(Tries):
+    """Says what it may do once it has tried to take the sandbox off."""
+
+    def update(self, detections, ego_pose):
+        libc = ctypes.CDLL(None, use_errno=True)
+        remount_writable_bind, detach = 32 | 4096, 2
+        libc.mount(b"none", b"/", None, remount_writable_bind, None)
+        libc.umount2(str(self.secret.parent).encode(), detach)
+        return super().update(detections, ego_pose)
+
+
 class Echoes(Good):
     def update(self, detections, ego_pose):
         return detections

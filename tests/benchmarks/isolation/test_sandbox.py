@@ -61,6 +61,18 @@ def test_a_sandbox_hides_files_network_and_processes(folder: Path) -> None:
 
 
 @needs_sandbox
+def test_root_cannot_take_a_sandbox_off(folder: Path) -> None:
+    (folder / "cache").mkdir()
+    (folder / "cache" / "truth").write_text("x")
+    spec = bad("Mounts", place=str(folder), secret=str(folder / "cache" / "truth"))
+    with open_plugin(spec, sandbox=True, hidden=[folder / "cache"]) as plugin:
+        caught = plugin.call("update", None, None).answer
+    assert caught["read"]
+    assert caught["write"]
+    assert not (folder / "new").exists()
+
+
+@needs_sandbox
 def test_a_sandbox_hides_our_cache(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("ROADSCOPE_CACHE", str(folder / "ours"))
     (folder / "ours").mkdir()

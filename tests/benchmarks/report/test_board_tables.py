@@ -172,6 +172,17 @@ def test_intervals_are_explained_where_there_are_any(seeds, shown, intervals) ->
     assert text.count("To be found") == 1
 
 
+def test_a_mark_is_explained_only_on_the_board_that_shows_it() -> None:
+    suite = load_suite("odometry")
+    places = (Standing("odometry", "still", "lower mark"), Standing("tracking", "a on oracle", "x"))
+    for shown, explained in (
+        (places, False),
+        ((Standing("odometry", "icp on oracle", "x"),), True),
+    ):
+        text = explanation(suite, ["odometry", "tracking"], standings=shown)
+        assert ("'on oracle': without the returns" in text) is explained
+
+
 def standing(entry: str, rank: int | None, behind=None, mark=None) -> Standing:
     gap = (None, None, None) if behind is None else behind
     return Standing("tracking", entry, mark, rank, rank, rank, *gap)
