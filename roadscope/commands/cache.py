@@ -4,13 +4,11 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-import typer
-
 from roadscope.commands import options
 from roadscope.commands.completion import cache_kinds
 from roadscope.commands.help import GroupedCommand, command_group
 from roadscope.commands.options import flag, option
-from roadscope.commands.terminal import print_json, show
+from roadscope.commands.terminal import print_json, say, show
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -25,7 +23,7 @@ def print_path() -> None:
     """Print the folder that computed files go to."""
     from roadscope.benchmarks.cache import cache_folder
 
-    typer.echo(cache_folder())
+    say(cache_folder())
 
 
 @cache.command("show", cls=GroupedCommand)
@@ -38,7 +36,7 @@ def show_usage(json: bool = options.JSON) -> None:
     if json:
         _print_json(usages)
         return
-    typer.echo(cache_folder())
+    say(cache_folder())
     _show_sizes(usages)
 
 
@@ -64,9 +62,9 @@ def clear(
     if json or quiet:
         return
     if not removed:
-        typer.echo(f"nothing to remove in {cache_folder()}")
+        say(f"nothing to remove in {cache_folder()}")
         return
-    typer.echo(f"removed from {cache_folder()}:")
+    say(f"removed from {cache_folder()}:")
     _show_sizes(removed)
 
 

@@ -6,11 +6,9 @@ import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import typer
-
 from roadscope.commands import completion, options
 from roadscope.commands.options import flag, option
-from roadscope.commands.terminal import headline, print_json, progress_bars, show
+from roadscope.commands.terminal import headline, print_json, progress_bars, say, show
 
 if TYPE_CHECKING:
     from roadscope.benchmarks.calibrating import RigCalibration
@@ -71,7 +69,7 @@ def calibrate(
         origin += " --upright" * upright + f" --outliers {outliers:g}" * bool(outliers)
         save_rig_calibration(calibration, place, origin + f" --scans {scans}" * (scans != 25))
         if not (json or quiet):
-            typer.echo(f"written: {place}")
+            say(f"written: {place}")
 
 
 def _content(calibration: RigCalibration, rig: str) -> dict[str, Any]:

@@ -9,7 +9,7 @@ import typer
 from roadscope.commands import options
 from roadscope.commands.completion import plugin_kinds
 from roadscope.commands.options import argument, flag, option
-from roadscope.commands.terminal import complain, print_json
+from roadscope.commands.terminal import complain, print_json, say
 
 
 def check(
@@ -37,7 +37,7 @@ def check(
     """
     from roadscope.testing import check as check_contract
 
-    report = None if json or quiet else typer.echo
+    report = None if json or quiet else say
     checked = check_contract(
         spec, kind=kind, deadline_s=deadline, trust=trust, sandbox=sandbox, report=report
     )
@@ -47,6 +47,6 @@ def check(
         for item in checked.broken:
             complain(str(item))
     else:
-        typer.echo(checked.verdict)
+        say(checked.verdict)
     if not checked.ok:
         raise typer.Exit(1)

@@ -12,7 +12,7 @@ import typer
 
 from roadscope.commands import completion, options
 from roadscope.commands.options import OUTPUT, argument, flag, option
-from roadscope.commands.terminal import complain, console, printable
+from roadscope.commands.terminal import complain, console, printable, say
 
 if TYPE_CHECKING:
     from roadscope.benchmarks.compare import Comparison, Difference
@@ -71,7 +71,7 @@ def compare(
     elif not quiet:
         _show(comparison, every)
         if out is not None:
-            typer.echo(f"written: {out}")
+            say(f"written: {out}")
     if fail_on_regression and comparison.regressed:
         _complain_of_regressions(comparison)
         raise typer.Exit(1)

@@ -7,11 +7,9 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import typer
-
 from roadscope.commands import completion, options
 from roadscope.commands.options import RECORDED, argument, option
-from roadscope.commands.terminal import complain, headline, print_json, progress_bars, show
+from roadscope.commands.terminal import complain, headline, print_json, progress_bars, say, show
 
 if TYPE_CHECKING:
     import numpy as np
@@ -110,7 +108,7 @@ def detect(
         print_json({**about, "frames": len(frames), "detections": _counts(frames)})
     elif not quiet:
         _report(job, frames)
-        typer.echo(f"written: {out}" if views is None else f"written: {out}, {views}")
+        say(f"written: {out}" if views is None else f"written: {out}, {views}")
 
 
 def _turn(mounting: str | None) -> np.ndarray:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import typer
 
 from roadscope.commands import options
-from roadscope.commands.terminal import complain, headline, print_json
+from roadscope.commands.terminal import complain, headline, print_json, say
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -69,13 +69,13 @@ def _show(diagnosis: Diagnosis) -> None:
     rows = [(part, "yes" if present else "no") for part, present in isolation.parts.items()]
     rows.append(("sandbox (bubblewrap)", isolation.sandbox_reason or "yes"))
     _section("isolation of plug-ins", rows)
-    typer.echo()
+    say("")
     for text in diagnosis.warnings:
-        typer.echo(f"warning: {text}")
+        say(f"warning: {text}")
     for text in diagnosis.broken:
-        typer.echo(f"broken: {text}")
+        say(f"broken: {text}")
     if not diagnosis.broken:
-        typer.echo("nothing is broken")
+        say("nothing is broken")
 
 
 def _section(title: str, rows: Iterable[tuple[str, str]]) -> None:
@@ -84,7 +84,7 @@ def _section(title: str, rows: Iterable[tuple[str, str]]) -> None:
     listed = list(rows)
     width = max((len(name) for name, _ in listed), default=0)
     for name, text in listed:
-        typer.echo(f"  {name:{width}}  {text}")
+        say(f"  {name:{width}}  {text}")
 
 
 def _writable(writable: bool) -> str:

@@ -4,11 +4,9 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import typer
-
 from roadscope.commands import completion, options
 from roadscope.commands.options import argument, flag, option
-from roadscope.commands.terminal import print_json, printable, progress_bars
+from roadscope.commands.terminal import print_json, printable, progress_bars, say
 
 NONE = "none"
 """Detector that stands for no detections."""
@@ -55,7 +53,7 @@ def export(
     if not (json or quiet):
         sequences = len(plan.manifest.sequences)
         done = f"; already there: {plan.done}" if plan.done else ""
-        typer.echo(
+        say(
             f"{printable(plan.suite.title)}: {sequences} sequence{'s' * (sequences != 1)} with "
             f"{plan.scans} scans, at most {size_text(plan.bytes_at_most)} in {folder}{done}"
         )
@@ -64,4 +62,4 @@ def export(
     if json:
         print_json({"folder": str(folder), **msgspec.to_builtins(read_manifest(folder))})
     elif not quiet:
-        typer.echo(f"written: {folder / 'README.md'}")
+        say(f"written: {folder / 'README.md'}")

@@ -10,7 +10,7 @@ import typer
 
 from roadscope.commands import completion, options
 from roadscope.commands.options import OUTPUT, RECORDED, RUNNING, argument, flag, option, workers
-from roadscope.commands.terminal import complain, console, open_page, printable, progress_bars
+from roadscope.commands.terminal import complain, console, open_page, printable, progress_bars, say
 
 if TYPE_CHECKING:
     from roadscope.benchmarks import Results, Suite
@@ -163,11 +163,11 @@ def leaderboard(
             words += ["--sandbox"] if sandbox else []
             _name_full_suite(board, words)
         if left_out:
-            typer.echo(f"no tracks were written of {', '.join(left_out)}")
+            say(f"no tracks were written of {', '.join(left_out)}")
         for path in filter(None, (out and out / "leaderboard.json", page, tracks)):
-            typer.echo(f"written: {path}")
+            say(f"written: {path}")
         for line in _log_lines(results):
-            typer.echo(line)
+            say(line)
         _name_earlier_boards(out)
     if results.failed_entries or any(map(results.not_installed, entry or ())):
         raise typer.Exit(1)
@@ -236,7 +236,7 @@ def _name_earlier_boards(out: Path | None) -> None:
 
     if out is not None and (boards := earlier_boards(out)):
         names = ", ".join(printable(path.name) for path in boards)
-        typer.echo(f"boards of earlier runs there: {names}")
+        say(f"boards of earlier runs there: {names}")
 
 
 def _repeated(name: str, values: list[str] | None) -> list[str]:
@@ -252,7 +252,7 @@ def _name_full_suite(board: str | None, words: Sequence[str]) -> None:
 
     if board in SUITES and _usual_suite(board) != board:
         command = join(["roadscope", "leaderboard", board, "--suite", board, *words])
-        typer.echo(f"A quick look. In full: {command}")
+        say(f"A quick look. In full: {command}")
 
 
 def _usual_suite(board: str | None) -> str:

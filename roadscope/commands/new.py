@@ -4,11 +4,10 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import typer
-
 from roadscope.commands import options
 from roadscope.commands.completion import template_kinds
 from roadscope.commands.options import argument, flag
+from roadscope.commands.terminal import say
 
 
 def new(
@@ -27,7 +26,7 @@ def new(
     written = write_template(kind, path, force=force)
     if quiet:
         return
-    typer.echo(f"written: {written.path}")
-    typer.echo("Next:")
+    say(f"written: {written.path}")
+    say("Next:")
     for step in written.next_steps:
-        typer.echo(f"  {step}")
+        say(f"  {step}")

@@ -4,11 +4,9 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import typer
-
 from roadscope.commands import options
 from roadscope.commands.options import argument, flag, option
-from roadscope.commands.terminal import complain, open_page
+from roadscope.commands.terminal import complain, open_page, say
 
 
 def report(
@@ -33,6 +31,6 @@ def report(
     for text in save_page(runs, path):
         complain(f"warning: {text}")
     if not quiet:
-        typer.echo(f"written: {path}")
+        say(f"written: {path}")
     if browse:
         open_page(path)

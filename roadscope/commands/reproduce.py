@@ -6,11 +6,9 @@ from collections import Counter
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import typer
-
 from roadscope.commands import options
 from roadscope.commands.options import OUTPUT, argument, flag, option, workers
-from roadscope.commands.terminal import console, headline, print_json, progress_bars, show
+from roadscope.commands.terminal import console, headline, print_json, progress_bars, say, show
 
 if TYPE_CHECKING:
     from roadscope.benchmarks.papers.reproduction import Reproduction
@@ -58,7 +56,7 @@ def reproduce(
         _show(paper, result, everything=everything)
         written = [] if folder is None else [folder / f"{paper}.json"]
         for path in (*written, *drawn):
-            typer.echo(f"written: {path}")
+            say(f"written: {path}")
 
 
 def _show(paper: str, result: Reproduction, *, everything: bool) -> None:

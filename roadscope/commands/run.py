@@ -9,7 +9,7 @@ import typer
 
 from roadscope.commands import completion, options
 from roadscope.commands.options import PICTURES, argument, is_given, option
-from roadscope.commands.terminal import headline, print_json, progress_bars, show
+from roadscope.commands.terminal import headline, print_json, progress_bars, say, show
 
 if TYPE_CHECKING:
     from roadscope.benchmarks.single import Summary
@@ -106,11 +106,11 @@ def run_scenario(
         if not every:
             show("--all shows all figures, with their numbers of samples.", dim=True)
         if picture is not None:
-            typer.echo(f"picture: {picture}")
+            say(f"picture: {picture}")
         if video is not None:
-            typer.echo(f"video: {video}")
+            say(f"video: {video}")
         if image is not None:
-            typer.echo(
+            say(
                 f"image: {image}, {boxes} boxes of {image_detector} with a score of "
                 f"{run_pictures.LEAST_SCORE:g} or more"
             )
@@ -137,7 +137,7 @@ def _show(summary: Summary, detector: str, tracker: str, *, every: bool) -> None
     episode = summary.episode
     condition = "" if episode.condition == "clear" else f", {episode.condition}"
     title = f"{episode.scenario}, seed {episode.seed}, {episode.rig}{condition}"
-    typer.echo(f"{title}: {len(summary.tracks)} frames, vehicles within 60 m")
+    say(f"{title}: {len(summary.tracks)} frames, vehicles within 60 m")
     dark = (episode.light,) if episode.light != "day" else ()
     no_effect = (
         ""
@@ -145,7 +145,7 @@ def _show(summary: Summary, detector: str, tracker: str, *, every: bool) -> None
         else ", ".join(dark + of_camera_alone(episode.faults))
     )
     if no_effect:
-        typer.echo(f"without effect on LiDAR detectors: {no_effect}")
+        say(f"without effect on LiDAR detectors: {no_effect}")
     headline(f"detector {detector}")
     detection, tracking = summary.detection, summary.tracking
     show(score_table(detection) if every else explained_table("detector", detection))

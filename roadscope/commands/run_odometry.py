@@ -7,8 +7,6 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import typer
-
 from roadscope.commands import completion, options
 from roadscope.commands.options import RECORDED, argument, option
 from roadscope.commands.terminal import (
@@ -17,6 +15,7 @@ from roadscope.commands.terminal import (
     print_json,
     printable,
     progress_bars,
+    say,
     show,
 )
 
@@ -136,8 +135,8 @@ def run_odometry(
         complain("many scans are degraded: check the poses before you use them")
     if not (json or quiet):
         if errors is not None:
-            typer.echo(f"compared with {truth}: {errors}")
-        typer.echo(f"written: {out}")
+            say(f"compared with {truth}: {errors}")
+        say(f"written: {out}")
 
 
 def _report_doubts(

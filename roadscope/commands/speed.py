@@ -4,11 +4,9 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import typer
-
 from roadscope.commands import options
 from roadscope.commands.options import argument, option
-from roadscope.commands.terminal import print_json, progress_bars, show
+from roadscope.commands.terminal import print_json, progress_bars, say, show
 
 
 def speed(
@@ -38,4 +36,4 @@ def speed(
     elif not quiet:
         show(speed_table(rows))
         if folder is not None:
-            typer.echo(f"written: {folder / 'speed.json'}")
+            say(f"written: {folder / 'speed.json'}")

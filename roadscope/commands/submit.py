@@ -9,7 +9,7 @@ import typer
 
 from roadscope.commands import completion, options
 from roadscope.commands.options import RECORDED, argument, option
-from roadscope.commands.terminal import complain, console, printable, progress_bars
+from roadscope.commands.terminal import complain, console, printable, progress_bars, say
 
 if TYPE_CHECKING:
     from roadscope.benchmarks.results import Results
@@ -74,7 +74,7 @@ def submit(
     elif not quiet:
         _show(submission, every, width) if results is None else _show_board(results, width)
         if out is not None:
-            typer.echo(f"written: {out}")
+            say(f"written: {out}")
     missing = [e for e in submission.episodes if e.reason is not None]
     for e in missing:
         complain(f"failed: {submission.name} on {e.board}, {e.scenario}, seed {e.seed}: {e.reason}")

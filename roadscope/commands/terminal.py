@@ -68,6 +68,13 @@ def printable(text: str) -> str:
     return one_line(text)
 
 
+def say(line: object) -> None:
+    """Write one line on stdout, which may name files or what a user gave."""
+    from roadscope.core.text import without_controls
+
+    typer.echo(without_controls(str(line)))
+
+
 def complain(text: str) -> None:
     """Write one line on stderr."""
     typer.echo(printable(text), err=True)

@@ -4,12 +4,10 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import typer
-
 from roadscope.commands import completion, options
 from roadscope.commands.help import GroupedCommand, command_group
 from roadscope.commands.options import option, workers
-from roadscope.commands.terminal import headline, progress_bars, show
+from roadscope.commands.terminal import headline, progress_bars, say, show
 
 train = command_group(
     "Train the camera detector on simulated pictures, or a driver in simulated traffic."
@@ -46,7 +44,7 @@ def camera(
     for name, scores in {"validation seeds": result.scores, **result.held_out}.items():
         headline(f"{name.replace('_', ' ')}: {scores.ap50.n} road users")
         show(score_table(scores.named()))
-    typer.echo(f"written: {result.weights}, {result.record}")
+    say(f"written: {result.weights}, {result.record}")
 
 
 @train.command(
@@ -105,9 +103,9 @@ def driver(
         return
     for name, scores in result.scores.items():
         reward, collided = scores.mean(axis=0)
-        typer.echo(
+        say(
             f"on {name}: reward {reward:.2f}, collisions in {collided:.0%} of {len(scores)} drives "
             "(validation seeds)"
         )
-    typer.echo(f"written: {result.weights}, {result.record}")
-    typer.echo(f"next: roadscope leaderboard driving --entry 'learned?weights={result.weights}'")
+    say(f"written: {result.weights}, {result.record}")
+    say(f"next: roadscope leaderboard driving --entry 'learned?weights={result.weights}'")

@@ -10,7 +10,7 @@ import typer
 
 from roadscope.commands import completion, options
 from roadscope.commands.options import argument, is_given, option
-from roadscope.commands.terminal import complain, printable, progress_bars
+from roadscope.commands.terminal import complain, printable, progress_bars, say
 
 FOLDER = "For a folder of results"
 
@@ -99,13 +99,13 @@ def view(
             save_recording(shown, path, returns=returns, progress=progress)
         if not quiet:
             for line in (shown.title, *shown.notes):
-                typer.echo(printable(line))
+                say(printable(line))
         if save is None:
             if status := show(path):
                 complain(f"the viewer ended with status {status}; without a display, use --save")
                 raise typer.Exit(1)
         elif not quiet:
-            typer.echo(f"written: {path}")
+            say(f"written: {path}")
 
 
 def _scenario(name: str) -> str:

@@ -14,13 +14,13 @@ without a character."""
 def one_line(text: str, most: int = MOST_CHARACTERS) -> str:
     """Return a text as one line without control characters, shortened to `most` characters."""
     # Cut before it is searched: the text may be a gigabyte.
-    words = " ".join(_printable(text[: 4 * most]).split())
+    words = " ".join(without_controls(text[: 4 * most]).split())
     return words if len(words) <= most and len(text) <= 4 * most else words[: most - 3] + "..."
 
 
 def last_lines(text: str, most: int) -> str:
     """Return the last `most` characters of a text of several lines, without control characters."""
-    lines = [_printable(line) for line in text[-4 * most :].splitlines()]
+    lines = [without_controls(line) for line in text[-4 * most :].splitlines()]
     return "\n".join(lines)[-most:]
 
 
@@ -37,7 +37,7 @@ def error_text(error: BaseException) -> str:
     return one_line(f"{name}: {text[: 4 * MOST_CHARACTERS]}")
 
 
-def _printable(text: str) -> str:
+def without_controls(text: str) -> str:
     """Replace white space by blanks, and what cannot be printed by question marks."""
     if text.isascii() and text.isprintable():
         return text
