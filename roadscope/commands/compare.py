@@ -53,7 +53,8 @@ def compare(
     Differences are those of the same episodes, with intervals over seeds. A metric is called
     better or worse after control of the false discovery rate over all metrics compared.
 
-    Exit status: 1 if the two cannot be compared, or with --fail-on-regression if B is worse.
+    Exit status: 1 if the two cannot be compared, or with --fail-on-regression if B is worse. An
+    entry that B lacks is named, but is no regression.
     """
     from roadscope.benchmarks.cache import write_text
     from roadscope.benchmarks.compare import CompareError

@@ -58,6 +58,14 @@ def entries() -> Names:
         yield from _names_of(board.kind.registry)
 
 
+def breakdowns() -> Names:
+    """Yield what boards can be broken down by."""
+    from roadscope.benchmarks.boards import BOARDS
+
+    each_board = (board.breakdowns for board in BOARDS.values())
+    yield from ((name, "") for name in dict.fromkeys(b.by for each in each_board for b in each))
+
+
 def entries_of_runs(ctx: typer.Context) -> Names:
     """Yield the entries of the results that the command line already names."""
     from roadscope.benchmarks.compare import CompareError, read_run

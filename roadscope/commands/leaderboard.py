@@ -41,7 +41,10 @@ def leaderboard(
     browse: bool = flag("--open", "Show the results as a page in a browser"),
     only: bool = flag("--only", "Rank only what --entry names", CHOICE),
     by: list[str] | None = option(
-        "NAME", "Break down by scenario, condition, ...; repeatable", CHOICE
+        "NAME",
+        "Break down by scenario, condition, ...; repeatable",
+        CHOICE,
+        names=completion.breakdowns,
     ),
     detections: list[str] | None = option(
         "SPEC",

@@ -62,6 +62,8 @@ def completed(words: str) -> list[str]:
         ("roadscope list we", {"weathers"}),
         ("roadscope submit results --inputs distance-l-", {"distance-l-shape"}),
         ("roadscope check here.py:Mine --kind camera", {"camera", "detector"}),
+        ("roadscope check voxel-", {"voxel-map"}),
+        ("roadscope leaderboard --by scen", {"scenario"}),
         ("roadscope run street --rig nothing", set()),
     ],
 )

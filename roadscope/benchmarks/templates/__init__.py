@@ -35,7 +35,9 @@ def _plugin(source: str, class_name: str, board: str) -> Template:
 
 TEMPLATES: Mapping[str, Template] = {
     "suite": Template(
-        "suite.toml", "my_suite.toml", ("roadscope leaderboard --suite {path} --out results",)
+        "suite.toml",
+        "my_suite.toml",
+        ("roadscope check {path}", "roadscope leaderboard --suite {path} --out results"),
     ),
     "tracker": _plugin("tracker", "MyTracker", "tracking"),
     "detector": _plugin("detector", "MyDetector", "detection"),
