@@ -1,6 +1,6 @@
 """Workers of real local clusters, of Ray and of Dask, that the tests start.
 
-Other workers: `test_workers.py`, `test_cli.py` and `tests/torture/test_worker_deaths.py`.
+Other workers: `test_workers.py`, `test_cli.py` and `tests/torture`.
 """
 
 import importlib.util

@@ -16,19 +16,37 @@ ALL = tuple(CLASSES)
 STAMPED = ("detection", "camera", "tracking", "fusion", "odometry")
 SCORED = ("detection", "camera", "tracking", "fusion")
 IN_SPACE = ("detection", "tracking", "fusion")
+WITH_MASSES = ("detection", "camera", "fusion")
+FLOATS = {
+    "centres": IN_SPACE,
+    "sizes": IN_SPACE,
+    "yaws": IN_SPACE,
+    "scores": SCORED,
+    "masses": WITH_MASSES,
+    "boxes": ("camera",),
+    "velocities": ("tracking",),
+    "covariances": ("tracking",),
+    "distances_m": ("fusion",),
+    "image_boxes": ("fusion",),
+    "covariance": ("odometry",),
+}
+"""The arrays of floats in answers, with the boards that have them."""
 
 
 @dataclass(frozen=True)
 class Act:
     """A hostile act.
 
-    name: of the function in `hostile.py`. says: what the reason contains, in small letters; empty
-    for an act that must change nothing. boards: those whose plug-ins can do it.
+    name: as plug-ins of `hostile.py` take it.
+    says: what the reason contains, in small letters; empty for an act that must change nothing.
+    boards: those whose plug-ins can do it.
+    jobs: the numbers of workers with which it can be done.
     """
 
     name: str
     says: str
     boards: tuple[str, ...] = ALL
+    jobs: tuple[int, ...] = (1, 2)
 
 
 ENDS = (
@@ -43,13 +61,25 @@ ENDS = (
     Act("unspeakable", "unspeakableerror"),
     Act("long_text", "valueerror"),
     Act("children_and_death", "status 4"),
+    Act("segfault_later", "sigsegv"),
+    Act("made.exit_255", "status 255"),
+    Act("reset.base_exception", "baseexception"),
+    Act("load.segfault", "sigsegv"),
+    Act("load.exit_0", "status 0"),
+    Act("load.base_exception", "baseexception"),
+    Act("load.generator_exit", "generatorexit"),
+    Act("load.system_exit", "systemexit"),
+    Act("load.keyboard_interrupt", "keyboardinterrupt"),
+    Act("load.unspeakable", "unspeakableerror"),
 )
 HANGS = (
-    Act("hang_when_made", "0.8 s"),
-    Act("hang_in_reset", "0.8 s"),
-    Act("hang_in_call", "0.8 s"),
-    Act("stop_itself", "0.8 s"),
-    Act("stop_both", "0.8 s"),
+    Act("hang", "0.3 s"),
+    Act("load.hang", "0.3 s"),
+    Act("made.hang", "0.3 s"),
+    Act("reset.hang", "0.3 s"),
+    Act("half_an_answer", "0.3 s"),
+    Act("stop_itself", "0.3 s"),
+    Act("stop_both", "0.3 s"),
 )
 RESOURCES = (
     Act("flood", "output"),
@@ -66,11 +96,14 @@ FORGERIES = (
     Act("forged_times", "forged"),
     Act("forged_processor_time", "forged"),
     Act("truncated", "status 0"),
+    Act("shortened", "truncated"),
     Act("second_answer", "answer"),
 )
 WRONG = (
-    Act("nan_scores", "scores", SCORED),
+    *(Act(f"nan.{name}", f"{name}: must be finite", boards) for name, boards in FLOATS.items()),
     Act("float_ids", "ids", ("tracking",)),
+    Act("half_categories", "whole", SCORED),
+    Act("number_mask", "true or false", ("fusion", "odometry")),
     Act("object_arrays", "object"),
     Act("category_99", "categor", SCORED),
     Act("skewed_pose", "rotation", ("odometry",)),
@@ -100,17 +133,20 @@ WRONG = (
     Act("wrong_shape", "shape", STAMPED),
     Act("enormous_values", "1e+300"),
     Act("enormous_velocities", "1e+200", ("tracking",)),
-    Act("varying_masses", "masses", ("detection", "camera", "fusion")),
+    Act("varying_masses", "masses", WITH_MASSES),
 )
-WATCHERS = (Act("kill_guard", "watches over it"), Act("kill_both", "watches over it"))
+WATCHERS = (
+    Act("kill_guard", "watches over it"),
+    Act("kill_both", "watches over it"),
+    # With one worker it is the run that is killed. In `reset` a new one has little to load again.
+    Act("reset.kill_worker", "worker process died", jobs=(2,)),
+)
 HARMLESS = (
     Act("honest", ""),
     Act("kill_supervisor", ""),
     Act("written_later", ""),
-    Act("children", ""),
     Act("patch", ""),
-    Act("seek_truth", ""),
-    Act("seek_paths", ""),
+    Act("seek_all", ""),
 )
 TOLERATED = (
     Act("singular_covariances", "", ("tracking",)),
@@ -123,6 +159,6 @@ FAILING = (*ENDS, *HANGS, *RESOURCES, *FORGERIES, *WRONG, *WATCHERS)
 ACTS = (*FAILING, *HARMLESS, *TOLERATED)
 
 
-def pairs(acts: Iterable[Act]) -> list[tuple[str, Act]]:
-    """Return each act with each of its boards."""
-    return [(board, act) for act in acts for board in act.boards]
+def pairs(acts: Iterable[Act], jobs: int) -> list[tuple[str, Act]]:
+    """Return each act that can be done with so many workers, with each of its boards."""
+    return [(board, act) for act in acts if jobs in act.jobs for board in act.boards]

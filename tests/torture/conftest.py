@@ -1,5 +1,6 @@
 """Runs that many tests look at."""
 
+import shutil
 from collections.abc import Callable
 from pathlib import Path
 
@@ -15,7 +16,7 @@ def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
     """Run a test that names acts for each of them and each board that its class does it on."""
     acts = getattr(metafunc.function, "acts", None)
     if acts is not None:
-        cases = pairs(acts)
+        cases = pairs(acts, metafunc.cls.jobs)
         ids = [f"{board}-{act.name}" for board, act in cases]
         metafunc.parametrize(("board", "act"), cases, ids=ids)
 
@@ -28,15 +29,18 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 
 
 @pytest.fixture(scope="session")
-def honest_run(tmp_path_factory: pytest.TempPathFactory) -> tuple[Workshop, Run]:
+def honest_run(tmp_path_factory: pytest.TempPathFactory, own_cache: Path) -> tuple[Workshop, Run]:
     """Run the suite without strangers.
 
-    Sources are parsed anew, whatever other tests did in this process, so that their index is kept
-    in this run's cache, where other workshops take it from.
+    The index of sources is read or made anew, whatever other tests did in this process, so that it
+    is kept in this run's cache, where other workshops take it from.
     """
     package.cache_clear()
     code_hash.cache_clear()
     made = workshop(tmp_path_factory.mktemp("honest") / "run")
+    parsed = own_cache / "sources"
+    if parsed.exists():
+        shutil.copytree(parsed, made.cache / parsed.name)
     return made, made.run([], jobs=1)
 
 

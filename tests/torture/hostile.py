@@ -1,8 +1,9 @@
 """Plug-ins of all kinds that answer honestly, but for the act that they are asked for.
 
 A run loads this file from a copy, in the process of a plug-in. An act is a function that takes the
-plug-in and its honest answer and returns what is answered instead. `tests/benchmarks/isolation` has
-acts of the tracker done too, without a run.
+plug-in and its honest answer and returns what is answered instead. A copy in a folder that has the
+name of an act does it when it is loaded. `tests/benchmarks/isolation` has acts of the tracker done
+too, without a run.
 """
 
 import ctypes
@@ -41,6 +42,8 @@ from roadscope.core import (
 SOCKET = 3
 """The file number of the connection to the run."""
 LONG_S = 600
+MOMENTS = ("load", "made", "reset")
+"""When an act is done whose name begins with one of them; others are done in every call."""
 MILLION = 1_000_000
 HIDDEN = ("motorway", "roundabout", 20123)
 """The scenarios and the seed of the suite."""
@@ -49,29 +52,38 @@ HIDDEN = ("motorway", "roundabout", 20123)
 class Plugin:
     """What all of them have in common.
 
-    act: a function of this file. cache, results: folders, where a real one would guess them.
+    act: a function of this file, with a point and an argument if it takes one; with a moment and a
+        point before it, it is done then.
+    cache, results: folders, where a real one would guess them.
     """
 
     def __init__(self, *, act="honest", cache="", results=""):
         self.act, self.cache, self.results = act, cache, results
         self.calls = 0
-        if act == "hang_when_made":
-            time.sleep(LONG_S)
+        self.acted(None, "made")
 
     def reset(self, mounting=None):
-        if self.act == "hang_in_reset":
-            time.sleep(LONG_S)
+        self.acted(None, "reset")
 
-    def acted(self, answer):
+    def called(self, answer):
         self.calls += 1
-        return globals()[self.act](self, answer)
+        return self.acted(answer, "call")
+
+    def acted(self, answer, moment):
+        """Return what is answered instead if this is the moment of the act."""
+        first, _, later = self.act.partition(".")
+        when, act = (first, later) if first in MOMENTS else ("call", self.act)
+        if when != moment:
+            return answer
+        name, *argument = act.split(".")
+        return globals()[name](self, answer, *argument)
 
 
 class Detector(Plugin):
     kind = "detector"
 
     def detect(self, frame):
-        return self.acted(boxes(frame.stamp_s))
+        return self.called(boxes(frame.stamp_s))
 
 
 class CameraDetector(Plugin):
@@ -79,7 +91,7 @@ class CameraDetector(Plugin):
 
     def detect(self, frame):
         corners = [[10.0, 20.0, 60.0, 50.0], [100.0, 80.0, 140.0, 120.0]]
-        return self.acted(ImageDetections(corners, [0, 6], [0.9, 0.4], frame.stamp_s))
+        return self.called(ImageDetections(corners, [0, 6], [0.9, 0.4], frame.stamp_s))
 
 
 class Tracker(Plugin):
@@ -88,7 +100,7 @@ class Tracker(Plugin):
     def update(self, detections, ego_pose):
         if len(detections) < 2:
             detections = boxes(detections.stamp_s)
-        return self.acted(Tracks.of(detections, np.arange(len(detections))))
+        return self.called(Tracks.of(detections, np.arange(len(detections))))
 
 
 class Fusion(Plugin):
@@ -97,7 +109,7 @@ class Fusion(Plugin):
     def fuse(self, lidar, camera, projection):
         if lidar is None or len(lidar) < 2:
             lidar = boxes(camera.stamp_s if lidar is None else lidar.stamp_s)
-        return self.acted(FusedDetections.of(lidar, camera))
+        return self.called(FusedDetections.of(lidar, camera))
 
 
 class Odometry(Plugin):
@@ -105,14 +117,14 @@ class Odometry(Plugin):
 
     def update(self, scan, imu=None):
         still = np.zeros(len(scan), bool)
-        return self.acted(OdometryEstimate(Pose.identity(), np.eye(6), still, scan.stamp_s))
+        return self.called(OdometryEstimate(Pose.identity(), np.eye(6), still, scan.stamp_s))
 
 
 class Driver(Plugin):
     kind = "driver"
 
     def drive(self, scene):
-        return self.acted(scene.following)
+        return self.called(scene.following)
 
 
 def boxes(stamp_s):
@@ -125,23 +137,19 @@ def honest(plugin, answer):
     return answer
 
 
-hang_when_made = hang_in_reset = honest
-"""They hang before the first answer."""
-
-
-def hang_in_call(plugin, answer):
+def hang(plugin, answer):
     time.sleep(LONG_S)
 
 
 def hang_in_third_call(plugin, answer):
-    """Take 1.2 s for the first call, which may take longer than later ones."""
-    time.sleep({1: 1.2, 3: LONG_S}.get(plugin.calls, 0.0))
+    """Take 0.6 s for the first call, which may take longer than later ones."""
+    time.sleep({1: 0.6, 3: LONG_S}.get(plugin.calls, 0.0))
     return answer
 
 
 def dawdle(plugin, answer):
     """Make every call last, but none of them too long."""
-    time.sleep(0.5)
+    time.sleep(0.25)
     return answer
 
 
@@ -152,12 +160,20 @@ def segfault(plugin, answer):
     ctypes.string_at(0)
 
 
+def segfault_later(plugin, answer):
+    return answer if plugin.calls < 3 else segfault(plugin, answer)
+
+
 def exit_0(plugin, answer):
     os._exit(0)
 
 
 def exit_3(plugin, answer):
     os._exit(3)
+
+
+def exit_255(plugin, answer):
+    os._exit(255)
 
 
 def kill_itself(plugin, answer):
@@ -282,6 +298,18 @@ def truncated(plugin, answer):
     os._exit(0)
 
 
+def shortened(plugin, answer):
+    """Send a whole message whose content lacks its end."""
+    write(framed(told(plugin, answer)[8:-9]))
+    time.sleep(LONG_S)
+
+
+def half_an_answer(plugin, answer):
+    message = told(plugin, answer)
+    write(message[: len(message) // 2])
+    time.sleep(LONG_S)
+
+
 def second_answer(plugin, answer):
     write(told(plugin, answer) * 3)
     return answer
@@ -317,12 +345,25 @@ def forged(record, **changes):
     return made
 
 
-def nan_scores(plugin, answer):
-    return forged(answer, scores=np.full(len(answer), np.nan))
+def nan(plugin, answer, name):
+    """Put NaN at the end of an array."""
+    array = getattr(answer, name)
+    array = np.full((len(answer), 4), 0.25) if array is None else array.copy()
+    array.flat[-1] = np.nan
+    return forged(answer, **{name: array})
 
 
 def float_ids(plugin, answer):
     return forged(answer, ids=np.arange(len(answer)) + 0.5)
+
+
+def half_categories(plugin, answer):
+    return forged(answer, categories=np.full(len(answer), 0.5))
+
+
+def number_mask(plugin, answer):
+    name = "dynamic" if isinstance(answer, OdometryEstimate) else "by_lidar"
+    return forged(answer, **{name: np.full_like(getattr(answer, name), 2, np.int64)})
 
 
 def object_arrays(plugin, answer):
@@ -579,6 +620,13 @@ def seek_paths(plugin, answer):
     return answer
 
 
+def seek_all(plugin, answer):
+    """Leave processes behind, and look for the truth and for folders."""
+    for act in (children, seek_truth, seek_paths):
+        act(plugin, answer)
+    return answer
+
+
 def read_labels(plugin, answer):
     """Read a file of labels, named as `results`, and say what is in it."""
     raise FoundError(Path(plugin.results).read_text()[:80])
@@ -711,7 +759,7 @@ def stop_both(plugin, answer):
 
 
 def say_process(plugin, answer):
-    raise ValueError(f"in process {os.getpid()}")
+    raise ValueError(f"in process {os.getpid()} below {os.getppid()} ")
 
 
 def kill_worker(plugin, answer):
@@ -719,3 +767,7 @@ def kill_worker(plugin, answer):
     psutil.Process().parents()[2].kill()
     time.sleep(2.0)
     raise FoundError("the worker's end did not end this process")
+
+
+if Path(__file__).parent.name in globals():
+    globals()[Path(__file__).parent.name](None, None)

@@ -9,10 +9,10 @@ from tests.torture.acts import ALL
 from tests.torture.boards import LIMITS, ONE_EPISODE, Run, Workshop, left_running
 
 CASES = {
-    "hang_in_third_call": (replace(LIMITS, call_s=0.8), "no answer within 0.8 s"),
-    "dawdle": (replace(LIMITS, episode_s=1.5), "all calls of the episode took more than 1.5 s"),
+    "hang_in_third_call": (replace(LIMITS, call_s=0.4), "no answer within 0.4 s"),
+    "dawdle": (replace(LIMITS, episode_s=0.6), "all calls of the episode took more than 0.6 s"),
 }
-"""By act the limits, and what the reason says; the first call of the one takes 1.2 s."""
+"""By act the limits, and what the reason says; the first call of the one takes 0.6 s."""
 
 
 @pytest.mark.parametrize("jobs", [1, 2])

@@ -1,9 +1,10 @@
-"""Plug-ins that are trusted run in this process; those in a sandbox reach nothing."""
+"""Plug-ins that are trusted run in the run's own processes; those in a sandbox reach nothing."""
 
 import json
 import os
 from collections.abc import Callable
 from dataclasses import replace
+from itertools import cycle
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -16,68 +17,62 @@ from tests.torture.acts import ALL
 from tests.torture.boards import LIMITS, ONE_EPISODE, Run, Workshop, left_running, workshop
 
 Made = Callable[..., Workshop]
+RAISED = {
+    "base_exception": "BaseException",
+    "generator_exit": "GeneratorExit",
+    "system_exit": "SystemExit",
+    "unspeakable": "UnspeakableError",
+    "wrong_type": "returned list",
+}
+HARMLESS = ("seek_all", "seek_all", "seek_all", "rewrite_valid")
+FAILING = ("segfault", "kill_guard", "kill_worker", "forge_results")
 needs_sandbox = pytest.mark.skipif(bool(sandbox_available()), reason=sandbox_available() or "-")
 
 
-@pytest.mark.parametrize("trust", [True, False])
-def test_a_trusted_plugin_runs_in_this_process(new_workshop: Made, trust: bool) -> None:
-    place = new_workshop()
-    entry = place.spec("tracking", "say_process")
-    run = place.run([entry], boards=["tracking"], trust=trust)
-    for reason in run.reasons(entry):
+@pytest.mark.parametrize("jobs", [1, 2])
+def test_trusted_plugins_run_in_the_processes_of_the_run(
+    new_workshop: Made, honest_run: tuple[Workshop, Run], jobs: int
+) -> None:
+    """There they find what others cannot, so the search of those is one that can find."""
+    place = new_workshop(suite=ONE_EPISODE)
+    process = f"in process {os.getpid()} " if jobs == 1 else f"below {os.getpid()} "
+    said = {"say_process": process, "seek_truth": "FoundError", "seek_paths": "FoundError"} | RAISED
+    entries = {place.spec(board, act): text for board in ALL for act, text in said.items()}
+    run = place.run(list(entries), jobs=jobs, trust=True)
+    for entry, text in entries.items():
+        (reason,) = run.reasons(entry)
         assert reason is not None
         assert reason.startswith(entry)
-        assert (f"in process {os.getpid()} " in reason) is trust
-
-
-def test_what_a_trusted_plugin_raises_is_its_own_row(
-    new_workshop: Made, honest_run: tuple[Workshop, Run]
-) -> None:
-    place = new_workshop()
-    acts = ("base_exception", "generator_exit", "system_exit", "unspeakable", "wrong_type")
-    entries = [place.spec("tracking", act) for act in acts]
-    run = place.run(entries, boards=["tracking"], trust=True)
-    for entry in entries:
-        assert all(reason and reason.startswith(entry) for reason in run.reasons(entry))
-    honest = honest_run[1].values()
-    assert run.values() == {k: v for k, v in honest.items() if k.startswith("tracking")}
-
-
-@pytest.mark.parametrize("act", ["seek_truth", "seek_paths"])
-def test_a_trusted_plugin_finds_what_others_cannot(new_workshop: Made, act: str) -> None:
-    """So the search of those that find nothing in a process of their own is one that can find."""
-    place = new_workshop(suite=ONE_EPISODE)
-    entries = [place.spec(board, act) for board in ALL]
-    run = place.run(entries, trust=True)
-    for entry in entries:
-        assert all("FoundError" in str(reason) for reason in run.reasons(entry))
+        assert text in reason
+    assert run.values() == {k: honest_run[1].values()[k] for k in run.values()}
 
 
 @needs_sandbox
-def test_a_sandbox_holds(new_workshop: Made, honest_run: tuple[Workshop, Run]) -> None:
-    """The one process of a sandbox that could be taken for the worker cannot be ended."""
+@pytest.mark.parametrize("jobs", [1, 2])
+def test_a_sandbox_holds(new_workshop: Made, honest_run: tuple[Workshop, Run], jobs: int) -> None:
+    """The one process of a sandbox that could be taken for the worker cannot be ended.
+
+    A supervisor for each plug-in takes a second: half of the boards have those that fail.
+    """
     place = new_workshop(suite=ONE_EPISODE)
-    harmless = ("honest", "children", "seek_truth", "seek_paths", "rewrite_valid")
-    failing = ("segfault", "exit_0", "kill_guard", "kill_worker", "forge_results")
-    entries = {
-        act: place.spec("tracking", act, cache=place.cache, results=place.out)
-        for act in (*harmless, *failing)
-    }
-    others = [place.spec(board, "honest") for board in ALL if board != "tracking"]
+    given = {"cache": place.cache, "results": place.out}
+    harmless, failing = (
+        [place.spec(board, act, **given) for board, act in zip(cycle(boards), acts, strict=False)]
+        for boards, acts in ((ALL[jobs - 1 :: 2], HARMLESS), (ALL[2 - jobs :: 2], FAILING))
+    )
     marker = place.folder / "written"
     code = f"\nwith suppress(OSError):\n    Path({str(marker)!r}).write_text('x')\n"
     with place.plugins.open("a") as file:
         file.write(code)
     limits = replace(LIMITS, first_call_s=20, call_s=20)
-    run = place.run([*entries.values(), *others], jobs=1, limits=limits, sandbox=True)
+    entries = [*harmless, *failing]
+    run = place.run(entries, jobs=jobs, limits=limits, sandbox=True, out_dir=place.out)
     assert not marker.exists()
-    for entry in (*others, *(entries[act] for act in harmless)):
+    for entry in harmless:
         assert run.reasons(entry) == [None]
-    for act in failing:
-        reasons = run.reasons(entries[act])
-        assert all(reason and reason.startswith(entries[act]) for reason in reasons)
-    expected = honest_run[1].values()
-    assert run.values() == {place: expected[place] for place in run.values()}
+    for entry in failing:
+        assert all(reason and reason.startswith(entry) for reason in run.reasons(entry))
+    assert run.values() == {k: honest_run[1].values()[k] for k in run.values()}
     assert run.warned == []
     assert left_running(place.plugins) == []
 
@@ -100,10 +95,12 @@ def test_a_sandbox_hides_the_labels_of_recorded_data(tmp_path: Path, sandbox: bo
                 out_dir=place.out,
                 sandbox=sandbox,
             )
-        words = ["--only", "--entry", entry, *["--sandbox"] * sandbox, "--json", "--fresh"]
-        done = place.command("tracking", "--jobs", "1", *words, kitti=Path(folder, "kitti"))
-    reasons = [job.reason for job in results.jobs]
-    reasons += [each["reason"] for each in json.loads(done.stdout)["failures"]]
-    assert len(reasons) == 2 * len(results.jobs) > 0
+        reasons = [job.reason for job in results.jobs]
+        if sandbox:
+            words = ["--only", "--entry", entry, "--sandbox", "--json", "--fresh"]
+            done = place.command("tracking", "--jobs", "2", *words, kitti=Path(folder, "kitti"))
+            reasons += [each["reason"] for each in json.loads(done.stdout)["failures"]]
+            assert len(reasons) == 2 * len(results.jobs)
+    assert reasons
     for reason in reasons:
         assert ("FileNotFoundError" if sandbox else "DontCare") in str(reason)
