@@ -14,9 +14,16 @@ from tests.torture.boards import ONE_EPISODE, Workshop, left_running, shown
 
 PEERS = ("norfair", "stonesoup-gnn", "roboflow-sort")
 Made = Callable[..., Workshop]
+Answer = Callable[..., tuple[int, str, str]]
 ACTS = {**dict.fromkeys(ALL, ("exit_0",)), "tracking": ("exit_0", "base_exception", "honest")}
 NASTY = "=cmd|<script>alert(1)\x1b[31m\n\u202e&%_.py"
 """The name of a file that is a formula, a tag, a new line and a colour."""
+
+
+def in_process(answer: Answer, place: Workshop, *words: str) -> tuple[int, str, str]:
+    """Run the board of trackers by the command line in this process."""
+    with place.in_use():
+        return answer("leaderboard", "tracking", "--suite", place.suite, "--jobs", "1", *words)
 
 
 def test_the_board_is_shown_and_the_status_is_1(new_workshop: Made) -> None:
@@ -47,7 +54,7 @@ def test_the_board_is_shown_and_the_status_is_1(new_workshop: Made) -> None:
     assert left_running(place.plugins) == []
 
 
-def test_without_failures_the_status_is_0(new_workshop: Made) -> None:
+def test_without_failures_the_status_is_0(new_workshop: Made, answer: Answer) -> None:
     """Infinity is an argument like any other."""
     place = new_workshop(suite=ONE_EPISODE)
     path = place.folder / "mine.py"
@@ -58,13 +65,13 @@ def test_without_failures_the_status_is_0(new_workshop: Made) -> None:
     )
     entries = [f"{path}:Mine?far={text}" for text in ("1e999", "-1e999")]
     words = [word for entry in entries for word in ("--entry", entry)]
-    done = place.command("tracking", "--jobs", "1", "--json", *words)
-    assert done.returncode == 0
-    assert set(entries) <= {row["entry"] for row in json.loads(done.stdout)["rows"]}
+    status, out, _ = in_process(answer, place, "--json", *words)
+    assert status == 0
+    assert set(entries) <= {row["entry"] for row in json.loads(out)["rows"]}
 
 
 def test_what_strangers_write_is_harmless_wherever_it_is_shown(
-    new_workshop: Made, monkeypatch: pytest.MonkeyPatch
+    new_workshop: Made, answer: Answer, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Rich would take square brackets for its markup; a terminal obeys escape sequences."""
     summary = "[/nothing] [bold]\\u001b[31m"
@@ -77,14 +84,14 @@ def test_what_strangers_write_is_harmless_wherever_it_is_shown(
     monkeypatch.chdir(place.folder)
     entries = [f"{NASTY}:Tracker?act={act}" for act in ("honest", "base_exception")]
     words = [word for entry in (*entries, "mine.py:Mine") for word in ("--entry", entry)]
-    out = str(place.out)
-    done = place.command("tracking", "--jobs", "1", "--width", "200", "--out", out, *words)
-    assert done.returncode == 1
-    assert "cmd" in done.stdout
-    assert "[/nothing] [bold]?[31m" in done.stdout
-    assert "mine.py:Mine failed" in done.stdout
-    assert "(not installed)" not in done.stdout
-    for text in (done.stdout, done.stderr):
+    words += ["--width", "200", "--out", str(place.out)]
+    status, out, error = in_process(answer, place, *words)
+    assert status == 1
+    assert "cmd" in out
+    assert "[/nothing] [bold]?[31m" in out
+    assert "mine.py:Mine failed" in out
+    assert "(not installed)" not in out
+    for text in (out, error):
         assert all(line.isprintable() for line in text.splitlines())
     check_csv(place.out / "leaderboard.csv")
     check_markdown(place.out / "leaderboard.md")
@@ -124,18 +131,21 @@ def check_latex(path: Path) -> None:
         assert not re.search(r"(?<!\\)[%_#]", line)
 
 
-def test_a_named_entry_that_is_not_installed_gives_status_1(new_workshop: Made) -> None:
+def test_a_named_entry_that_is_not_installed_gives_status_1(
+    new_workshop: Made, answer: Answer
+) -> None:
     absent = next((name for name in PEERS if TRACKERS.missing(name)), None)
     if absent is None:
         pytest.skip("all peers are installed")
     place = new_workshop(suite=ONE_EPISODE)
-    done = place.command("tracking", "--jobs", "1", "--entry", absent)
-    assert done.returncode == 1
-    assert f"{absent} is left out" in done.stdout
+    status, out, _ = in_process(answer, place, "--entry", absent)
+    assert status == 1
+    assert f"{absent} is left out" in out
 
 
-def test_only_trackers_get_poses(new_workshop: Made) -> None:
+def test_only_trackers_get_poses(new_workshop: Made, answer: Answer) -> None:
     place = new_workshop(suite=ONE_EPISODE)
-    done = place.command("detection", "--entry", "pag?ego=truth")
-    assert done.returncode == 1
-    assert "for trackers" in done.stderr
+    words = "--suite", place.suite, "--entry", "pag?ego=truth"
+    status, _, error = answer("leaderboard", "detection", *words)
+    assert status == 1
+    assert "for trackers" in error
