@@ -85,7 +85,7 @@ def test_exceptions_whose_text_is_trouble() -> None:
 @pytest.mark.parametrize(
     "spec",
     [
-        *map(hostile, ("hang_when_made", "hang_in_reset", "hang_in_call", "stop_itself")),
+        *map(hostile, ("made.hang", "reset.hang", "hang", "stop_itself")),
         *map(bad, ("IgnoresSignals", "Drips")),
     ],
     ids=str,
@@ -160,7 +160,7 @@ def test_answers_are_limited() -> None:
     [
         (hostile("object_arrays"), "object"),
         (hostile("itself"), "cannot be sent"),
-        (hostile("nan_scores"), "Tracks.scores"),
+        (hostile("nan.scores"), "Tracks.scores"),
         (bad("AnswersHostile"), "SystemExit"),
     ],
     ids=str,
