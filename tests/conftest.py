@@ -39,7 +39,6 @@ LONGEST = tuple(
         "benchmarks/test_clusters",
         "torture/test_deadlines",
         "torture/test_loading",
-        "torture/test_worker_deaths",
         "odometry/test_convoys",
         "torture/test_trust_and_sandbox",
         "research/test_shipped_traits",
