@@ -8,7 +8,8 @@ from pathlib import Path
 import pytest
 
 import roadscope
-from roadscope.benchmarks import FolderError, check_names, load_suite
+from roadscope.benchmarks import FolderError, check_names, load_suite, plan
+from roadscope.benchmarks.boards import BOARDS
 from roadscope.benchmarks.templates import TEMPLATES, template_text, write_template
 from roadscope.core import SpecError
 
@@ -87,6 +88,16 @@ def test_the_suite_can_be_read_and_run(tmp_path: Path) -> None:
     assert suite.boards["detection"].entries
     assert suite.boards["tracking"].entries
     assert all(str(written.path) in step for step in written.next_steps)
+
+
+def test_the_suite_shows_a_table_of_every_board(tmp_path: Path) -> None:
+    path = write_template("suite", tmp_path).path
+    head, comments = path.read_text().split("# A rig with a camera")
+    tables = "\n".join(re.findall(r"^# (\[\w+\]|\w+ = .*)$", comments, re.MULTILINE))
+    for rig, boards in (("wide", BOARDS.keys() - {"odometry"}), ("vlp16-imu", {"odometry"})):
+        path.write_text(f"{head}\n{tables}".replace('"lux"', f'"{rig}"'))
+        jobs = plan(load_suite(path), [], boards=sorted(boards)).jobs
+        assert {job.board.name for job in jobs} == boards
 
 
 @pytest.mark.slow

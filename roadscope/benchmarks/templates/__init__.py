@@ -61,13 +61,14 @@ def write_template(
 ) -> WrittenTemplate:
     """Write a commented file that works as it is, and return where it is and what to do next.
 
-    kind: a key of `TEMPLATES`; another one raises `SpecError`.
+    kind: a key of `TEMPLATES`, with "-" or " " between words; another one raises `SpecError`.
     path: of the file, or a folder that exists; `default_path` of the template if left out.
     force: write over a file that exists; without it that raises `FolderError`.
     """
-    if kind not in TEMPLATES:
+    name = kind.replace(" ", "-")
+    if name not in TEMPLATES:
         raise SpecError(unknown("template", kind, TEMPLATES))
-    template = TEMPLATES[kind]
+    template = TEMPLATES[name]
     place = Path(template.default_path if path is None else path)
     if place.is_dir():
         place = place / template.default_path
@@ -75,7 +76,7 @@ def write_template(
     place = usable_file(place, (ending,), f"a {kind}")
     if place.exists() and not force:
         raise FolderError(f"{place} exists; --force writes over it")
-    write_text(place, template_text(kind))
+    write_text(place, template_text(name))
     steps = tuple(step.format(path=quote(str(place))) for step in template.next_steps)
     return WrittenTemplate(place, steps)
 
