@@ -42,6 +42,10 @@ def turn(a: Pose, b: Pose) -> float:
     return float(np.arctan2(sine, (np.trace(relative) - 1) / 2))
 
 
+def test_angles_left_out_are_zero() -> None:
+    np.testing.assert_array_equal(Pose.from_euler(1, 2, 3).rotation, np.eye(3))
+
+
 def test_yaw_turns_left_pitch_dips_the_nose_and_roll_drops_the_right() -> None:
     np.testing.assert_allclose(Pose.planar(1, 2, np.pi / 2).apply([1, 0, 0]), [1, 3, 0], atol=1e-12)
     assert Pose.from_euler(0, 0, 0, pitch=0.1).apply([1, 0, 0])[2] < 0

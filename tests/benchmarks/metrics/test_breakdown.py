@@ -1,3 +1,4 @@
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -32,6 +33,15 @@ def test_bands_have_a_label_each_and_ascend(by) -> None:
     assert len(bands.edges) == len(bands.labels) == len(set(bands.labels))
     assert list(bands.edges) == sorted(bands.edges)
     assert bands.of(np.array(bands.edges)).tolist() == list(range(len(bands.edges)))
+
+
+@pytest.mark.parametrize(("by", "with_end"), [("range", 0), ("occlusion", 0), ("points", 1)])
+def test_whole_numbers_lie_in_the_band_of_their_label(by, with_end) -> None:
+    bands = BANDS[by]
+    for band, label in enumerate(bands.labels):
+        if re.fullmatch(r"\d+-\d+", label):
+            first, last = map(int, label.split("-"))
+            assert set(bands.of(np.arange(first, last + with_end))) == {band}
 
 
 def test_objects_by_what_is_true_of_them() -> None:

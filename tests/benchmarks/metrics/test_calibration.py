@@ -16,6 +16,7 @@ def test_by_hand() -> None:
     assert bins[8].value == pytest.approx(0.35)
     assert bins[2].value == pytest.approx(0.25)
     assert math.isnan(bins[0].value)
+    assert {(gap.least, gap.most) for gap in bins} == {(-1.0, 1.0)}
     assert calibration_error(bins).value == pytest.approx((2 * 0.35 + 0.25) / 3)
     assert calibration_error(bins).n == 3
 

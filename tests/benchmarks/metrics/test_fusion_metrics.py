@@ -75,6 +75,12 @@ def test_a_second_box_is_a_false_alarm_unless_on_what_does_not_count() -> None:
     assert match_targets([found], [real]).targets.tolist() == [0, FALSE_ALARM, IGNORED, IGNORED]
 
 
+def test_what_is_farther_than_sixty_metres_is_no_false_alarm() -> None:
+    for distance, count in ((60.0, FALSE_ALARM), (60.1, IGNORED)):
+        found = fused((0.9, distance, ELSEWHERE, True))
+        assert match_targets([found], [targets((CAR, 20.0, BOX, True))]).targets == [count]
+
+
 @pytest.mark.parametrize(
     ("said", "true", "right"),
     [

@@ -30,6 +30,13 @@ def found(*rows: tuple[list[float], int, float]) -> ImageDetections:
 A, B, C = [0.0, 0, 40, 30], [100.0, 100, 120, 150], [300.0, 10, 330, 20]
 
 
+def test_a_label_at_the_end_of_a_range_is_in_the_next_one_alone() -> None:
+    truth = labels((A, CAR, 500, 25.0), (B, CAR, 500, 50.0))
+    scores = score_images([found((A, CAR, 1.0), (B, CAR, 1.0))], [truth]).named()
+    counts = [scores[f"ap50_{range_}"].n for range_ in ("near", "middle", "far")]
+    assert counts == [0, 1, 1]
+
+
 def test_perfect_detections_have_perfect_scores() -> None:
     truth = labels((A, CAR, 500, 10.0), (B, PERSON, 500, 30.0), (C, CYCLIST, 100, 70.0))
     scores = score_images([found((A, CAR, 1.0), (B, PERSON, 1.0), (C, CYCLIST, 1.0))], [truth])
