@@ -43,12 +43,12 @@ class WithoutPixels(Sensing):
     def sense_image_at(self, timeline: Timeline, stamp_s: float) -> tuple[Frame, Truth]:
         """Return a frame with one pixel, or without if the image is lost, and its truth."""
         mount = camera_of(self.rig)
-        scene, poses = self._place_bodies(timeline, np.array([stamp_s]), IMAGE_RANGE_M)
+        scene, states = self._place_bodies(timeline, np.array([stamp_s]), IMAGE_RANGE_M)
         solids = solids_of(scene, stamp_s)
         raster = rasterise(
             scene,
             mount.spec.pinhole,
-            poses[0] @ mount.ego_from_camera,
+            timeline.ego_poses(states)[0] @ mount.ego_from_camera,
             stamp_s,
             outlines=True,
             solids=solids,

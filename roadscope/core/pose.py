@@ -21,22 +21,11 @@ class Pose(Record):
 
     def __post_init__(self) -> None:
         settle_arrays(self, matrix=(np.float64, (4, 4)))
-        rotation = self.matrix[:3, :3]
-        orthonormal = np.abs(rotation @ rotation.T - np.eye(3)).max() < 1e-6
-        require(
-            bool(orthonormal) and np.linalg.det(rotation) > 0,
-            self,
-            "matrix",
-            "a rotation in its upper left 3 x 3 block",
-            rotation.tolist(),
-        )
-        require(
-            np.array_equal(self.matrix[3], (0, 0, 0, 1)),
-            self,
-            "matrix",
-            "a last row of 0 0 0 1",
-            self.matrix[3].tolist(),
-        )
+        *upper, last = self.matrix.tolist()
+        rotation = [row[:3] for row in upper]
+        expected = "a rotation in its upper left 3 x 3 block"
+        require(_is_rotation(rotation), self, "matrix", expected, rotation)
+        require(last == [0, 0, 0, 1], self, "matrix", "a last row of 0 0 0 1", last)
 
     @staticmethod
     def identity() -> Pose:
@@ -126,6 +115,19 @@ class Pose(Record):
         return Pose.from_parts(
             rotation, (1 - fraction) * self.translation + fraction * other.translation
         )
+
+
+def _is_rotation(rows: list[list[float]]) -> bool:
+    """Return whether three rows are a right-handed orthonormal basis, to 1e-6.
+
+    Sums of Python's floats take a fifth of the time of NumPy's products of small matrices.
+    """
+    (a, b, c), (d, e, f), (g, h, i) = rows
+    lengths = a * a + b * b + c * c, d * d + e * e + f * f, g * g + h * h + i * i
+    products = a * d + b * e + c * f, a * g + b * h + c * i, d * g + e * h + f * i
+    determinant = a * (e * i - f * h) - b * (d * i - f * g) + c * (d * h - e * g)
+    errors = *(length - 1 for length in lengths), *products
+    return determinant > 0 and all(abs(error) < 1e-6 for error in errors)
 
 
 def wrap_angle(angle: np.ndarray | float) -> np.ndarray:

@@ -147,10 +147,16 @@ class LaneLocator:
         if not len(self._headings):
             return 0.0, 0.0
         away = position - self._road.points
-        turned = wrap_angle(yaw - self._headings)
-        best = int(np.argmin((away**2).sum(axis=1) + (self._road.widths * turned) ** 2))
-        left = np.array([-np.sin(self._headings[best]), np.cos(self._headings[best])])
-        return float(away[best] @ left), float(turned[best])
+        squares = (away**2).sum(axis=1)
+        # The nearest point costs at most half a turn more: points beyond that cannot be the best.
+        nearest = np.argmin(squares)
+        most = squares[nearest] + (self._road.widths[nearest] * np.pi) ** 2
+        near = np.flatnonzero(squares <= most)
+        turned = wrap_angle(yaw - self._headings[near])
+        best = int(np.argmin(squares[near] + (self._road.widths[near] * turned) ** 2))
+        heading = self._headings[near[best]]
+        left = np.array([-np.sin(heading), np.cos(heading)])
+        return float(away[near[best]] @ left), float(turned[best])
 
 
 def _bounded(values: list[float], bounds: np.ndarray) -> np.ndarray:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -51,30 +51,43 @@ class RotationalMotion:
         angular = [
             c[:, None] * axis for c, axis in zip(accelerations.T, (UP, left, ahead), strict=True)
         ]
-        alpha = (
-            sum(angular) + pitching * np.cross(yawing * UP, left) + rolling * np.cross(level, ahead)
-        )
+        alpha = sum(angular) + pitching * _cross(yawing * UP, left) + rolling * _cross(level, ahead)
         return RotationalMotion(rotations, level + rolling * ahead, alpha)
 
     def velocity(self, arms: np.ndarray) -> np.ndarray:
         """Return (T, 3) velocities of the ends of (T, 3) rotating lever arms, world frame."""
-        return np.cross(self.omega, arms)
+        return _cross(self.omega, arms)
 
     def acceleration(self, arms: np.ndarray) -> np.ndarray:
         """Return (T, 3) accelerations of the ends of (T, 3) rotating lever arms, world frame."""
-        turned: np.ndarray = np.cross(self.alpha, arms) + np.cross(self.omega, self.velocity(arms))
+        turned: np.ndarray = _cross(self.alpha, arms) + _cross(self.omega, self.velocity(arms))
         return turned
+
+
+def _cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Return the cross products of (T, 3) vectors, as `np.cross`, which takes five times as long.
+
+    That is for some ten vectors, of which an inertial rig needs many.
+    """
+    product = np.empty(a.shape)
+    for axis, (following, last) in enumerate(((1, 2), (2, 0), (0, 1))):
+        product[:, axis] = a[:, following] * b[:, last] - a[:, last] * b[:, following]
+    return product
 
 
 def rotation_matrices(angles: np.ndarray) -> np.ndarray:
     """Return (T, 3, 3) rotations of (T, 3) yaw, pitch and roll, as in `Pose.from_euler`."""
     (cy, cp, cr), (sy, sp, sr) = np.cos(angles).T, np.sin(angles).T
-    rows = [
-        [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr],
-        [sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr],
-        [-sp, cp * sr, cp * cr],
-    ]
-    return np.moveaxis(np.array(rows), -1, 0)
+    entries = (
+        (cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr),
+        (sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr),
+        (-sp, cp * sr, cp * cr),
+    )
+    rows = np.empty((3, 3, len(angles)))
+    for row, values in zip(rows, entries, strict=True):
+        for entry, value in zip(row, values, strict=True):
+            entry[:] = value
+    return np.moveaxis(rows, -1, 0)
 
 
 # --------------------------------------------------------------------------------------------------
@@ -154,6 +167,9 @@ RAW_S = 0.3
 """The motion of foreign environments is averaged over this time before and after an instant."""
 RAW_STEPS = 6
 """Number of samples of that mean on each side."""
+POSES_KEPT = 64
+"""Most poses that a motion remembers, of which each sweep needs its own and the one before, three
+times in all. Chosen by hand."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -183,6 +199,14 @@ class Kinematics(Record):
         )
 
 
+class _MotionStates(NamedTuple):
+    """Place of the wheels, (T, 3) metres, and (T, 3) yaw, pitch and roll of wheels and body."""
+
+    wheels: np.ndarray
+    wheel_angles: np.ndarray
+    body_angles: np.ndarray
+
+
 class EgoMotion:
     """A motion with continuous acceleration, fitted to the recorded states of the ego.
 
@@ -202,10 +226,12 @@ class EgoMotion:
         from scipy.interpolate import BSpline
 
         self.timeline, self.sway = timeline, sway
+        self._poses: dict[float, Pose] = {}
+        self._pivot = np.zeros(3) if sway is None else np.array(sway.pivot_m)
         knots = _knots(timeline.stamps_s, BEFORE_S + (0.0 if sway is None else sway.memory_s))
         # The abscissa of a control point is the mean of the knots that it spans.
         controls = _control_points(
-            _ego_only(timeline), (knots[1:-3] + knots[2:-2] + knots[3:-1]) / 3
+            timeline.ego_only(), (knots[1:-3] + knots[2:-2] + knots[3:-1]) / 3
         )
         self._wheel_spline = BSpline(knots, controls, 3)
         self._sway_spline: BSpline | None = None
@@ -216,20 +242,12 @@ class EgoMotion:
     def at(self, stamps_s: np.ndarray, point: np.ndarray | None = None) -> Kinematics:
         """Return the motion at (T,) stamps of a (3,) point of the ego frame; None: its origin."""
         times = np.asarray(stamps_s, np.float64)
-        # The wheels' place, yaw, pitch and roll, the sway on top of them, and two derivatives each.
-        wheel_states = [self._wheel_spline(times, nu=order) for order in range(3)]
-        sways = [self._sway_angles(times, order) for order in range(3)]
-        wheels = RotationalMotion.of(*(state[:, 3:] for state in wheel_states))
-        body = RotationalMotion.of(
-            *(
-                np.column_stack([state[:, 3], state[:, 4:] + sway])
-                for state, sway in zip(wheel_states, sways, strict=True)
-            )
-        )
-        pivot = np.zeros(3) if self.sway is None else np.array(self.sway.pivot_m)
-        foot = wheels.rotations @ pivot
-        arm = body.rotations @ ((np.zeros(3) if point is None else point) - pivot)
-        position, velocity, acceleration = (state[:, :3] for state in wheel_states)
+        # The wheels' place and angles, the body's angles, and two derivatives of each.
+        states = [self._states(times, order) for order in range(3)]
+        wheels = RotationalMotion.of(*(state.wheel_angles for state in states))
+        body = RotationalMotion.of(*(state.body_angles for state in states))
+        foot, arm = wheels.rotations @ self._pivot, body.rotations @ self._arm(point)
+        position, velocity, acceleration = (state.wheels for state in states)
         return Kinematics(
             body.rotations,
             position + foot + arm,
@@ -239,14 +257,37 @@ class EgoMotion:
         )
 
     def world_from_ego(self, stamp_s: float) -> Pose:
-        """Return the pose of the ego frame."""
-        motion = self.at(np.array([stamp_s]))
-        return Pose.from_parts(motion.rotations[0], motion.positions[0])
+        """Return the pose of the ego frame; the latest ones are remembered."""
+        if stamp_s not in self._poses:
+            if len(self._poses) == POSES_KEPT:
+                self._poses.clear()
+            rotations, positions = self._placed(np.array([stamp_s]))
+            self._poses[stamp_s] = Pose.from_parts(rotations[0], positions[0])
+        return self._poses[stamp_s]
 
     def mounted(self, ego_from_sensor: Pose, stamps_s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return (T, 3, 3) rotations and (T, 3) positions, `world_from_sensor`."""
-        motion = self.at(stamps_s, ego_from_sensor.translation)
-        return motion.rotations @ ego_from_sensor.rotation, motion.positions
+        rotations, positions = self._placed(stamps_s, ego_from_sensor.translation)
+        return rotations @ ego_from_sensor.rotation, positions
+
+    def _placed(
+        self, stamps_s: np.ndarray, point: np.ndarray | None = None
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Return the rotations and the positions of `at`, and compute nothing else."""
+        state = self._states(np.asarray(stamps_s, np.float64), 0)
+        rotations = rotation_matrices(state.body_angles)
+        foot = rotation_matrices(state.wheel_angles) @ self._pivot
+        return rotations, state.wheels + foot + rotations @ self._arm(point)
+
+    def _arm(self, point: np.ndarray | None) -> np.ndarray:
+        """Return the (3,) way from the pivot of the sway to a point; None: to the origin."""
+        return (np.zeros(3) if point is None else point) - self._pivot
+
+    def _states(self, times: np.ndarray, order: int) -> _MotionStates:
+        """Return the motion at (T,) times, or a derivative of it."""
+        values = self._wheel_spline(times, nu=order)
+        yaws, tilts = values[:, 3], values[:, 4:] + self._sway_angles(times, order)
+        return _MotionStates(values[:, :3], values[:, 3:], np.column_stack([yaws, tilts]))
 
     def speeds(self, stamps_s: np.ndarray) -> np.ndarray:
         """Return (T,) speeds of the rear axle along the vehicle, m/s."""
@@ -277,16 +318,6 @@ def settled_s(timeline: Timeline) -> float:
     return float(stamps[-1 - STATES_AHEAD]) - later_s if len(stamps) > STATES_AHEAD else -np.inf
 
 
-def _ego_only(timeline: Timeline) -> Timeline:
-    """Return the timeline with the ego only."""
-    per_actor = ("ids", "categories", "sizes", "centre_ahead_m")
-    per_state = ("present", "axles", "yaws", "speeds", "crashed")
-    return timeline._trusted(
-        **{name: getattr(timeline, name)[:1] for name in per_actor},
-        **{name: getattr(timeline, name)[:, :1] for name in per_state},
-    )
-
-
 def _control_points(ego: Timeline, stamps_s: np.ndarray) -> np.ndarray:
     """Return (T, 6) x, y, z, yaw, pitch and roll of the rear axle at (T,) stamps, metres, radians.
 
@@ -294,13 +325,14 @@ def _control_points(ego: Timeline, stamps_s: np.ndarray) -> np.ndarray:
     """
     offsets = np.arange(-RAW_STEPS, RAW_STEPS + 1) if ego.raw else np.zeros(1, np.int64)
     weights = (1.0 + RAW_STEPS - np.abs(offsets)).astype(np.float64)
-    total = np.zeros((len(stamps_s), 6))
-    for offset, weight in zip(offsets, weights / weights.sum(), strict=True):
-        states = ego.at(stamps_s + offset * (RAW_S / RAW_STEPS))
-        height, rise, lean = ego.stances(states)[:, 0].T
-        z = height - rise * ego.centre_ahead_m[0]
-        angles = states.yaws[:, 0], *tilt_angles(rise, lean)
-        total += weight * np.column_stack([states.axles[:, 0], z, *angles])
+    states = ego.at((stamps_s + offsets[:, None] * (RAW_S / RAW_STEPS)).ravel())
+    height, rise, lean = ego.stances(states)[:, 0].T
+    z = height - rise * ego.centre_ahead_m[0]
+    angles = states.yaws[:, 0], *tilt_angles(rise, lean)
+    samples = np.column_stack([states.axles[:, 0], z, *angles]).reshape(len(offsets), -1, 6)
+    total = np.zeros(samples.shape[1:])
+    for sample, weight in zip(samples, weights / weights.sum(), strict=True):
+        total += weight * sample
     return total
 
 

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from roadscope.core import Frame, ImuSamples
+from roadscope.core import Frame, ImuSamples, WheelSamples
 from roadscope.envs.sensors.ego_motion import EgoMotion
 from roadscope.envs.sensors.imu_spec import STANDARD_GRAVITY_M_S2, ImuSpec
 from roadscope.envs.sensors.rig import ImuMount, LidarMount, Rig
@@ -122,13 +122,14 @@ class InertialSampler:
 
     def with_samples(self, frame: Frame, rig: Rig, motion: EgoMotion, index: int) -> Frame:
         """Return the frame of the index-th sweep with its inertial and wheel samples."""
+        samples: dict[str, ImuSamples | WheelSamples] = {}
         if rig.imu is not None and self._noise is not None:
             span = samples_of(rig.lidar, index, rig.imu.spec.rate_hz)
-            frame = replace(frame, imu=measure(motion, rig.imu, self._noise, *span))
+            samples["imu"] = measure(motion, rig.imu, self._noise, *span)
         if rig.wheels is not None:
             span = samples_of(rig.lidar, index, rig.wheels.rate_hz)
-            frame = replace(frame, wheels=rig.wheels.measure(motion, self._wheel_seed, *span))
-        return frame
+            samples["wheels"] = rig.wheels.measure(motion, self._wheel_seed, *span)
+        return replace(frame, **samples)  # type: ignore[arg-type]
 
 
 def samples_of(mount: LidarMount, index: int, rate_hz: float) -> tuple[int, int]:

@@ -35,7 +35,7 @@ from roadscope.envs.sensors.rig import CameraMount, Rig
 from roadscope.envs.sensors.rigs import RIGS
 from roadscope.envs.sensors.weathers import CLEAR, Weather
 from roadscope.envs.sensors.weathers import weather as find_weather
-from roadscope.envs.traffic.timeline import Timeline
+from roadscope.envs.traffic.timeline import States, Timeline
 from roadscope.envs.world.ground import surface_of
 from roadscope.envs.world.world import World, build_world
 
@@ -97,7 +97,7 @@ def _present_users(timeline: Timeline, stamp_s: float) -> tuple[np.ndarray, dict
         "sizes": timeline.sizes[rows],
         "yaws": around.yaws[1, rows],
         "velocities": (centres[2, rows] - centres[0, rows]) / 2e-3,
-        "world_from_ego": timeline.world_from_ego(stamp_s),
+        "world_from_ego": timeline.ego_poses(around)[1],
         "stamp_s": stamp_s,
     }
 
@@ -254,11 +254,11 @@ class Sensing:
         mount = self.rig.lidar
         stamp_s = mount.stamp_s(index)
         rng = np.random.default_rng([self._noise_seed, index])
-        scene, ego_poses = self._scene(timeline, stamp_s)
+        scene, states = self._scene(timeline, stamp_s)
         scan, sweep_truth = sweep(
             scene,
             mount.spec,
-            self._lidar_path(timeline, ego_poses),
+            self._lidar_path(timeline, states),
             stamp_s,
             sensor=mount.name,
             rng=rng,
@@ -283,9 +283,10 @@ class Sensing:
         """Return the frame and the truth of an image whose exposure has its middle at the stamp."""
         _refuse_terrain(timeline)
         mount = self._camera()
-        scene, ego_poses = self._place_bodies(timeline, np.array([stamp_s]), IMAGE_RANGE_M)
+        scene, states = self._place_bodies(timeline, np.array([stamp_s]), IMAGE_RANGE_M)
         ego_at = self._ego_at(timeline)
-        world_from_ego = ego_at(stamp_s) if self._has_smooth_motion(timeline) else ego_poses[0]
+        smooth = self._has_smooth_motion(timeline)
+        world_from_ego = ego_at(stamp_s) if smooth else timeline.ego_poses(states)[0]
         if self._ground is None:
             style = timeline.style if self.style is None else self.style
             self._ground = Ground(surface_of(timeline.road), style)
@@ -336,12 +337,14 @@ class Sensing:
         """Return the truth with the pose of the body with the sensors."""
         if not self._has_smooth_motion(timeline):
             return truth
-        return replace(truth, world_from_ego=self._ego_at(timeline)(truth.stamp_s))
+        return truth._trusted(world_from_ego=self._ego_at(timeline)(truth.stamp_s))
 
-    def _lidar_path(self, timeline: Timeline, ego_poses: list[Pose]) -> LidarPath:
+    def _lidar_path(self, timeline: Timeline, states: States) -> LidarPath:
+        """Return the path of the LiDAR; states: those of `_scene`, the middle of the sweep last."""
         ego_from_lidar = self.rig.lidar.ego_from_lidar
         if not self._has_smooth_motion(timeline):
-            return [world_from_ego @ ego_from_lidar for world_from_ego in ego_poses]
+            knots = timeline.ego_poses(states)[:-1]
+            return [world_from_ego @ ego_from_lidar for world_from_ego in knots]
         return partial(self._ego_motion(timeline).mounted, ego_from_lidar)
 
     def _light_of(self, timeline: Timeline, stamp_s: float) -> Light:
@@ -395,8 +398,8 @@ class Sensing:
             before @ world_from_ego, mount.spec.period_s, seed=self._motion_seed, index=index
         )
 
-    def _scene(self, timeline: Timeline, stamp_s: float) -> tuple[Scene, list[Pose]]:
-        """Return the scene of a sweep without the ego's body, and the ego's poses at its knots."""
+    def _scene(self, timeline: Timeline, stamp_s: float) -> tuple[Scene, States]:
+        """Return the scene of a sweep without the ego's body, and states as `_place_bodies`."""
         half = self.rig.lidar.spec.sweep_s / 2
         knots = np.linspace(stamp_s - half, stamp_s + half, int(np.ceil(2 * half / KNOT_S)) + 1)
         return self._place_bodies(
@@ -405,8 +408,8 @@ class Sensing:
 
     def _place_bodies(
         self, timeline: Timeline, stamps_s: np.ndarray, radius_m: float
-    ) -> tuple[Scene, list[Pose]]:
-        """Return the scene and the ego's poses at the knots.
+    ) -> tuple[Scene, States]:
+        """Return the scene, and the states of all actors at the stamps.
 
         stamps_s: the knots and, unless it is the only one, their middle, which is no knot. The
             actors present and the scenery are those of the middle.
@@ -424,7 +427,7 @@ class Sensing:
         if timeline.terrain is not None:
             stances = timeline.stances(states)[: len(knots)]
             scene = replace(scene, terrain=timeline.terrain, stances=stances)
-        return scene, timeline.ego_poses(states)[: len(knots)]
+        return scene, states
 
     def _world_of(self, timeline: Timeline) -> World:
         if self._world is None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, fields, replace
+from functools import lru_cache
 
 import numpy as np
 
@@ -10,6 +11,13 @@ from roadscope.core import Pose, WheelSamples
 from roadscope.core.checks import require
 from roadscope.core.record import Record
 from roadscope.envs.sensors.ego_motion import EgoMotion
+
+
+@lru_cache(maxsize=64)
+def _episode_draws(seed: int, count: int) -> tuple[float, ...]:
+    """Return standard normal numbers that are the same for all samples of an episode."""
+    return tuple(np.random.default_rng(seed).standard_normal(count).tolist())
+
 
 # --------------------------------------------------------------------------------------------------
 # Speed from wheels.
@@ -54,7 +62,7 @@ class WheelSpec(Record):
         """
         numbers = np.arange(first, last + 1)
         true = motion.speeds(numbers / self.rate_hz)
-        scale = 1 + self.scale * np.random.default_rng(seed).standard_normal()
+        scale = 1 + self.scale * _episode_draws(seed, 1)[0]
         draws = [np.random.default_rng([seed, n + 1]).standard_normal() for n in numbers.tolist()]
         speeds = np.where(np.abs(true) < 1e-6, 0.0, scale * true + self.noise_m_s * np.array(draws))
         if self.resolution_m_s > 0:
@@ -101,7 +109,7 @@ class DeadReckoning(Record):
         Errors that are constant in an episode depend on the seed only, the others on the seed
         and on `index`, the number of the tick.
         """
-        scale, bias = np.random.default_rng(seed).standard_normal(2)
+        scale, bias = _episode_draws(seed, 2)
         along, across, turn = np.random.default_rng([seed, index]).standard_normal(3)
         x, y = previous_from_ego.translation[:2] * (1 + self.distance_scale * scale)
         drift = self.gyro_bias_rad_s * bias * elapsed_s

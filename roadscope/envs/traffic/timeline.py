@@ -162,7 +162,17 @@ class Timeline(Record):
 
     def world_from_ego(self, stamp_s: float) -> Pose:
         """Return the pose of the ego's rear axle on the ground."""
-        return self.ego_poses(self.at(np.array([stamp_s])))[0]
+        ego = self.ego_only()
+        return ego.ego_poses(ego.at(np.array([stamp_s])))[0]
+
+    def ego_only(self) -> Timeline:
+        """Return the timeline with the ego only."""
+        per_actor = ("ids", "categories", "sizes", "centre_ahead_m")
+        per_state = ("present", "axles", "yaws", "speeds", "crashed")
+        return self._trusted(
+            **{name: getattr(self, name)[:1] for name in per_actor},
+            **{name: getattr(self, name)[:, :1] for name in per_state},
+        )
 
     def save(self, file: Path | str | BinaryIO) -> None:
         """Write the timeline to a compressed `.npz` file."""
