@@ -13,6 +13,7 @@ from roadscope.driving.agent import ACTIONS, DECISION_STEPS, LARGEST, OBSERVED, 
 from roadscope.driving.closed_loop import ClosedLoop
 from roadscope.driving.perception import TRUTH, stack_of
 from roadscope.envs.gym.spaces import checked_action
+from roadscope.envs.gym.vector import PooledVectorEnv, pooled
 from roadscope.envs.sensors.rig import Rig
 from roadscope.envs.sensors.rigs import rig as rig_named
 from roadscope.envs.traffic.driven import check_driven
@@ -142,3 +143,8 @@ class DriveEnv(gym.Env[np.ndarray, np.int64]):
 
 def _several(names: Names) -> tuple[str, ...]:
     return (names,) if isinstance(names, str) else tuple(names)
+
+
+def drive_envs(num_envs: int, **settings: Any) -> PooledVectorEnv:
+    """Return several `DriveEnv` as one; `pooled` has the settings."""
+    return pooled(DriveEnv, num_envs, **settings)

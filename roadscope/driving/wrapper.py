@@ -14,6 +14,7 @@ from roadscope.driving.perception import BLIND, TRUTH, Perception
 from roadscope.envs.gym.highway import ScenarioEnv
 from roadscope.envs.gym.observer import rig_of
 from roadscope.envs.gym.sensor_wrapper import SensorWrapper
+from roadscope.envs.gym.vector import PooledVectorEnv, pooled
 from roadscope.envs.imaging.light import Light
 from roadscope.envs.sensors.faults import Faults
 from roadscope.envs.sensors.rig import Rig
@@ -141,3 +142,8 @@ def _bounded(space: gym.Space[Any]) -> gym.Space[Any]:
     most = np.finfo(space.dtype).max
     low, high = np.maximum(space.low, -most), np.minimum(space.high, most)
     return gym.spaces.Box(low, high, dtype=space.dtype.type)
+
+
+def perceived_envs(num_envs: int, **settings: Any) -> PooledVectorEnv:
+    """Return several `PerceivedEnv` as one; `pooled` has the settings."""
+    return pooled(PerceivedEnv, num_envs, **settings)

@@ -8,6 +8,7 @@ if TYPE_CHECKING:
     from roadscope.envs.gym.highway import ScenarioEnv
     from roadscope.envs.gym.registration import env_ids, make, register
     from roadscope.envs.gym.sensor_wrapper import SensorWrapper
+    from roadscope.envs.gym.vector import PooledVectorEnv
     from roadscope.envs.imaging.pinhole import Pinhole
     from roadscope.envs.imaging.pinhole import mounted as camera_pose
     from roadscope.envs.sensors.camera_spec import CameraSpec
@@ -20,6 +21,7 @@ if TYPE_CHECKING:
 
 _PLACES = {
     "SensorWrapper": "roadscope.envs.gym.sensor_wrapper:SensorWrapper",
+    "PooledVectorEnv": "roadscope.envs.gym.vector:PooledVectorEnv",
     "ScenarioEnv": "roadscope.envs.gym.highway:ScenarioEnv",
     "env_ids": "roadscope.envs.gym.registration:env_ids",
     "make": "roadscope.envs.gym.registration:make",
@@ -46,6 +48,7 @@ __all__ = [
     "LidarMount",
     "LidarSpec",
     "Pinhole",
+    "PooledVectorEnv",
     "Rig",
     "ScenarioEnv",
     "Sensing",

@@ -45,10 +45,15 @@ def register() -> None:
             registration.register(
                 id=f"{NAMESPACE}/{name}",
                 entry_point="roadscope.driving.wrapper:PerceivedEnv",
+                vector_entry_point="roadscope.driving.wrapper:perceived_envs",
                 kwargs=dict(arguments),
             )
     if DRIVE_ID not in registration.registry:
-        registration.register(id=DRIVE_ID, entry_point="roadscope.driving.drive_env:DriveEnv")
+        registration.register(
+            id=DRIVE_ID,
+            entry_point="roadscope.driving.drive_env:DriveEnv",
+            vector_entry_point="roadscope.driving.drive_env:drive_envs",
+        )
 
 
 def make(name: str, **settings: Any) -> gym.Env[Any, Any]:

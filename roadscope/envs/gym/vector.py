@@ -1,0 +1,305 @@
+"""Several environments as one, stepped by a few processes."""
+
+from __future__ import annotations
+
+import multiprocessing
+import signal
+import traceback
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
+from copy import deepcopy
+from functools import partial
+from multiprocessing.connection import Connection, wait
+from typing import Any, NamedTuple
+
+import gymnasium as gym
+import numpy as np
+from gymnasium.vector import AutoresetMode
+from gymnasium.vector.utils import (
+    batch_space,
+    create_shared_memory,
+    iterate,
+    read_from_shared_memory,
+    write_to_shared_memory,
+)
+
+ENDING_S = 5.0
+"""A process that does not end within this time after it was asked to is ended. Chosen by hand."""
+
+Ended = tuple[float, bool, bool]
+"""Reward, terminated and truncated of a step."""
+
+
+class _Share(NamedTuple):
+    """What one process has: how to make an environment, and the rows of its environments."""
+
+    make_env: Callable[[], gym.Env[Any, Any]]
+    rows: Sequence[int]
+    space: gym.Space[Any]
+    observations: Any
+
+
+class PooledVectorEnv(gym.vector.VectorEnv[Any, Any, Any]):
+    """Several environments of one kind, shared among one process for each core.
+
+    make_env: makes one environment; it must be possible to pickle it where processes are not
+        forked.
+    num_envs: number of environments.
+    workers: number of processes; None: one for each core, and not more than environments.
+    copy: whether each batch of observations is an array of its own; otherwise the next step writes
+        over it.
+
+    Environments write their observations into one array that all processes share, so observations
+    are not sent. Everything equals `gymnasium.vector.SyncVectorEnv` with the same seeds: a new
+    episode begins with the step after the last one of an episode (`AutoresetMode.NEXT_STEP`).
+    An error of an environment is raised here; if a process dies, `RuntimeError` is.
+
+    Threads would not do: most of a step is Python, which holds the interpreter's lock.
+    """
+
+    metadata = {"autoreset_mode": AutoresetMode.NEXT_STEP}  # noqa: RUF012
+
+    def __init__(
+        self,
+        make_env: Callable[[], gym.Env[Any, Any]],
+        num_envs: int = 1,
+        *,
+        workers: int | None = None,
+        copy: bool = True,
+    ) -> None:
+        from joblib import cpu_count
+
+        for name, number in (("num_envs", num_envs), ("workers", workers)):
+            if number is not None and number < 1:
+                raise ValueError(f"{name}: expected a whole number from 1 up, got {number!r}")
+        one = make_env()
+        self.single_observation_space, self.single_action_space = (
+            one.observation_space,
+            one.action_space,
+        )
+        self.metadata = {**one.metadata, **type(self).metadata}
+        self.render_mode = one.render_mode
+        one.close()
+        self.num_envs, self._copy = num_envs, copy
+        self.observation_space = batch_space(self.single_observation_space, num_envs)
+        self.action_space = batch_space(self.single_action_space, num_envs)
+        context = multiprocessing.get_context()
+        shared = create_shared_memory(
+            self.single_observation_space,
+            num_envs,
+            context,  # type: ignore[arg-type]
+        )
+        self._observations = read_from_shared_memory(
+            self.single_observation_space, shared, num_envs
+        )
+        count = min(num_envs, int(cpu_count()) if workers is None else workers)
+        self._workers = []
+        for number in range(count):
+            share = _Share(
+                make_env, range(number, num_envs, count), self.single_observation_space, shared
+            )
+            self._workers.append(_Worker(context, share))
+
+    def reset(
+        self,
+        *,
+        seed: int | Sequence[int | None] | None = None,
+        options: dict[str, Any] | None = None,
+    ) -> tuple[Any, dict[str, Any]]:
+        """Begin an episode in each environment.
+
+        seed: one for each environment; of a single number the i-th gets seed + i.
+        """
+        if seed is None or isinstance(seed, int | np.integer):
+            seeds: list[int | None] = [
+                None if seed is None else int(seed) + row for row in range(self.num_envs)
+            ]
+        else:
+            seeds = list(seed)
+            if len(seeds) != self.num_envs:
+                raise ValueError(f"seed: expected {self.num_envs} seeds, got {len(seeds)}")
+        infos = self._ask("reset", [(each, options) for each in seeds])
+        return self._batch(), self._joined(infos)
+
+    def step(self, actions: Any) -> tuple[Any, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
+        """Take one step in each environment."""
+        answers = self._ask("step", list(iterate(self.action_space, actions)))
+        rewards, terminated, truncated = zip(*(ended for ended, _ in answers), strict=True)
+        return (
+            self._batch(),
+            np.array(rewards, np.float64),
+            np.array(terminated, bool),
+            np.array(truncated, bool),
+            self._joined([info for _, info in answers]),
+        )
+
+    def render(self) -> tuple[Any, ...] | None:
+        """Return one picture of each environment."""
+        return tuple(self._ask("render", [None] * self.num_envs))
+
+    def close_extras(self, **_: Any) -> None:
+        """End the processes."""
+        for worker in self._workers:
+            worker.dismiss()
+        for worker in self._workers:
+            worker.end()
+
+    def __del__(self) -> None:
+        """End the processes of an environment that nobody closed."""
+        if hasattr(self, "_workers"):
+            self.close()
+
+    def _ask(self, call: str, arguments: Sequence[Any]) -> list[Any]:
+        """Let every environment do something at the same time; return their answers by row."""
+        if self.closed:
+            raise gym.error.ClosedEnvironmentError(f"{call}() after close()")
+        answers: dict[int, Any] = {}
+        errors: list[Exception] = []
+        try:
+            for worker in self._workers:
+                worker.send(call, {row: arguments[row] for row in worker.rows})
+            for worker in self._workers:
+                answer = worker.receive()
+                if isinstance(answer, Exception):
+                    errors.append(answer)
+                else:
+                    answers.update(answer)
+        except BaseException:
+            # A process died, or Ctrl-C: answers that are still on their way have no question.
+            self.close()
+            raise
+        if errors:
+            raise errors[0]
+        return [answers[row] for row in range(self.num_envs)]
+
+    def _batch(self) -> Any:
+        return deepcopy(self._observations) if self._copy else self._observations
+
+    def _joined(self, infos: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+        joined: dict[str, Any] = {}
+        for row, info in enumerate(infos):
+            joined = self._add_info(joined, dict(info), row)
+        return joined
+
+
+class _Worker:
+    """A process with its share of the environments."""
+
+    def __init__(self, context: Any, share: _Share) -> None:
+        self.rows = share.rows
+        self.connection, other = context.Pipe()
+        self._process = context.Process(target=_work, args=(other, share), daemon=True)
+        self._process.start()
+        other.close()
+
+    def send(self, call: str, arguments: Mapping[int, Any]) -> None:
+        """Ask the environments to do something; `receive` has their answers."""
+        try:
+            self.connection.send((call, arguments))
+        except OSError as error:
+            raise self._lost() from error
+
+    def receive(self) -> Any:
+        """Return the answers by row, or the exception that one of the environments raised."""
+        try:
+            return self.connection.recv()
+        except (EOFError, OSError) as error:
+            raise self._lost() from error
+
+    def dismiss(self) -> None:
+        """Ask the process to end."""
+        with suppress(OSError):
+            self.connection.send(None)
+        self.connection.close()
+
+    def end(self) -> None:
+        """Wait until the process has ended, and end it if that takes long."""
+        self._process.join(ENDING_S)
+        if self._process.is_alive():
+            self._process.kill()
+            self._process.join()
+
+    def _lost(self) -> RuntimeError:
+        self._process.join(ENDING_S)
+        rows = ", ".join(map(str, self.rows))
+        return RuntimeError(
+            f"the process of the environments {rows} ended with status {self._process.exitcode}; "
+            "all environments are closed"
+        )
+
+
+def _work(connection: Connection, share: _Share) -> None:
+    """Run a share of the environments until the parent says so, or is gone."""
+    # Ctrl-C reaches all processes of a terminal. The parent decides what follows.
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    parent = multiprocessing.parent_process()
+    assert parent is not None
+    envs: dict[int, gym.Env[Any, Any]] = {}
+    over = dict.fromkeys(share.rows, False)
+
+    def reset(row: int, seed: int | None, options: Any) -> Any:
+        observation, info = envs[row].reset(seed=seed, options=options)
+        write_to_shared_memory(share.space, row, observation, share.observations)
+        over[row] = False
+        return info
+
+    def step(row: int, action: Any) -> tuple[Ended, Any]:
+        if over[row]:
+            return (0.0, False, False), reset(row, None, None)
+        observation, reward, terminated, truncated, info = envs[row].step(action)
+        write_to_shared_memory(share.space, row, observation, share.observations)
+        over[row] = bool(terminated or truncated)
+        return (float(reward), bool(terminated), bool(truncated)), info
+
+    def answer(call: str, row: int, argument: Any) -> Any:
+        if row not in envs:
+            envs[row] = share.make_env()
+        if call == "step":
+            return step(row, argument)
+        return reset(row, *argument) if call == "reset" else envs[row].render()
+
+    while connection in wait([connection, parent.sentinel]):
+        try:
+            question = connection.recv()
+        except (EOFError, OSError):
+            break
+        if question is None:
+            break
+        call, arguments = question
+        try:
+            answers: Any = {row: answer(call, row, each) for row, each in arguments.items()}
+        except Exception as error:
+            error.add_note(traceback.format_exc())
+            answers = error
+        try:
+            connection.send(answers)
+        except OSError:
+            break
+        except Exception as error:
+            connection.send(RuntimeError(f"{call}: {answers!r} cannot be sent: {error}"))
+    for env in envs.values():
+        env.close()
+
+
+def pooled(
+    kind: Callable[..., gym.Env[Any, Any]],
+    num_envs: int,
+    *,
+    workers: int | None = None,
+    copy: bool = True,
+    max_episode_steps: int | None = None,
+    **settings: Any,
+) -> PooledVectorEnv:
+    """Return several environments of a class as one, for `gymnasium.make_vec`.
+
+    max_episode_steps: as in `gymnasium.make`. settings: of the class. Others: of `PooledVectorEnv`.
+    """
+    make_env = partial(_made, kind, max_episode_steps, settings)
+    return PooledVectorEnv(make_env, num_envs, workers=workers, copy=copy)
+
+
+def _made(
+    kind: Callable[..., gym.Env[Any, Any]], steps: int | None, settings: Mapping[str, Any]
+) -> gym.Env[Any, Any]:
+    env = kind(**settings)
+    return env if steps is None else gym.wrappers.TimeLimit(env, steps)
