@@ -43,6 +43,10 @@ def test_a_grey_wall_that_fills_the_image_is_not() -> None:
     assert not image(DARKNESS + 0.4).blank
 
 
+def test_its_size_is_width_and_height() -> None:
+    assert image(DARKNESS).size_px == (640, 480)
+
+
 def test_the_smallest_images() -> None:
     assert image(np.zeros((0, 0))).blank
     assert image(np.zeros((3, 3))).blank

@@ -18,6 +18,12 @@ def test_is_sure_unless_it_says_why_not():
         OdometryEstimate(*WHOLE, reason="for nothing")
 
 
+@pytest.mark.parametrize("variance", [0.0, 1e-12, 1e6])
+def test_takes_any_variance_from_zero_up(variance):
+    pose, _, dynamic, stamp_s = WHOLE
+    assert OdometryEstimate(pose, variance * np.eye(6), dynamic, stamp_s).ok
+
+
 @pytest.mark.parametrize(
     "covariance", [np.full((6, 6), np.nan), -np.eye(6), np.triu(np.ones((6, 6))), np.eye(3)]
 )

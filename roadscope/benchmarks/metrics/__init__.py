@@ -15,7 +15,7 @@ _PARTS = {
     "detection": "axis_error_deg box_errors box_overlaps_from_above score_detections "
     "score_detections_by_band",
     "driving": "ScoredDrive phantom_braking score_drive times_to_collision",
-    "fusion": "FusionTargets fusion_rates match_targets threshold_at",
+    "fusion": "FusionTargets fusion_rates fusion_scores match_targets threshold_at",
     "image_detection": "LabelledImage image_precision score_images",
     "image_labels": "Labels PARKED ParkedBoxes labels_of",
     "matching": "Match Pairing assign centre_distances image_overlaps match",

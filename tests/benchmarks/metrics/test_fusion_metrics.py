@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -6,6 +8,7 @@ from roadscope.benchmarks.metrics import (
     IGNORED,
     FusionTargets,
     fusion_rates,
+    fusion_scores,
     match_targets,
     threshold_at,
 )
@@ -125,3 +128,31 @@ def test_rates_by_family_and_false_alarms_above_a_threshold() -> None:
     assert 0.6 < strict <= 0.9
     assert fusion_rates(judged, strict).false_alarms_per_scan == 0.0
     assert threshold_at(judged, 1.0) == 0.0
+
+
+def test_scores_of_an_episode_by_hand() -> None:
+    third = (300.0, 10, 340, 60)
+    real = replace(
+        targets((CAR, 20.0, BOX, True), (PERSON, 30.0, ELSEWHERE, True), (CAR, 40.0, third, True)),
+        hidden=np.array([0.34, 0.0, 0.33]),
+    )
+    found = fused(
+        (0.9, 20.0, BOX, True),
+        (0.8, 10.0, (500.0, 10, 520, 60), True),
+        (0.7, 10.0, (600.0, 10, 620, 60), True),
+        (0.6, 50.0, third, True),
+        (0.4, 30.0, ELSEWHERE, True),
+    )
+    scores = fusion_scores([found, found], [real, real])
+    # From 0.5: two of three targets found, two false alarms, one miss.
+    assert scores["detection_rate"].value == pytest.approx(2 / 3)
+    assert scores["precision"].value == 0.5
+    assert scores["f1"].value == pytest.approx(2 / (2 + 3 / 2))
+    assert scores["false_alarms"].value == 2.0
+    assert scores["distance_right"].value == 0.5
+    # More than a third hidden is the first target alone.
+    assert scores["hidden_distance_right"].value == 1.0
+    assert scores["hidden_distance_right"].n == 2
+    assert (scores["ap"].least, scores["ap"].most) == (0.0, 1.0)
+    # Precision 1 at the recalls from 0 to 0.33, and 3 of 5 at those up to 1.
+    assert scores["ap"].value == pytest.approx((34 + 67 * 3 / 5) / 101)

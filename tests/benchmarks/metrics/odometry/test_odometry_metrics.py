@@ -99,6 +99,11 @@ def test_relative_errors_are_those_of_the_slow_way(step):
         assert errors.translations_m[k] == pytest.approx(np.linalg.norm(rest[:3, 3]), abs=1e-10)
         assert errors.rotations_rad[k] == pytest.approx(turned(rest[:3, :3]), abs=1e-10)
     assert len(errors) == len(both) - step
+    assert errors.rmse_m == pytest.approx(math.sqrt(np.mean(errors.translations_m**2)))
+    assert errors.rmse_rad == pytest.approx(math.sqrt(np.mean(errors.rotations_rad**2)))
+    none = relative_errors(both, len(both))
+    assert math.isnan(none.rmse_m)
+    assert math.isnan(none.rmse_rad)
 
 
 def kitti_slowly(both, lengths, every):
