@@ -57,11 +57,16 @@ def test_it_runs(printed: str, monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_the_environment_tells_what_is_said() -> None:
-    ranges, (frames, truths), truth = values(block("lidar_range"))
+    ranges, (frames, truths), truth = values(block('observation["lidar_range"]'))
     assert ranges.dtype == "float32"
     assert ranges.shape[0] == 16
     assert len(frames) == len(truths)
     assert truth
+
+
+def test_a_batch_has_the_shape_that_is_said() -> None:
+    ranges, _ = values(block("make_vec"))
+    assert ranges.shape[:2] == (8, 16)
 
 
 def test_the_pose_is_the_one_that_is_said() -> None:
