@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import multiprocessing
+import pickle
 import signal
 import traceback
 from collections.abc import Callable, Mapping, Sequence
@@ -269,8 +270,7 @@ def _work(connection: Connection, share: _Share) -> None:
         try:
             answers: Any = {row: answer(call, row, each) for row, each in arguments.items()}
         except Exception as error:
-            error.add_note(traceback.format_exc())
-            answers = error
+            answers = _sent(error)
         try:
             connection.send(answers)
         except OSError:
@@ -279,6 +279,17 @@ def _work(connection: Connection, share: _Share) -> None:
             connection.send(RuntimeError(f"{call}: {answers!r} cannot be sent: {error}"))
     for env in envs.values():
         env.close()
+
+
+def _sent(error: Exception) -> Exception:
+    """Return an error with the worker's traceback, or one with its text if it cannot be sent."""
+    text = "".join(traceback.format_exception(error))
+    error.add_note(text)
+    try:
+        pickle.loads(pickle.dumps(error))
+    except Exception:
+        return RuntimeError(text)
+    return error
 
 
 def pooled(

@@ -16,8 +16,16 @@ from roadscope.envs.gym import PooledVectorEnv, pooled
 SHORT = {"duration_s": 2.0, "rig": "lux", "records": False}
 
 
+class OddError(ValueError):
+    """An error that cannot be made again from its text."""
+
+    def __init__(self, *, code: int, text: str) -> None:
+        super().__init__(text)
+        self.code = code
+
+
 class Counting(gym.Env):
-    """Counts its steps; an action of 9 is refused, and one of 8 ends the process."""
+    """Counts its steps; actions of 7 and 9 are refused, and one of 8 ends the process."""
 
     def __init__(self, start: int = 0) -> None:
         self.observation_space = gym.spaces.Box(0, 1000, (2,), np.int64)
@@ -30,6 +38,8 @@ class Counting(gym.Env):
         return np.array([self._count, seed or 0]), {}
 
     def step(self, action):
+        if action == 7:
+            raise OddError(code=7, text="seven is refused")
         if action == 9:
             raise ValueError("nine is refused")
         if action == 8:
@@ -119,8 +129,10 @@ def test_an_error_of_an_environment_is_raised_and_the_others_go_on() -> None:
     envs.reset()
     with pytest.raises(ValueError, match="nine is refused"):
         envs.step(np.array([0, 9, 0, 0]))
+    with pytest.raises(RuntimeError, match="seven is refused"):
+        envs.step(np.array([0, 7, 0, 0]))
     *_, infos = envs.step(np.zeros(4, np.int64))
-    assert infos["count"][0] == 2
+    assert infos["count"][0] == 3
     envs.close()
 
 
