@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import multiprocessing
+import os
 import pickle
 import signal
 import traceback
@@ -11,6 +12,7 @@ from contextlib import suppress
 from copy import deepcopy
 from functools import partial
 from multiprocessing.connection import Connection, wait
+from multiprocessing.reduction import ForkingPickler
 from typing import Any, NamedTuple
 
 import gymnasium as gym
@@ -25,14 +27,14 @@ from gymnasium.vector.utils import (
 )
 
 ENDING_S = 5.0
-"""A process that does not end within this time after it was asked to is ended. Chosen by hand."""
+"""A process that does not end within this time after it was asked to is killed. Chosen by hand."""
 
 Ended = tuple[float, bool, bool]
 """Reward, terminated and truncated of a step."""
 
 
 class _Share(NamedTuple):
-    """What one process has: how to make an environment, and the rows of its environments."""
+    """What a worker process needs: how to make an environment, and the rows of its own."""
 
     make_env: Callable[[], gym.Env[Any, Any]]
     rows: Sequence[int]
@@ -51,11 +53,16 @@ class PooledVectorEnv(gym.vector.VectorEnv[Any, Any, Any]):
         over it.
 
     Environments write their observations into one array that all processes share, so observations
-    are not sent. Everything equals `gymnasium.vector.SyncVectorEnv` with the same seeds: a new
-    episode begins with the step after the last one of an episode (`AutoresetMode.NEXT_STEP`).
-    An error of an environment is raised here; if a process dies, `RuntimeError` is.
+    are not sent. Observations, rewards, ends of episodes and infos equal those of
+    `gymnasium.vector.SyncVectorEnv` with the same seeds: a new episode begins with the step after
+    the last one of an episode (`AutoresetMode.NEXT_STEP`). `call`, `get_attr` and `set_attr` do not
+    exist here. Processes start by the method of `multiprocessing.set_start_method`.
 
-    Threads would not do: most of a step is Python, which holds the interpreter's lock.
+    An error of an environment is raised when the others have taken their step. If a process dies,
+    `RuntimeError` is raised, and all are closed.
+
+    Threads gained little with a LiDAR alone: most of such a step is Python, which holds the
+    interpreter's lock.
     """
 
     metadata = {"autoreset_mode": AutoresetMode.NEXT_STEP}  # noqa: RUF012
@@ -85,7 +92,8 @@ class PooledVectorEnv(gym.vector.VectorEnv[Any, Any, Any]):
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self.action_space = batch_space(self.single_action_space, num_envs)
         context = multiprocessing.get_context()
-        shared = create_shared_memory(
+        # Kept: without it the locks would be gone before a process that is not forked takes them.
+        self._shared = shared = create_shared_memory(
             self.single_observation_space,
             num_envs,
             context,  # type: ignore[arg-type]
@@ -94,7 +102,8 @@ class PooledVectorEnv(gym.vector.VectorEnv[Any, Any, Any]):
             self.single_observation_space, shared, num_envs
         )
         count = min(num_envs, int(cpu_count()) if workers is None else workers)
-        self._workers = []
+        self._workers: list[_Worker] = []
+        self._pid = os.getpid()
         for number in range(count):
             share = _Share(
                 make_env, range(number, num_envs, count), self.single_observation_space, shared
@@ -110,7 +119,13 @@ class PooledVectorEnv(gym.vector.VectorEnv[Any, Any, Any]):
         """Begin an episode in each environment.
 
         seed: one for each environment; of a single number the i-th gets seed + i.
+        options: for every environment, but `reset_mask`, (num_envs,) bool: where it is False an
+            episode goes on.
         """
+        options = dict(options or {})
+        chosen = np.asarray(options.pop("reset_mask", np.ones(self.num_envs, bool)))
+        if chosen.shape != (self.num_envs,) or chosen.dtype != bool or not chosen.any():
+            raise ValueError(f"reset_mask: expected {self.num_envs} bool, one of them True")
         if seed is None or isinstance(seed, int | np.integer):
             seeds: list[int | None] = [
                 None if seed is None else int(seed) + row for row in range(self.num_envs)
@@ -119,46 +134,55 @@ class PooledVectorEnv(gym.vector.VectorEnv[Any, Any, Any]):
             seeds = list(seed)
             if len(seeds) != self.num_envs:
                 raise ValueError(f"seed: expected {self.num_envs} seeds, got {len(seeds)}")
-        infos = self._ask("reset", [(each, options) for each in seeds])
+        infos = self._ask(
+            "reset", {row: (seeds[row], options or None) for row in np.flatnonzero(chosen).tolist()}
+        )
         return self._batch(), self._joined(infos)
 
     def step(self, actions: Any) -> tuple[Any, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
         """Take one step in each environment."""
-        answers = self._ask("step", list(iterate(self.action_space, actions)))
-        rewards, terminated, truncated = zip(*(ended for ended, _ in answers), strict=True)
+        each = list(iterate(self.action_space, actions))
+        if len(each) != self.num_envs:
+            raise ValueError(f"actions: expected {self.num_envs}, got {len(each)}")
+        answers = self._ask("step", dict(enumerate(each)))
+        rewards, terminated, truncated = zip(*(ended for ended, _ in answers.values()), strict=True)
         return (
             self._batch(),
             np.array(rewards, np.float64),
             np.array(terminated, bool),
             np.array(truncated, bool),
-            self._joined([info for _, info in answers]),
+            self._joined({row: info for row, (_, info) in answers.items()}),
         )
 
     def render(self) -> tuple[Any, ...] | None:
         """Return one picture of each environment."""
-        return tuple(self._ask("render", [None] * self.num_envs))
+        return tuple(self._ask("render", dict.fromkeys(range(self.num_envs))).values())
 
     def close_extras(self, **_: Any) -> None:
         """End the processes."""
+        if os.getpid() != self._pid:
+            return  # A fork of this process has the object, but not the processes.
         for worker in self._workers:
             worker.dismiss()
         for worker in self._workers:
             worker.end()
 
     def __del__(self) -> None:
-        """End the processes of an environment that nobody closed."""
+        """End the processes of an environment that was not closed."""
         if hasattr(self, "_workers"):
             self.close()
 
-    def _ask(self, call: str, arguments: Sequence[Any]) -> list[Any]:
-        """Let every environment do something at the same time; return their answers by row."""
+    def _ask(self, call: str, arguments: Mapping[int, Any]) -> dict[int, Any]:
+        """Let environments do something at the same time; return their answers, by row."""
         if self.closed:
             raise gym.error.ClosedEnvironmentError(f"{call}() after close()")
         answers: dict[int, Any] = {}
         errors: list[Exception] = []
+        shares = [{r: arguments[r] for r in w.rows if r in arguments} for w in self._workers]
+        messages = [ForkingPickler.dumps((call, share)) for share in shares]
         try:
-            for worker in self._workers:
-                worker.send(call, {row: arguments[row] for row in worker.rows})
+            for worker, message in zip(self._workers, messages, strict=True):
+                worker.send(message)
             for worker in self._workers:
                 answer = worker.receive()
                 if isinstance(answer, Exception):
@@ -166,19 +190,19 @@ class PooledVectorEnv(gym.vector.VectorEnv[Any, Any, Any]):
                 else:
                     answers.update(answer)
         except BaseException:
-            # A process died, or Ctrl-C: answers that are still on their way have no question.
+            # A process died, or Ctrl-C: the next call would take answers that are still to come.
             self.close()
             raise
         if errors:
             raise errors[0]
-        return [answers[row] for row in range(self.num_envs)]
+        return {row: answers[row] for row in arguments}
 
     def _batch(self) -> Any:
         return deepcopy(self._observations) if self._copy else self._observations
 
-    def _joined(self, infos: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+    def _joined(self, infos: Mapping[int, Mapping[str, Any]]) -> dict[str, Any]:
         joined: dict[str, Any] = {}
-        for row, info in enumerate(infos):
+        for row, info in infos.items():
             joined = self._add_info(joined, dict(info), row)
         return joined
 
@@ -193,10 +217,10 @@ class _Worker:
         self._process.start()
         other.close()
 
-    def send(self, call: str, arguments: Mapping[int, Any]) -> None:
+    def send(self, message: memoryview) -> None:
         """Ask the environments to do something; `receive` has their answers."""
         try:
-            self.connection.send((call, arguments))
+            self.connection.send_bytes(message)
         except OSError as error:
             raise self._lost() from error
 
@@ -267,16 +291,18 @@ def _work(connection: Connection, share: _Share) -> None:
         if question is None:
             break
         call, arguments = question
+        answers, failed = {}, None
+        for row, argument in arguments.items():
+            try:
+                answers[row] = answer(call, row, argument)
+            except Exception as error:
+                failed = failed or _sent(error)
         try:
-            answers: Any = {row: answer(call, row, each) for row, each in arguments.items()}
-        except Exception as error:
-            answers = _sent(error)
-        try:
-            connection.send(answers)
+            connection.send(failed or answers)
         except OSError:
             break
         except Exception as error:
-            connection.send(RuntimeError(f"{call}: {answers!r} cannot be sent: {error}"))
+            connection.send(RuntimeError(f"what {call}() returned cannot be sent: {error}"))
     for env in envs.values():
         env.close()
 
@@ -313,4 +339,4 @@ def _made(
     kind: Callable[..., gym.Env[Any, Any]], steps: int | None, settings: Mapping[str, Any]
 ) -> gym.Env[Any, Any]:
     env = kind(**settings)
-    return env if steps is None else gym.wrappers.TimeLimit(env, steps)
+    return env if steps in (None, -1) else gym.wrappers.TimeLimit(env, steps)

@@ -168,8 +168,8 @@ RAW_S = 0.3
 RAW_STEPS = 6
 """Number of samples of that mean on each side."""
 POSES_KEPT = 64
-"""Most poses that a motion remembers, of which each sweep needs its own and the one before, three
-times in all. Chosen by hand."""
+"""Most poses that a motion remembers. Each sweep asks for its own pose and for the one before,
+three times together. Chosen by hand."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -257,13 +257,14 @@ class EgoMotion:
         )
 
     def world_from_ego(self, stamp_s: float) -> Pose:
-        """Return the pose of the ego frame; the latest ones are remembered."""
-        if stamp_s not in self._poses:
+        """Return the pose of the ego frame; up to `POSES_KEPT` are remembered."""
+        pose = self._poses.get(stamp_s)
+        if pose is None:
             if len(self._poses) == POSES_KEPT:
                 self._poses.clear()
             rotations, positions = self._placed(np.array([stamp_s]))
-            self._poses[stamp_s] = Pose.from_parts(rotations[0], positions[0])
-        return self._poses[stamp_s]
+            pose = self._poses[stamp_s] = Pose.from_parts(rotations[0], positions[0])
+        return pose
 
     def mounted(self, ego_from_sensor: Pose, stamps_s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return (T, 3, 3) rotations and (T, 3) positions, `world_from_sensor`."""
@@ -280,7 +281,7 @@ class EgoMotion:
         return rotations, state.wheels + foot + rotations @ self._arm(point)
 
     def _arm(self, point: np.ndarray | None) -> np.ndarray:
-        """Return the (3,) way from the pivot of the sway to a point; None: to the origin."""
+        """Return the (3,) lever arm from the pivot of the sway to a point; None: to the origin."""
         return (np.zeros(3) if point is None else point) - self._pivot
 
     def _states(self, times: np.ndarray, order: int) -> _MotionStates:
