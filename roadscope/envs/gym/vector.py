@@ -238,7 +238,7 @@ class _Worker:
         self.connection.close()
 
     def end(self) -> None:
-        """Wait until the process has ended, and end it if that takes long."""
+        """Wait until the process has ended, and kill it if that takes long."""
         self._process.join(ENDING_S)
         if self._process.is_alive():
             self._process.kill()
@@ -255,25 +255,25 @@ class _Worker:
 
 def _work(connection: Connection, share: _Share) -> None:
     """Run a share of the environments until the parent says so, or is gone."""
-    # Ctrl-C reaches all processes of a terminal. The parent decides what follows.
+    # Ctrl-C reaches all processes of a terminal. What follows is the parent's decision.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     parent = multiprocessing.parent_process()
     assert parent is not None
     envs: dict[int, gym.Env[Any, Any]] = {}
-    over = dict.fromkeys(share.rows, False)
+    needs_reset = dict.fromkeys(share.rows, False)
 
     def reset(row: int, seed: int | None, options: Any) -> Any:
         observation, info = envs[row].reset(seed=seed, options=options)
         write_to_shared_memory(share.space, row, observation, share.observations)
-        over[row] = False
+        needs_reset[row] = False
         return info
 
     def step(row: int, action: Any) -> tuple[Ended, Any]:
-        if over[row]:
+        if needs_reset[row]:
             return (0.0, False, False), reset(row, None, None)
         observation, reward, terminated, truncated, info = envs[row].step(action)
         write_to_shared_memory(share.space, row, observation, share.observations)
-        over[row] = bool(terminated or truncated)
+        needs_reset[row] = bool(terminated or truncated)
         return (float(reward), bool(terminated), bool(truncated)), info
 
     def answer(call: str, row: int, argument: Any) -> Any:
@@ -285,12 +285,12 @@ def _work(connection: Connection, share: _Share) -> None:
 
     while connection in wait([connection, parent.sentinel]):
         try:
-            question = connection.recv()
+            request = connection.recv()
         except (EOFError, OSError):
             break
-        if question is None:
+        if request is None:
             break
-        call, arguments = question
+        call, arguments = request
         answers, failed = {}, None
         for row, argument in arguments.items():
             try:

@@ -65,9 +65,9 @@ class RotationalMotion:
 
 
 def _cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Return the cross products of (T, 3) vectors, as `np.cross`, which takes five times as long.
+    """Return the cross products of (T, 3) vectors.
 
-    That is for some ten vectors, of which an inertial rig needs many.
+    `np.cross` gives the same, and takes 2.6 times as long for 10 to 45 vectors.
     """
     product = np.empty(a.shape)
     for axis, (following, last) in enumerate(((1, 2), (2, 0), (0, 1))):
