@@ -19,7 +19,7 @@ import warnings
 from collections import Counter, deque
 from collections.abc import Callable, Hashable, Iterable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, CancelledError, Future, ThreadPoolExecutor, wait
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, contextmanager, redirect_stdout, suppress
 from dataclasses import dataclass
 from functools import cache
 from itertools import chain
@@ -356,13 +356,17 @@ class _RayPool:
         from joblib import cpu_count
 
         jobs = settings.jobs or int(cpu_count())
-        self._own = not ray.is_initialized()
-        if self._own:
-            _start_ray(settings.address, jobs)
-        self.slots = settings.jobs
-        if not settings.jobs or settings.address is None:
-            self.slots = max(int(ray.cluster_resources().get("CPU", 1)), 1)
-        self._task = ray.remote(max_retries=0, num_cpus=1)(_in_worker)
+        with ExitStack() as stack:
+            if not ray.is_initialized():
+                # Ray prints that a worker died on the standard output, where a board may be read.
+                stack.enter_context(redirect_stdout(sys.stderr))
+                stack.callback(ray.shutdown)
+                _start_ray(settings.address, jobs)
+            self.slots = settings.jobs
+            if not settings.jobs or settings.address is None:
+                self.slots = max(int(ray.cluster_resources().get("CPU", 1)), 1)
+            self._task = ray.remote(max_retries=0, num_cpus=1)(_in_worker)
+            self._end = stack.pop_all().close
         self._place = _Place.of_this_process()
         self._running: list[tuple[Future[Any], Any]] = []
 
@@ -394,8 +398,7 @@ class _RayPool:
                 with suppress(Exception):
                     ray.cancel(reference, force=True)
         self._running = []
-        if self._own:
-            ray.shutdown()
+        self._end()
 
 
 def _start_ray(address: str | None, jobs: int) -> None:

@@ -71,9 +71,11 @@ def with_supervisor(item):
 
 def main(backend, *functions):
     with open_workers(WorkerSettings(2, backend, None)) as workers:
-        for function in functions:
-            results = workers.each(globals()[function], range(12), on_death=lambda item: None)
-            print(json.dumps(dict(results)), flush=True)
+        results = [
+            dict(workers.each(globals()[function], range(12), on_death=lambda item: None))
+            for function in functions
+        ]
+    print(json.dumps(results))
 """
 STRANGER = """
 class Stranger:
@@ -117,7 +119,10 @@ def environment(folder: Path, cache: str = "cache") -> dict[str, str]:
 
 
 def computed(folder: Path, backend: str, *functions: str) -> list[dict[int, Any]]:
-    """Return what workers compute of twelve items by each function, in a process of its own."""
+    """Return what workers compute of twelve items by each function, in a process of its own.
+
+    Nothing else may be on its standard output, also when a worker dies.
+    """
     done = subprocess.run(
         [sys.executable, "-c", f"import tasks; tasks.main{(backend, *functions)}"],
         cwd=folder,
@@ -127,9 +132,10 @@ def computed(folder: Path, backend: str, *functions: str) -> list[dict[int, Any]
         timeout=300,
     )
     assert done.returncode == 0, done.stderr
-    lines = [line for line in done.stdout.splitlines() if line.startswith("{")]
-    assert len(lines) == len(functions)
-    return [{int(item): result for item, result in json.loads(line).items()} for line in lines]
+    return [
+        {int(item): result for item, result in results.items()}
+        for results in json.loads(done.stdout)
+    ]
 
 
 def scores(folder: Path, name: str, *options: str) -> dict[tuple[str, ...], Any]:
