@@ -67,9 +67,11 @@ def _show(paper: str, result: Reproduction, *, everything: bool) -> None:
         reproduction_tables,
         verdict_table,
     )
+    from roadscope.benchmarks.papers.reproduction import FAILS, HOLDS, OPEN
 
     counts = Counter(each.verdict for each in result.verdicts)
-    headline(f"{paper}: {', '.join(f'{n} {verdict}' for verdict, n in sorted(counts.items()))}")
+    plurals = {HOLDS: "hold", FAILS: "do not hold", OPEN: "open"}
+    headline(f"{paper}: {', '.join(f'{counts[v]} {plural}' for v, plural in plurals.items())}")
     show("")
     show(verdict_table(result.verdicts))
     console().print(VERDICT_NOTE, style="dim")

@@ -24,7 +24,7 @@ DECIMALS = {"m": 4, "deg": 3, "%": 1, POINTS: 1}
 VERDICT_NOTE = (
     "A claim holds if the 95 % interval of the mean over seeds lies within what it says, and does "
     "not hold if it lies outside; else it is open. One seed has no interval and is judged by its "
-    "value. 'of seeds': the share of seeds in which the claim holds; it must be more than half."
+    "value. '% of seeds': the seeds in which the claim holds; the interval must lie above half."
 )
 
 

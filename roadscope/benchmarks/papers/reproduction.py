@@ -19,11 +19,11 @@ YES_OR_NO = "yes or no"
 """Unit of a claim: 1 where it holds and 0 where it does not. Tables print the words."""
 POINTS, METRES_MORE, MILLISECONDS_MORE = "points", "m more", "ms more"
 """Units of differences, the first of percentages. Only differences can be negative."""
-SEEDS = "of seeds"
+SEEDS = "% of seeds"
 """Unit of the share of seeds in which a claim holds."""
 LOWER_BOUND = dict.fromkeys((POINTS, METRES_MORE, MILLISECONDS_MORE), -np.inf)
 """Least possible value by unit; 0 for the others."""
-UPPER_BOUND = {YES_OR_NO: 1.0, "share": 1.0, SEEDS: 1.0, "%": 100.0}
+UPPER_BOUND = {YES_OR_NO: 1.0, "share": 1.0, SEEDS: 100.0, "%": 100.0}
 """Greatest possible value by unit; none for the others."""
 FIRST_SEED = 20000
 """Test seeds, as in the suites; what was chosen by trying was chosen on seeds 10000 to 19999."""
@@ -51,6 +51,8 @@ class ReproductionRow:
     paper: the printed figure, None where the paper prints none.
     ours: mean over seeds; low, high: its 95 % interval; None where nothing was measured.
     n: number of seeds behind the mean.
+    values: of the seeds, in their order; None for a seed without one. Empty where the figure is
+        not one of seeds.
     """
 
     experiment: str
@@ -62,6 +64,7 @@ class ReproductionRow:
     low: float | None
     high: float | None
     n: int
+    values: tuple[float | None, ...] = ()
 
     def __post_init__(self) -> None:
         if self.paper is not None and self.ours is None:
@@ -121,14 +124,16 @@ def summarise(
 
     values: NaN for a seed that has none.
     """
-    finite = [float(value) for value in values if np.isfinite(value)]
+    kept = tuple(float(value) if np.isfinite(value) else None for value in values)
+    finite = [value for value in kept if value is not None]
     if not finite:
-        return ReproductionRow(*key, unit, paper, None, None, None, 0)
+        return ReproductionRow(*key, unit, paper, None, None, None, 0, kept)
     low = high = None
     if interval := student_interval(finite):
         low = max(interval[0], LOWER_BOUND.get(unit, 0.0))
         high = min(interval[1], UPPER_BOUND.get(unit, np.inf))
-    return ReproductionRow(*key, unit, paper, float(np.mean(finite)), low, high, len(finite))
+    mean = float(np.mean(finite))
+    return ReproductionRow(*key, unit, paper, mean, low, high, len(finite), kept)
 
 
 # --------------------------------------------------------------------------------------------------
@@ -136,6 +141,8 @@ def summarise(
 
 HOLDS, FAILS, OPEN = "holds", "does not hold", "open"
 """Verdicts. Open: the 95 % interval does not decide."""
+NOT_CLAIMED = "not claimed: "
+"""Begins what is judged although the paper does not claim it."""
 
 
 class ClaimRange(NamedTuple):
@@ -145,7 +152,7 @@ class ClaimRange(NamedTuple):
     high: float = np.inf
 
 
-MORE_THAN_HALF = ClaimRange(low=0.5)
+MORE_THAN_HALF = ClaimRange(low=50.0)
 """A claim about events holds if it holds in more than half of all seeds."""
 
 
@@ -182,13 +189,14 @@ def judge_share(claim: str, method: str, holds: Sequence[float]) -> Verdict:
     """
     from scipy.stats import binomtest
 
-    judged = judge(claim, method, SEEDS, holds, MORE_THAN_HALF)
+    percent = [100 * each for each in holds]
+    judged = judge(claim, method, SEEDS, percent, MORE_THAN_HALF)
     if judged.value is None or judged.n < 2:
         return judged
-    yes = round(judged.value * judged.n)
+    yes = round(judged.value * judged.n / 100)
     low, high = binomtest(yes, judged.n).proportion_ci(method="wilson")
     verdict = HOLDS if low > 0.5 else FAILS if high < 0.5 else OPEN
-    return replace(judged, verdict=verdict, low=float(low), high=float(high))
+    return replace(judged, verdict=verdict, low=100 * float(low), high=100 * float(high))
 
 
 def differences(measured: Measured, key: FigureKey, other: FigureKey) -> list[float]:

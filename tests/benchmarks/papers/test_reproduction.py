@@ -120,7 +120,8 @@ def test_a_share_of_seeds_has_wilsons_interval():
             share = yes / n
             middle = (share + z**2 / 2 / n) / (1 + z**2 / n)
             half = z * np.sqrt(share * (1 - share) / n + (z / 2 / n) ** 2) / (1 + z**2 / n)
-            assert (judged.low, judged.high) == pytest.approx((middle - half, middle + half))
+            interval = pytest.approx((100 * (middle - half), 100 * (middle + half)))
+            assert (judged.low, judged.high) == interval
 
 
 def test_differences_are_of_the_same_seed():

@@ -15,6 +15,8 @@ from roadscope.benchmarks.papers import (
     LEGO_LOAM,
     LONG_ROUTE,
     LOOP,
+    MEAN,
+    MEDIANS,
     OPEN,
     OTHER_FIGURES,
     OTHER_READINGS,
@@ -75,7 +77,7 @@ def test_claims_compare_with_lego_loam_seed_by_seed():
     measured = {
         FigureKey(REMOVAL.format(case), "zhang2022, 1 s apart", quantity): [60.0, 61.0]
         for case in REMOVAL_CASES
-        for quantity in (PRECISION, TIME_MS)
+        for quantity in (PRECISION, RECALL, TIME_MS)
     }
     for experiment, quantity in CLAIMED:
         for method, values in (
@@ -89,10 +91,24 @@ def test_claims_compare_with_lego_loam_seed_by_seed():
     measured[FigureKey(experiment, WITH_MAP, quantity)] = [3.0, 7.0, 3.1]
     measured[FigureKey(experiment, SCAN_TO_SCAN, quantity)] = [3.0, 5.0, 1.0]
     verdicts = ZHANG2022.verdicts(measured)
-    of_claims = [each for each in verdicts if not each.claim.startswith("case")]
+    of_claims = [each for each in verdicts if "case" not in each.claim]
     assert [each.verdict for each in of_claims[:2]] == [OPEN, FAILS]
     assert {each.verdict for each in of_claims[2:]} == {HOLDS}
     assert {each.verdict for each in verdicts if "removal within" in each.claim} == {FAILS}
+
+
+def test_a_lost_run_changes_no_median():
+    measured = {
+        FigureKey("standing", WITH_MAP, MEAN): [0.1, 0.2, 50.0],
+        FigureKey(OTHER_FIGURES.format("standing"), WITH_MAP, END): [0.3, 0.2, 99.0],
+        FigureKey("loop", WITH_MAP, END): [1.0, 20.0, np.nan],
+    }
+    rows = {(row.experiment, row.quantity): row for row in ZHANG2022.rows(measured)}
+    standing, loop = (MEDIANS.format(each) for each in ("standing", "loop"))
+    assert rows[standing, "median mean"].ours == 0.2
+    assert rows[standing, "runs that end over 10 m away"].ours == 1
+    assert rows[loop, "median end error"].ours == 10.5
+    assert rows[loop, "runs that end over 10 m away"].n == 2
 
 
 def test_the_middle_line_goes_once_around_and_the_straight_is_as_long_as_the_papers():
