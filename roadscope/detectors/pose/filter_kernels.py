@@ -1,4 +1,4 @@
-"""Responses of the matched filter of Zhang 2017 along the two axes of a line pair, compiled."""
+"""Responses of the matched filter of Zhang 2017 (eq. 1 to 9) along the two axes of a line pair."""
 
 from __future__ import annotations
 

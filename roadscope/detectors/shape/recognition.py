@@ -88,7 +88,7 @@ class Faces(NamedTuple):
 
 @compiled()
 def split_ends(points: np.ndarray, split_m: float) -> np.ndarray:
-    """Return the (S, 2) int64 first and last of the points (N, 2) of each piece, in order.
+    """Return the (S, 2) int64 first and last point of each piece of points (N, 2) (eq. 3 and 4).
 
     A piece is split at the point farthest from its chord, if that is farther than `split_m`; both
     parts share the point. If the ends of the chord are equal, the distance from them counts.
