@@ -46,6 +46,12 @@ detectors = ["pag"]
 """
 
 
+@pytest.mark.parametrize("name", ["driving", "driving-camera"])
+def test_a_lidar_that_detects_people_drives_alone(name) -> None:
+    stacks = load_suite(name).settings("driving", DrivingSettings).stacks
+    assert "cluster-boxes + existence" in stacks
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("name", SUITES)
 def test_shipped_suites_name_what_exists(name) -> None:
