@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from roadscope.core import DrivingCommand, DrivingScene, Tracks, Truth
-from roadscope.driving.perception import BLIND, TRUTH, Perception
+from roadscope.driving.perception import BLIND, TRUTH, Perception, ProcessedScan
 from roadscope.envs.sensors.ego_motion import STATES_AROUND
 from roadscope.envs.sensors.faults import Faults
 from roadscope.envs.sensors.rig import Rig
@@ -44,7 +44,7 @@ class ClosedLoop:
         self.traffic = DrivenTraffic(scenario, seed, duration_s)
         self.duration_s = duration_s
         self.truths: list[Truth] = []
-        self.processed: list[tuple[Truth, Tracks]] = []
+        self.processed: list[tuple[Truth, ProcessedScan]] = []
         self._unprocessed: dict[float, Truth] = {}
         self._perception = perception
         self._sensing: Sensing | None = None
@@ -68,7 +68,7 @@ class ClosedLoop:
 
         Call it once at every step. `truths` are then those of the frames that sensors completed
         since the last call, and `processed` those of the scans that the stack processed since then,
-        each with the tracks right after it.
+        each with what the stack made of it.
         """
         traffic = self.traffic
         if not isinstance(self._perception, Perception):
@@ -84,9 +84,9 @@ class ClosedLoop:
         }
         self._perception.update([frame for frame, _ in pairs], self.truths, traffic.now_s)
         self.processed = [
-            (self._unprocessed.pop(tracks.stamp_s), tracks)
-            for tracks in self._perception.take_processed()
-            if tracks.stamp_s in self._unprocessed
+            (self._unprocessed.pop(scan.tracks.stamp_s), scan)
+            for scan in self._perception.take_processed()
+            if scan.tracks.stamp_s in self._unprocessed
         ]
         return self._perception.tracks(traffic.now_s)
 

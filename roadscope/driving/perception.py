@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable, Iterable
 from dataclasses import replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -30,6 +30,16 @@ TRUTH, BLIND = "truth", "blind"
 
 MakePlugin = Callable[[Registry[Any], Spec], Any]
 """Makes a plug-in of a registry."""
+
+
+class ProcessedScan(NamedTuple):
+    """What a stack made of a scan.
+
+    detections: as the tracker got them. tracks: right after it, frame `world`, at its stamp.
+    """
+
+    detections: Detections
+    tracks: Tracks
 
 
 def in_this_process(registry: Registry[Any], spec: Spec) -> Any:
@@ -82,7 +92,7 @@ class Perception:
         self._tracker.reset()
         self._ego.reset()
         self._tracks: Tracks | None = None
-        self._processed: list[Tracks] = []
+        self._processed: list[ProcessedScan] = []
 
     def used_sensors(self, rig: Rig) -> Rig:
         """Return the sensors of a rig that the stack uses."""
@@ -101,11 +111,8 @@ class Perception:
         for detections in self._source.completed(now_s):
             self._track(detections)
 
-    def take_processed(self) -> list[Tracks]:
-        """Return the tracks right after each scan that was processed since the last call.
-
-        Frame `world`, at the stamps of the scans.
-        """
+    def take_processed(self) -> list[ProcessedScan]:
+        """Return the scans that were processed since the last call."""
         processed, self._processed = self._processed, []
         return processed
 
@@ -124,7 +131,7 @@ class Perception:
         pose = self._ego.believed(detections.stamp_s)
         tracks = self._tracker.update(detections, pose).sure
         self._tracks = self._ego.in_true_world(tracks, pose, detections.stamp_s)
-        self._processed.append(self._tracks)
+        self._processed.append(ProcessedScan(detections, self._tracks))
 
 
 def stack_of(text: str, rig: Rig) -> Perception | str:

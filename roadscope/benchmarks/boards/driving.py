@@ -20,6 +20,7 @@ from roadscope.benchmarks.episode import Episode
 from roadscope.benchmarks.graph import Job
 from roadscope.benchmarks.kinds import DETECTOR, DRIVER, KINDS, check_plugin_spec, traits_of
 from roadscope.benchmarks.loop import RunOptions
+from roadscope.benchmarks.metrics.detection import score_detections
 from roadscope.benchmarks.metrics.driving import ScoredDrive, score_drive
 from roadscope.benchmarks.metrics.tracking import score_tracks
 from roadscope.benchmarks.nodes.drives import DriveNode, EpisodeDrive, Stack, duration_of
@@ -32,8 +33,9 @@ from roadscope.envs.traffic.driven import check_driven
 
 BY_STACK = "stack"
 """The breakdown by the perception stack that a driver gets."""
-PERCEPTION = ("recall", "precision", "hota", "velocity_rmse_m_s")
-"""Metrics of the tracks that a driver gets, beside those of driving."""
+DETECTED = ("detection_rate", "false_alarms_per_frame")
+TRACKED = ("recall", "precision", "hota", "velocity_rmse_m_s")
+"""Metrics of the detections in a stack, and of the tracks that a driver gets."""
 
 
 class DrivingSettings(BoardSettings, frozen=True, kw_only=True):
@@ -72,6 +74,8 @@ class DrivingBoard(Board):
         Column("progress", "progress", 2, "progress: distance over that at desired speed."),
         Column("comfort_m_s2", "acc. m/s2", 2, "acc.: RMS of the acceleration."),
         Column("least_ttc_s", "TTC s", 2, "TTC: shortest time to a collision, mean of the drives."),
+        Column("detection_rate", "detected", 2, "detected, false: of the detections in the stack."),
+        Column("false_alarms_per_frame", "false per frame", 2),
         Column(
             "recall", "recall", 2, "recall, prec., HOTA, vel.: of the tracks that the driver gets."
         ),
@@ -105,7 +109,7 @@ class DrivingBoard(Board):
         f"on {TRUTH}": "with all road users as they are",
         f"on {BLIND}": "with none",
     }
-    predictors = PERCEPTION
+    predictors = (*DETECTED, *TRACKED)
     predicted = ("reward", "collided", "phantom_braking")
     default_suite = "driving"
     unviewable = (
@@ -156,15 +160,19 @@ class DrivingBoard(Board):
         ]
 
     def score(self, job: Job, answers: EpisodeDrive, options: RunOptions) -> Scores:
-        """Return the scores of a drive, and of the tracks that the driver got."""
+        """Return the scores of a drive, of its detections, and of the tracks of the driver."""
         assert isinstance(job.episode, Episode)
         scores = score_drive(drive_of(answers, duration_of(job.episode))).named()
         scores["driver_p50_ms"] = call_cost(answers.driver_times, (50,))["call_p50_ms"]
         if answers.sensed:
             scores |= call_cost(answers.perception_times, (50,))
-            pairings = job.settings.pairings(answers.believed, answers.sensed, answers.parked)
-            tracked = score_tracks(answers.believed, answers.sensed, pairings).named()
-            scores |= {name: tracked[name] for name in PERCEPTION}
+            truths, parked = answers.sensed, answers.parked
+            pairings = job.settings.pairings(answers.detected, truths, parked)
+            detected = score_detections(answers.detected, truths, pairings).named()
+            pairings = job.settings.pairings(answers.believed, truths, parked)
+            tracked = score_tracks(answers.believed, truths, pairings).named()
+            scores |= {name: detected[name] for name in DETECTED}
+            scores |= {name: tracked[name] for name in TRACKED}
         return scores
 
     def explanation(self, suite: Suite) -> str:

@@ -115,12 +115,13 @@ def _by_frame(
                 f"two answers to the frame at {truths[row].stamp_s:.6g} s, the second in the "
                 f"frame at {truths[now].stamp_s:.6g} s",
             )
-        detections[row] = _in_world(answer, truths[row])
+        detections[row] = in_world(answer, truths[row])
         delays_s[row] = truths[now].stamp_s - truths[row].stamp_s
     return tuple(detections), delays_s
 
 
-def _in_world(detections: Detections, truth: Truth) -> Detections:
+def in_world(detections: Detections, truth: Truth) -> Detections:
+    """Return the detections of a scan in the frame `world`."""
     if detections.frame == "world":
         return detections
     return detections.moved(truth.world_from_ego, "world")

@@ -30,11 +30,13 @@ from roadscope.benchmarks.loop import (
     open_with,
     run_plugin,
 )
+from roadscope.benchmarks.nodes.detections import in_world
 from roadscope.benchmarks.nodes.traffic import SensingNode
 from roadscope.benchmarks.parked import parked_centres_on, parked_owners
 from roadscope.benchmarks.records import CallTimes, EpisodeRecord, without_sources
 from roadscope.benchmarks.references import resolved_plugin
 from roadscope.core import (
+    Detections,
     DrivingCommand,
     DrivingScene,
     Registry,
@@ -104,9 +106,9 @@ class EpisodeDrive(EpisodeRecord):
     poses: (K, 1 + A, 3) box centre and yaw, NaN where absent. velocities: (K, 1 + A, 2), m/s.
     tracks: K records, those that the driver got. end_s: when the drive ended.
     desired_speed_m_s: of the ego. collided_with: an id, 0 for an obstacle, -1 for nobody.
-    sensed, believed: the truth of every processed scan, without sources, and the tracks right after
-        it, at its stamp; empty without sensors. parked: (P, 2) centres of parked cars, which are
-        scenery and no road users.
+    sensed, detected, believed: the truth of every processed scan, without sources, its detections,
+        and the tracks right after it, at its stamp; empty without sensors.
+    parked: (P, 2) centres of parked cars, which are scenery and no road users.
     driver_times: of the driver's calls. perception_times: of the calls of the stack for each scan.
     """
 
@@ -124,6 +126,7 @@ class EpisodeDrive(EpisodeRecord):
     desired_speed_m_s: float
     collided_with: int
     sensed: tuple[Truth, ...]
+    detected: tuple[Detections, ...]
     believed: tuple[Tracks, ...]
     parked: np.ndarray
     driver_times: CallTimes
@@ -212,6 +215,7 @@ class _DriveLog:
     scenes: list[DrivingScene] = field(default_factory=list)
     reference_accelerations: list[float] = field(default_factory=list)
     sensed: list[Truth] = field(default_factory=list)
+    detected: list[Detections] = field(default_factory=list)
     believed: list[Tracks] = field(default_factory=list)
     parked: set[int] = field(default_factory=set)
     scan_times: list[tuple[float, float]] = field(default_factory=list)
@@ -232,9 +236,10 @@ class _DriveLog:
             return
         # Of scans that are processed together, each has its share of the time.
         processor_ms, wall_ms = calls.take_times()
-        for truth, tracks in loop.processed:
+        for truth, scan in loop.processed:
             self.sensed.append(without_sources(truth))
-            self.believed.append(tracks)
+            self.detected.append(in_world(scan.detections, truth))
+            self.believed.append(scan.tracks)
             self.scan_times.append((processor_ms / count, wall_ms / count))
 
     def drive(self, loop: ClosedLoop, seed: int, driver_times: CallTimes) -> EpisodeDrive:
@@ -264,6 +269,7 @@ class _DriveLog:
             desired_speed_m_s=loop.traffic.desired_speed_m_s,
             collided_with=-1 if collided is None else collided,
             sensed=tuple(self.sensed),
+            detected=tuple(self.detected),
             believed=tuple(self.believed),
             parked=parked_centres_on(timeline, seed, self.parked),
             driver_times=driver_times,

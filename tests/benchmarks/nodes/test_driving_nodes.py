@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from roadscope import Episode, Spec
-from roadscope.benchmarks import RunOptions
+from roadscope.benchmarks import Eligibility, Job, RunOptions
+from roadscope.benchmarks.boards import BOARDS
 from roadscope.benchmarks.isolation import PluginError
 from roadscope.benchmarks.nodes import DriveNode, EpisodeDrive, Stack
 from roadscope.driving import DRIVERS, ClosedLoop
@@ -60,9 +61,17 @@ def plugins(tmp_path_factory):
     return file
 
 
+def node(driver, stack, episode=EPISODE):
+    return DriveNode(DRIVERS.resolve(Spec.parse(str(driver))), Stack(stack), episode)
+
+
 def drive(driver, stack, episode=EPISODE):
-    spec = DRIVERS.resolve(Spec.parse(str(driver)))
-    return DriveNode(spec, Stack(stack), episode).compute(RunOptions())
+    return node(driver, stack, episode).compute(RunOptions())
+
+
+def scores_of(stack, answers):
+    job = Job(BOARDS["driving"], "idm", EPISODE, node("idm", stack), settings=Eligibility())
+    return job.board.score(job, answers, RunOptions())
 
 
 def test_a_drive_is_kept_whole_and_the_same_twice() -> None:
@@ -71,8 +80,10 @@ def test_a_drive_is_kept_whole_and_the_same_twice() -> None:
     for name in ("stamps_s", "speeds", "accelerations", "poses", "reference_accelerations"):
         assert np.array_equal(getattr(first, name), getattr(again, name), equal_nan=True), name
     assert first.believed == again.believed
+    assert first.detected == again.detected
     assert len(first.stamps_s) == 20
-    assert len(first.sensed) == len(first.believed) == len(first.perception_times.wall_ms) >= 18
+    assert len(first.sensed) == len(first.detected) == len(first.believed)
+    assert len(first.believed) == len(first.perception_times.wall_ms) >= 18
     assert sum(map(len, first.believed)) > 0
     file = io.BytesIO()
     first.save(file)
@@ -114,6 +125,16 @@ def test_a_drive_that_is_over_at_once_says_so(monkeypatch) -> None:
     monkeypatch.setattr(ClosedLoop, "over", True)
     with pytest.raises(ValueError, match="before the drive begins"):
         drive("idm", "blind")
+
+
+def test_detections_within_the_stack_are_scored(plugins) -> None:
+    scores = scores_of("distance + gnn", drive("idm", "distance + gnn"))
+    assert 0.3 < scores["detection_rate"].value <= 1.0
+    assert scores["false_alarms_per_frame"].value > 0
+    stack = f"{plugins}:Nothing + gnn"
+    scores = scores_of(stack, drive("idm", stack))
+    assert scores["detection_rate"].value == scores["false_alarms_per_frame"].value == 0.0
+    assert "detection_rate" not in scores_of("truth", drive("idm", "truth"))
 
 
 def test_a_strangers_detector_is_called_and_timed(plugins) -> None:

@@ -227,6 +227,7 @@ def test_a_collision_shows_what_was_true_and_what_was_believed() -> None:
         desired_speed_m_s=5.0,
         collided_with=7,
         sensed=(),
+        detected=(),
         believed=(),
         parked=np.empty((0, 2)),
         driver_times=CallTimes.zero(count),
