@@ -199,13 +199,15 @@ def _show_boards(results: Results, suite: Suite, screen: Any, breakdowns: Sequen
         lines = [
             tables.comparison(results, name),
             *tables.agreement_lines(results, name),
-            *tables.prediction_lines(results, name),
             board.remark(results.manifest.get("calibration", "")),
         ]
         if results.nothing_eligible(name):
             lines.insert(0, "No object in any episode is eligible: nothing is scored.")
         for line in filter(None, lines):
             screen.print(line)
+        if note := tables.prediction_note(results, name):
+            screen.print(f"\n{note}")
+            screen.print(tables.prediction_table(results, name))
         if text := tables.footnote(results, name, screen.width):
             screen.print(text, style="dim")
         if board.always_by is not None and board.always_by[0] not in breakdowns:

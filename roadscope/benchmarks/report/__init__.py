@@ -10,7 +10,7 @@ _PARTS = {
     "moments": "Moment worst_moments",
     "page": "MOST_BYTES PAGE Run read_runs save_moments save_page",
     "tables": "agreement_lines board_table comparison explanation failure_lines footnote "
-    "prediction_lines",
+    "prediction_headings prediction_note prediction_rows prediction_table",
     "track_files": "folder_names save_tracks",
 }
 """Names by the file that defines them, loaded when first used: the face of this folder."""

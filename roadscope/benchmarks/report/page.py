@@ -29,7 +29,9 @@ from roadscope.benchmarks.report.tables import (
     failure_of,
     figure,
     measured_columns,
-    prediction_lines,
+    prediction_headings,
+    prediction_note,
+    prediction_rows,
     reason_alone,
     remarks_of,
 )
@@ -206,7 +208,11 @@ def _boards(run: Run) -> Iterator[dict[str, Any]]:
             "headline": board.headline,
             "sample": board.sample,
             "remark": f"{comparison(results, name)} {board.remark(calibration)}".strip(),
-            "predictions": prediction_lines(results, name),
+            "predictions": {
+                "note": prediction_note(results, name),
+                "headings": prediction_headings(name),
+                "rows": prediction_rows(results, name),
+            },
             "columns": [_column(results, board, each) for each in columns],
             "entries": [
                 {

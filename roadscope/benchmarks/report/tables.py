@@ -17,7 +17,7 @@ from roadscope.benchmarks.boards.tracking import OFFLINE
 from roadscope.benchmarks.results import Results, Row, Standing
 from roadscope.benchmarks.results.agreement import LEAST_ENTRIES, predictions
 from roadscope.benchmarks.suite import Suite
-from roadscope.benchmarks.tables import plain_table
+from roadscope.benchmarks.tables import plain_table, right
 from roadscope.core.spec import ORACLE
 from roadscope.core.text import one_line
 
@@ -170,10 +170,10 @@ def agreement_lines(results: Results, name: str) -> list[str]:
 
     If there is nothing to compare with, return what to run.
     """
-    board, unknown = board_named(name), (math.nan, math.nan)
+    board = board_named(name)
     lines = [
         f"Ranks agree with those of suite {a.suite} by "
-        f"{a.rho:.2f}{_in_brackets(*(a.interval or unknown))} "
+        f"{f'{a.rho:.2f} {_in_brackets(a.interval)}'.strip()} "
         f"(Spearman, {len(a.entries)} {board.kind.plural}; 1 is the same order)."
         for a in results.agreements
         if a.board == name
@@ -183,28 +183,57 @@ def agreement_lines(results: Results, name: str) -> list[str]:
     return lines or ([board.comparison_note] if comparable else [])
 
 
-def prediction_lines(results: Results, name: str) -> list[str]:
-    """Return one line per predicted metric: its rank correlation with metrics of the inputs.
+def prediction_rows(results: Results, name: str) -> list[list[str]]:
+    """Return rank correlations of metrics of the inputs with how well entries do.
 
-    In brackets stands the range of 95 % of resamples of the seeds; with one seed there is none.
+    Each row has what is predicted, the metric, the correlation, and its intervals for other inputs
+    and for other seeds.
     """
-    board = board_named(name)
-    headings = {column.metric: column.heading for column in board.columns}
-    by_predicted: dict[str, list[str]] = {}
-    count = 0
-    for each in predictions(results.jobs, name):
-        text = f"{headings[each.metric]} {each.rho:.2f}{_in_brackets(each.low, each.high)}"
-        by_predicted.setdefault(headings[each.predicted], []).append(text)
-        count = each.inputs
+    headings = {column.metric: column.heading for column in board_named(name).columns}
     return [
-        f"Rank correlation with {heading} over {count} {board.inputs_name}s (Spearman; 1: better "
-        f"in one is better in the other): {', '.join(texts)}."
-        for heading, texts in by_predicted.items()
+        [
+            headings[each.predicted],
+            headings[each.metric],
+            f"{each.rho:.2f}",
+            _in_brackets(each.over_inputs),
+            _in_brackets(each.over_seeds),
+        ]
+        for each in predictions(results.jobs, name)
     ]
 
 
-def _in_brackets(low: float, high: float) -> str:
-    return f" [{low:.2f}, {high:.2f}]" if math.isfinite(low) else ""
+def prediction_headings(name: str) -> list[str]:
+    """Return the headings of `prediction_rows`."""
+    return ["of", "with", "rank corr.", f"over {board_named(name).inputs_name}s", "over seeds"]
+
+
+def prediction_note(results: Results, name: str) -> str:
+    """Return what the rows of `prediction_rows` mean; empty if there are none."""
+    found = predictions(results.jobs, name)
+    if not found:
+        return ""
+    inputs = f"{board_named(name).inputs_name}s"
+    return (
+        f"Does a metric of {inputs} predict how well entries do? Spearman's rank correlation over "
+        f"{max(each.inputs for each in found)} {inputs}: 1 if what is better in one is also better "
+        f"in the other, also where less is better. 95 % intervals: over {inputs}, for other "
+        f"{inputs} of the kind (Bonett and Wright); over seeds, for these {inputs} on other seeds."
+    )
+
+
+def prediction_table(results: Results, name: str) -> Table:
+    """Return `prediction_rows` as a table, at most 80 characters wide."""
+    what, metric, *figures = prediction_headings(name)
+    table = plain_table(what, metric, *(right(f"  {each}") for each in figures))
+    before = ""
+    for predicted, *others in prediction_rows(results, name):
+        table.add_row(predicted if predicted != before else "", *others)
+        before = predicted
+    return table
+
+
+def _in_brackets(interval: tuple[float, float] | None) -> str:
+    return "" if interval is None else f"[{', '.join(_interval_end(end, 2) for end in interval)}]"
 
 
 def comparison(results: Results, name: str) -> str:

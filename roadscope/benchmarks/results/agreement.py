@@ -38,16 +38,8 @@ class BoardAgreement:
 
     @property
     def interval(self) -> tuple[float, float] | None:
-        """The 95 % interval of rho over entries (Bonett and Wright 2000).
-
-        None with three entries, or if all ranks agree or all are reversed: nothing varies then.
-        """
-        count = len(self.entries)
-        if count <= LEAST_ENTRIES or abs(self.rho) > 1 - 1e-9:
-            return None
-        spread = NORMAL_95 * np.sqrt((1 + self.rho**2 / 2) / (count - 3))
-        low, high = np.tanh(np.arctanh(self.rho) + np.array([-spread, spread]))
-        return float(low), float(high)
+        """The 95 % interval of rho over entries."""
+        return rank_interval(self.rho, len(self.entries))
 
     @staticmethod
     def of(
@@ -77,22 +69,36 @@ def spearman(ones: Sequence[float], others: Sequence[float]) -> float:
     return float(spearmanr(ones, others).statistic)
 
 
+def rank_interval(rho: float, count: int) -> tuple[float, float] | None:
+    """Return the 95 % interval of Spearman's rank correlation of `count` pairs.
+
+    It is that of Bonett and Wright (2000): for other pairs of the same kind. None with three pairs,
+    or if all ranks agree or all are reversed: nothing varies then.
+    """
+    if count <= LEAST_ENTRIES or abs(rho) > 1 - 1e-9:
+        return None
+    spread = NORMAL_95 * np.sqrt((1 + rho**2 / 2) / (count - 3))
+    low, high = np.tanh(np.arctanh(rho) + np.array([-spread, spread]))
+    return float(low), float(high)
+
+
 @dataclass(frozen=True, slots=True)
 class Prediction:
     """How well a metric of the inputs of entries predicts how well entries do.
 
     rho: Spearman's rank correlation over inputs, -1 to 1; positive: inputs that are better in the
         metric also do better.
-    low, high: range of 95 % of its values when seeds are drawn again within each scenario, with all
-        inputs and conditions of a seed; NaN with one seed.
+    over_inputs: its 95 % interval for other inputs of the same kind, by `rank_interval`.
+    over_seeds: range of 95 % of its values for the same inputs when seeds are drawn again within
+        each scenario, with all inputs and conditions of a seed; None with one seed.
     inputs: how many are compared. episodes: how many all of them have finished.
     """
 
     metric: str
     predicted: str
     rho: float
-    low: float
-    high: float
+    over_inputs: tuple[float, float] | None
+    over_seeds: tuple[float, float] | None
     inputs: int
     episodes: int
 
@@ -114,15 +120,16 @@ def predictions(jobs: Sequence[JobScores], board: str) -> list[Prediction]:
     metrics = (*described.predictors, *described.predicted)
     tables = {metric: _table(sound, metric, names, blocks) for metric in metrics}
     draws = _draws(blocks)
+    episodes = len({_episode(job) for job in sound})
     found = []
     for predicted in described.predicted:
         for metric in described.predictors:
             pair = tables[metric], tables[predicted]
-            rho = _rho(*pair, np.arange(len(blocks)))
+            rhos, counts = _rhos(*pair, draws)
+            rho, count = float(rhos[0]), int(counts[0])
             if np.isfinite(rho):
-                low, high = _range([_rho(*pair, draw) for draw in draws])
-                episodes = len({_episode(job) for job in sound})
-                found.append(Prediction(metric, predicted, rho, low, high, len(names), episodes))
+                intervals = rank_interval(rho, count), _range(rhos[1:])
+                found.append(Prediction(metric, predicted, rho, *intervals, count, episodes))
     return found
 
 
@@ -130,26 +137,26 @@ def _episode(job: JobScores) -> tuple[str, int, str]:
     return job.scenario, job.seed, job.condition
 
 
-def _draws(blocks: Sequence[tuple[str, int]]) -> list[np.ndarray]:
-    """Return resamples of the rows of blocks: seeds are drawn within each scenario."""
+def _draws(blocks: Sequence[tuple[str, int]]) -> np.ndarray:
+    """Return (D, B) rows of blocks: first all, then resamples of seeds within each scenario."""
     rng = np.random.default_rng(0)
     of_scenario = [
         np.flatnonzero([block[0] == scenario for block in blocks])
         for scenario in dict.fromkeys(block[0] for block in blocks)
     ]
-    if min(map(len, of_scenario)) < 2:
-        return []
-    return [
+    resamples = RESAMPLES if min(map(len, of_scenario)) > 1 else 0
+    draws = [
         np.concatenate([rng.choice(rows, len(rows)) for rows in of_scenario])
-        for _ in range(RESAMPLES)
+        for _ in range(resamples)
     ]
+    return np.array([np.arange(len(blocks)), *draws])
 
 
-def _range(rhos: Sequence[float]) -> tuple[float, float]:
-    """Return the range of most resamples; NaN if too few of them have a value."""
-    finite = np.array(rhos)[np.isfinite(rhos)]
+def _range(rhos: np.ndarray) -> tuple[float, float] | None:
+    """Return the range of most resamples; None if too few of them have a value."""
+    finite = rhos[np.isfinite(rhos)]
     if not len(rhos) or len(finite) < LEAST_MEASURED * len(rhos):
-        return np.nan, np.nan
+        return None
     low, high = np.quantile(finite, [TAIL, 1 - TAIL])
     return float(low), float(high)
 
@@ -182,14 +189,27 @@ def _table(
     return _Table(sums, weights, sign)
 
 
-def _rho(one: _Table, other: _Table, draw: np.ndarray) -> float:
-    """Return the rank correlation of pooled values over the drawn blocks."""
+def _rhos(one: _Table, other: _Table, draws: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return (D,) rank correlations of the values in two tables, and (D,) of how many inputs.
+
+    draws: (D, B) blocks over which values are pooled.
+    """
+    from scipy.stats import rankdata
+
     values = []
     for table in (one, other):
         with np.errstate(invalid="ignore", divide="ignore"):
-            pooled = table.sums[:, draw].sum(axis=1) / table.weights[:, draw].sum(axis=1)
-        values.append(table.sign * pooled)
-    finite = np.isfinite(values).all(axis=0)
-    if finite.sum() < LEAST_ENTRIES:
-        return float("nan")
-    return spearman(values[0][finite].tolist(), values[1][finite].tolist())
+            pooled = table.sums[:, draws].sum(axis=2) / table.weights[:, draws].sum(axis=2)
+        values.append(table.sign * pooled.T)
+    are_finite = np.isfinite(values).all(axis=0)
+    counts = are_finite.sum(axis=1)
+    centred = []
+    for each in values:
+        ranks = rankdata(np.where(are_finite, each, np.nan), axis=1, nan_policy="omit")
+        means = np.nansum(ranks, axis=1, keepdims=True) / np.maximum(counts, 1)[:, None]
+        centred.append(ranks - means)
+    x, y = centred
+    squares = np.nansum(x**2, axis=1) * np.nansum(y**2, axis=1)
+    measured = (counts >= LEAST_ENTRIES) & (squares > 0)
+    rhos = np.nansum(x * y, axis=1) / np.sqrt(np.where(measured, squares, np.nan))
+    return rhos, counts

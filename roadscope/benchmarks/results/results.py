@@ -14,7 +14,7 @@ from roadscope.benchmarks.boards import Board, board_named
 from roadscope.benchmarks.boards.board import CONDITIONS
 from roadscope.benchmarks.graph import Job
 from roadscope.benchmarks.metrics.score import Score
-from roadscope.benchmarks.results.agreement import BoardAgreement
+from roadscope.benchmarks.results.agreement import BoardAgreement, predictions
 from roadscope.benchmarks.results.rows import (
     Block,
     EntryResult,
@@ -159,6 +159,9 @@ class Results:
             "parts": msgspec.to_builtins(self.parts),
             "failures": msgspec.to_builtins(self.failures),
             "agreements": msgspec.to_builtins(self.agreements),
+            "predictions": msgspec.to_builtins(
+                [each for board in self.boards() for each in predictions(self.jobs, board)]
+            ),
             "scores": [job.to_json() for job in self.jobs],
         }
         # The standard library refuses NaN, but with an indent it is slow.
