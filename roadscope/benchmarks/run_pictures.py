@@ -23,7 +23,7 @@ from roadscope.benchmarks.nodes.poses import start_from_ego
 from roadscope.benchmarks.progress import Progress, silent
 from roadscope.benchmarks.records import EpisodeTracks
 from roadscope.benchmarks.references import check_image_source
-from roadscope.benchmarks.report.moments import ALARMS, MISSES, SWITCHES, judged_scene
+from roadscope.benchmarks.report.judged_scenes import ALARMS, MISSES, SWITCHES, judged_scene
 from roadscope.benchmarks.single import Summary
 from roadscope.core import CameraImage, ImageDetections, NotInstalledError, Pose, Requirement
 from roadscope.core.answers import STAMP_TOLERANCE_S

@@ -9,6 +9,7 @@ from __future__ import annotations
 import base64
 import hashlib
 import json
+from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from importlib import resources
 from itertools import combinations
@@ -23,7 +24,7 @@ from roadscope.benchmarks.boards.board import Column
 from roadscope.benchmarks.cache import FolderError, write_text
 from roadscope.benchmarks.report.board_files import NAME, REPLAY, earlier_boards, file_names
 from roadscope.benchmarks.report.breakdowns import parts_of
-from roadscope.benchmarks.report.moments import Moment
+from roadscope.benchmarks.report.replay_records import Moment
 from roadscope.benchmarks.report.tables import (
     comparison,
     failure_of,
@@ -114,7 +115,7 @@ def save_page(runs: Sequence[Run], path: Path, *, most_bytes: int = MOST_BYTES) 
     boards = [board for run in runs for board in _boards(run)]
     moments = [board.pop("moments") for board in boards]
     left_out = [run.note for run in runs if run.note]
-    bare = [{**board, "moments": []} for board in boards]
+    bare = [_with_moments(*each, []) for each in zip(boards, moments, strict=True)]
     text = _rendered(bare, left_out)
     cuts = _cuts()
     while len(text.encode()) > most_bytes - NOTICE_BYTES:
@@ -142,9 +143,18 @@ def save_page(runs: Sequence[Run], path: Path, *, most_bytes: int = MOST_BYTES) 
         left_out.append(
             f"{too_much} of {every} moments are left out, as the page would be too large."
         )
-    full = [{**b, "moments": own} for b, own in zip(bare, shown, strict=True)]
+    full = [_with_moments(*each) for each in zip(bare, moments, shown, strict=False)]
     write_text(path, _rendered(full, left_out))
     return left_out
+
+
+def _with_moments(
+    board: Mapping[str, Any], moments: Sequence[Moment], shown: Sequence[Moment]
+) -> dict[str, Any]:
+    """Return a board with some of its moments, and with how many of each entry are left out."""
+    left_out = Counter(each.entry for each in moments) - Counter(each.entry for each in shown)
+    entries = [{**each, "left_out": left_out[each["name"]]} for each in board["entries"]]
+    return {**board, "entries": entries, "moments": shown}
 
 
 def _cuts() -> Iterator[tuple[str, Callable[[Boards], Boards]]]:

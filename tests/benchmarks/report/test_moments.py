@@ -1,6 +1,7 @@
 """The worst moments of entries, read from kept files of made-up episodes."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -198,9 +199,13 @@ def test_a_jump_of_an_odometry_is_its_event() -> None:
     assert of_kind(moments, "drift").event == len(of_kind(moments, "drift").times_s) - 1
 
 
-def test_a_collision_shows_what_was_true_and_what_was_believed() -> None:
-    board, episode = BOARDS["driving"], Episode("two-way", 3, "vlp16", 6.0)
-    count, known_from = 50, 45
+DRIVING_EPISODE = Episode("two-way", 3, "vlp16", 6.0)
+KNOWN_FROM = 45
+
+
+def made_up_drive() -> EpisodeDrive:
+    """Return a drive into car 7, which has a track and a detection from an instant on."""
+    count = 50
     stamps_s = PERIOD_S * np.arange(count)
     poses = np.zeros((count, 3, 3))
     poses[:, 0, 0] = 5.0 * stamps_s
@@ -209,10 +214,11 @@ def test_a_collision_shows_what_was_true_and_what_was_believed() -> None:
     velocities = np.zeros((count, 3, 2))
     velocities[:, 0, 0] = 5.0
     tracks = tuple(
-        tracks_at(stamp_s, [[29.0, 0.2, 0.8]] if k >= known_from else [[80.0, 0.0, 0.8]])
+        tracks_at(stamp_s, [[29.0, 0.2, 0.8]] if k >= KNOWN_FROM else [[80.0, 0.0, 0.8]])
         for k, stamp_s in enumerate(stamps_s)
     )
-    drive = EpisodeDrive(
+    scans = [float(stamp_s) - 0.04 for stamp_s in stamps_s]
+    return EpisodeDrive(
         stamps_s=stamps_s,
         speeds=np.full(count, 5.0),
         accelerations=np.zeros(count),
@@ -226,34 +232,67 @@ def test_a_collision_shows_what_was_true_and_what_was_believed() -> None:
         end_s=float(stamps_s[-1]) + 0.1,
         desired_speed_m_s=5.0,
         collided_with=7,
-        sensed=(),
-        detected=(),
-        believed=(),
+        sensed=tuple(
+            toy_boxes.truth([[29.0, 0.2, 0.8]], ids=[7], returns=12, stamp_s=scan) for scan in scans
+        ),
+        detected=tuple(
+            toy_boxes.detections(
+                [[29.1, 0.2, 0.8]] * (k >= KNOWN_FROM) + [[15.0, 5.0, 0.8]],
+                sizes=CAR,
+                yaws=0.0,
+                stamp_s=scan,
+            )
+            for k, scan in enumerate(scans)
+        ),
+        believed=tracks,
         parked=np.empty((0, 2)),
         driver_times=CallTimes.zero(count),
-        perception_times=CallTimes.zero(0),
+        perception_times=CallTimes.zero(count),
     )
+
+
+def moments_of_drives(seeds: Sequence[int], stack: str, mark: str | None = None) -> list[Moment]:
+    """Return the moments of an entry whose drives all end in the same collision."""
+    board, drive = BOARDS["driving"], made_up_drive()
     spec = board.check_entry(Spec.parse("idm"))
-    job = Job(
-        board,
-        "idm on blind",
-        episode,
-        DriveNode(spec, Stack("blind"), episode),
-        inputs="blind",
-        settings=RULE,
-    )
-    write_kept(job.answers.path, drive)
-    timeline_of(episode)
-    moments = worst_moments([job], scored([job], [board.score(job, drive, RunOptions())]))
+    jobs = []
+    for seed in seeds:
+        episode = replace(DRIVING_EPISODE, seed=seed)
+        node = DriveNode(spec, Stack(stack), episode)
+        job = Job(board, f"idm on {stack}", episode, node, mark=mark, inputs=stack, settings=RULE)
+        write_kept(node.path, drive)
+        timeline_of(episode)
+        jobs.append(job)
+    return worst_moments(jobs, scored(jobs, [board.score(j, drive, RunOptions()) for j in jobs]))
+
+
+def test_a_collision_shows_what_was_true_sensed_and_believed() -> None:
+    moments = moments_of_drives([3], "pag + gnn")
     collision = of_kind(moments, "collision")
-    assert collision.times_s[collision.event] == pytest.approx(stamps_s[-1])
+    assert collision.times_s[collision.event] == pytest.approx(made_up_drive().stamps_s[-1])
     assert "car 7 at 5.0 m/s" in collision.text
     assert "tracked for the last 0.4 s" in collision.text
+    assert "12 returns and 1 detection within 2 m" in collision.text
     hit = next(box for box in collision.objects if box.number == 7)
-    first = np.searchsorted(collision.times_s, PERIOD_S * known_from - 1e-6)
+    first = np.searchsorted(collision.times_s, PERIOD_S * KNOWN_FROM - 1e-6)
     assert hit.states == "x" * first + "m" * (len(hit.states) - first)
+    detected = [box for box in collision.answers if box.number == -1]
+    assert [(box.first, box.states) for box in detected] == [(collision.event, "d")] * 2
+    np.testing.assert_allclose(
+        [positions(box.motion)[0, :2] for box in detected],
+        [[29.1 - 24.5, 0.2], [15.0 - 24.5, 5.0]],
+        atol=0.051,
+    )
     assert collision.lanes
     assert {moment.kind for moment in moments} == {"collision"}
+
+
+@pytest.mark.parametrize("mark", [None, "lower mark"])
+def test_every_collision_is_replayed_of_marks_too(mark) -> None:
+    moments = moments_of_drives([3, 4, 5], "blind", mark)
+    assert [(moment.kind, moment.seed) for moment in moments] == [
+        ("collision", seed) for seed in (3, 4, 5)
+    ]
 
 
 def tracks_at(stamp_s: float, centres: Sequence[Sequence[float]]) -> Tracks:

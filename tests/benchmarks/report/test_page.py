@@ -107,6 +107,8 @@ def test_moments_that_do_not_fit_are_left_out_and_it_says_so(tmp_path) -> None:
     assert f"{100 - kept} of 100" in told
     assert told in " ".join(read(path.read_text()).texts)
     assert [each["text"].split()[0] for each in board["moments"]] == [str(k) for k in range(kept)]
+    left_out = {each["name"]: each["left_out"] for each in board["entries"]}
+    assert left_out == {"good": 100 - kept, "poor": 0, "good on oracle": 0}
 
 
 def with_failures(count: int) -> Results:

@@ -343,7 +343,7 @@
   const polygon = (points) => points.map(([x, y]) => `${x.toFixed(1)},${y.toFixed(1)}`).join(" ");
   const LEGEND = {
     boxes: [["truth m", "object, tracked or detected"], ["truth x", "object that is missed"], ["answer m", "answer on an object"],
-      ["answer f", "false alarm"], ["answer s", "identity switch"], ["truth i", "does not count"]],
+      ["answer f", "false alarm"], ["answer s", "identity switch"], ["answer d", "detection of the last scan"], ["truth i", "does not count"]],
     poses: [["ego", "true ego"], ["estimate", "estimated ego"]],
   };
   const TAIL = 12;
@@ -373,7 +373,8 @@
       zoom.value = 0;
       find(".event").textContent = `${moment.times_s[moment.event].toFixed(1)} s: ${moment.text}`;
       const legend = scene.estimate.length ? LEGEND.poses : LEGEND.boxes;
-      find(".legend").replaceChildren(...legend.filter(([kind]) => !kind.endsWith(" s") || moment.answers.some((box) => box[0] >= 0))
+      find(".legend").replaceChildren(...legend.filter(([kind]) => (!kind.endsWith(" s") || moment.answers.some((box) => box[0] >= 0)) &&
+          (!kind.endsWith(" d") || moment.answers.some((box) => box[2].includes("d"))))
         .map(([kind, text]) => el("li", null, svg("svg", { viewBox: "0 0 30 16", "aria-hidden": "true" },
           svg("rect", { class: `box ${kind}`, x: 2, y: 2, width: 26, height: 12 })), text)));
       list.querySelectorAll("button").forEach((button) => button.setAttribute("aria-pressed", button.moment === moment));
@@ -480,13 +481,13 @@
 
     const countsAt = (frame) => {
       const count = (boxes, letters) => boxes.filter((box) => { const now = box.at(frame); return now && letters.includes(now.state); }).length;
-      return { right: count(scene.objects, "ms"), x: count(scene.objects, "x"), f: count(scene.answers, "f"), s: count(scene.answers, "s") };
+      return { right: count(scene.objects, "ms"), x: count(scene.objects, "x"), f: count(scene.answers, "f"), s: count(scene.answers, "s"), d: count(scene.answers, "d") };
     };
     const stateText = (frame) => {
       const time = `${moment.times_s[frame].toFixed(2)} s: `;
       if (scene.estimate.length) return `${time}${(moment.errors[frame] / 100).toFixed(2)} m off`;
-      const { right, x, f, s } = countsAt(frame);
-      return `${time}${right} objects found, ${x} missed, ${f} false alarms${s ? `, ${s} identity switch${s > 1 ? "es" : ""}` : ""}`;
+      const { right, x, f, s, d } = countsAt(frame);
+      return `${time}${right} objects found, ${x} missed, ${f} false alarms${s ? `, ${s} identity switch${s > 1 ? "es" : ""}` : ""}${d ? `, ${d} detections in the last scan` : ""}`;
     };
     const strip = (frame) => {
       const frames = moment.times_s.length;
@@ -537,14 +538,16 @@
     });
     let shownEntry = null;
     return () => {
-      const entry = board.entries[chosenEntry()].name;
+      const { name: entry, left_out: leftOut } = board.entries[chosenEntry()];
       if (entry === shownEntry) { draw(); return; }
       shownEntry = entry;
       const own = board.moments.filter((each) => each.entry === entry);
       viewer.hidden = !own.length;
-      none.hidden = own.length > 0;
+      none.hidden = own.length + leftOut > 0;
+      find(".left-out").textContent = leftOut
+        ? `${leftOut} ${own.length ? "more " : ""}moment${leftOut > 1 ? "s" : ""} of this entry left out, as the page would be too large.` : "";
       list.replaceChildren(...own.map((each) => {
-        const place = [each.scenario, `seed ${each.seed}`, each.condition === "clear" ? "" : each.condition, each.inputs ? `detections of ${each.inputs}` : ""];
+        const place = [each.scenario, `seed ${each.seed}`, each.condition === "clear" ? "" : each.condition, each.inputs && !each.entry.endsWith(` on ${each.inputs}`) ? `detections of ${each.inputs}` : ""];
         const button = el("button", { type: "button", "aria-pressed": "false" }, `${each.kind}, ${each.times_s[each.event].toFixed(1)} s`,
           el("small", null, place.filter(Boolean).join(", ")));
         button.moment = each;
