@@ -195,8 +195,8 @@ def prediction_rows(results: Results, name: str) -> list[list[str]]:
             headings[each.predicted],
             headings[each.metric],
             f"{each.rho:.2f}",
-            _in_brackets(each.over_inputs),
-            _in_brackets(each.over_seeds),
+            _in_brackets(each.over_inputs) or "-",
+            _in_brackets(each.over_seeds) or "-",
         ]
         for each in predictions(results.jobs, name)
     ]
@@ -204,7 +204,7 @@ def prediction_rows(results: Results, name: str) -> list[list[str]]:
 
 def prediction_headings(name: str) -> list[str]:
     """Return the headings of `prediction_rows`."""
-    return ["of", "with", "rank corr.", f"over {board_named(name).inputs_name}s", "over seeds"]
+    return ["predicted", "by", "rank corr.", f"over {board_named(name).inputs_name}s", "over seeds"]
 
 
 def prediction_note(results: Results, name: str) -> str:

@@ -9,6 +9,7 @@ import pytest
 from made_up_pages import HOSTILE, moment, results
 
 from roadscope.benchmarks import FolderError
+from roadscope.benchmarks.metrics import Score
 from roadscope.benchmarks.report import (
     MOST_BYTES,
     PAGE,
@@ -63,6 +64,24 @@ def test_a_page_has_every_entry_failure_and_moment(tmp_path) -> None:
     assert {names[i], names[j]} == {"good", "poor"}
     assert (difference > 0) == (names[i] == "good")
     assert low <= difference <= high
+
+
+def test_a_page_has_rank_correlations_with_both_intervals(tmp_path) -> None:
+    jobs = [
+        JobScores("driving", f"idm on {k}", "motorway", seed, "clear", str(k), scores, None)
+        for k in range(5)
+        for seed in range(3)
+        for scores in [
+            {
+                "recall": Score(k / 10, "1", "higher", 10),
+                "reward": Score((0.1, 0.2, 0.3, 0.5, 0.4)[k], "1", "higher", 1),
+            }
+        ]
+    ]
+    save_page([Run(results_of(jobs, {"suite": "tiny"}))], tmp_path / PAGE)
+    texts = [text.strip() for text in read((tmp_path / PAGE).read_text()).texts]
+    at = texts.index("reward by recall")
+    assert texts[at : at + 4] == ["reward by recall", "0.90", "[-.17, 1.00]", "[.90, .90]"]
 
 
 @pytest.mark.parametrize("name", HOSTILE)

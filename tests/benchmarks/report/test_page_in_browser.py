@@ -151,6 +151,21 @@ def test_moments_are_those_of_the_chosen_entry(visit) -> None:
     assert page.locator(".replay .none").is_visible()
 
 
+def test_collisions_stand_together_with_detections_and_how_many_are_left_out(visit) -> None:
+    own = {"text": "collides with car 8", "answers": [(-1, 5, "d", 46, 18, [300, 30, 0])]}
+    kinds = ("collision", "near miss", "collision")
+    shown = [moment("good", kind=kind, **own) for kind in kinds]
+    page = visit(Run(results(), [*shown, moment("good", text=1_500_000 * "x")]))
+    page.locator(".choose", has_text="good").first.click()
+    buttons = page.locator(".moments button").all_inner_texts()
+    assert [text.partition(",")[0] for text in buttons] == ["collision", "collision", "near miss"]
+    assert page.locator(".left-out").inner_text().startswith("1 more moment")
+    assert page.locator(".scene polygon.answer.d").count() == 1
+    assert "detection of the last scan" in page.locator(".legend").inner_text()
+    page.locator(".choose", has_text="poor").first.click()
+    assert page.locator(".left-out").inner_text() == ""
+
+
 def test_a_drive_shows_both_paths(visit) -> None:
     motion = [0, 0, 0, *[8, 0, 0] * 10]
     drive = moment(

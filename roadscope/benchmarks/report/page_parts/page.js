@@ -542,10 +542,12 @@
       if (entry === shownEntry) { draw(); return; }
       shownEntry = entry;
       const own = board.moments.filter((each) => each.entry === entry);
+      const kinds = [...new Set(own.map((each) => each.kind))];
+      own.sort((a, b) => kinds.indexOf(a.kind) - kinds.indexOf(b.kind));
       viewer.hidden = !own.length;
       none.hidden = own.length + leftOut > 0;
       find(".left-out").textContent = leftOut
-        ? `${leftOut} ${own.length ? "more " : ""}moment${leftOut > 1 ? "s" : ""} of this entry left out, as the page would be too large.` : "";
+        ? `${leftOut} ${own.length ? "more " : ""}moment${leftOut > 1 ? "s" : ""} of this entry ${leftOut > 1 ? "are" : "is"} left out, as the page would be too large.` : "";
       list.replaceChildren(...own.map((each) => {
         const place = [each.scenario, `seed ${each.seed}`, each.condition === "clear" ? "" : each.condition, each.inputs && !each.entry.endsWith(` on ${each.inputs}`) ? `detections of ${each.inputs}` : ""];
         const button = el("button", { type: "button", "aria-pressed": "false" }, `${each.kind}, ${each.times_s[each.event].toFixed(1)} s`,
