@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -10,11 +10,16 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from roadscope.benchmarks.cache import write_atomically
+from roadscope.benchmarks.papers.reproduction import FIRST_SEED
 from roadscope.core.palette import FIGURE_STYLE, PAPER_COLOURS, PAPER_FAINT, PAPER_TRUTH
 
 if TYPE_CHECKING:
+    from matplotlib.artist import Artist
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+
+CAPTION_COLOUR = "#606060"
+"""Dark enough to be read, fainter than titles."""
 
 Draw = Callable[["Figure"], None]
 """Draws one figure into an empty one, and sets its size."""
@@ -47,6 +52,28 @@ def draw_all(
     if progress is not None:
         progress(len(paths), len(figures))
     return paths
+
+
+def caption(figure: Figure, shown: str, seeds: Sequence[int] = (FIRST_SEED,)) -> None:
+    """Say in small letters below a figure which seeds and which methods it shows."""
+    numbers = ", ".join(map(str, seeds))
+    text = f"seed{'s' * (len(seeds) > 1)} {numbers}, {shown}"
+    figure.supxlabel(text, x=0.01, ha="left", fontsize=7, color=CAPTION_COLOUR)
+
+
+def legend_above(figure: Figure, places: Iterable[Axes], *, marker_scale: float = 1.0) -> None:
+    """Draw one legend of some axes, each name once, above all axes, where no data lie."""
+    handles: dict[str, Artist] = {}
+    for axes in places:
+        of_axes, names = axes.get_legend_handles_labels()
+        handles |= dict(zip(names, of_axes, strict=True))
+    figure.legend(
+        list(handles.values()),
+        list(handles),
+        loc="outside upper center",
+        ncols=len(handles),
+        markerscale=marker_scale,
+    )
 
 
 def seen_from_above(axes: Axes, title: str = "") -> None:

@@ -8,9 +8,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from roadscope.benchmarks.papers.drawing import (
+    caption,
     draw_box,
     draw_clusters,
     draw_points,
+    legend_above,
     seen_from_above,
 )
 from roadscope.benchmarks.papers.lu2018 import OCCLUSION, THREE, TRACKERS, TWO, detect
@@ -29,11 +31,17 @@ if TYPE_CHECKING:
 
 READING = "nearest-q"
 """The tracker that is drawn: the reading that agrees with the paper's errors."""
+METHOD = f"pag + {READING}"
+"""Detector and tracker of all figures of tracks."""
 SCENE_FRAME = 60
 """Frame of experiment 1 in which both targets are in view."""
 OCCLUDED_FRAMES = (48, 58, 68, 80)
 """Frames of experiment 2: before target 2 comes, while it cuts in, hides target 1, has passed."""
 THREE_FRAME = 10
+TRACKS_M = (-10.0, 30.0)
+"""Least and greatest x of the tracks of experiment 1, which reach no farther."""
+TRAIL = 15
+"""Frames of a track that are drawn."""
 X_AXIS, Y_AXIS = 1, 0
 """Columns of the ego frame: the paper's x runs across the road and its y ahead."""
 AXIS_NAMES = {X_AXIS: "x of the paper: left (m)", Y_AXIS: "y of the paper: ahead (m)"}
@@ -56,17 +64,18 @@ def _truth_boxes(axes: Axes, sensed: SensedExperiment, frame: int) -> None:
 
 
 def clusters_and_lines(figure: Figure) -> None:
-    """Figure 7: a scene of experiment 1, its clusters and their lines, by PAG and by distance."""
-    figure.set_size_inches(10.0, 5.0)
-    sensed, _, _ = _sensed(TWO)
+    """Figure 7: a scene of experiment 1, its tracks, and its clusters by PAG and by distance."""
+    figure.set_size_inches(10.0, 9.0)
+    sensed, _, histories = _sensed(TWO)
     cloud = sensed.clouds[SCENE_FRAME - 1]
-    places = figure.subplots(1, 3, sharex=True, sharey=True)
-    draw_points(places[0], cloud.points, PAPER_COLOURS[0], "returns above the ground")
-    _truth_boxes(places[0], sensed, SCENE_FRAME)
-    seen_from_above(places[0], f"experiment 1, frame {SCENE_FRAME}")
-    places[0].set(xlim=(5.0, 50.0), ylim=(-25.0, 28.0))
-    places[0].legend(loc="lower right")
-    for axes, name in zip(places[1:], ("pag", "distance"), strict=True):
+    (scene, tracks), clustered = figure.subplots(2, 2)
+    draw_points(scene, cloud.points, PAPER_COLOURS[0], "returns above the ground")
+    _truth_boxes(scene, sensed, SCENE_FRAME)
+    seen_from_above(scene, f"(a) experiment 1, frame {SCENE_FRAME}")
+    scene.legend(loc="upper left", markerscale=3)
+    _tracks_from_above(tracks, histories)
+    tracks.set_title(f"(b) tracks of frames 1 to {histories.truth.shape[1]}, y stretched")
+    for letter, axes, name in zip("cd", clustered, ("pag", "distance"), strict=True):
         labels = CLUSTERINGS[name](cloud)
         draw_clusters(axes, cloud.points, labels)
         for outline in contours(cloud, labels):
@@ -74,21 +83,45 @@ def clusters_and_lines(figure: Figure) -> None:
                 for segment in fit_iepf(outline):
                     axes.plot(*segment.points[[0, -1]].T, color=PAPER_TRUTH, linewidth=1)
         count = len(np.unique(labels[labels >= 0]))
-        seen_from_above(axes, f"{name}: {count} clusters\n(lines black, outliers grey)")
+        seen_from_above(axes, f"({letter}) {name}: {count} clusters (lines black, outliers grey)")
+    for axes in (scene, *clustered):
+        axes.set(xlim=(5.0, 50.0), ylim=(-25.0, 28.0))
+    caption(figure, f"{METHOD} (tracks), clusterings pag and distance")
+
+
+def _tracks_from_above(axes: Axes, histories: TargetHistories) -> None:
+    """Draw truth, measurements and estimates of all targets in the ego frame, y stretched."""
+    for row, (truth, measured, estimated) in enumerate(
+        zip(histories.truth, histories.measured, histories.estimated, strict=True)
+    ):
+        names = ("truth", "measurements", "estimates") if row == 0 else ("", "", "")
+        axes.plot(*truth.T, color=PAPER_TRUTH, linewidth=4, alpha=0.25, label=names[0])
+        axes.plot(*measured.T, ".", color=PAPER_COLOURS[1], markersize=3, label=names[1])
+        axes.plot(*estimated.T, color=PAPER_COLOURS[0], linewidth=1, label=names[2])
+        place = (TRACKS_M[1] - 1.0, truth[-1, 1] - 0.9)
+        axes.text(*place, f"target {row + 1}", ha="right")
+    seen_from_above(axes)
+    axes.set_aspect("auto")
+    axes.set(xlim=TRACKS_M, ylim=(-5.5, 5.5), box_aspect=53.0 / 45.0)
+    axes.legend(loc="upper left")
 
 
 def _against_frames(axes: Axes, histories: TargetHistories, target: int, column: int) -> None:
-    frames = np.arange(1, histories.truth.shape[1] + 1)
-    row = target - 1
-    axes.plot(frames, histories.measured[row, :, column], ".", color=PAPER_COLOURS[1], markersize=3)
-    axes.plot(frames, histories.estimated[row, :, column], color=PAPER_COLOURS[0], linewidth=1)
-    missed = ~histories.detected[row] & np.isfinite(histories.estimated[row, :, column])
-    at = histories.estimated[row, missed, column]
-    axes.plot(frames[missed], at, "o", color=PAPER_COLOURS[4], markersize=4, fillstyle="none")
+    frames, row = np.arange(1, histories.truth.shape[1] + 1), target - 1
+    measured, estimated = (
+        each[row, :, column] for each in (histories.measured, histories.estimated)
+    )
+    missed = ~histories.detected[row] & np.isfinite(estimated)
+    axes.plot(frames, measured, ".", color=PAPER_COLOURS[1], markersize=3, label="measurement")
+    axes.plot(frames, estimated, color=PAPER_COLOURS[0], linewidth=1, label="estimate")
+    _mark_coasting(axes, np.column_stack([frames, estimated])[missed], 4)
     axes.set(xlabel="frame", ylabel=AXIS_NAMES[column], title=f"target {target}")
 
 
-LEGEND = ("measurement", "estimate", "estimate without a measurement")
+def _mark_coasting(axes: Axes, places: np.ndarray, size: int) -> None:
+    """Mark (N, 2) estimates that have no measurement."""
+    colour, name = PAPER_COLOURS[4], "estimate without a measurement"
+    axes.plot(*places.T, "o", color=colour, markersize=size, fillstyle="none", label=name)
 
 
 def measurement_and_estimate(target: int, figure: Figure) -> None:
@@ -97,7 +130,8 @@ def measurement_and_estimate(target: int, figure: Figure) -> None:
     places = figure.subplots(1, 2)
     for axes, column in zip(places, (X_AXIS, Y_AXIS), strict=True):
         _against_frames(axes, histories, target, column)
-    figure.legend(places[0].lines, LEGEND, loc="outside lower center", ncols=3)
+    legend_above(figure, places)
+    caption(figure, METHOD)
 
 
 def errors_over_frames(figure: Figure) -> None:
@@ -111,7 +145,8 @@ def errors_over_frames(figure: Figure) -> None:
             axes.plot(frames, difference, color=colour, linewidth=1, label=AXIS_NAMES[column])
         axes.set(xlabel="frame", title=f"target {row + 1}")
     places[0].set_ylabel("estimate minus measurement (m)")
-    places[0].legend()
+    legend_above(figure, places)
+    caption(figure, METHOD)
 
 
 def occlusion_from_above(figure: Figure) -> None:
@@ -120,18 +155,25 @@ def occlusion_from_above(figure: Figure) -> None:
     sensed, _, histories = _sensed(OCCLUSION)
     places = figure.subplots(2, 2, sharex=True, sharey=True)
     for axes, frame in zip(places.flat, OCCLUDED_FRAMES, strict=True):
-        draw_points(axes, sensed.clouds[frame - 1].points)
+        draw_points(axes, sensed.clouds[frame - 1].points, label="returns")
         _truth_boxes(axes, sensed, frame)
         for row in range(len(histories.truth)):
-            track = histories.estimated[row, max(frame - 15, 0) : frame]
-            axes.plot(*track.T, color=PAPER_COLOURS[row], linewidth=1.5)
-            now = track[-1]
-            if np.isfinite(now[0]):
-                axes.annotate(
-                    f"track of target {row + 1}", now, fontsize=7, color=PAPER_COLOURS[row]
-                )
+            _trail(axes, histories, row, frame)
         seen_from_above(axes, f"frame {frame}")
         axes.set(xlim=(0.0, 62.0), ylim=(-12.0, 12.0))
+    legend_above(figure, places.flat)
+    caption(figure, f"{METHOD}; the last {TRAIL} frames of each track")
+
+
+def _trail(axes: Axes, histories: TargetHistories, row: int, frame: int) -> None:
+    """Draw the last frames of a track and where it is now."""
+    track = histories.estimated[row, max(frame - TRAIL, 0) : frame]
+    if not np.isfinite(track[-1, 0]):
+        return
+    axes.plot(*track.T, color=PAPER_COLOURS[row], linewidth=1.5, label=f"track of target {row + 1}")
+    axes.plot(*track[-1], "o", color=PAPER_COLOURS[row], markersize=4)
+    if not histories.detected[row, frame - 1]:
+        _mark_coasting(axes, track[-1:], 9)
 
 
 def occlusion_in_x(figure: Figure) -> None:
@@ -140,7 +182,8 @@ def occlusion_in_x(figure: Figure) -> None:
     places = figure.subplots(1, 2)
     for row, axes in enumerate(places):
         _against_frames(axes, histories, row + 1, X_AXIS)
-    figure.legend(places[0].lines, LEGEND, loc="outside lower center", ncols=3)
+    legend_above(figure, places)
+    caption(figure, METHOD)
 
 
 def three_vehicles(figure: Figure) -> None:
@@ -150,8 +193,9 @@ def three_vehicles(figure: Figure) -> None:
     draw_points(axes, sensed.clouds[THREE_FRAME - 1].points)
     _truth_boxes(axes, sensed, THREE_FRAME)
     _detected_boxes(axes, boxes[THREE_FRAME - 1])
-    seen_from_above(axes, f"experiment 3, frame {THREE_FRAME}, detector pag")
-    axes.legend(loc="upper right")
+    seen_from_above(axes, f"experiment 3, frame {THREE_FRAME}")
+    legend_above(figure, [axes])
+    caption(figure, "pag")
 
 
 def _detected_boxes(axes: Axes, boxes: Detections) -> None:
@@ -168,7 +212,8 @@ def three_in_y(figure: Figure) -> None:
     for row, measured in enumerate(histories.measured[..., Y_AXIS]):
         axes.plot(frames, measured, ".-", color=PAPER_COLOURS[row], label=f"target {row + 1}")
     axes.set(xlabel="frame", ylabel=AXIS_NAMES[Y_AXIS], title="measurements of experiment 3")
-    axes.legend()
+    legend_above(figure, [axes])
+    caption(figure, "pag")
 
 
 FIGURES = {
