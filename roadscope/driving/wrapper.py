@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any, SupportsFloat
 
 import gymnasium as gym
 import numpy as np
+from gymnasium.envs.registration import EnvSpec
 from gymnasium.utils import RecordConstructorArgs
 
 from roadscope.core import Tracks
@@ -74,6 +76,15 @@ class PerceptionWrapper(gym.Wrapper[np.ndarray, Any, Any, Any], RecordConstructo
         self._perception = perception
         self._belief: BelievedObservation | None = None
         self._steps = 0
+
+    @property
+    def spec(self) -> EnvSpec | None:
+        """The environment's, with this wrapper, which itself adds the sensors."""
+        spec = super().spec
+        if spec is None or self._stack is None:
+            return spec
+        *outer, _, own = spec.additional_wrappers
+        return replace(spec, additional_wrappers=(*outer, own))
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None

@@ -162,6 +162,25 @@ def test_a_fusion_perceives_too() -> None:
     assert observed[1, 0] == 1
 
 
+@pytest.mark.parametrize("perception", [STACK, "truth"])
+def test_its_spec_makes_it_again(perception: str) -> None:
+    env = PerceptionWrapper(highway(), perception, seed=2)
+    again = gym.make(env.spec)
+    assert isinstance(again, PerceptionWrapper)
+    assert again.spec == env.spec
+    for each in (env, again):
+        each.reset(seed=3)
+    assert np.array_equal(env.step(1)[0], again.step(1)[0])
+
+
+# highway-env's own observations have infinite bounds, of which Gymnasium warns.
+@pytest.mark.filterwarnings("ignore:.*Box observation space (min|max)imum value is")
+@pytest.mark.filterwarnings("ignore:.*different from the unwrapped version")
+@pytest.mark.parametrize("perception", [STACK, "truth"])
+def test_gymnasium_accepts_it(perception: str) -> None:
+    check_env(PerceptionWrapper(highway(), perception), skip_render_check=True)
+
+
 def test_an_id_takes_a_stack() -> None:
     env = gym.make("roadscope/Highway-v0", perception=STACK, rig="vlp16", disable_env_checker=True)
     assert type(env.unwrapped).__module__.startswith("roadscope.")
