@@ -21,6 +21,7 @@ from roadscope.envs.imaging.light import Light
 from roadscope.envs.sensors.faults import Faults
 from roadscope.envs.sensors.rig import Rig
 from roadscope.envs.sensors.weathers import Weather
+from roadscope.envs.traffic.conversion import refuse_multi_agent
 
 
 class PerceptionWrapper(gym.Wrapper[np.ndarray, Any, Any, Any], RecordConstructorArgs):
@@ -64,6 +65,7 @@ class PerceptionWrapper(gym.Wrapper[np.ndarray, Any, Any, Any], RecordConstructo
         }
         RecordConstructorArgs.__init__(self, perception=perception, rig=rig, **sensing)
         self._stack: Perception | None = None
+        refuse_multi_agent(env)
         if perception != TRUTH:
             check_observation(env.unwrapped)
         if perception in (TRUTH, BLIND):

@@ -238,6 +238,17 @@ def test_what_is_no_stack_is_refused(text: str, rig: str, word: str) -> None:
         PerceptionWrapper(highway(), text, rig=rig)
 
 
+@pytest.mark.parametrize("perception", [STACK, "truth", "blind"])
+@pytest.mark.parametrize(
+    ("foreign", "word"), [("CartPole-v1", "no road"), ("intersection-multi-agent-v0", "agents")]
+)
+def test_environments_without_one_vehicle_that_drives_are_refused(
+    perception: str, foreign: str, word: str
+) -> None:
+    with pytest.raises(ForeignEnvError, match=f"'{foreign}'.*{word}"):
+        PerceptionWrapper(gym.make(foreign), perception)
+
+
 def test_other_observations_are_refused() -> None:
     env = gym.make("parking-v0")
     for perception in (STACK, "blind"):
