@@ -124,18 +124,22 @@ class PerceptionWrapper(gym.Wrapper[np.ndarray, Any, Any, Any], RecordConstructo
         return self._belief.observe(tracks), {**info, "tracks": tracks}
 
 
+WITHOUT_EFFECT = {"records": True, "pixel_truth": False}
+"""Settings of sensors that change nothing where tracks are observed, and the values they have."""
+
+
 class PerceivedEnv(ScenarioEnv):
     """A scenario that an agent observes through a perception stack, if one is named.
 
     perception: as in `PerceptionWrapper`; the observation space is then highway-env's, with the
         extreme values of its type in place of infinite bounds. None: observations are those of the
-        sensors. Other arguments: those of `ScenarioEnv`.
+        sensors. Other arguments: those of `ScenarioEnv`, except records=False and pixel_truth=True.
     """
 
     def __init__(self, scenario: str, *, perception: str | None = None, **settings: Any) -> None:
         self._perception = perception
-        if perception is not None and settings.setdefault("ego", "agent") != "agent":
-            raise ValueError("perception: only with ego='agent'; a played ego drives itself")
+        if perception is not None:
+            _check_settings(settings)
         super().__init__(scenario, **settings)
         if perception is not None:
             self.observation_space = _bounded(self.observation_space)
@@ -143,9 +147,20 @@ class PerceivedEnv(ScenarioEnv):
     def _with_sensors(self, traffic: gym.Env[Any, Any], rig: str | Rig, **sensing: Any) -> Any:
         if self._perception is None:
             return super()._with_sensors(traffic, rig, **sensing)
-        for name in ("records", "pixel_truth"):
-            sensing.pop(name)
+        for name in WITHOUT_EFFECT:
+            del sensing[name]
         return PerceptionWrapper(traffic, self._perception, rig, **sensing)
+
+
+def _check_settings(settings: dict[str, Any]) -> None:
+    """Raise `ValueError` for settings that perception excludes; the ego is an agent."""
+    if settings.setdefault("ego", "agent") != "agent":
+        raise ValueError("perception: only with ego='agent'; a played ego drives itself")
+    for name, value in WITHOUT_EFFECT.items():
+        if settings.get(name, value) != value:
+            raise ValueError(
+                f"{name}={settings[name]}: only without perception=, whose observations are tracks"
+            )
 
 
 def _bounded(space: gym.Space[Any]) -> gym.Space[Any]:

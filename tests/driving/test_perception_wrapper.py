@@ -209,6 +209,17 @@ def test_a_played_ego_needs_no_perception() -> None:
         gym.make("roadscope/Highway-v0", perception="truth", ego="idm")
 
 
+@pytest.mark.parametrize(("name", "value"), [("pixel_truth", True), ("records", False)])
+@pytest.mark.parametrize("perception", [STACK, "truth", "blind"])
+def test_settings_without_effect_are_refused_by_name(
+    perception: str, name: str, value: bool
+) -> None:
+    with pytest.raises(ValueError, match=f"^{name}.*perception"):
+        gym.make("roadscope/Highway-v0", perception=perception, **{name: value})
+    usual = {name: not value}
+    gym.make("roadscope/Highway-v0", perception=perception, disable_env_checker=True, **usual)
+
+
 @pytest.mark.slow
 def test_environments_run_side_by_side() -> None:
     envs = gym.make_vec(
