@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from roadscope.core import DrivingCommand, DrivingScene, Tracks, Truth
 from roadscope.driving.perception import BLIND, TRUTH, Perception, ProcessedScan
+from roadscope.envs.imaging.light import Light
 from roadscope.envs.sensors.ego_motion import STATES_AROUND
 from roadscope.envs.sensors.faults import Faults
 from roadscope.envs.sensors.rig import Rig
 from roadscope.envs.sensors.rigs import rig as rig_named
 from roadscope.envs.sensors.sensing import Sensing
+from roadscope.envs.sensors.weathers import Weather
 from roadscope.envs.traffic.driven import DrivenTraffic, Outlook
 from roadscope.envs.traffic.simulated import STEP_S
 
@@ -37,8 +39,8 @@ class ClosedLoop:
         perception: Perception | str,
         rig: Rig | str,
         duration_s: float,
-        weather: str = "clear",
-        light: str | None = None,
+        weather: str | Weather = "clear",
+        light: str | Light | None = None,
         faults: Faults = (),
     ) -> None:
         self.traffic = DrivenTraffic(scenario, seed, duration_s)

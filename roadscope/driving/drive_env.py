@@ -14,8 +14,12 @@ from roadscope.driving.closed_loop import ClosedLoop
 from roadscope.driving.perception import TRUTH, stack_of
 from roadscope.envs.gym.spaces import checked_action
 from roadscope.envs.gym.vector import PooledVectorEnv, pooled
+from roadscope.envs.imaging.light import Light
+from roadscope.envs.sensors.faults import Faults
 from roadscope.envs.sensors.rig import Rig
 from roadscope.envs.sensors.rigs import rig as rig_named
+from roadscope.envs.sensors.sensing import Sensing, check_light
+from roadscope.envs.sensors.weathers import Weather
 from roadscope.envs.traffic.driven import check_driven
 from roadscope.envs.traffic.scenarios import find
 
@@ -29,6 +33,8 @@ class DriveEnv(gym.Env[np.ndarray, np.int64]):
         random.
     perception: a stack, `DETECTOR + TRACKER`; `truth`; `blind`; or several, likewise.
     rig: for all stacks. duration_s: of an episode; None: that of the scenario.
+    weather, light, faults: of the sensors in all episodes, as in `SensorWrapper`; `truth` and
+        `blind` have no sensors.
     seeds: of traffic and world, of which each episode has one at random. The default, 0 to 9999,
         are the training seeds of suites: the test seeds of boards begin at 20,000.
 
@@ -53,6 +59,9 @@ class DriveEnv(gym.Env[np.ndarray, np.int64]):
         rig: str | Rig = "vlp16",
         duration_s: float | None = None,
         seeds: range = range(10_000),
+        weather: str | Weather = "clear",
+        light: str | Light | None = None,
+        faults: Faults = (),
         render_mode: None = None,
     ) -> None:
         self.render_mode = render_mode
@@ -68,6 +77,9 @@ class DriveEnv(gym.Env[np.ndarray, np.int64]):
             raise ValueError(f"duration_s: expected more than 0, got {duration_s}")
         self._rig = rig_named(rig) if isinstance(rig, str) else rig
         self._duration_s, self._seeds = duration_s, seeds
+        self._conditions: dict[str, Any] = {"weather": weather, "light": light, "faults": faults}
+        Sensing(self._rig, 0, **self._conditions)  # Wrong names are reported before a drive begins.
+        check_light(light, self._rig)
         for each in self._scenarios:
             check_driven(each)
         self._stacks = {text: stack_of(text, self._rig) for text in self._perceptions}
@@ -116,6 +128,7 @@ class DriveEnv(gym.Env[np.ndarray, np.int64]):
             perception=self._stacks[perception],
             rig=self._rig,
             duration_s=duration_s,
+            **self._conditions,
         )
         self._scene = self._loop.scene(self._loop.tracks())
         return observed(self._scene), dict(self._info)

@@ -1,5 +1,6 @@
 """The closed loop as a Gymnasium environment."""
 
+from functools import partial
 from pathlib import Path
 
 import gymnasium as gym
@@ -129,6 +130,57 @@ def test_a_stack_that_drove_before_perceives_as_a_new_one() -> None:
             loop.step(command_of(KEEP_SPEED, scene))
             scene = loop.scene(loop.tracks())
     assert observation[11::6].sum() >= 1
+
+
+@pytest.mark.parametrize(
+    "conditions", [{"weather": "fog-3"}, {"faults": "dropped-scans:4"}, {"faults": ["fog:4"]}]
+)
+def test_sensors_have_weather_and_faults_as_on_the_board(conditions) -> None:
+    stack = "distance + nearest"
+    env = DriveEnv("dense-motorway", perception=stack, duration_s=1.0, **conditions)
+    clear = DriveEnv("dense-motorway", perception=stack, duration_s=1.0)
+    loop = ClosedLoop(
+        "dense-motorway",
+        2,
+        perception=Perception(stack, find_rig("vlp16")),
+        rig="vlp16",
+        duration_s=1.0,
+        **conditions,
+    )
+    observation, _ = env.reset(options={"seed": 2})
+    clear.reset(options={"seed": 2})
+    scene, differs = loop.scene(loop.tracks()), False
+    for _ in range(5):
+        np.testing.assert_array_equal(observation, observed(scene))
+        observation, *_ = env.step(KEEP_SPEED)
+        differs |= not np.array_equal(observation, clear.step(KEEP_SPEED)[0])
+        for _ in range(2):
+            loop.step(command_of(KEEP_SPEED, scene))
+            scene = loop.scene(loop.tracks())
+    assert differs
+
+
+def test_images_have_the_light_that_is_chosen() -> None:
+    stack = "fused?lidar=distance&camera=network&fusion=li2021 + nearest"
+    drive_env = partial(DriveEnv, "motorway", perception=stack, rig="wide", duration_s=0.6)
+    day, night = drive_env(light="day"), drive_env(light="night")
+    for env in (day, night):
+        drive(env, seed=2)
+    assert not np.array_equal(day.scene.tracks.scores, night.scene.tracks.scores)
+
+
+@pytest.mark.parametrize(
+    ("conditions", "word"),
+    [
+        ({"weather": "hail"}, "hail"),
+        ({"faults": "fog:9"}, "fog"),
+        ({"light": "dawn", "rig": "wide"}, "dawn"),
+        ({"light": "night"}, "camera"),
+    ],
+)
+def test_wrong_conditions_are_refused_before_a_drive(conditions, word) -> None:
+    with pytest.raises(ValueError, match=word):
+        DriveEnv("motorway", **conditions)
 
 
 def test_it_runs_as_a_vector() -> None:
