@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable, Iterable
 from dataclasses import replace
+from difflib import get_close_matches
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -58,10 +59,26 @@ def parts_of(text: str) -> tuple[Spec, Spec]:
     detector, plus, tracker = text.rpartition(PLUS)
     if not plus:
         raise SpecError(
-            f"'{text}' names no perception stack: expected 'DETECTOR{PLUS}TRACKER', such as "
-            f"'distance-l-shape{PLUS}existence'"
+            f"'{text}' names no perception stack{_suggestion(text)}: expected "
+            f"'DETECTOR{PLUS}TRACKER', such as 'distance-l-shape{PLUS}existence', or '{TRUTH}' or "
+            f"'{BLIND}'"
         )
-    return Spec.parse(detector), TRACKERS.resolve(tracker)
+    spec = Spec.parse(detector)
+    if spec.name in CAMERA_DETECTORS and spec.name not in DETECTORS:
+        raise SpecError(
+            f"'{detector}' is a camera detector: it gives boxes in images, without distance. "
+            f"'fused?lidar=A&camera={detector}&fusion=C{PLUS}{tracker}' uses one"
+        )
+    return spec, TRACKERS.resolve(tracker)
+
+
+def _suggestion(text: str) -> str:
+    """Return which stack may have been meant, for error texts; empty if none is similar."""
+    detector, plus, tracker = text.rpartition(PLUS.strip())
+    close = get_close_matches(text.lower(), (TRUTH, BLIND), n=1)
+    if plus:
+        close = [f"{detector.strip()}{PLUS}{tracker.strip()}"]
+    return f" (did you mean '{close[0]}'?)" if close else ""
 
 
 class Perception:

@@ -242,6 +242,11 @@ def test_environments_run_side_by_side() -> None:
         ("distance-l-shape + existence-offline", "vlp16", "whole episode"),
         ("fused?lidar=distance-l-shape&camera=network&fusion=li2021 + gnn", "vlp16", "camera"),
         ("fused?lidar=distance-l-shape + gnn", "wide", "camera="),
+        ("network + existence", "wide", r"camera detector.*without distance.*'fused\?lidar="),
+        ("distance-l-shape+existence", "vlp16", "did you mean 'distance-l-shape \\+ existence'"),
+        ("Truth", "vlp16", "did you mean 'truth'"),
+        ("bilnd", "vlp16", "did you mean 'blind'"),
+        ("existence", "vlp16", "'truth' or 'blind'"),
     ],
 )
 def test_what_is_no_stack_is_refused(text: str, rig: str, word: str) -> None:
