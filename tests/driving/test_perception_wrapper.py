@@ -3,24 +3,26 @@
 from __future__ import annotations
 
 import warnings
+from pathlib import Path
 from typing import Any
 
 import gymnasium as gym
 import highway_env  # noqa: F401  (registers its ids)
 import numpy as np
 import pytest
-from gymnasium.utils.env_checker import check_env
+from gymnasium.utils.env_checker import check_env, data_equivalence
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from toy_boxes import tracks
 
 from roadscope import SpecError, Tracks
 from roadscope.driving import BelievedObservation, Perception, PerceptionWrapper
-from roadscope.envs import find_rig
+from roadscope.envs import env_ids, find_rig
 from roadscope.envs.traffic import ForeignEnvError, to_world
 
 pytestmark = pytest.mark.filterwarnings("ignore:.*is out of date:DeprecationWarning")
 
+PAGE = Path(__file__).parents[2] / "docs" / "environments.md"
 STACK = "distance-l-shape + existence"
 UNITS = np.array([200.0, 16.0, 80.0, 80.0])
 """Of x, y, vx, vy in an observation of `highway-v0`, metres and m/s."""
@@ -202,6 +204,60 @@ def test_an_id_drives_without_sensors(perception: str) -> None:
     assert terminated or truncated
     assert info["time_s"] == pytest.approx(2.0)
     env.close()
+
+
+def rows_of_ids() -> list[list[str]]:
+    """Return the cells of the table of ids in the documentation."""
+    lines = PAGE.read_text("utf-8").split("| our bounds |")[1].split("\n\n")[0].splitlines()[2:]
+    return [[cell.strip().replace("`", "") for cell in line.split("|")[1:-1]] for line in lines]
+
+
+@pytest.mark.parametrize("cells", rows_of_ids(), ids=lambda cells: cells[0])
+def test_truth_of_an_id_is_that_of_the_environment_that_the_page_names(cells: list[str]) -> None:
+    own, (foreign, _, setting), name, *bounds = cells[0], cells[1].partition(", "), *cells[2:]
+    key, _, value = setting.partition(" ")
+    config = {key: float(value) if "." in value else int(value)} if setting else {}
+    plain = gym.make(foreign, config=config, disable_env_checker=True)
+    env = gym.make(own, perception="truth", disable_env_checker=True)
+    assert type(plain.unwrapped).__name__ == name
+    assert [bounds_of(each.observation_space) for each in (env, plain)] == bounds
+    assert env.action_space == plain.action_space
+    env.action_space.seed(6)
+    expected, observed = plain.reset(seed=6)[0], env.reset(seed=6)[0]
+    for _ in range(5):
+        assert data_equivalence(observed, expected)
+        action = env.action_space.sample()
+        expected, *ended, _, _ = plain.step(action)
+        observed, *own_ended, _, _ = env.step(action)
+        assert own_ended == ended
+        if ended[1]:
+            break
+
+
+def bounds_of(space: gym.Space[Any]) -> str:
+    """Return the bounds of a space as the page writes them."""
+    box = space["observation"] if isinstance(space, gym.spaces.Dict) else space
+    low, high = np.unique(box.low), np.unique(box.high)
+    if low == -high:
+        return f"±{high[0]:.2g}".replace("e+", "e")
+    return f"{low[0]:g} to {high[0]:g}"
+
+
+@pytest.mark.parametrize("perception", ["truth", pytest.param(STACK, marks=pytest.mark.slow)])
+def test_stable_baselines3_accepts_flat_observations(perception: str) -> None:
+    check = pytest.importorskip("stable_baselines3.common.env_checker").check_env
+    env = gym.make("roadscope/Highway-v0", perception=perception, disable_env_checker=True)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        check(gym.wrappers.FlattenObservation(env))
+    env.close()
+
+
+def test_all_other_ids_are_refused() -> None:
+    """They have no agent, so the page leaves none out."""
+    for name in set(env_ids()) - {cells[0] for cells in rows_of_ids()}:
+        with pytest.raises(ValueError, match="only played"):
+            gym.make(name, perception="truth")
 
 
 def test_a_played_ego_needs_no_perception() -> None:

@@ -62,7 +62,9 @@ TASKS: Mapping[str, Task] = MappingProxyType(
         ),
     }
 )
-"""Scenarios in which an agent can drive; the others are only played."""
+"""Scenarios in which an agent can drive; the others are only played. Classes are those of the
+newest versions of highway-env's ids: in older ones vehicles do not see those on the next piece of a
+lane."""
 
 
 class ScenarioEnv(gym.Env[Observation, Any]):
