@@ -10,7 +10,7 @@ import tomllib
 import warnings
 from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import NamedTuple
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 
@@ -255,7 +255,12 @@ class TraitsChoice:
     is likelier than all the rest together and its scores fit those of training. Once the lead is
     `DECIDED` the choice stays, unless scores turn out not to fit until a section has `FEWEST_OFF`.
     It only uses scores up to now.
+
+    has_warned: whether this process was told of an unknown detector. A process makes a tracker for
+        each drive and says so once.
     """
+
+    has_warned: ClassVar[bool] = False
 
     def __init__(self, name: str) -> None:
         """Take a name of `detector_names`, the path of a .toml file, or `auto`."""
@@ -289,10 +294,13 @@ class TraitsChoice:
                 self._best = self._likeliest()
             elif not self._fit()[self._best]:
                 self._best = self._unknown
-            if self.is_unknown and before < FEWEST_OFF <= self._most_of_section():
+            is_sure = before < FEWEST_OFF <= self._most_of_section()
+            if self.is_unknown and is_sure and not TraitsChoice.has_warned:
+                TraitsChoice.has_warned = True
                 warnings.warn(
-                    "nothing was learned of this detector: its scores are taken for probabilities "
-                    "(by the tracker existence until the persistence of detections contradicts it)",
+                    "no detector known to the tracker's option traits=auto has such scores: they "
+                    "are taken for probabilities (by the tracker existence until the persistence "
+                    "of detections contradicts it); traits= names what was learned of a detector",
                     UnknownDetectorWarning,
                     stacklevel=3,
                 )

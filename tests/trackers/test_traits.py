@@ -91,13 +91,28 @@ def test_scores_below_all_of_training_are_not_the_detectors():
 
 
 @pytest.mark.parametrize("transform", [lambda odds: odds / 2, lambda odds: odds / 4 - 3])
-def test_transformed_scores_are_of_no_known_detector_for_good(transform):
+def test_transformed_scores_are_of_no_known_detector_for_good(transform, monkeypatch):
+    monkeypatch.setattr(TraitsChoice, "has_warned", False)
     category, rng = Category.CAR, np.random.default_rng(4)
     odds = transform(drawn(KITTI.scores.deciles[category], rng.uniform(size=(60, 10))))
     choice = TraitsChoice("auto")
     with pytest.warns(UnknownDetectorWarning):
         chosen = [choice.update(some, np.full(10, category)) for some in odds]
     assert all(traits == UNKNOWN for traits in chosen[30:])
+
+
+def test_a_process_warns_once_of_an_unknown_detector_and_names_the_option(monkeypatch):
+    monkeypatch.setattr(TraitsChoice, "has_warned", False)
+    category, rng = Category.CAR, np.random.default_rng(4)
+    odds = drawn(KITTI.scores.deciles[category], rng.uniform(size=(60, 10))) / 2
+    choice = TraitsChoice("auto")
+    with pytest.warns(UnknownDetectorWarning, match="traits=auto") as caught:
+        # A tracker that is reset, and another one.
+        for each in (choice, choice, TraitsChoice("auto")):
+            each.reset()
+            for some in odds:
+                each.update(some, np.full(10, category))
+    assert len(caught) == 1
 
 
 def test_a_choice_stays():
