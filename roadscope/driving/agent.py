@@ -236,7 +236,10 @@ def agent_path(weights: str | Path) -> Path:
     path = FOLDER / f"{weights}{ENDING}"
     if not path.is_file():
         shipped = ", ".join(sorted(each.stem for each in FOLDER.glob(f"*{ENDING}")))
-        raise ValueError(f"no agent '{weights}': expected {shipped} or a {ENDING} file")
+        raise ValueError(
+            f"no agent '{weights}': expected {shipped} or a {ENDING} file. Any other policy drives "
+            "by a class of yours; the page 'Bring your own' prints one for Stable-Baselines3"
+        )
     return path
 
 

@@ -224,6 +224,8 @@ def test_wrong_files_are_named_with_what_is_wrong(tmp_path) -> None:
         load_agent(tmp_path / "missing.safetensors")
     with pytest.raises(ValueError, match="no agent 'nobody': expected perceived, truth or"):
         AgentDriver(weights="nobody")
+    with pytest.raises(ValueError, match="'Bring your own' prints one for Stable-Baselines3"):
+        AgentDriver(weights="ppo.zip")
 
 
 @pytest.mark.parametrize("name", ["truth", "perceived"])

@@ -1,3 +1,5 @@
+import warnings
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -106,13 +108,18 @@ def test_a_process_warns_once_of_an_unknown_detector_and_names_the_option(monkey
     category, rng = Category.CAR, np.random.default_rng(4)
     odds = drawn(KITTI.scores.deciles[category], rng.uniform(size=(60, 10))) / 2
     choice = TraitsChoice("auto")
-    with pytest.warns(UnknownDetectorWarning, match="traits=auto") as caught:
-        # A tracker that is reset, and another one.
-        for each in (choice, choice, TraitsChoice("auto")):
-            each.reset()
-            for some in odds:
-                each.update(some, np.full(10, category))
-    assert len(caught) == 1
+
+    def drive(choice):
+        choice.reset()
+        for some in odds:
+            choice.update(some, np.full(10, category))
+
+    with pytest.warns(UnknownDetectorWarning, match="traits=auto"):
+        drive(choice)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        drive(choice)
+        drive(TraitsChoice("auto"))
 
 
 def test_a_choice_stays():
