@@ -80,7 +80,7 @@ class PerceptionWrapper(gym.Wrapper[np.ndarray, Any, Any, Any], RecordConstructo
         self._steps = 0
 
     @property
-    def spec(self) -> EnvSpec | None:
+    def spec(self) -> EnvSpec | None:  # type: ignore[override]
         """The environment's, with this wrapper, which itself adds the sensors."""
         spec = super().spec
         if spec is None or self._stack is None:
