@@ -82,9 +82,15 @@ def _number(value: float | None, digits: int = 3) -> str:
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Write the page."""
-    parser = argparse.ArgumentParser(description="Write the tables of docs/papers.md.")
+    parser = argparse.ArgumentParser(
+        prog="python -m research.papers_page",
+        description=__doc__,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
     parser.add_argument("results", type=Path, help="folder with PAPER.json")
-    parser.add_argument("page", type=Path, nargs="?", default=Path("docs/papers.md"))
+    parser.add_argument(
+        "page", type=Path, nargs="?", default=Path("docs/papers.md"), help="to write"
+    )
     options = parser.parse_args(arguments)
     results = {
         path.stem: json.loads(path.read_text("utf-8")) for path in options.results.glob("*.json")
