@@ -283,7 +283,8 @@ def verdicts(measured: Measured) -> list[Verdict]:
             else:
                 continue
             claim = f"experiment {EXPERIMENTS.index(experiment) + 1}: {claim}"
-            judged.append(judge(claim, method, unit_of(quantity), measured[key], limits))
+            unit = "objects" if quantity == TRACKED_TOGETHER else unit_of(quantity)
+            judged.append(judge(claim, method, unit, measured[key], limits))
     return judged
 
 
