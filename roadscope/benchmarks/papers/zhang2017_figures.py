@@ -107,13 +107,13 @@ def projections_and_template(figure: Figure) -> None:
     draw_box(grid["above"], sweep.truth, np.array([LENGTH_M, WIDTH_M]), PAPER_TRUTH, "truth")
     seen_from_above(grid["above"], f"curve, frame {PROJECTED_FRAME + 1}: {len(local)} returns")
     grid["above"].legend(loc="lower right", markerscale=3)
-    for name, values, axis, sizes in (
-        ("long", local[:, 0], np.array([c, s]), (LENGTH_M, WIDTH_M)),
-        ("short", local[:, 1], np.array([-s, c]), (WIDTH_M, LENGTH_M)),
+    for name, values, axis, along_m, across_m in (
+        ("long", local[:, 0], np.array([c, s]), LENGTH_M, WIDTH_M),
+        ("short", local[:, 1], np.array([-s, c]), WIDTH_M, LENGTH_M),
     ):
         below = grid[f"{name} template"]
-        _projection(grid[name], values, sizes[0])
-        _template(below, axis, sight, sizes)
+        _projection(grid[name], values, along_m)
+        _template(below, axis, sight, along_m=along_m, across_m=across_m)
         grid[name].set_title(f"{name} axis")
         grid[name].sharex(below)
         grid[name].tick_params(labelbottom=False)
@@ -136,28 +136,28 @@ def _projection(axes: Axes, values: np.ndarray, size_m: float) -> None:
 
 
 def _template(
-    axes: Axes, axis: np.ndarray, sight: np.ndarray, sizes_m: tuple[float, float]
+    axes: Axes, axis: np.ndarray, sight: np.ndarray, *, along_m: float, across_m: float
 ) -> None:
     """Draw the template of the matched filter with the car's centre at 0 (eq. 4 to 8).
 
-    axis: (2,) unit vector. sight: (2,) from the sensor to the returns. sizes_m: of the car along
-    the axis and across it.
+    axis: (2,) unit vector. sight: (2,) from the sensor to the returns. along_m, across_m: size of
+    the car along the axis and across it.
 
     The response to a single return at 0 is the template, turned round: it scores all places of the
     car's centre.
     """
     settings, _ = filter_options(LENGTH_M, WIDTH_M)
     line = Line(float(axis[0]), float(axis[1]), 0.0, bool(axis @ sight >= 0))
-    share = near_face_share(sight, line, *sizes_m, settings.power)
-    half = round((sizes_m[0] / 2 + 1.0) / settings.bin_m)
+    share = near_face_share(sight, line, along_m, across_m, settings.power)
+    half = round((along_m / 2 + 1.0) / settings.bin_m)
     # The filter needs as many bins on either side as a smoothed return at the edge reaches.
-    spare = round(sizes_m[0] / settings.bin_m)
+    spare = round(along_m / settings.bin_m)
     bins = 2 * (half + spare) + 1
-    response = axis_response(np.zeros((1, 2)), line, sizes_m[0], share, settings, bins)
+    response = axis_response(np.zeros((1, 2)), line, along_m, share, settings, bins)
     places_m = settings.bin_m * np.arange(-half, half + 1)
     axes.plot(places_m, response[::-1][spare:-spare], color=PAPER_COLOURS[1])
     axes.axhline(0.0, color=PAPER_TRUTH, linewidth=0.5)
-    for end_m in (-sizes_m[0] / 2, sizes_m[0] / 2):
+    for end_m in (-along_m / 2, along_m / 2):
         axes.axvline(end_m, color=PAPER_TRUTH, linewidth=0.8, linestyle=":")
     axes.set_title(f"near edge has {100 * share:.0f} % of the returns", fontsize=8)
 

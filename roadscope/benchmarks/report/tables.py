@@ -18,6 +18,7 @@ from roadscope.benchmarks.results import Results, Row, Standing
 from roadscope.benchmarks.results.agreement import LEAST_ENTRIES, predictions
 from roadscope.benchmarks.suite import Suite
 from roadscope.benchmarks.tables import plain_table, right
+from roadscope.core import Bounds
 from roadscope.core.spec import ORACLE
 from roadscope.core.text import one_line
 
@@ -232,7 +233,7 @@ def prediction_table(results: Results, name: str) -> Table:
     return table
 
 
-def _in_brackets(interval: tuple[float, float] | None) -> str:
+def _in_brackets(interval: Bounds | None) -> str:
     return "" if interval is None else f"[{', '.join(_interval_end(end, 2) for end in interval)}]"
 
 

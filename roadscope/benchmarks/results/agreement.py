@@ -9,6 +9,7 @@ import numpy as np
 
 from roadscope.benchmarks.boards import board_named
 from roadscope.benchmarks.results.rows import JobScores
+from roadscope.core import Bounds
 
 LEAST_ENTRIES = 3
 """Least number of entries that are compared: two can only agree or disagree completely."""
@@ -37,7 +38,7 @@ class BoardAgreement:
     entries: tuple[str, ...]
 
     @property
-    def interval(self) -> tuple[float, float] | None:
+    def interval(self) -> Bounds | None:
         """The 95 % interval of rho over entries."""
         return rank_interval(self.rho, len(self.entries))
 
@@ -69,7 +70,7 @@ def spearman(ones: Sequence[float], others: Sequence[float]) -> float:
     return float(spearmanr(ones, others).statistic)
 
 
-def rank_interval(rho: float, count: int) -> tuple[float, float] | None:
+def rank_interval(rho: float, count: int) -> Bounds | None:
     """Return the 95 % interval of Spearman's rank correlation of `count` pairs.
 
     It is that of Bonett and Wright (2000): for other pairs of the same kind. None with three pairs,
@@ -79,7 +80,7 @@ def rank_interval(rho: float, count: int) -> tuple[float, float] | None:
         return None
     spread = NORMAL_95 * np.sqrt((1 + rho**2 / 2) / (count - 3))
     low, high = np.tanh(np.arctanh(rho) + np.array([-spread, spread]))
-    return float(low), float(high)
+    return Bounds(float(low), float(high))
 
 
 @dataclass(frozen=True, slots=True)
@@ -97,8 +98,8 @@ class Prediction:
     metric: str
     predicted: str
     rho: float
-    over_inputs: tuple[float, float] | None
-    over_seeds: tuple[float, float] | None
+    over_inputs: Bounds | None
+    over_seeds: Bounds | None
     inputs: int
     episodes: int
 
@@ -152,13 +153,13 @@ def _draws(blocks: Sequence[tuple[str, int]]) -> np.ndarray:
     return np.array([np.arange(len(blocks)), *draws])
 
 
-def _range(rhos: np.ndarray) -> tuple[float, float] | None:
+def _range(rhos: np.ndarray) -> Bounds | None:
     """Return the range of most resamples; None if too few of them have a value."""
     finite = rhos[np.isfinite(rhos)]
     if not len(rhos) or len(finite) < LEAST_MEASURED * len(rhos):
         return None
     low, high = np.quantile(finite, [TAIL, 1 - TAIL])
-    return float(low), float(high)
+    return Bounds(float(low), float(high))
 
 
 @dataclass(frozen=True, slots=True)
