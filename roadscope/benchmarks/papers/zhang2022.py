@@ -250,7 +250,8 @@ def _medians_and_lost(measured: Measured) -> Iterator[ReproductionRow]:
             if key.quantity == quantity:
                 median = FigureKey(table, key.method, f"median {quantity}")
                 value = float(np.median(finite)) if len(finite) else None
-                yield ReproductionRow(*median, "m", None, value, None, None, len(finite))
+                unit = unit_of(median)
+                yield ReproductionRow(*median, unit, None, value, None, None, len(finite))
             if key.quantity == quantity_name(END, experiment):
                 lost = FigureKey(table, key.method, f"runs that end over {LOST_M:g} m away")
                 count = float((finite > LOST_M).sum())

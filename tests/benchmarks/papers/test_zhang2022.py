@@ -102,6 +102,7 @@ def test_a_lost_run_changes_no_median():
         FigureKey("standing", WITH_MAP, MEAN): [0.1, 0.2, 50.0],
         FigureKey(OTHER_FIGURES.format("standing"), WITH_MAP, END): [0.3, 0.2, 99.0],
         FigureKey("loop", WITH_MAP, END): [1.0, 20.0, np.nan],
+        FigureKey(OTHER_FIGURES.format(LONG_ROUTE), WITH_MAP, "end error, m"): [3.0],
     }
     rows = {(row.experiment, row.quantity): row for row in ZHANG2022.rows(measured)}
     standing, loop = (MEDIANS.format(each) for each in ("standing", "loop"))
@@ -109,6 +110,8 @@ def test_a_lost_run_changes_no_median():
     assert rows[standing, "runs that end over 10 m away"].ours == 1
     assert rows[loop, "median end error"].ours == 10.5
     assert rows[loop, "runs that end over 10 m away"].n == 2
+    assert rows[loop, "median end error"].unit == "m"
+    assert rows[MEDIANS.format(LONG_ROUTE), "median end error, m"].unit == ""
 
 
 def test_the_middle_line_goes_once_around_and_the_straight_is_as_long_as_the_papers():
