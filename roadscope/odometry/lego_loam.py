@@ -9,17 +9,22 @@ from __future__ import annotations
 
 import numpy as np
 
-from roadscope.core import ImuSamples, LidarScan, OdometryEstimate, Pose
+from roadscope.core import ImuSamples, LidarScan, Pose
 from roadscope.odometry.clock import Clock
-from roadscope.odometry.estimates import estimate
-from roadscope.odometry.lego.mapping import REACH_M, LegoMapping, match_two_steps
+from roadscope.odometry.lego.mapping import (
+    REACH_M,
+    LegoMapping,
+    MappedOdometry,
+    ScanToScan,
+    match_two_steps,
+)
 from roadscope.odometry.lego.segments import LEAST, features_of, ground_and_objects
 from roadscope.odometry.loam.features import Features
 from roadscope.odometry.loam.progress import ImuPrediction, Progress, ScanReturns, lack_of_features
 from roadscope.odometry.scatter import excessive_noise
 
 
-class LegoLoamOdometry:
+class LegoLoamOdometry(MappedOdometry):
     """Matches ground planes for height, roll and pitch, edges for the rest, then scans with a map.
 
     min_points: objects with fewer returns are dropped. map_every: scans between two matches with
@@ -51,12 +56,17 @@ class LegoLoamOdometry:
         self._mapping = LegoMapping(every=self.map_every, reach_m=self.reach_m, loop=self.loop)
         self._before: tuple[ScanReturns, Features] | None = None
 
-    def update(self, scan: LidarScan, imu: ImuSamples | None = None) -> OdometryEstimate:
-        """Match the scan with the previous one, and every `map_every` scans with the map."""
+    @property
+    def matching(self) -> int:
+        """The least number of returns of an object, the one setting that acts on the match."""
+        return self.min_points
+
+    def match(self, scan: LidarScan, imu: ImuSamples | None = None) -> ScanToScan:
+        """Match the scan with the previous one, in two steps."""
         self._imu.add(imu)
         tick = self._clock.tick(scan.stamp_s)
         if not tick.in_order:
-            return self._estimate(scan, tick.reason)
+            return self._matched_scan(tick.reason)
         sensor_problem = self._imu.samples.missing_samples(
             scan.stamp_s, tick.elapsed_s
         ) or excessive_noise(scan)
@@ -70,14 +80,14 @@ class LegoLoamOdometry:
         if problem or self._before is None:
             self._progress.carry_on(predicted, scan.stamp_s, counts=not problem)
             self._before = self._before if problem else (returns, features)
-            return self._estimate(scan, tick.reason or problem or sensor_problem)
+            return self._matched_scan(tick.reason or problem or sensor_problem)
         feature_match = match_two_steps(features, self._before[1], predicted)
         motion, reason = self._progress.step(predicted, feature_match, scan.stamp_s)
         self._before = returns, features.at(returns.at_stamp(motion, since_s))
         # The features of a rejected scan must not enter the map.
-        if not reason:
-            self._mapping.take(self._before[1], self._progress.pose)
-        return self._estimate(scan, tick.reason or reason or sensor_problem)
+        return self._matched_scan(
+            tick.reason or reason or sensor_problem, None if reason else self._before[1]
+        )
 
     def _begin(self, returns: ScanReturns, since_s: float, predicted: np.ndarray) -> np.ndarray:
         """Return the first motion, (4, 4), and deskew the first scan by it."""
@@ -87,7 +97,3 @@ class LegoLoamOdometry:
         motion = match_two_steps(now, before, predicted).before_from_now
         self._before = first, features_of(first, first.at_stamp(motion, since_s))
         return motion
-
-    def _estimate(self, scan: LidarScan, reason: str) -> OdometryEstimate:
-        pose = self._mapping.map_from_start @ self._progress.pose
-        return estimate(pose, self._progress.covariance, scan.stamp_s, len(scan), reason)

@@ -12,7 +12,7 @@ from typing import get_args
 
 import numpy as np
 
-from roadscope.core import ImuSamples, LidarScan, OdometryEstimate, Pose
+from roadscope.core import ImuSamples, LidarScan, Pose
 from roadscope.odometry.clock import Clock
 from roadscope.odometry.clusters.features import (
     NO_PARTNER,
@@ -24,8 +24,7 @@ from roadscope.odometry.clusters.features import (
     relabelled,
 )
 from roadscope.odometry.clusters.segments import Clustering, Segments, parts, segments_of
-from roadscope.odometry.estimates import estimate
-from roadscope.odometry.lego.mapping import REACH_M, LegoMapping
+from roadscope.odometry.lego.mapping import REACH_M, LegoMapping, MappedOdometry, ScanToScan
 from roadscope.odometry.loam.feature_match import FeatureMatch, match_features
 from roadscope.odometry.loam.features import Features
 from roadscope.odometry.loam.progress import ImuPrediction, Progress, lack_of_features
@@ -127,7 +126,7 @@ class ZhangSettings:
             raise ValueError("loops are closed in a map: loop asks for map_every of 1 or more")
 
 
-class ZhangOdometry:
+class ZhangOdometry(MappedOdometry):
     """Matches edges and planes from scan to scan, cluster by cluster, without dynamic clusters."""
 
     def __init__(self, settings: ZhangSettings = ZhangSettings()) -> None:
@@ -146,12 +145,17 @@ class ZhangOdometry:
         )
         self._before: PreviousScan | None = None
 
-    def update(self, scan: LidarScan, imu: ImuSamples | None = None) -> OdometryEstimate:
-        """Match the scan with the previous one and return the pose of the sensor."""
+    @property
+    def matching(self) -> ZhangSettings:
+        """All settings but those of the map."""
+        return replace(self.settings, map_every=0, loop=False)
+
+    def match(self, scan: LidarScan, imu: ImuSamples | None = None) -> ScanToScan:
+        """Match the static clusters of the scan with those of the previous one."""
         self._imu.add(imu)
         tick = self._clock.tick(scan.stamp_s)
         if not tick.in_order:
-            return self._estimate(scan, tick.reason)
+            return self._matched_scan(tick.reason)
         sensor_problem = self._imu.samples.missing_samples(
             scan.stamp_s, tick.elapsed_s
         ) or excessive_noise(scan)
@@ -166,7 +170,7 @@ class ZhangOdometry:
         if problem or self._before is None:
             self._progress.carry_on(predicted, scan.stamp_s, counts=not problem)
             self._before = self._before if problem else self._previous_scan(whole, features)
-            return self._estimate(scan, tick.reason or problem or sensor_problem)
+            return self._matched_scan(tick.reason or problem or sensor_problem)
         clusters = self.compared(segments, self._before.segments, predicted, since_s)  # eq. 4
         feature_match, dropped = self._matched(
             features, clusters, segments.sizes, predicted
@@ -175,11 +179,11 @@ class ZhangOdometry:
         # As in LOAM, the features are deskewed again with the motion that is now known.
         placed = features.at(segments.at_stamp(motion, since_s))
         self._before = self._previous_scan(whole, placed)
-        if not reason:
-            stays = np.where(dropped, NO_PARTNER, np.arange(len(dropped)))
-            self._mapping.take(relabelled(placed, stays), self._progress.pose)
-        return self._estimate(
-            scan, tick.reason or reason or sensor_problem, returns_of(scan, segments, dropped)
+        stays = np.where(dropped, NO_PARTNER, np.arange(len(dropped)))
+        return self._matched_scan(
+            tick.reason or reason or sensor_problem,
+            None if reason else relabelled(placed, stays),
+            returns_of(scan, segments, dropped),
         )
 
     def cut(self, whole: Segments, before_from_now: np.ndarray) -> Segments:
@@ -251,13 +255,6 @@ class ZhangOdometry:
         motion, first = feature_match.before_from_now, self._before.segments
         self._before = PreviousScan(first, self._features(first, motion, since_s))
         return motion
-
-    def _estimate(
-        self, scan: LidarScan, reason: str, moving: np.ndarray | None = None
-    ) -> OdometryEstimate:
-        pose = self._mapping.map_from_start @ self._progress.pose
-        covariance = self._progress.covariance
-        return estimate(pose, covariance, scan.stamp_s, len(scan), reason, dynamic=moving)
 
 
 def _is_plausible(clusters: ClusterMatch, sizes: np.ndarray) -> bool:

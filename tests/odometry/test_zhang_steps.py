@@ -272,3 +272,17 @@ def test_a_map_uses_every_nth_scan_and_zero_uses_none():
     # Of seven scans that have steps the first makes a keyframe, and every second one after it.
     assert len(mapped._mapping.keyframes) == 4
     assert not np.array_equal(one.start_from_lidar.matrix, other.start_from_lidar.matrix)
+
+
+@pytest.mark.parametrize(
+    ("settings", "is_equal"),
+    [
+        (ZhangSettings(map_every=5), True),
+        (ZhangSettings(map_every=5, loop=True), True),
+        (ZhangSettings(clustering=Clustering(spacings=0.0)), False),
+        (ZhangSettings(roughness="cluster"), False),
+        (GUARDED, False),
+    ],
+)
+def test_methods_with_other_maps_make_the_same_matches(settings, is_equal):
+    assert (ZhangOdometry(settings).matching == ZhangOdometry().matching) == is_equal

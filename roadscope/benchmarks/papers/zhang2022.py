@@ -10,7 +10,7 @@ route.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Hashable, Iterable, Iterator, Mapping, Sequence
 from functools import partial
 from itertools import islice, product
 from time import process_time
@@ -53,6 +53,7 @@ from roadscope.benchmarks.papers.zhang2022_scene import (
 from roadscope.core import ImuSamples, LidarScan, Pose
 from roadscope.odometry import ODOMETRIES
 from roadscope.odometry.clusters.segments import Clustering
+from roadscope.odometry.lego.mapping import MappedOdometry, ScanToScan
 from roadscope.odometry.loam.progress import ImuPrediction
 from roadscope.odometry.zhang import DynamicThreshold, ZhangOdometry, ZhangSettings, dynamic_returns
 
@@ -294,20 +295,21 @@ REMOVAL_VARIANTS = {
 
 def measure_removal(seed: int) -> Figures:
     """Return the figures of all cases and variants."""
-    return {
-        FigureKey(REMOVAL.format(case), name, quantity): value
-        for case, experiment in REMOVAL_CASES.items()
-        for name, variant in REMOVAL_VARIANTS.items()
-        for quantity, value in removal(experiment, seed, variant).items()
-    }
+    figures: Figures = {}
+    for case, experiment in REMOVAL_CASES.items():
+        sweeps = list(sense_corridor(experiment, seed))
+        for name, variant in REMOVAL_VARIANTS.items():
+            for quantity, value in removal(sweeps, variant).items():
+                figures[FigureKey(REMOVAL.format(case), name, quantity)] = value
+    return figures
 
 
-def removal(experiment: CorridorExperiment, seed: int, variant: RemovalVariant) -> dict[str, float]:
+def removal(sweeps: Sequence[CorridorSweep], variant: RemovalVariant) -> dict[str, float]:
     """Return points before and after, precision and recall in per cent, and milliseconds.
 
-    Precision is NaN where nothing was removed, recall where no walking person has returns.
+    sweeps: all of a case. Precision is NaN where nothing was removed, recall where no walking
+    person has returns.
     """
-    sweeps = list(sense_corridor(experiment, seed))
     before, now = sweeps[-1 - variant.scans_apart], sweeps[-1]
     motion = predicted_motion(sweeps, variant.scans_apart, knows_speed=variant.knows_speed)
     rule = ZhangOdometry(variant.settings)
@@ -472,7 +474,11 @@ def run_odometries(
     specs: Iterable[str],
     lidar_from_imu: Pose | None = LIDAR_FROM_IMU,
 ) -> dict[str, OdometryRun]:
-    """Run odometries over the same sweeps, by spec."""
+    """Run odometries over the same sweeps, by spec.
+
+    Those that match scans alike, and have other maps behind the match or none, share the match; its
+    time counts for each of them.
+    """
     odometries = {spec: ODOMETRIES.make(SPECS.get(spec, spec)) for spec in specs}
     estimated_m: dict[str, list[np.ndarray]] = {spec: [] for spec in odometries}
     calls_ms: dict[str, list[float]] = {spec: [] for spec in odometries}
@@ -481,9 +487,19 @@ def run_odometries(
         odometry.reset(lidar_from_imu)
     for sweep in sweeps:
         true_m.append(sweep.start_from_lidar[:3, 3])
+        matches: dict[tuple[type, Hashable], tuple[ScanToScan, float]] = {}
         for spec, odometry in odometries.items():
             start = process_time()
-            estimate = odometry.update(sweep.scan, sweep.imu)
+            if isinstance(odometry, MappedOdometry):
+                key = type(odometry), odometry.matching
+                if key not in matches:
+                    matched = odometry.match(sweep.scan, sweep.imu)
+                    matches[key] = matched, process_time() - start
+                matched, matching_s = matches[key]
+                start = process_time() - matching_s
+                estimate = odometry.take(sweep.scan, matched)
+            else:
+                estimate = odometry.update(sweep.scan, sweep.imu)
             calls_ms[spec].append(1e3 * (process_time() - start))
             estimated_m[spec].append(estimate.start_from_lidar.translation)
     return {

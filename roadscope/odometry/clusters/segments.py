@@ -22,7 +22,7 @@ from roadscope.odometry.loam.progress import ScanReturns
 # Clustering (Zhang 2022, section 2.1, first half).
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, slots=True)
 class Clustering:
     """The paper's parameters (table 1).
 

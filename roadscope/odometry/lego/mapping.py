@@ -2,13 +2,19 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
+from collections.abc import Hashable
+from dataclasses import dataclass
+
 import numpy as np
 
+from roadscope.core import ImuSamples, LidarScan, OdometryEstimate
+from roadscope.odometry.estimates import estimate
 from roadscope.odometry.lego.loop_closing import LoopClosing
 from roadscope.odometry.lego.point_map import Keyframe, KeyframeMap, keyframe
 from roadscope.odometry.loam.feature_match import FeatureMatch, match_features
 from roadscope.odometry.loam.features import Features
-from roadscope.odometry.loam.progress import misfit_of, with_prediction
+from roadscope.odometry.loam.progress import Progress, misfit_of, with_prediction
 from roadscope.odometry.rigid import inverse, log_se3
 
 # --------------------------------------------------------------------------------------------------
@@ -96,3 +102,68 @@ class LegoMapping:
             self._map = KeyframeMap(
                 k for k in self.keyframes if np.linalg.norm(k.place - position) <= self.reach_m
             )
+
+
+# --------------------------------------------------------------------------------------------------
+# An odometry from scan to scan with a map behind it.
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ScanToScan:
+    """What the match of a scan with the previous one gave.
+
+    start_from_lidar: (4, 4). covariance: (6, 6), as in `OdometryEstimate`. reason: why the pose is
+        degraded, or empty. features: those that the map takes, at the stamp; None: none.
+    dynamic: (N,) bool, returns of moving objects; None: none.
+    """
+
+    start_from_lidar: np.ndarray
+    covariance: np.ndarray
+    reason: str
+    features: Features | None = None
+    dynamic: np.ndarray | None = None
+
+
+class MappedOdometry(ABC):
+    """Matches each scan with the previous one, then the matched features with a map.
+
+    The map corrects poses and does not act on the match. Methods whose `matching` is equal make
+    the same matches, and differ in their maps alone.
+    """
+
+    _progress: Progress
+    _mapping: LegoMapping
+
+    @property
+    @abstractmethod
+    def matching(self) -> Hashable:
+        """All settings that act on the match."""
+
+    @abstractmethod
+    def match(self, scan: LidarScan, imu: ImuSamples | None = None) -> ScanToScan:
+        """Match the scan with the previous one."""
+
+    def _matched_scan(
+        self, reason: str, features: Features | None = None, dynamic: np.ndarray | None = None
+    ) -> ScanToScan:
+        """Return the pose after all steps so far; arguments as of `ScanToScan`."""
+        progress = self._progress
+        return ScanToScan(progress.pose, progress.covariance, reason, features, dynamic)
+
+    def take(self, scan: LidarScan, matched: ScanToScan) -> OdometryEstimate:
+        """Match the features of a matched scan with the map; return the corrected pose."""
+        if matched.features is not None:
+            self._mapping.take(matched.features, matched.start_from_lidar)
+        pose = self._mapping.map_from_start @ matched.start_from_lidar
+        return estimate(
+            pose,
+            matched.covariance,
+            scan.stamp_s,
+            len(scan),
+            matched.reason,
+            dynamic=matched.dynamic,
+        )
+
+    def update(self, scan: LidarScan, imu: ImuSamples | None = None) -> OdometryEstimate:
+        """Match the scan with the previous one, then with the map if its turn has come."""
+        return self.take(scan, self.match(scan, imu))

@@ -1,4 +1,5 @@
 from dataclasses import replace
+from itertools import islice
 
 import numpy as np
 import pytest
@@ -155,12 +156,9 @@ def test_no_wall_is_dropped_whole_where_the_angle_bounds_clusters():
     """A wall that is one cluster moves with what hides it."""
     experiment = REMOVAL_CASES["1, still, one walker"]
     from_above = DynamicThreshold(dimensions=2, sampled=0.01)
+    sweeps = list(sense_corridor(experiment, 10000))
     bounded, linked = (
-        removal(
-            experiment,
-            10000,
-            RemovalVariant(10, ZhangSettings(windows=windows, threshold=from_above)),
-        )
+        removal(sweeps, RemovalVariant(10, ZhangSettings(windows=windows, threshold=from_above)))
         for windows in (True, False)
     )
     assert bounded[BEFORE] - bounded[AFTER] < 0.5 * (linked[BEFORE] - linked[AFTER])
@@ -168,7 +166,8 @@ def test_no_wall_is_dropped_whole_where_the_angle_bounds_clusters():
 
 @pytest.mark.slow
 def test_those_who_walk_past_are_found():
-    figures = removal(REMOVAL_CASES["2, still, several"], 10000, RemovalVariant(10))
+    sweeps = list(sense_corridor(REMOVAL_CASES["2, still, several"], 10000))
+    figures = removal(sweeps, RemovalVariant(10))
     assert 0 < figures[AFTER] < figures[BEFORE]
     assert figures[RECALL] > 15
 
@@ -182,6 +181,19 @@ def test_in_the_corridor_ours_follows_where_bare_walls_tell_little(experiment, s
     spec = "lidar-inertial?imu=zed2"
     runs = run_odometries(sense_corridor(experiment, seed), (spec,))
     assert runs[spec].errors_m.max() < most_m
+
+
+def test_methods_that_share_a_match_are_where_each_is_alone():
+    sweeps = list(islice(sense_corridor(STRAIGHT, 10000), 40))
+    specs = ("zhang2022", "zhang2022-map", "zhang2022-guarded", "zhang2022-loop", "lego-loam")
+    together = run_odometries(sweeps, specs)
+    for spec, run in together.items():
+        alone = run_odometries(sweeps, (spec,))[spec]
+        assert np.array_equal(run.estimated_m, alone.estimated_m), spec
+    plain, mapped = together["zhang2022"], together["zhang2022-map"]
+    assert not np.array_equal(plain.estimated_m, mapped.estimated_m)
+    # The time of the match counts for those too that find it done.
+    assert mapped.calls_ms.sum() > 0.5 * plain.calls_ms.sum()
 
 
 @pytest.mark.slow
