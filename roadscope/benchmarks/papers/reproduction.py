@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, dataclass, replace
 from importlib import import_module
 from pathlib import Path
 from typing import BinaryIO, NamedTuple
@@ -218,7 +218,6 @@ class Paper:
 
     parts: functions that return the figures of a seed, by name. Each is kept on its own, so that a
         stopped run goes on where it was, and processes share them.
-    seeds_of: how many of the seeds a part runs with, by its name; all, if it is not named.
     of_seed: returns what follows from all figures of one seed.
     hidden: experiments whose figures only serve `of_seed`.
     rows: returns the rows of all tables.
@@ -227,7 +226,6 @@ class Paper:
     """
 
     parts: Mapping[str, Callable[[int], Figures]]
-    seeds_of: Mapping[str, int] = field(default_factory=dict)
     of_seed: Callable[[Figures], Figures] = _nothing_more
     hidden: frozenset[str] = frozenset()
     rows: Callable[[Measured], list[ReproductionRow]]
@@ -295,12 +293,7 @@ def measure_paper(
     if seeds < 1:
         raise ValueError(f"at least one seed is needed, got {seeds}")
     paper = paper_of(module)
-    parts = [
-        PartOfSeed(module, part, FIRST_SEED + k)
-        for k in range(seeds)
-        for part in paper.parts
-        if k < paper.seeds_of.get(part, seeds)
-    ]
+    parts = [PartOfSeed(module, part, FIRST_SEED + k) for k in range(seeds) for part in paper.parts]
     if progress is not None:
         progress(0, len(parts))
     of_parts: dict[int, Figures] = {}

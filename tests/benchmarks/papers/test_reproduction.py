@@ -50,11 +50,11 @@ def test_parts_of_all_seeds_are_measured_once_and_kept(log, jobs):
     assert measured[toy_paper.TWICE] == [0.0, 2.0, 4.0]
     assert np.array_equal(measured[toy_paper.FEW], [0.0, np.nan, np.nan], equal_nan=True)
     assert toy_paper.HIDDEN not in measured
-    assert done == [(k, 4) for k in range(5)]
+    assert done == [(k, 6) for k in range(7)]
     calls = sorted(log.read_text().splitlines())
-    assert calls == ["long 20000", "long 20001", "long 20002", "short 20000"]
+    assert calls == [f"{part} {20000 + k}" for part in ("long", "short") for k in range(3)]
     again = measure_paper("toy_paper", 4, jobs=jobs)
-    assert sorted(log.read_text().splitlines()) == sorted([*calls, "long 20003"])
+    assert sorted(log.read_text().splitlines()) == sorted([*calls, "long 20003", "short 20003"])
     assert again[toy_paper.KEY] == [0.0, 1.0, 2.0, 3.0]
 
 
