@@ -87,53 +87,55 @@ def ring_roughness(
     labels: (N,), the cluster. Five on each side are neighbours, and further ones that lie within
     the window. nan where the cluster has fewer than five on a side.
     """
-    return _roughness(sweep.points.astype(float), sweep.ring, sweep.order, labels, window_m)
+    ring, order = sweep.ring, sweep.order
+    # Returns of one ring and one cluster have the same number.
+    own = labels * (ring.max(initial=0) + 1) + ring
+    rough = np.full(len(order), np.nan)
+    rough[order] = _roughness(sweep.points[order].astype(float), own[order], window_m)
+    return rough
 
 
 @compiled()
-def _roughness(
-    points: np.ndarray, ring: np.ndarray, order: np.ndarray, labels: np.ndarray, window_m: float
-) -> np.ndarray:
-    size, rough = len(order), np.full(len(points), np.nan)
-    sums = np.zeros((size + 1, 3))
-    for k in range(size):
-        sums[k + 1] = sums[k] + points[order[k]]
-    # Returns of one ring and one cluster have the same number.
-    own = labels * (ring.max() + 1) + ring if size else labels
-    for k in range(size):
-        before = _neighbours(points, own, order, k, -1, window_m)
-        after = _neighbours(points, own, order, k, 1, window_m)
-        beside, n = min(before, after), order[k]
+def _roughness(points: np.ndarray, own: np.ndarray, window_m: float) -> np.ndarray:
+    """Return eq. 6 of points in the order of a sweep; own: (N,), equal among neighbours."""
+    rough = np.full(len(points), np.nan)
+    sums = np.zeros((len(points) + 1, 3))
+    for k in range(len(points)):
+        for i in range(3):
+            sums[k + 1, i] = sums[k, i] + points[k, i]
+    for k in range(len(points)):
+        beside = _neighbours(points, own, k, -1, MOST, window_m)
+        if beside >= LEAST:
+            beside = _neighbours(points, own, k, 1, beside, window_m)
         if beside < LEAST:
             continue
         square = 0.0
         for i in range(3):
             whole = sums[k + beside + 1, i] - sums[k - beside, i]
-            square += (whole - (2 * beside + 1) * points[n, i]) ** 2
-        x, y, z = points[n]
-        rough[n] = np.sqrt(square / (x * x + y * y + z * z)) / (2 * beside)
+            square += (whole - (2 * beside + 1) * points[k, i]) ** 2
+        x, y, z = points[k]
+        rough[k] = np.sqrt(square / (x * x + y * y + z * z)) / (2 * beside)
     return rough
 
 
 @compiled()
 def _neighbours(
-    points: np.ndarray, own: np.ndarray, order: np.ndarray, k: int, side: int, window_m: float
+    points: np.ndarray, own: np.ndarray, k: int, side: int, most: int, window_m: float
 ) -> int:
-    """Return the number of neighbours in the same group to one side.
+    """Return the number of neighbours in the same group to one side, at most so many.
 
     The first five count in any case, farther ones if they lie within the window.
     """
-    n = order[k]
-    for step in range(1, MOST + 1):
-        other = k + side * step
-        if not 0 <= other < len(order) or own[order[other]] != own[n]:
+    for step in range(1, most + 1):
+        m = k + side * step
+        if not 0 <= m < len(own) or own[m] != own[k]:
             return step - 1
-        m, square = order[other], 0.0
-        for i in range(3):
-            square += (points[m, i] - points[n, i]) ** 2
-        if step > LEAST and square > window_m * window_m:
-            return step - 1
-    return MOST
+        if step > LEAST:
+            dx, dy = points[m, 0] - points[k, 0], points[m, 1] - points[k, 1]
+            dz = points[m, 2] - points[k, 2]
+            if dx * dx + dy * dy + dz * dz > window_m * window_m:
+                return step - 1
+    return most
 
 
 # --------------------------------------------------------------------------------------------------

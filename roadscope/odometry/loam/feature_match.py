@@ -183,7 +183,7 @@ def lines_of(
         if k == NONE:
             continue
         matched[count], anchors[count] = points[n], table.points[j]
-        count += _across_line(table.points[k] - table.points[j], axes[count])
+        count += _across_line(table, j, k, axes[count])
     return Pairs(matched[:count], anchors[:count], axes[:count])
 
 
@@ -215,8 +215,7 @@ def planes_of(
         if k == NONE or m == NONE:
             continue
         matched[count], anchors[count] = points[n], table.points[j]
-        one, other = table.points[k] - table.points[j], table.points[m] - table.points[j]
-        count += _across_plane(one, other, axes[count])
+        count += _across_plane(table, j, k, m, axes[count])
     return Pairs(matched[:count], anchors[:count], axes[:count])
 
 
@@ -234,42 +233,57 @@ def _transform(matrix: np.ndarray, point: np.ndarray, place: np.ndarray) -> None
 
 
 @compiled()
-def _across_line(direction: np.ndarray, axes: np.ndarray) -> int:
-    """Write two unit axes perpendicular to a line; return 1, or 0 for a line without direction."""
-    length = np.sqrt(direction[0] ** 2 + direction[1] ** 2 + direction[2] ** 2)
+def _across_line(table: RingTable, one: int, other: int, axes: np.ndarray) -> int:
+    """Write two unit axes perpendicular to the line through two points, given by their indices.
+
+    Returns 1, or 0 for a line without direction.
+    """
+    points = table.points
+    x = points[other, 0] - points[one, 0]
+    y = points[other, 1] - points[one, 1]
+    z = points[other, 2] - points[one, 2]
+    length = np.sqrt(x * x + y * y + z * z)
     if not length > 0.0:
         return 0
-    x, y, z = direction / length
+    x, y, z = x / length, y / length, z / length
     # Any axis that is not along the line can be the first.
     if abs(z) < 0.9:
         flat = np.sqrt(x * x + y * y)
-        axes[0, 0], axes[0, 1], axes[0, 2] = -y / flat, x / flat, 0.0
+        a, b, c = -y / flat, x / flat, 0.0
     else:
         upright = np.sqrt(y * y + z * z)
-        axes[0, 0], axes[0, 1], axes[0, 2] = 0.0, -z / upright, y / upright
-    _cross(direction / length, axes[0], axes[1])
+        a, b, c = 0.0, -z / upright, y / upright
+    axes[0, 0], axes[0, 1], axes[0, 2] = a, b, c
+    axes[1, 0], axes[1, 1], axes[1, 2] = y * c - z * b, z * a - x * c, x * b - y * a
     return 1
 
 
 @compiled()
-def _across_plane(one: np.ndarray, other: np.ndarray, axes: np.ndarray) -> int:
-    """Write the unit normal of a plane; return 1, or 0 for a triangle that is too slim."""
-    normal = np.empty(3)
-    _cross(one, other, normal)
-    area2 = normal[0] ** 2 + normal[1] ** 2 + normal[2] ** 2
-    sides2 = (one * one).sum() * (other * other).sum()
+def _across_plane(table: RingTable, corner: int, one: int, other: int, axes: np.ndarray) -> int:
+    """Write the unit normal of the plane through three points, given by their indices.
+
+    Returns 1, or 0 for a triangle that is too slim.
+    """
+    points = table.points
+    ax, ay, az = (
+        points[one, 0] - points[corner, 0],
+        points[one, 1] - points[corner, 1],
+        points[one, 2] - points[corner, 2],
+    )
+    bx, by, bz = (
+        points[other, 0] - points[corner, 0],
+        points[other, 1] - points[corner, 1],
+        points[other, 2] - points[corner, 2],
+    )
+    x, y, z = ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx
+    area2 = x * x + y * y + z * z
+    sides2 = (ax * ax + ay * ay + az * az) * (bx * bx + by * by + bz * bz)
     if not area2 > SLIM * SLIM * sides2:
         return 0
-    axes[0] = normal / np.sqrt(area2)
+    length = np.sqrt(area2)
+    axes[0, 0], axes[0, 1], axes[0, 2] = x / length, y / length, z / length
     axes[1] = 0.0
     return 1
-
-
-@compiled()
-def _cross(a: np.ndarray, b: np.ndarray, out: np.ndarray) -> None:
-    out[0] = a[1] * b[2] - a[2] * b[1]
-    out[1] = a[2] * b[0] - a[0] * b[2]
-    out[2] = a[0] * b[1] - a[1] * b[0]
 
 
 # --------------------------------------------------------------------------------------------------
