@@ -27,11 +27,16 @@ def results(
     suite: str = "tiny",
     reason: str = "ZeroDivisionError: too small",
     log: str = "last words",
+    more: int = 0,
 ) -> Results:
-    """Return a tracking board of `good`, of an entry that fails on one seed, and of a mark."""
+    """Return a tracking board of `good`, of an entry that fails on one seed, and of a mark.
+
+    more: how many entries with long names, close to each other, stand beside them.
+    """
+    crowd = [(f"one of many entries alike, number {k}", 0.3 + 0.03 * k) for k in range(more)]
     jobs = [
         _job(name, scenario, seed, base)
-        for name, base in (("good", 0.8), (entry, 0.5), ("good on oracle", 0.95))
+        for name, base in (("good", 0.8), (entry, 0.5), ("good on oracle", 0.95), *crowd)
         for scenario in SCENARIOS
         for seed in range(4)
     ]

@@ -199,11 +199,30 @@ def test_everything_is_reached_by_keyboard(visit) -> None:
     assert {"BUTTON", "INPUT", "SELECT", "SUMMARY", "plot", "slider"} <= reached
 
 
+OVERLAPS = """
+[...document.querySelectorAll('.times svg g text')].map(t => t.getBoundingClientRect())
+  .filter((a, k, all) => all.slice(k + 1).some(b =>
+    Math.min(a.right, b.right) - Math.max(a.left, b.left) > 1 &&
+    Math.min(a.bottom, b.bottom) - Math.max(a.top, b.top) > 4)).length
+"""
+
+
+def test_labels_of_many_entries_do_not_overlap_and_give_way_to_ranks(visit) -> None:
+    page = visit(Run(results(more=20), []))
+    assert page.locator(".times svg .dot").count() == 23
+    labels = page.locator(".times svg g text").all_text_contents()
+    assert len(labels) > 8
+    assert any(label.startswith("#") for label in labels)
+    assert page.evaluate(OVERLAPS) == 0
+    assert "#: rank" in page.locator(".times svg").text_content()
+
+
 def test_boards_are_shown_one_at_a_time(visit) -> None:
     page = visit(RUN, Run(results(suite="other"), []))
     sections = page.locator("section.board")
     assert [sections.nth(k).is_visible() for k in range(2)] == [True, False]
     page.locator("#boards a").nth(1).click()
+    sections.nth(1).wait_for(state="visible")
     assert [sections.nth(k).is_visible() for k in range(2)] == [False, True]
     assert sections.nth(1).locator(".times svg .dot").count() == 3
 

@@ -50,7 +50,7 @@
     const ticks = [];
     for (let power = Math.floor(Math.log10(low)); power <= Math.log10(high); power++)
       for (const k of [1, 2, 5]) if (k * 10 ** power >= low && k * 10 ** power <= high) ticks.push(k * 10 ** power);
-    return ticks.length > 1 ? ticks : [low, high];
+    return ticks.length > 1 ? ticks : ticksOf(low, high, 4);
   };
   const tickText = (value) => String(Number(value.toPrecision(3)));
   const linear = (low, high, from, to) => (value) => from + ((value - low) / (high - low || 1)) * (to - from);
@@ -198,7 +198,7 @@
     if (!points.length) { picture.append(svg("text", { x: 20, y: 30 }, "No entry has both figures.")); return picture; }
     const xs = points.map((point) => point.x);
     const ys = points.flatMap((point) => point.y.filter((value) => value !== null));
-    const [lowX, highX] = [Math.min(...xs) / 1.4, Math.max(...xs) * 1.9];
+    const [lowX, highX] = [Math.min(...xs) / (points.length > 12 ? 1.2 : 1.4), Math.max(...xs) * (points.length > 12 ? 1.2 : 1.9)];
     const pad = (Math.max(...ys) - Math.min(...ys)) * 0.06 || 0.05;
     const [lowY, highY] = [Math.min(...ys) - pad, Math.max(...ys) + pad];
     const atX = (value) => linear(Math.log(lowX), Math.log(highX), left, width - right)(Math.log(value));
@@ -209,8 +209,9 @@
     for (const tick of logTicks(lowX, highX))
       picture.append(svg("line", { class: "axis", x1: atX(tick), x2: atX(tick), y1: top, y2: height - bottom }),
         svg("text", { class: "soft", x: atX(tick), y: height - bottom + 16, "text-anchor": "middle" }, tickText(tick)));
-    picture.append(svg("text", { class: "soft", x: (left + width) / 2, y: height - 6, "text-anchor": "middle" },
-      `${board.columns[x].heading}, logarithmic (less is better)`));
+    const caption = svg("text", { class: "soft", x: (left + width) / 2, y: height - 6, "text-anchor": "middle" },
+      `${board.columns[x].heading}, logarithmic (less is better)`);
+    picture.append(caption);
     picture.append(svg("text", { class: "soft", x: 12, y: height / 2 - 10, transform: `rotate(-90 12 ${height / 2 - 10})`, "text-anchor": "middle" },
       `${board.columns[y].heading} (${board.columns[y].better} is better)`));
 
@@ -225,8 +226,10 @@
     picture.append(svg("path", { class: "front", d: path }));
 
     const taken = points.map((p) => [atX(p.x) - 6, atY(p.y[0]) - 6, atX(p.x) + 6, atY(p.y[0]) + 6]);
-    const free = (box) => box[0] >= left && box[2] <= width && box[1] >= 0 && box[3] <= height - bottom &&
-      taken.every((other) => box[2] < other[0] || box[0] > other[2] || box[3] < other[1] || box[1] > other[3]);
+    const bars = points.filter((p) => p.y[1] !== null)
+      .map((p) => [atX(p.x) - 1, atY(Math.max(...p.y)), atX(p.x) + 1, atY(Math.min(...p.y))]);
+    const free = (box, obstacles) => box[0] >= left && box[2] <= width && box[1] >= 0 && box[3] <= height - bottom &&
+      obstacles.every((other) => box[2] < other[0] || box[0] > other[2] || box[3] < other[1] || box[1] > other[3]);
     for (const point of [...points].sort((a, b) => (b.index === chosen) - (a.index === chosen))) {
       const [px, py] = [atX(point.x), atY(point.y[0])];
       const own = point.index === chosen ? " is-chosen" : "";
@@ -236,13 +239,21 @@
       if (point.y[1] !== null)
         group.append(svg("line", { class: `point bar${own}`, x1: px, x2: px, y1: atY(point.y[1]), y2: atY(point.y[2]) }));
       group.append(svg("circle", { class: `point${mark}${own}`, cx: px, cy: py, r: own ? 6 : 4.5 }));
-      const label = fitted(point.entry.name, Math.min(180, width / 3), Boolean(own));
-      const size = textWidth(label, Boolean(own));
-      const places = [[9, 4], [9, -8], [9, 16], [-9 - size, 4], [-9 - size, -8], [-9 - size, 16], [-size / 2, -12], [-size / 2, 20]];
-      const place = places.find(([dx, dy]) => free([px + dx, py + dy - 10, px + dx + size, py + dy + 2]));
-      if (place) {
+      // A name that does not fit, or finds no free place, gives way to the rank.
+      const most = Math.min(180, width / 3);
+      const name = fitted(point.entry.name, most, Boolean(own));
+      const labels = own || name === point.entry.name ? [name] : [];
+      if (!own && point.entry.rank !== null) labels.push(`#${point.entry.rank}`);
+      for (const label of labels) {
+        const size = textWidth(label, Boolean(own));
+        const places = [[9, 4], [9, -8], [9, 16], [-9 - size, 4], [-9 - size, -8], [-9 - size, 16], [-size / 2, -12], [-size / 2, 20]];
+        const beside = (obstacles) => places.find(([dx, dy]) => free([px + dx, py + dy - 10, px + dx + size, py + dy + 2], obstacles));
+        const place = beside([...taken, ...bars]) || (own && beside(taken));
+        if (!place) continue;
         taken.push([px + place[0], py + place[1] - 10, px + place[0] + size, py + place[1] + 2]);
         group.append(svg("text", { class: own.trim(), x: px + place[0], y: py + place[1] }, label));
+        if (label !== name && !caption.textContent.includes("#")) caption.append("; #: rank");
+        break;
       }
       picture.append(group);
     }
