@@ -28,17 +28,20 @@ def results(
     reason: str = "ZeroDivisionError: too small",
     log: str = "last words",
     more: int = 0,
+    detectors: tuple[str, ...] = ("pag",),
 ) -> Results:
     """Return a tracking board of `good`, of an entry that fails on one seed, and of a mark.
 
-    more: how many entries with long names, close to each other, stand beside them.
+    more: how many entries with long names, close to each other, stand beside them. detectors:
+    whose detections they get.
     """
     crowd = [(f"one of many entries alike, number {k}", 0.3 + 0.03 * k) for k in range(more)]
     jobs = [
-        _job(name, scenario, seed, base)
+        _job(name, scenario, seed, base, detector)
         for name, base in (("good", 0.8), (entry, 0.5), ("good on oracle", 0.95), *crowd)
         for scenario in SCENARIOS
         for seed in range(4)
+        for detector in detectors
     ]
     failed = JobScores(
         "tracking", entry, "motorway", 9, "clear", "pag", {}, f"{entry}: {reason}", log=log
@@ -47,7 +50,7 @@ def results(
     return results_of([*jobs, failed], manifest | {"libraries": {"numpy": "2"}})
 
 
-def _job(entry: str, scenario: str, seed: int, base: float) -> JobScores:
+def _job(entry: str, scenario: str, seed: int, base: float, detector: str) -> JobScores:
     figure = base + 0.02 * seed
     shares = {name: Score(figure - k / 50, "1", "higher", 100) for k, name in enumerate(SHARES)}
     times = {name: Score(10.0 * base**2, "ms", "lower", 50) for name in ("call_p50_ms",)}
@@ -57,7 +60,7 @@ def _job(entry: str, scenario: str, seed: int, base: float) -> JobScores:
         scenario,
         seed,
         "clear",
-        "pag",
+        detector,
         shares | times,
         mark="upper mark" if "oracle" in entry else None,
         conditions={"scenario": scenario, "condition": "clear", "weather": "clear"},

@@ -97,6 +97,10 @@ class SuiteCheck(NamedTuple):
     argument: Any
 
 
+NO_IMAGE_REPLAY = "Answers on images have no replay: roadscope view shows them."
+NO_RECORDED_REPLAY = "Recorded objects are matched by rules of their own, and have no replay."
+
+
 class Board(ABC):
     """A leaderboard.
 
@@ -165,6 +169,8 @@ class Board(ABC):
     """Metrics that `drift.svg` draws over the distance driven, with the labels of their axes."""
     over_time: Sequence[str] = ()
     """Metrics of `box_scores` that `roadscope view` shows over time."""
+    without_replay: str = ""
+    """Empty, or why the page cannot replay its worst moments."""
     unviewable: str = ""
     """Empty, or why `roadscope view` cannot show its answers: `a drive, which no view shows`."""
 

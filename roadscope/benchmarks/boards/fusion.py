@@ -7,6 +7,7 @@ from dataclasses import replace
 
 from roadscope.benchmarks.boards.board import (
     CONDITIONS,
+    NO_IMAGE_REPLAY,
     Board,
     Breakdown,
     Column,
@@ -65,6 +66,7 @@ class FusionBoard(Board):
 
     name = "fusion"
     kind = FUSION
+    without_replay = NO_IMAGE_REPLAY
     settings_type = FusionSettings
     headline = "ap"
     columns = (

@@ -11,6 +11,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from roadscope.benchmarks.boards.board import (
+    NO_RECORDED_REPLAY,
     Board,
     Breakdown,
     Column,
@@ -120,6 +121,7 @@ class KittiObjectsBoard(Board):
     breakdowns: Sequence[Breakdown] = (Breakdown(SEQUENCE, note=FEW_NOTE),)
     conditions: Mapping[str, Condition] = {}
     sample = ""
+    without_replay = NO_RECORDED_REPLAY
     sensors: Sequence[str]
     """Sensors whose data plug-ins get, `SCANS` or `IMAGES`."""
     overlaps: Sequence[str]

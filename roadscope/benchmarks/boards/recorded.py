@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from roadscope.benchmarks.boards.board import (
+    NO_RECORDED_REPLAY,
     Board,
     Breakdown,
     Column,
@@ -159,6 +160,7 @@ class RecordedBoard(Board):
     summed = ("id_switches", "wrong_associations", "fragmentations")
     object_metric = "mota"
     sample = "sequences"
+    without_replay = NO_RECORDED_REPLAY
     simulated_board = compared_with = TrackingBoard.name
 
     def __init__(self, name: str) -> None:

@@ -55,6 +55,10 @@ COMPARED = 5
 """Metrics of a board whose paired differences are on the page, beside times."""
 LOG_CHARACTERS, MOST_FAILURES = 4000, 40
 """Captured output of a failure, its end, and most reasons on the page."""
+NO_MOMENTS = (
+    "No moment is shown: nothing went wrong, the answers are not kept, or the run was made without "
+    "a replay, which roadscope leaderboard with the same --out makes without computing twice."
+)
 BAR_WIDTH = 128
 """Width of a drawn interval in a table, pixels."""
 
@@ -239,6 +243,8 @@ def _boards(run: Run) -> Iterator[dict[str, Any]]:
                 if each.board == name
             ],
             "replayable": any(each.board == name for each in run.moments),
+            "without_replay": board.without_replay or NO_MOMENTS,
+            "intervals": any(row.low is not None for row in results.rows if row.board == name),
             "failures": _failures(results, name),
             "manifest": results.manifest,
         }
@@ -313,8 +319,19 @@ def _breakdowns(results: Results, board: Board) -> Iterator[dict[str, Any]]:
                 if r.value is not None and r.band in part.bands
             ]
             better = next((row.better for row in rows), "higher")
-            bands = [one_line(band) for band in part.bands]
-            parts.append({"title": part.title, "better": better, "bands": bands, "cells": cells})
+            parts.append(
+                {
+                    "title": part.title,
+                    "better": better,
+                    "bands": [one_line(band) for band in part.bands],
+                    "cells": cells,
+                    "remarks": [
+                        [entries.index(entry), part.bands.index(band), remark]
+                        for (entry, band), remark in part.remarks.items()
+                        if band in part.bands
+                    ],
+                }
+            )
         if parts:
             title = breakdown.title or breakdown.by
             yield {"by": breakdown.by, "title": title, "note": breakdown.note, "parts": parts}

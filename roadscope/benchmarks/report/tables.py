@@ -248,7 +248,8 @@ def comparison(results: Results, name: str) -> str:
     text = f"Not shown to be worse than {best}: {', '.join(map(one_line, level))}."
     if not level:
         text = f"{best} is shown to be better than all others."
-    return f"{text} By 95 % intervals of differences on the same {board_named(name).sample}."
+    sample = board_named(name).sample
+    return f"{text} By 95 % intervals of differences on the same {sample}, each by itself."
 
 
 def figure(row: Row | None, decimals: int, *, interval: bool) -> str:

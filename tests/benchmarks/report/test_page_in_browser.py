@@ -114,6 +114,45 @@ def test_figures_are_broken_down(visit) -> None:
     assert cells.first.inner_text().split()[0] == "0.83"
 
 
+def test_what_stands_behind_a_figure_in_brackets_is_shown(visit) -> None:
+    page = visit(Run(results(detectors=("pag", "network")), []))
+    page.locator(".breakdown .by").select_option(label="detector")
+    cells = page.locator(".breakdown tbody tr").first.locator("td").all_inner_texts()
+    assert all(cell.startswith("0.83 (1)") for cell in cells), cells
+    assert "In brackets" in page.locator(".breakdown .hint").inner_text()
+
+
+def test_the_picture_is_moved_by_keys_and_by_dragging(visit) -> None:
+    page = visit(RUN)
+    scene = page.locator(".scene svg")
+
+    def corner() -> list[float]:
+        return [float(number) for number in scene.get_attribute("viewBox").split()[:2]]
+
+    before = corner()
+    page.locator(".scene").press("ArrowRight")
+    right = corner()
+    assert right[0] > before[0]
+    assert right[1] == before[1]
+    scene.hover()
+    box = scene.bounding_box()
+    page.mouse.down()
+    page.mouse.move(box["x"] + box["width"] / 2, box["y"] + box["height"] / 2 + 50)
+    page.mouse.up()
+    assert corner()[1] < right[1]
+    page.locator(".moments button").first.click()
+    assert corner() == before
+
+
+def test_a_legend_has_what_is_shown_and_no_more(visit) -> None:
+    page = visit(Run(results(), [moment("good", answers=[])]))
+    legend = page.locator(".legend").inner_text()
+    assert "ego" in legend
+    assert "object that is missed" in legend
+    assert "identity switch" not in legend
+    assert "false alarm" not in legend
+
+
 def test_the_replay_moves_with_its_slider(visit) -> None:
     from playwright.sync_api import expect
 
@@ -148,7 +187,7 @@ def test_moments_are_those_of_the_chosen_entry(visit) -> None:
     assert page.locator(".moments button").inner_text().startswith("false alarms")
     page.locator("select.entry").select_option(label="good on oracle")
     assert page.locator(".viewer").is_hidden()
-    assert page.locator(".replay .none").is_visible()
+    assert "it is a mark" in page.locator(".replay .none").inner_text()
 
 
 def test_collisions_stand_together_with_detections_and_how_many_are_left_out(visit) -> None:

@@ -310,6 +310,7 @@
     const table = el("table", null, el("thead", null, el("tr", null, el("th", { scope: "col" }, "entry"),
       part.bands.map((band) => el("th", { scope: "col" }, band)))));
     const body = el("tbody");
+    const behind = (index, band) => (part.remarks.find((each) => each[0] === index && each[1] === band) || [])[2];
     board.entries.forEach((entry, index) => {
       const cells = part.cells.filter((cell) => cell[0] === index);
       if (!cells.length) return;
@@ -319,7 +320,8 @@
         if (!cell) { row.append(el("td", null, "-")); return; }
         const share = high > low ? (cell[2] - low) / (high - low) : 0;
         const bad = part.better === "lower" ? share : 1 - share;
-        const td = el("td", null, digits(cell[2]),
+        const remark = behind(index, band);
+        const td = el("td", null, digits(cell[2]), remark === undefined ? null : ` (${remark})`,
           cell[3] === null || cell[3] === cell[4] ? null : el("small", null, `${digits(cell[3])}, ${digits(cell[4])}`));
         td.style.background = `color-mix(in srgb, var(--missed) ${Math.round(45 * bad)}%, var(--paper))`;
         row.append(td);
@@ -353,9 +355,9 @@
   };
   const polygon = (points) => points.map(([x, y]) => `${x.toFixed(1)},${y.toFixed(1)}`).join(" ");
   const LEGEND = {
-    boxes: [["truth m", "object, tracked or detected"], ["truth x", "object that is missed"], ["answer m", "answer on an object"],
-      ["answer f", "false alarm"], ["answer s", "identity switch"], ["answer d", "detection of the last scan"], ["truth i", "does not count"]],
-    poses: [["ego", "true ego"], ["estimate", "estimated ego"]],
+    boxes: [["ego", "ego"], ["truth m", "object, tracked or detected"], ["truth x", "object that is missed"], ["answer m", "answer on an object"],
+      ["answer f", "false alarm"], ["answer s", "identity switch"], ["answer d", "detection of the last scan"], ["truth i", "object that does not count"], ["answer i", "answer that does not count"]],
+    poses: [["ego", "true ego and its way"], ["estimate", "estimated ego and its way"], ["gap", "error"]],
   };
   const TAIL = 12;
 
@@ -363,7 +365,7 @@
     const find = (selector) => section.querySelector(selector);
     const [list, viewer, none] = [find(".moments"), find(".viewer"), find(".replay .none")];
     const [slider, zoom, play, names] = [find(".frame"), find(".zoom"), find(".play"), find(".names")];
-    let [moment, scene, timer] = [null, null, null];
+    let [moment, scene, timer, moved] = [null, null, null, [0, 0]];
 
     const stop = () => { clearInterval(timer); timer = null; play.textContent = "Play"; };
     const load = (chosenMoment) => {
@@ -382,10 +384,12 @@
       slider.max = moment.times_s.length - 1;
       slider.value = moment.event;
       zoom.value = 0;
+      moved = [0, 0];
       find(".event").textContent = `${moment.times_s[moment.event].toFixed(1)} s: ${moment.text}`;
       const legend = scene.estimate.length ? LEGEND.poses : LEGEND.boxes;
-      find(".legend").replaceChildren(...legend.filter(([kind]) => (!kind.endsWith(" s") || moment.answers.some((box) => box[0] >= 0)) &&
-          (!kind.endsWith(" d") || moment.answers.some((box) => box[2].includes("d"))))
+      const seen = { truth: moment.objects.map((box) => box[2]).join(""), answer: moment.answers.map((box) => box[2]).join("") };
+      const isSeen = ([kind]) => { const [what, state] = kind.split(" "); return seen[what] === undefined || !state || seen[what].includes(state); };
+      find(".legend").replaceChildren(...legend.filter(isSeen)
         .map(([kind, text]) => el("li", null, svg("svg", { viewBox: "0 0 30 16", "aria-hidden": "true" },
           svg("rect", { class: `box ${kind}`, x: 2, y: 2, width: 26, height: 12 })), text)));
       list.querySelectorAll("button").forEach((button) => button.setAttribute("aria-pressed", button.moment === moment));
@@ -400,7 +404,7 @@
       const [x, y, length, width] = moment.focus;
       // A drift is seen on the whole drive, all else around the ego.
       const anchor = moment.kind === "drift" ? scene.ego[moment.event] : ego;
-      const [cx, cy] = [anchor[0] + x, anchor[1] - y];
+      const [cx, cy] = [anchor[0] + x + moved[0], anchor[1] - y + moved[1]];
       const height = Math.max(2 * width, 2 * length / wide, 20) * 1.12 ** -Number(zoom.value);
       const unit = (height * wide) / (find(".scene").clientWidth || 700);  // Decimetres in a pixel.
       const picture = svg("svg", { viewBox: `${cx - height * wide / 2} ${cy - height / 2} ${height * wide} ${height}`, role: "img",
@@ -411,7 +415,9 @@
       const far = height * wide;
       const step = [50, 100, 200, 500, 1000, 2000, 5000].find((metres) => metres > far / 8) || 10000;
       for (let reach = step; reach < 1.6 * far + Math.hypot(x, y); reach += step)
-        picture.append(svg("circle", { class: "ring", cx: ego[0], cy: ego[1], r: reach }), text(ego[0] + reach, ego[1], `${reach / 10} m`, "soft"));
+        picture.append(svg("circle", { class: "ring", cx: ego[0], cy: ego[1], r: reach }),
+          ...[[reach, 0], [-reach, 0], [0, reach], [0, -reach]].map(([dx, dy]) => text(ego[0] + dx, ego[1] + dy, `${reach / 10} m`, "soft")));
+      picture.unit = unit;
       if (scene.estimate.length) drawPoses(picture, frame, unit, text);
       else drawBoxes(picture, frame, unit, text);
       find(".scene").replaceChildren(picture);
@@ -498,12 +504,16 @@
       const time = `${moment.times_s[frame].toFixed(2)} s: `;
       if (scene.estimate.length) return `${time}${(moment.errors[frame] / 100).toFixed(2)} m off`;
       const { right, x, f, s, d } = countsAt(frame);
-      return `${time}${right} objects found, ${x} missed, ${f} false alarms${s ? `, ${s} identity switch${s > 1 ? "es" : ""}` : ""}${d ? `, ${d} detections in the last scan` : ""}`;
+      const counted = (count, noun, more = "s") => `${count} ${noun}${count === 1 ? "" : more}`;
+      return time + [`${counted(right, "object")} found`, `${x} missed`, counted(f, "false alarm"),
+        s ? counted(s, "identity switch", "es") : "", d ? `${counted(d, "detection")} in the last scan` : ""].filter(Boolean).join(", ");
     };
     const strip = (frame) => {
       const frames = moment.times_s.length;
       const [width, height, left] = [find(".strip").clientWidth || 700, 74, 148];
-      const at = linear(0, Math.max(frames - 1, 1), left + 8, width - 10);
+      const bar = Math.max((width - left) / frames - 1.5, 1.5);
+      const [from, to] = [left + 8 + bar / 2, width - 10 - bar / 2];
+      const at = linear(0, Math.max(frames - 1, 1), from, to);
       const picture = svg("svg", { viewBox: `0 0 ${width} ${height}`, role: "img", "aria-label": "What goes wrong over time" });
       if (scene.estimate.length) {
         const most = Math.max(...moment.errors, 1);
@@ -517,7 +527,6 @@
           picture.append(svg("text", { class: "soft", x: left - 8, y: row * 18 + 14, "text-anchor": "end" }, `${name}, ${most ? `up to ${most}` : "none"}`));
           counts.forEach((count, k) => {
             const tall = most ? 15 * count[kind] / most : 0;
-            const bar = Math.max((width - left) / frames - 1.5, 1.5);
             if (tall) picture.append(svg("rect", { class: kind, x: at(k) - bar / 2, y: row * 18 + 17 - tall, width: bar, height: tall }));
           });
         });
@@ -527,7 +536,7 @@
       for (const k of marks) picture.append(svg("text", { class: "soft", x: at(k), y: 70, "text-anchor": k === frames - 1 ? "end" : k ? "middle" : "start" }, `${moment.times_s[k].toFixed(1)} s`));
       picture.addEventListener("click", (event) => {
         const box = picture.getBoundingClientRect();
-        const share = ((event.clientX - box.left) / box.width * width - left - 8) / (width - 18 - left);
+        const share = ((event.clientX - box.left) / box.width * width - from) / (to - from);
         slider.value = Math.round(share * (frames - 1));
         draw();
       });
@@ -536,6 +545,27 @@
 
     slider.addEventListener("input", () => { stop(); draw(); });
     zoom.addEventListener("input", draw);
+    // The picture is moved by dragging, and by the arrow keys.
+    const shift = (dx, dy) => {
+      const { unit } = find(".scene svg");
+      moved = [moved[0] - dx * unit, moved[1] - dy * unit];
+      draw();
+    };
+    const area = find(".scene");
+    let held = null;
+    area.addEventListener("pointerdown", (event) => { held = [event.clientX, event.clientY]; area.setPointerCapture(event.pointerId); });
+    area.addEventListener("pointermove", (event) => {
+      if (!held || !moment) return;
+      shift(event.clientX - held[0], event.clientY - held[1]);
+      held = [event.clientX, event.clientY];
+    });
+    for (const end of ["pointerup", "pointercancel"]) area.addEventListener(end, () => { held = null; });
+    area.addEventListener("keydown", (event) => {
+      const way = { ArrowLeft: [40, 0], ArrowRight: [-40, 0], ArrowUp: [0, 40], ArrowDown: [0, -40] }[event.key];
+      if (!way || !moment) return;
+      event.preventDefault();
+      shift(...way);
+    });
     names.addEventListener("change", draw);
     play.addEventListener("click", () => {
       if (timer) { stop(); return; }
@@ -557,6 +587,9 @@
       own.sort((a, b) => kinds.indexOf(a.kind) - kinds.indexOf(b.kind));
       viewer.hidden = !own.length;
       none.hidden = own.length + leftOut > 0;
+      const { mark, failure } = board.entries[chosenEntry()];
+      none.textContent = `No moment of this entry is shown: ${failure ? `${failure}, see Failures below, and nothing else went wrong, or its answers are not kept`
+        : mark === null ? "nothing went wrong, or its answers are not kept" : "it is a mark"}.`;
       find(".left-out").textContent = leftOut
         ? `${leftOut} ${own.length ? "more " : ""}moment${leftOut > 1 ? "s" : ""} of this entry ${leftOut > 1 ? "are" : "is"} left out, as the page would be too large.` : "";
       list.replaceChildren(...own.map((each) => {
