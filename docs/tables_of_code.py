@@ -27,6 +27,8 @@ from roadscope.envs.sensors import CAMERAS, IMUS, SPECS
 
 FIELDS = re.compile(r"((?:\*{0,2}[A-Za-z_]\w*)(?:, \*{0,2}[A-Za-z_]\w*)*): +(?=\S)")
 """`name: text` or `name, name: text` at the beginning of a line: arguments, fields, results."""
+NEXT_FIELD = re.compile(r"(?<=[.;]) (?=\*{0,2}[a-z_]\w*(?:, \*{0,2}[a-z_]\w*)*: )")
+"""The space before such a name behind a sentence."""
 
 
 def as_restructured_text(lines: list[str]) -> list[str]:
@@ -44,12 +46,16 @@ def as_restructured_text(lines: list[str]) -> list[str]:
         elif indented and new and place != "fields":
             out += ["::", "", line]
             place = "code"
-        elif field and (new or place == "fields"):
-            names = ", ".join(f"``{name}``" for name in field[1].split(", "))
-            out += [*[""] * (place != "fields"), f"- {names}: {inline(line[field.end() :])}"]
+        elif (field and new) or (place == "fields" and line.strip() and not new):
+            out += [""] * (place != "fields")
+            for number, part in enumerate(NEXT_FIELD.split(line.strip())):
+                named = FIELDS.match(part) if number else field
+                if named:
+                    names = ", ".join(f"``{name}``" for name in named[1].split(", "))
+                    out.append(f"- {names}: {inline(part[named.end() :])}")
+                else:
+                    out.append(f"  {inline(part)}")
             place = "fields"
-        elif place == "fields" and indented:
-            out.append(f"  {inline(line.strip())}")
         elif line.strip():
             out += [*[""] * (place != "text"), inline(line)]
             place = "text"

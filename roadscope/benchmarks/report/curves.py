@@ -65,7 +65,7 @@ def draw_curves(results: Results, path: Path) -> None:
                 own = [row for row in rows if (row.entry, row.metric) == (entry, metric)]
                 if own:
                     lines.setdefault(entry, _curve(place, own, *_line_style(k)))
-            _style(place, label)
+            _style(place, label, max(float(row.band) for row in rows))
         names = [wrapped_name(one_line(entry), MOST_NAME_WIDTH) for entry in lines]
         legend_lines = 2 + sum(1 + name.count("\n") for name in names)
         figure.set_figheight(max(SIZE_INCHES[1], LEGEND_LINE_INCHES * legend_lines))
@@ -92,12 +92,13 @@ def _curve(place: Axes, rows: Sequence[Row], colour: str, style: LineStyle) -> L
     return line
 
 
-def _style(place: Axes, label: str) -> None:
+def _style(place: Axes, label: str, farthest_m: float) -> None:
     from matplotlib.ticker import LogLocator, NullLocator
 
     place.set(xscale="log", xlabel="distance driven (m)", ylabel=label)
     place.set_yscale("log", nonpositive="clip")
-    place.set_xticks(MARKS_M, [str(mark) for mark in MARKS_M])
+    marks_m = [mark for mark in MARKS_M if mark <= farthest_m]
+    place.set_xticks(marks_m, [str(mark) for mark in marks_m])
     # Figures of all entries may lie between two powers of ten.
     place.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
     place.yaxis.set_major_formatter("{x:g}")
