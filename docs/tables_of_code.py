@@ -164,7 +164,8 @@ def imus() -> str:
         ("accelerometer range (m/s²)", "accelerometer_range", 1.0),
     ]
     rows = [
-        [title, *(f"{factor * getattr(spec, name):.3g}" for spec in IMUS.values())]
+        # No data sheet says 1e+03.
+        [title, *(f"{float(f'{factor * getattr(spec, name):.3g}'):g}" for spec in IMUS.values())]
         for title, name, factor in quantities
     ]
     return table(",".join(["", *(f"`{name}`" for name in IMUS)]), rows)

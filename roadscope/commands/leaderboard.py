@@ -89,7 +89,7 @@ def leaderboard(
     quiet: bool = options.QUIET,
     json: bool = flag("--json", "Print leaderboard.json and nothing else", OUTPUT),
 ) -> None:
-    """Rank methods on a suite's episodes; exit status 1 if an entry fails or is missing."""
+    """Rank methods on episodes; exit status 1 if an entry fails or is missing."""
     from roadscope.benchmarks.boards import chosen_boards
     from roadscope.benchmarks.cache import cache_dir
     from roadscope.benchmarks.isolation import Limits

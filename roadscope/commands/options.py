@@ -73,7 +73,7 @@ RIG: str = option(
 )
 ReturnColours = Literal["object", "intensity"]
 RETURNS: ReturnColours = option(
-    "NAME", "Colour returns by object or intensity", PICTURES, default="object"
+    "NAME", "Colour by object or intensity", PICTURES, default="object"
 )
 SECONDS: float | None = option("S", "Length, 3600 at most; the scenario's if left out")
 DETECTOR: str = option(
