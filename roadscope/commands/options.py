@@ -72,9 +72,7 @@ RIG: str = option(
     "NAME", "roadscope list rigs, or a .toml file", names=completion.rigs, default="lux"
 )
 ReturnColours = Literal["object", "intensity"]
-RETURNS: ReturnColours = option(
-    "NAME", "Colour by object or intensity", PICTURES, default="object"
-)
+RETURNS: ReturnColours = option("NAME", "Colour by object or intensity", PICTURES, default="object")
 SECONDS: float | None = option("S", "Length, 3600 at most; the scenario's if left out")
 DETECTOR: str = option(
     "SPEC",

@@ -28,8 +28,8 @@ from roadscope.benchmarks.papers.zhang2022 import (
     WITH_MAP,
     OdometryRun,
     kept_runs,
-    predicted_motion,
 )
+from roadscope.benchmarks.papers.zhang2022_removal import predicted_motion
 from roadscope.benchmarks.papers.zhang2022_scene import REMOVAL_CASES, SCANS_APART, sense_corridor
 from roadscope.core import LidarScan
 from roadscope.core.palette import PAPER_COLOURS, PAPER_TRUTH
