@@ -3,6 +3,7 @@
 from roadscope._lazy import lazy_names
 
 _PARTS = {
+    "board_figure": "draw_boards",
     "board_files": "check_targets earlier_boards label_of",
     "breakdowns": "breakdown_tables note",
     "curves": "draw_curves has_curves",

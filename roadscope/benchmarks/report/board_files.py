@@ -16,6 +16,8 @@ from roadscope.benchmarks.cache import FolderError
 
 NAME = "leaderboard"
 ENDINGS = ("json", "csv", "md", "tex")
+PICTURE = "boards.svg"
+"""The picture of headline metrics and times."""
 CURVES = "drift.svg"
 """The picture of figures over the distance driven, if a board has some."""
 REPLAY = "replay.json"
@@ -25,7 +27,7 @@ REPLAY = "replay.json"
 def file_names(label: str = "") -> dict[str, str]:
     """Return the name of each file of a board with this label, by its name without a label."""
     tail = f"-{label}" if label else ""
-    names = [*(f"{NAME}.{ending}" for ending in ENDINGS), CURVES, REPLAY]
+    names = [*(f"{NAME}.{ending}" for ending in ENDINGS), PICTURE, CURVES, REPLAY]
     return {name: f"{Path(name).stem}{tail}{Path(name).suffix}" for name in names}
 
 

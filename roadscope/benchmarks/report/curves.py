@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -19,6 +20,7 @@ from roadscope.core.text import one_line
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
     from matplotlib.lines import Line2D
 
 LineStyle = str | tuple[float, tuple[float, ...]]
@@ -48,16 +50,10 @@ def draw_curves(results: Results, path: Path) -> None:
 
     Entries are in rank order, marks last. The path's ending decides the format: svg, png or pdf.
     """
-    import matplotlib as mpl
-    from matplotlib.figure import Figure
-
     rows = _rows_by_distance(results)
     board = board_named(rows[0].board)
-    ending = path.suffix[1:]
-    # The same results give the same bytes; text stays text.
-    exact = {"svg.hashsalt": "roadscope", "svg.fonttype": "none"}
-    with mpl.rc_context({**FIGURE_STYLE, **exact}):
-        figure = Figure(SIZE_INCHES, layout="constrained")
+    with styled_figures() as new_figure:
+        figure = new_figure(*SIZE_INCHES)
         (axes,) = figure.subplots(1, len(board.by_distance), squeeze=False)
         lines: dict[str, Line2D] = {}
         for place, (metric, label) in zip(axes, board.by_distance.items(), strict=True):
@@ -72,8 +68,26 @@ def draw_curves(results: Results, path: Path) -> None:
         legend = figure.legend(list(lines.values()), names, loc="outside right upper")
         for text in legend.get_texts():
             text.set_parse_math(False)
-        dated = {"Date": None} if ending == "svg" else {}
-        write_atomically(path, partial(figure.savefig, format=ending, metadata=dated))
+        save_figure(figure, path)
+
+
+@contextmanager
+def styled_figures() -> Iterator[Callable[[float, float], Figure]]:
+    """Give a function that makes a figure of our style from its width and height, inches."""
+    import matplotlib as mpl
+    from matplotlib.figure import Figure
+
+    # The same results give the same bytes; text stays text.
+    exact = {"svg.hashsalt": "roadscope", "svg.fonttype": "none"}
+    with mpl.rc_context({**FIGURE_STYLE, **exact}):
+        yield lambda width, height: Figure((width, height), layout="constrained")
+
+
+def save_figure(figure: Figure, path: Path) -> None:
+    """Write a figure whole, in the format of the path's ending."""
+    ending = path.suffix[1:]
+    dated = {"Date": None} if ending == "svg" else {}
+    write_atomically(path, partial(figure.savefig, format=ending, metadata=dated))
 
 
 def _line_style(number: int) -> tuple[str, LineStyle]:

@@ -13,7 +13,8 @@ from typing import Any
 
 from roadscope.benchmarks.boards import board_named
 from roadscope.benchmarks.cache import write_text
-from roadscope.benchmarks.report.board_files import CURVES, NAME, label_of, set_aside
+from roadscope.benchmarks.report.board_figure import draw_boards
+from roadscope.benchmarks.report.board_files import CURVES, NAME, PICTURE, label_of, set_aside
 from roadscope.benchmarks.report.breakdowns import parts_of
 from roadscope.benchmarks.report.curves import draw_curves, has_curves
 from roadscope.benchmarks.report.tables import failure_lines, figure
@@ -54,8 +55,9 @@ class TextTable:
 def save_all(results: Results, folder: Path) -> list[Path]:
     """Write `leaderboard.json`, `.csv`, `.md` and `.tex` to a folder and return their paths.
 
-    With an odometry board also `drift.svg`, its drift over the distance driven. Existing files of
-    another suite or of other boards are renamed (`leaderboard-SUITE-BOARD[-CALIBRATION].json`).
+    Beside them `boards.svg`, the headline metrics and times, and with an odometry board
+    `drift.svg`, its drift over the distance driven. Existing files of another suite or of other
+    boards are renamed (`leaderboard-SUITE-BOARD[-CALIBRATION].json`).
     """
     set_aside(folder, label_of(results.manifest))
     contents = {
@@ -67,6 +69,8 @@ def save_all(results: Results, folder: Path) -> list[Path]:
     paths = [folder / f"{NAME}.{ending}" for ending in contents]
     for path, content in zip(paths, contents.values(), strict=True):
         write_text(path, content)
+    paths.append(folder / PICTURE)
+    draw_boards(results, paths[-1])
     if has_curves(results):
         paths.append(folder / CURVES)
         draw_curves(results, paths[-1])

@@ -29,6 +29,7 @@ from roadscope.benchmarks.report.tables import (
     comparison,
     failure_of,
     figure,
+    is_time,
     measured_columns,
     prediction_headings,
     prediction_note,
@@ -280,7 +281,7 @@ def _column(results: Results, board: Board, column: Column) -> dict[str, Any]:
         "heading": column.heading,
         "note": column.note,
         "better": row.better,
-        "timed": "ms" in column.heading.split(),
+        "timed": is_time(column),
     }
 
 
@@ -348,8 +349,8 @@ def _differences(results: Results, board: Board, columns: Sequence[Column]) -> l
     """
     own = {result.entry: result for result in entry_results(results.jobs, board.name)}
     entries = results.entries(board.name)
-    timed = [column for column in columns if "ms" in column.heading.split()][:1]
-    others = [column for column in columns if "ms" not in column.heading.split()][:COMPARED]
+    timed = [column for column in columns if is_time(column)][:1]
+    others = [column for column in columns if not is_time(column)][:COMPARED]
     compared = []
     for column in [*others, *timed]:
         scores = [

@@ -315,6 +315,11 @@ def measured_columns(results: Results, board: Board) -> list[Column]:
     return [column for column in board.columns if column.metric in measured]
 
 
+def is_time(column: Column) -> bool:
+    """Return whether a column is of a time."""
+    return "ms" in column.heading.split()
+
+
 def _shown(results: Results, board: Board, column: Column, *, interval: bool) -> ShownColumn:
     rows = (results.row(board.name, entry, column.metric) for entry in results.entries(board.name))
     cells = tuple(figure(row, column.decimals, interval=interval) for row in rows)

@@ -109,7 +109,7 @@ def test_latex_prints_what_it_would_read() -> None:
 
 def test_all_files_are_written(tmp_path) -> None:
     paths = save_all(RESULTS, tmp_path)
-    assert [path.suffix for path in paths] == [".json", ".csv", ".md", ".tex"]
+    assert [path.suffix for path in paths] == [".json", ".csv", ".md", ".tex", ".svg"]
     assert json.loads(paths[0].read_text())["rows"][1]["value"] is None
 
 
@@ -249,7 +249,7 @@ def test_the_same_board_again_takes_its_place(tmp_path) -> None:
     for _ in range(2):
         save_all(of_suite("quick", "tracking"), tmp_path)
     assert earlier_boards(tmp_path) == []
-    assert len(list(tmp_path.iterdir())) == 4
+    assert len(list(tmp_path.iterdir())) == 5
 
 
 def test_what_is_no_board_is_overwritten(tmp_path) -> None:
