@@ -11,12 +11,18 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from roadscope.benchmarks.formats.bags import CLOUDS, open_bag
+from roadscope.benchmarks.formats.bags import CLOUDS, Bag, open_bag
 from roadscope.benchmarks.formats.image_folder import IMAGE_ENDINGS, ImageFolder, read_image
 from roadscope.benchmarks.formats.kitti_cameras import KittiCameras
 from roadscope.benchmarks.formats.kitti_frames import CAMERA_FROM_EGO, LabelCamera
-from roadscope.benchmarks.formats.point_fields import READERS
+from roadscope.benchmarks.formats.point_fields import ENDINGS, READERS
 from roadscope.benchmarks.formats.scan_folder import ScanFolder, scan_files
+from roadscope.benchmarks.formats.scan_stamps import (
+    Stamps,
+    in_order,
+    stamps_of_files,
+    without_ending,
+)
 from roadscope.benchmarks.formats.table import FormatError, names_in
 from roadscope.benchmarks.formats.tracking_rows import ImageSize
 from roadscope.benchmarks.kinds import CAMERA_DETECTOR, DETECTOR, FUSION, traits_of
@@ -42,7 +48,7 @@ from roadscope.core import (
 from roadscope.core.answers import AnswerError, check_detections, same_stamp
 from roadscope.core.fused import FusedDetections
 from roadscope.core.spec import FUSED, FUSED_PARTS
-from roadscope.fusion.pairing import ALONE, ClocksApartError, nearest_images
+from roadscope.fusion.pairing import ALONE, LIMIT_S, ClocksApartError, nearest_images
 from roadscope.odometry.above_ground import NEAR_M, sensor_height
 from roadscope.odometry.travel import turned_scan
 
@@ -50,6 +56,8 @@ LIDAR, CAMERA = "lidar", "camera"
 """The names of the sensors in `Calibration`."""
 SCAN_DETECTOR, IMAGE_DETECTOR, BOTH_DETECTORS = "distance-l-shape", "network", "fused"
 """The detectors for scans, for images, and for both with a calibration."""
+MOVING_DETECTOR = "long-range"
+"""The class of this detector is the only one in roadscope that uses the motion of the ego."""
 NO_CALIBRATION = "no calibration, calib.txt or calib in DIR or beside it, or --calibration PATH"
 NO_GROUND = (
     "the scans show no ground below the LiDAR, or have no points: name its height, --height "
@@ -255,15 +263,19 @@ class DetectionJob:
                 progress("images", row + 1, len(self))
 
     def _image_frame(self, row: int, pixels: np.ndarray) -> Frame:
-        """Return what a camera detector gets; without a calibration, a common field of view."""
+        """Return what a camera detector gets; without a calibration, a common field of view.
+
+        Without scans nothing says how high the camera is, so it has no mounting pose.
+        """
         height, width = pixels.shape[:2]
         intrinsics = np.array([[width, 0.0, width / 2], [0.0, width, height / 2], [0.0, 0.0, 1.0]])
         calibration, stamp_s = Calibration(), self.stamps_s[row]
         if self.cameras is not None:
             camera = self.cameras.of(self.names[row])
             intrinsics = camera.projection[:, :3]
-            mount = self.ego_from_lidar @ camera.camera_from_lidar.inverse()
-            calibration = Calibration(((CAMERA, mount),))
+            if self.scans is not None:
+                mount = self.ego_from_lidar @ camera.camera_from_lidar.inverse()
+                calibration = Calibration(((CAMERA, mount),))
         image = CameraImage(pixels, intrinsics, stamp_s, CAMERA)
         return Frame(stamp_s, calibration, camera=image)
 
@@ -340,7 +352,7 @@ class RecordingOptions(NamedTuple):
     detector: a spec; empty: scans, images and calibration decide. images: folder of the images, if
         elsewhere. calibration: see `KittiCameras`.
     height_m: of the LiDAR above the ground; None: it is estimated from the scans.
-    turn: (3, 3), brings the LiDAR's axes to x ahead, y left, z up.
+    turn: (3, 3), brings the LiDAR's axes to x ahead, y left, z up; None: they are so.
     poses: file with poses of the LiDAR. rate_hz, columns, topics: see `ScanFolder.find`.
     """
 
@@ -348,7 +360,7 @@ class RecordingOptions(NamedTuple):
     images: Path | None = None
     calibration: Path | None = None
     height_m: float | None = None
-    turn: np.ndarray = np.eye(3)
+    turn: np.ndarray | None = None
     poses: Path | None = None
     rate_hz: float = 10.0
     columns: Sequence[str] = ()
@@ -356,40 +368,37 @@ class RecordingOptions(NamedTuple):
 
 
 def detection_job(folder: Path, options: RecordingOptions) -> DetectionJob:
-    """Return what is to be detected in a folder, and by what."""
+    """Return what is to be detected in a folder, and by what.
+
+    An option of the user that would change nothing is refused.
+    """
     files = scan_files(folder)
     bag = None if files else open_bag(folder)
     has_scans = bool(files) or (bag is not None and bool(bag.topics(CLOUDS)))
-    images = (
-        ImageFolder.find(options.images)
-        if options.images
-        else ImageFolder.find(folder, options.topics, bag=bag)
-    )
-    if images is None and (options.images or (not has_scans and folder.is_dir())):
-        place = options.images or folder
-        scans_too = "" if options.images else f"scans {', '.join(READERS)} or "
-        raise FormatError(
-            f"{place}: expected {scans_too}images {', '.join(IMAGE_ENDINGS)}, got {names_in(place)}"
-        )
+    images = _images(folder, options, bag, has_scans=has_scans)
     named = options.detector
     detectors = DetectorSet.of(named, of_images=not has_scans) if named else None
     if images is not None and (not has_scans or (detectors and detectors.lidar is None)):
-        return _image_job(detectors or DetectorSet.of(IMAGE_DETECTOR), images, options.rate_hz)
+        return _image_job(detectors or DetectorSet.of(IMAGE_DETECTOR), folder, images, options)
     if detectors is not None and detectors.lidar is None:
         raise FormatError(f"{folder}: {named} needs images, and there are none")
     scans = ScanFolder.find(
         folder, rate_hz=options.rate_hz, columns=options.columns, topics=options.topics, bag=bag
     )
-    cameras, notes = _cameras(folder, scans, options.calibration)
-    rows, problem = [ALONE] * len(scans), "no images"
+    cameras, notes = _cameras(options.calibration, scans.names, folder, scans.place)
+    pairs = ImagePairs([ALONE] * len(scans), "no images")
     if images is not None:
-        rows, problem = paired_images(scans, images)
-        problem = problem or ("" if cameras else NO_CALIBRATION)
+        pairs = paired_images(scans, images)
+        notes += [pairs.note] if pairs.note else []
+    problem = pairs.problem or ("" if cameras else NO_CALIBRATION)
+    if options.images is not None and problem:
+        raise FormatError(f"{options.images}: the images cannot be used: {problem}")
     if detectors is None:
         detectors = DetectorSet.of(SCAN_DETECTOR if problem else BOTH_DETECTORS)
         notes += [f"the images are not used: {problem}"] if images is not None and problem else []
     elif detectors.camera is not None and problem:
         raise FormatError(f"{folder}: {named} needs scans, images and a calibration: {problem}")
+    poses, motion = _poses(scans, detectors, options.poses)
     ego_from_lidar, height = _mounting(scans, options)
     return DetectionJob(
         detectors,
@@ -397,33 +406,86 @@ def detection_job(folder: Path, options: RecordingOptions) -> DetectionJob:
         scans.stamps_s,
         scans,
         images,
-        rows,
+        pairs.rows,
         cameras,
         ego_from_lidar,
-        TruePoses.read(options.poses, scans.stamps_s).poses if options.poses else (),
-        (*scans.notes, *notes, height),
+        poses,
+        (*scans.notes, *notes, height, *motion),
     )
+
+
+def _images(
+    folder: Path, options: RecordingOptions, bag: Bag | None, *, has_scans: bool
+) -> ImageFolder | None:
+    """Return the images of a recording; None if there are scans alone."""
+    if options.images is not None and not has_scans:
+        raise FormatError(f"{folder}: it has no scans: name the folder of the images in its place")
+    place = options.images or folder
+    images = (
+        ImageFolder.find(place)
+        if options.images
+        else ImageFolder.find(folder, options.topics, bag=bag)
+    )
+    if images is None and (options.images or (not has_scans and folder.is_dir())):
+        scans_too = "" if options.images else f"scans {', '.join(READERS)} or "
+        raise FormatError(
+            f"{place}: expected {scans_too}images {', '.join(IMAGE_ENDINGS)}, got {names_in(place)}"
+        )
+    return images
+
+
+def _poses(
+    scans: ScanFolder, detectors: DetectorSet, path: Path | None
+) -> tuple[Sequence[np.ndarray | None], list[str]]:
+    """Return the poses of the scans, and what is assumed without them."""
+    lidar = detectors.lidar
+    assert lidar is not None
+    uses_motion = (
+        not lidar.ours or lidar.target == DETECTOR.registry.resolve(MOVING_DETECTOR).target
+    )
+    if path is None:
+        return (), ["no --poses: the LiDAR is taken to stand still"] if uses_motion else []
+    if not uses_motion:
+        raise FormatError(f"{path}: {lidar} has no use for poses; {MOVING_DETECTOR} has")
+    return TruePoses.read(path, scans.stamps_s).poses, []
 
 
 def _mounting(scans: ScanFolder, options: RecordingOptions) -> tuple[Pose, str]:
     """Return `ego_from_lidar`, the ego on the ground below the LiDAR, and how high that is."""
     height_m, source = options.height_m, "as named"
+    turn = np.eye(3) if options.turn is None else options.turn
     if height_m is None:
-        height_m = height_above_ground(scans, options.turn)
+        height_m = height_above_ground(scans, turn)
         source = "by the ground in the scans"
     if height_m is None:
         raise FormatError(NO_GROUND)
-    pose = Pose.from_parts(options.turn, np.array([0.0, 0.0, height_m]))
+    pose = Pose.from_parts(turn, np.array([0.0, 0.0, height_m]))
     return pose, f"the LiDAR is {height_m:.2f} m above the ground, {source}"
 
 
-def _image_job(detectors: DetectorSet, images: ImageFolder, rate_hz: float) -> DetectionJob:
+def _image_job(
+    detectors: DetectorSet, folder: Path, images: ImageFolder, options: RecordingOptions
+) -> DetectionJob:
     """Return what is to be detected in images alone."""
     if detectors.camera is None or detectors.lidar is not None:
         raise FormatError(f"{images.files[0]}: there are images and no scans")
+    of_scans = {
+        "--height": options.height_m is not None,
+        "--lidar-mounting": options.turn is not None,
+        "--poses": options.poses is not None,
+        "--layout": bool(options.columns),
+        "--topic": bool(options.topics) and images.ordered is not None,
+    }
+    if any(of_scans.values()):
+        names = ", ".join(name for name, is_given in of_scans.items() if is_given)
+        raise FormatError(f"without effect on images alone, which {detectors.camera} gets: {names}")
     if images.size() is None:
         read_image(images.files[0])  # It says what is wrong with it.
-    stamps = images.stamps(rate_hz)
+    places = filter(None, (folder, images.place))
+    cameras, notes = _cameras(options.calibration, images.names, *places)
+    stamps = _image_stamps(folder, images, options.rate_hz)
+    assumed = (*(images.ordered.notes if images.ordered else ()), *stamps.notes)
+    texts = (note.replace("scans are", "images are") for note in assumed)
     return DetectionJob(
         detectors,
         images.names,
@@ -431,43 +493,86 @@ def _image_job(detectors: DetectorSet, images: ImageFolder, rate_hz: float) -> D
         None,
         images,
         range(len(images)),
-        None,
+        cameras,
         Pose.identity(),
-        notes=(*(images.ordered.notes if images.ordered else ()), *stamps.notes),
+        notes=(*(text.replace("of scans", "of images") for text in texts), *notes),
     )
 
 
+def _image_stamps(folder: Path, images: ImageFolder, rate_hz: float) -> Stamps:
+    """Return the stamps of images: their own, or else those of scans of the same names."""
+    stamps, files = images.stamps(rate_hz), scan_files(folder)
+    if stamps.measured or not files:
+        return stamps
+    scans = in_order(files, ENDINGS)
+    of_scans = stamps_of_files(scans, rate_hz)[0]
+    names = (without_ending(path.name, ENDINGS) for path in scans.files)
+    by_name = dict(zip(names, of_scans.stamps_s, strict=True))
+    if not of_scans.measured or not by_name.keys() >= set(images.names):
+        return stamps
+    note = "the stamps of images are those of the scans of the same name"
+    return Stamps(tuple(by_name[name] for name in images.names), (note,), measured=True)
+
+
 def _cameras(
-    folder: Path, scans: ScanFolder, named: Path | None
+    named: Path | None, names: Sequence[str], *places: Path
 ) -> tuple[KittiCameras | None, list[str]]:
-    """Return the calibration, and why one that was found is not used; a named one has to be."""
-    if named is not None:
-        cameras = KittiCameras(named)
-        cameras.of(scans.names[0])
-        return cameras, []
-    found = KittiCameras.find(folder) or KittiCameras.find(scans.place)
-    try:
-        if found is not None:
-            found.of(scans.names[0])
-    except FormatError as error:
-        return None, [f"a calibration is not used: {error}"]
-    return found, [] if found is None else [f"the calibration is that of {found.path}"]
+    """Return the calibration, and why one that was found is not used; a named one has to be.
 
-
-def paired_images(scans: ScanFolder, images: ImageFolder) -> tuple[list[int], str]:
-    """Return the number of the image of each scan, `ALONE` where there is none, and a note.
-
-    Images belong to scans of the same name; if there are none, to the nearest in time.
+    names: of the scans or images, each of which may have a calibration of its own.
+    places: where it is looked for.
     """
-    rows = {name: row for row, name in enumerate(images.names)}
-    pairs = [rows.get(name, ALONE) for name in scans.names]
-    if scans.bag is None and images.ordered is not None and set(pairs) != {ALONE}:
-        return pairs, ""
-    stamps = images.stamps(1.0)
-    if not (scans.measured and stamps.measured):
-        return pairs, "no image has the name of a scan, and nothing says when they were taken"
+    found = (KittiCameras.find(place) for place in places)
+    cameras = KittiCameras(named) if named else next(filter(None, found), None)
+    if cameras is None:
+        return None, []
     try:
-        nearest = nearest_images(np.array(scans.stamps_s), np.array(stamps.stamps_s))
+        for name in names:
+            cameras.of(name)
+    except FormatError as error:
+        if named is not None:
+            raise
+        return None, [f"a calibration is not used: {error}"]
+    return cameras, [] if named else [f"the calibration is that of {cameras.path}"]
+
+
+class ImagePairs(NamedTuple):
+    """Which image belongs to each scan.
+
+    rows: the number of the image of each scan, `ALONE` where there is none.
+    problem: why no scan has an image; empty if one has. note: what was assumed.
+    """
+
+    rows: Sequence[int]
+    problem: str = ""
+    note: str = ""
+
+
+def paired_images(scans: ScanFolder, images: ImageFolder) -> ImagePairs:
+    """Return which image belongs to each scan.
+
+    That of the same name; if there are none, or their stamps contradict that, the nearest in time.
+    """
+    numbers = {name: row for row, name in enumerate(images.names)}
+    rows = np.array([numbers.get(name, ALONE) for name in scans.names])
+    paired = rows != ALONE
+    named = scans.bag is None and images.ordered is not None and bool(paired.any())
+    try:
+        stamps = images.stamps(1.0)
+    except FormatError as error:
+        if not named:
+            raise
+        return ImagePairs(rows.tolist(), note=f"the stamps of images are not used: {error}")
+    if not (scans.measured and stamps.measured):
+        problem = "no image has the name of a scan, and nothing says when they were taken"
+        return ImagePairs(rows.tolist(), "" if named else problem)
+    scans_s, images_s = np.array(scans.stamps_s), np.array(stamps.stamps_s)
+    apart_s = np.abs(scans_s[paired] - images_s[rows[paired]]).max(initial=0.0)
+    if named and apart_s <= LIMIT_S:
+        return ImagePairs(rows.tolist())
+    same_names = f"of the same name they are up to {apart_s:.3g} s apart"
+    note = f"images belong to scans by their stamps: {same_names}" if named else ""
+    try:
+        return ImagePairs(nearest_images(scans_s, images_s).tolist(), note=note)
     except ClocksApartError as error:
-        return pairs, str(error)
-    return nearest.tolist(), ""
+        return ImagePairs(rows.tolist(), str(error))

@@ -45,7 +45,7 @@ def detect(
     images: Path | None = option("DIR", "The images, if they are not in DIR", RECORDED),
     poses: Path | None = option(
         "FILE",
-        "Poses by run-odometry, for detectors of moving things; else the LiDAR stands still",
+        "Poses by run-odometry, for long-range and zhang2017; else the LiDAR stands still",
         RECORDED,
     ),
     lidar_mounting: str | None = options.LIDAR_MOUNTING,
@@ -111,13 +111,11 @@ def detect(
         say(f"written: {out}" if views is None else f"written: {out}, {views}")
 
 
-def _turn(mounting: str | None) -> np.ndarray:
-    """Return the (3, 3) rotation of the option --lidar-mounting."""
-    import numpy as np
-
+def _turn(mounting: str | None) -> np.ndarray | None:
+    """Return the (3, 3) rotation of the option --lidar-mounting; None without it."""
     from roadscope.benchmarks.formats.samples import parse_mounting
 
-    return parse_mounting(mounting).rotation if mounting else np.eye(3)
+    return None if mounting is None else parse_mounting(mounting).rotation
 
 
 def _checked_height(height_m: float | None) -> float | None:

@@ -153,6 +153,19 @@ def test_poses_give_the_motion_of_the_ego(folder):
     assert ahead == pytest.approx([10, 10.5, 10.5])
 
 
+def test_a_detector_of_moving_things_without_poses_is_told(folder):
+    told = "no --poses: the LiDAR is taken to stand still"
+    assert told in works(folder, "--detector", "zhang2017")[0].stderr
+    assert told in works(folder, detector="Echo")[0].stderr
+    assert told not in works(folder)[0].stderr
+    poses = folder.parent / "poses.txt"
+    poses.write_text("1 0 0 0 0 1 0 0 0 0 1 0\n" * SCANS)
+    assert told not in works(folder, "--poses", str(poses), detector="Echo")[0].stderr
+    assert told not in works(folder, "--poses", str(poses), "--detector", "zhang2017")[0].stderr
+    refused, _ = run(folder, "--poses", str(poses))
+    assert "distance-l-shape has no use for poses" in str(refused.exception)
+
+
 def test_an_answer_of_a_late_detector_is_put_to_its_scan(folder):
     for k in range(SCANS):
         rows_of()[: -k or None].tofile(folder / f"{k:06d}.bin")
@@ -322,6 +335,55 @@ def test_a_fused_run_that_is_stopped_among_images_keeps_all_scans(both):
     assert "the LiDAR alone in 1" in done.stderr
 
 
+@pytest.mark.parametrize(
+    "option",
+    [
+        ("--height", "3"),
+        ("--lidar-mounting", "0,0,0,0,0,90"),
+        ("--poses", "nowhere"),
+        ("--layout", "x,y,z"),
+        ("--topic", "/points"),
+    ],
+)
+def test_options_of_scans_are_refused_for_images_alone(both, option):
+    for place in (both, both / "image_2"):
+        done, found = run(place, *option, "--detector", f"{both.parent}/camera.py:Eye")
+        assert isinstance(done.exception, FormatError)
+        assert option[0] in str(done.exception)
+        assert not found
+
+
+def test_images_alone_have_the_calibration_and_the_stamps_of_scans(both):
+    eye = ("--detector", f"{both.parent}/camera.py:Eye")
+    (both / "velodyne" / "times.txt").write_text("5.0\n5.1\n5.3\n")
+    done, found = works(both, *eye)
+    # `Eye` tells the focal length by its score.
+    assert [frame["detections"][0]["score"] for frame in found["frames"]] == [0.5] * SCANS
+    assert [frame["stamp_s"] for frame in found["frames"]] == [5.0, 5.1, 5.3]
+    assert "stamps of images are those of the scans" in done.stderr
+    other = both.parent / "other.txt"
+    other.write_text(CALIBRATION.replace("500.0", "700.0"))
+    done, found = works(both / "image_2", *eye, "--calibration", str(other), out="other")
+    assert [frame["detections"][0]["score"] for frame in found["frames"]] == [0.7] * SCANS
+    assert "images are taken to be 10 a second" in done.stderr
+    done, _ = run(both, *eye, "--calibration", str(both / "nowhere.txt"))
+    assert "nowhere.txt: cannot be read" in str(done.exception)
+    (both / "calib.txt").write_text("nothing\n")
+    done, _ = works(both, *eye)
+    assert "a calibration is not used" in done.stderr
+
+
+def test_images_that_are_named_are_used_or_refused(both):
+    images = both / "image_2"
+    named = ("--images", str(images))
+    refused, _ = run(images, *named, detector=None)
+    assert "no scans" in str(refused.exception)
+    (both / "calib.txt").unlink()
+    for detector in (None, "Nothing"):
+        refused, _ = run(both, *named, detector=detector)
+        assert "the images cannot be used: no calibration" in str(refused.exception)
+
+
 @pytest.mark.parametrize("ending", ["png", "jpg"])
 def test_images_alone(folder, ending):
     place = folder.parent / "images"
@@ -415,6 +477,11 @@ def test_each_scan_may_have_a_calibration(both):
     # `Eye` tells the focal length by its score, where it is the greater one.
     scores = [frame["detections"][0]["score"] for frame in found["frames"]]
     assert scores == [0.5, 0.501, 0.502]
+    (both / "calib" / "000002.txt").unlink()
+    done, _ = works(both, detector="Nothing")
+    assert "a calibration is not used" in done.stderr
+    refused, _ = run(both, "--calibration", str(both / "calib"), detector="Nothing")
+    assert "000002.txt" in str(refused.exception)
 
 
 def test_lost_images_and_scans_are_told_and_the_other_sensor_is_used(both):
@@ -444,6 +511,27 @@ def test_images_of_other_names_belong_to_scans_by_time(both):
     (both / "image_2" / "times.txt").write_text("7.11\n7.21\n7.9\n")
     done, found = works(both, detector=None)
     assert "the images are not used: no scan has an image" in done.stderr
+
+
+def test_images_whose_stamps_contradict_their_names_belong_to_scans_by_time(both):
+    (both / "velodyne" / "times.txt").write_text("0.0\n0.3\n0.6\n")
+    (both / "image_2" / "times.txt").write_text("0.01\n0.31\n0.61\n")
+    done, found = works(both, "--detector", fused_spec(both))
+    assert "by their stamps" not in done.stderr
+    (both / "image_2" / "times.txt").write_text("0.1\n0.2\n0.3\n")
+    done, found = works(both, "--detector", fused_spec(both))
+    lefts = [frame["detections"][0].get("image_box_px", [None])[0] for frame in found["frames"]]
+    assert lefts == [None, 302, None]
+    assert "images belong to scans by their stamps: of the same name they are up to 0.3 s" in (
+        done.stderr
+    )
+    (both / "image_2" / "times.txt").write_text("7.1\n7.2\n7.3\n")
+    refused, _ = run(both, "--detector", fused_spec(both))
+    assert "no scan has an image" in str(refused.exception)
+    (both / "image_2" / "times.txt").write_text("0.1\n")
+    done, found = works(both, "--detector", fused_spec(both))
+    assert "the stamps of images are not used" in done.stderr
+    assert [len(frame["detections"][0]["sensors"]) for frame in found["frames"]] == [2] * SCANS
 
 
 def test_pictures_are_not_written_among_the_images(both):
