@@ -15,13 +15,15 @@ from roadscope.benchmarks.cache import FolderError, cache_dir, usable_folder
 from roadscope.benchmarks.episode import Episode
 from roadscope.benchmarks.graph import Job, Node, plugins_of, run_jobs
 from roadscope.benchmarks.isolation import Limits
-from roadscope.benchmarks.kinds import Kind, entry_kind
+from roadscope.benchmarks.kinds import DETECTOR, Kind, entry_kind
 from roadscope.benchmarks.loop import RunOptions
 from roadscope.benchmarks.nodes.traffic import TrafficNode
 from roadscope.benchmarks.nodes.tuned import is_tuned
+from roadscope.benchmarks.noisy import NOISES
 from roadscope.benchmarks.progress import Progress, silent
 from roadscope.benchmarks.recorded.kitti_drive import LIDAR_HEIGHT_M
 from roadscope.benchmarks.recorded.mot import mot_suite
+from roadscope.benchmarks.references import NAMED_BY_SUITES
 from roadscope.benchmarks.report.board_files import check_targets, label_of
 from roadscope.benchmarks.report.export import save_all, save_logs
 from roadscope.benchmarks.report.moments import worst_moments
@@ -38,6 +40,7 @@ from roadscope.benchmarks.workers import WorkerSettings
 from roadscope.core import Spec, SpecError
 from roadscope.core.config import ConfigError
 from roadscope.core.kernel_files import nothing_is_compiled
+from roadscope.core.spec import FUSED, ORACLE
 
 DATABASE = "results.sqlite"
 FIRST_SCENARIO = "cut-ins"
@@ -217,7 +220,8 @@ def plan(
         raise SpecError("--only needs at least one --entry")
     chosen = chosen_boards(suite, boards)
     suite_entries = _entries_of_suite(suite, chosen)
-    user_entries = _by_board([Spec.parse(text) for text in entries], chosen)
+    specs = [Spec.parse(text) for text in entries]
+    user_entries = _by_board(specs, chosen, recorded=suite.recorded)
     ranked: dict[str, list[Spec]] = {}
     jobs: list[Job] = []
     options = JobOptions(marks=not only, calibration=calibration)
@@ -343,14 +347,19 @@ def _suite(
     return load_suite(suite) if isinstance(suite, str) else suite
 
 
-def _by_board(specs: Sequence[Spec], boards: Sequence[Board]) -> dict[str, list[Spec]]:
-    """Return the entries of each board; raise `SpecError` for one that no board ranks."""
+def _by_board(
+    specs: Sequence[Spec], boards: Sequence[Board], *, recorded: bool
+) -> dict[str, list[Spec]]:
+    """Return the entries of each board; raise `SpecError` for one that no board ranks.
+
+    recorded: whether the boards are of recorded data.
+    """
     by_board: dict[str, list[Spec]] = {board.name: [] for board in boards}
     kinds: dict[str, Kind] = {}
     for board in boards:
         kinds.setdefault(board.kind.name, board.kind)
     for spec in specs:
-        kind = entry_kind(spec, list(kinds.values()))
+        kind = _entry_kind(spec, list(kinds.values()), recorded=recorded)
         fitting = [board for board in boards if board.kind.name == kind.name]
         if not fitting:
             wanted = " or ".join(dict.fromkeys(str(board.kind) for board in boards))
@@ -358,6 +367,21 @@ def _by_board(specs: Sequence[Spec], boards: Sequence[Board]) -> dict[str, list[
         for board in fitting:
             by_board[board.name].append(spec)
     return by_board
+
+
+def _entry_kind(spec: Spec, possible: Sequence[Kind], *, recorded: bool) -> Kind:
+    """Return the kind of an entry; refuse a source of detections that no board ranks.
+
+    On recorded data detectors that only suites name are entries too.
+    """
+    if recorded and spec.name in NAMED_BY_SUITES:
+        return DETECTOR
+    is_row = spec.name == ORACLE and not spec.parts
+    if is_row or spec.name in (FUSED, *NOISES, *NAMED_BY_SUITES):
+        row = "a row beside the detectors of a suite, and " if is_row else ""
+        use = "input of trackers in simulated traffic"
+        raise SpecError(f"'{spec}' is no entry: it is {row}{use}, --detections '{spec}'")
+    return entry_kind(spec, possible)
 
 
 def _outcomes(

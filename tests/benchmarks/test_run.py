@@ -329,6 +329,16 @@ def test_bad_settings_are_refused(suite, tmp_path) -> None:
 
 
 @pytest.mark.parametrize(
+    "entry", ["oracle", "noisy?miss=0.2", "cluster-boxes", "fused?lidar=cluster-boxes"]
+)
+def test_a_source_of_detections_that_is_not_ranked_is_told_from_an_unknown_name(suite, entry):
+    with pytest.raises(SpecError) as error:
+        leaderboard(suite, [entry], boards=["detection"])
+    assert f"--detections '{entry}'" in str(error.value)
+    assert ("a row beside" in str(error.value)) == (entry == "oracle")
+
+
+@pytest.mark.parametrize(
     ("entries", "options", "error"),
     [
         (["neerest"], {}, SpecError),

@@ -53,6 +53,7 @@ from roadscope.benchmarks.references import (
     NAMED_BY_SUITES,
     ONE_SENSOR,
     UPPER_MARK,
+    check_detection_source,
     detection_source,
     image_source,
 )
@@ -218,7 +219,8 @@ class KittiDetectionBoard(OneSensorBoard):
 
     def check_entry(self, spec: Spec) -> Spec:
         """Return a detector's resolved spec; those that only suites name are entries here too."""
-        return detection_source(spec) if spec.name in NAMED_BY_SUITES else super().check_entry(spec)
+        named = spec.name in NAMED_BY_SUITES
+        return check_detection_source(spec) if named else super().check_entry(spec)
 
     def node(self, source: Spec, drive: KittiDrive) -> Node:
         """Return the node with the boxes of a detector in a drive."""

@@ -72,6 +72,15 @@ def test_tracking_data_have_sequences_and_the_labels_as_a_mark(tmp_path):
     assert [list(column.cells)[-1] for column in table.columns[1:]] == ["6", "6"]
 
 
+def test_detectors_that_the_suite_names_are_entries_too(tmp_path):
+    folder = write_objects(tmp_path / "kitti", 1)
+    assert run(folder, ["cluster-boxes"]).entries(BOARD) == ["cluster-boxes"]
+    with pytest.raises(SpecError, match="least"):
+        run(folder, ["cluster-boxes?least=1"])
+    with pytest.raises(SpecError, match="a row beside the detectors of a suite"):
+        run(folder, ["oracle"])
+
+
 def test_what_was_computed_is_kept_and_files_that_change_count_as_new(tmp_path):
     folder, stages = write_objects(tmp_path / "kitti", 2), []
 
