@@ -21,7 +21,7 @@ from roadscope.benchmarks.formats.trajectories import (
 )
 from roadscope.benchmarks.kinds import ODOMETRY
 from roadscope.benchmarks.loop import open_checked
-from roadscope.core import ImuSamples, OdometryEstimate, Pose, WheelSamples
+from roadscope.core import ImuSamples, LidarScan, OdometryEstimate, Pose, WheelSamples
 from roadscope.odometry.travel import turned_back, turned_scan
 
 TRUTH_STEPS = 3.0
@@ -83,6 +83,22 @@ class RecordedWheels(RecordedSamples[WheelSamples]):
     """The wheel speeds, along the LiDAR's x axis."""
 
     what = "wheel speeds"
+
+
+@dataclass(frozen=True, slots=True)
+class TurnedScans:
+    """The scans of a folder, rotated; rotation: (3, 3)."""
+
+    folder: ScanFolder
+    rotation: np.ndarray
+
+    def __len__(self) -> int:
+        return len(self.folder)
+
+    def part(self, first: int, end: int) -> Iterator[LidarScan]:
+        """Yield the scans from `first` up to but not including `end`."""
+        for scan in self.folder.part(first, end):
+            yield turned_scan(scan, self.rotation)
 
 
 def folder_estimates(

@@ -75,7 +75,6 @@ def run_odometry(
     scan that cannot be read counts as empty.
     """
     from roadscope.benchmarks.formats.point_layout import parse_columns
-    from roadscope.benchmarks.formats.samples import IMU_FILES
     from roadscope.benchmarks.formats.scan_folder import ScanFolder
     from roadscope.benchmarks.odometry_runner import TruePoses, folder_estimates, write_estimates
 
@@ -97,8 +96,6 @@ def run_odometry(
     )
     for note in scans.notes:
         complain(note)
-    if inertial is None and imu is None:
-        complain(f"no IMU: {' or '.join(IMU_FILES)} in or beside {folder}, or --imu FILE")
     _report_doubts(scans, inertial, wheel_speeds)
     turn = _turn(scans, lidar_mounting)
     reasons: Counter[str] = Counter()
@@ -154,16 +151,24 @@ def _report_doubts(
 def _turn(scans: ScanFolder, mounting: str | None) -> Pose | None:
     """Return the rotation that brings the LiDAR's axes to x ahead; None if they are so.
 
-    mounting: text of the option --lidar-mounting; without it, scans show the direction of travel.
+    mounting: text of the option --lidar-mounting, which scans may contradict; without it, they show
+        the direction of travel.
     """
     import numpy as np
 
     from roadscope.benchmarks.formats.samples import parse_mounting
+    from roadscope.benchmarks.odometry_runner import TurnedScans
     from roadscope.core import Pose
     from roadscope.odometry.travel import AGREEMENT_RAD, direction_of_travel
 
     if mounting is not None:
         rotation = parse_mounting(mounting).rotation
+        azimuth = direction_of_travel(TurnedScans(scans, rotation))
+        if azimuth is not None and abs(azimuth) >= AGREEMENT_RAD:
+            complain(
+                f"by its scans the LiDAR drives to {np.rad2deg(azimuth):.0f} degrees from the x "
+                "axis of the vehicle: is --lidar-mounting right?"
+            )
         return Pose.from_parts(rotation, np.zeros(3))
     azimuth = direction_of_travel(scans)
     if azimuth is None:
@@ -212,6 +217,8 @@ def _inertial(
 ) -> RecordedImu | None:
     """Read the IMU samples of a file, or of one in or beside the folder; None if there are none.
 
+    Samples too far apart are used only where the user names them or their mounting.
+
     file: of the option --imu. mounting: text of the option --mounting. topics: see `read_bag_imu`.
     """
     import numpy as np
@@ -233,17 +240,19 @@ def _inertial(
                 f"a mounting is of an IMU: expected {' or '.join(files.IMU_FILES)} in or "
                 f"beside {folder}, or --imu FILE"
             )
+        if file is None:
+            complain(f"no IMU: {' or '.join(files.IMU_FILES)} in or beside {folder}, or --imu FILE")
         return None
     samples, left_out = of_bag or files.read_imu(path)
     inertial = RecordedImu(samples, path, left_out, mounted or files.mounting_of(path))
     inertial.check_times(scans.stamps_s)
     step_s = float(np.median(np.diff(samples.stamps_s)))
-    if step_s > GAP_S:
-        complain(
-            f"{path}: samples {step_s:.2g} s apart are too few: they are used where they are "
-            f"{GAP_S:g} s apart at most"
-        )
-    return inertial
+    if step_s <= GAP_S:
+        return inertial
+    is_named = bool(file or mounting)
+    use = f"used where they are {GAP_S:g} s apart at most" if is_named else "not used"
+    complain(f"{path}: samples {step_s:.2g} s apart are too few: they are {use}")
+    return inertial if is_named else None
 
 
 def _wheels(folder: Path, scans: ScanFolder, file: str | None) -> RecordedWheels | None:

@@ -276,7 +276,15 @@ def test_what_is_missing_is_told(folder, recording):
 def test_samples_too_far_apart_are_told(recording):
     lines = (recording / "imu.csv").read_text().splitlines()
     (recording / "imu.csv").write_text("\n".join(lines[1::20]))
-    assert "samples 0.05 s apart are too few: they are used where" in follow(recording)[0].stderr
+    done, out = follow(recording)
+    assert "samples 0.05 s apart are too few: they are not used" in done.stderr
+    assert "with 12 inertial samples" not in done.stderr
+    without = out.read_bytes()
+    follow(recording, "--imu", "none")
+    assert out.read_bytes() == without
+    done, _ = follow(recording, "--imu", str(recording / "imu.csv"))
+    assert "samples 0.05 s apart are too few: they are used where" in done.stderr
+    assert "with 12 inertial samples" in done.stderr
 
 
 def test_if_no_scan_can_be_read_the_file_stays_as_it_is(folder):

@@ -103,6 +103,11 @@ def test_a_mounting_that_is_given_is_not_doubted(tmp_path):
     assert found["errors"]["end_m"] < 0.3
 
 
+def test_a_mounting_that_scans_contradict_is_told(tmp_path):
+    told = run(record(tmp_path, Pose.identity()), "--lidar-mounting", "0,0,0,0,0,180")[1]
+    assert "is --lidar-mounting right?" in told
+
+
 @pytest.mark.parametrize("odometry", ["voxel-map"])
 def test_estimates_of_turned_scans_come_back_as_those_of_the_scans(odometry):
     turn = Pose.from_euler(0, 0, 0, yaw=0.7)
