@@ -27,7 +27,7 @@ from roadscope.benchmarks.formats.table import FormatError, names_in
 from roadscope.benchmarks.formats.tracking_rows import ImageSize
 from roadscope.benchmarks.kinds import CAMERA_DETECTOR, DETECTOR, FUSION, traits_of
 from roadscope.benchmarks.loop import open_checked
-from roadscope.benchmarks.odometry_runner import TruePoses
+from roadscope.benchmarks.odometry_runner import TruePoses, find_scans, hint_below, refuse_copies
 from roadscope.benchmarks.progress import Progress, silent
 from roadscope.benchmarks.references import (
     CALIBRATION,
@@ -382,7 +382,7 @@ def detection_job(folder: Path, options: RecordingOptions) -> DetectionJob:
         return _image_job(detectors or DetectorSet.of(IMAGE_DETECTOR), folder, images, options)
     if detectors is not None and detectors.lidar is None:
         raise FormatError(f"{folder}: {named} needs images, and there are none")
-    scans = ScanFolder.find(
+    scans = find_scans(
         folder, rate_hz=options.rate_hz, columns=options.columns, topics=options.topics, bag=bag
     )
     cameras, notes = _cameras(options.calibration, scans.names, folder, scans.place)
@@ -429,8 +429,11 @@ def _images(
     if images is None and (options.images or (not has_scans and folder.is_dir())):
         scans_too = "" if options.images else f"scans {', '.join(READERS)} or "
         raise FormatError(
-            f"{place}: expected {scans_too}images {', '.join(IMAGE_ENDINGS)}, got {names_in(place)}"
+            f"{place}: expected {scans_too}images {', '.join(IMAGE_ENDINGS)}, got "
+            f"{names_in(place)}{hint_below(place)}"
         )
+    if images is not None and images.ordered is not None:
+        refuse_copies(images.ordered.files)
     return images
 
 

@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, fields
+from filecmp import cmp
 from pathlib import Path
-from typing import Generic, NamedTuple, TypeVar
+from typing import Any, Generic, NamedTuple, TypeVar
 
 import numpy as np
 
 from roadscope.benchmarks.formats.kitti_calibration import read_camera_from_lidar
 from roadscope.benchmarks.formats.kitti_cameras import CALIBRATION_FILE
-from roadscope.benchmarks.formats.scan_folder import ScanFolder
-from roadscope.benchmarks.formats.table import FormatError, read_lines
+from roadscope.benchmarks.formats.scan_folder import ScanFolder, scan_files
+from roadscope.benchmarks.formats.table import FormatError, read_lines, visible
 from roadscope.benchmarks.formats.trajectories import (
     TUM_COLUMNS,
     Trajectory,
@@ -30,6 +32,9 @@ hand: a pose or two may be missing."""
 LEAST_AHEAD_M = 2.0
 """Metres along an axis from which on it cannot be the one that points up. Chosen by hand: on a
 slope of 20 % the motion ahead is five times as large."""
+
+_COPY = re.compile(r"(.+?)( ?\([0-9]+\)| - Copy( \([0-9]+\))?| copy( [0-9]+)?)")
+"""A name that file managers and browsers give to a copy; its first part is the original's."""
 
 Samples = TypeVar("Samples", ImuSamples, WheelSamples)
 
@@ -83,6 +88,35 @@ class RecordedWheels(RecordedSamples[WheelSamples]):
     """The wheel speeds, along the LiDAR's x axis."""
 
     what = "wheel speeds"
+
+
+def find_scans(folder: Path, **options: Any) -> ScanFolder:
+    """Return the scans of one drive; refuse copies of scans, and name scans in folders below.
+
+    options: of `ScanFolder.find`.
+    """
+    try:
+        scans = ScanFolder.find(folder, **options)
+    except FormatError as error:
+        raise FormatError(f"{error}{hint_below(folder)}") from error
+    refuse_copies(scans.inputs)
+    return scans
+
+
+def hint_below(folder: Path) -> str:
+    """Return as text which folder below one without scans has scans; empty if none has."""
+    below = (path for stars in ("*/", "*/*/", "*/*/*/") for path in visible(folder, stars))
+    first = None if scan_files(folder) else next(filter(scan_files, below), None)
+    return f"; name a folder with the scans of one drive, such as {first}" if first else ""
+
+
+def refuse_copies(files: Sequence[Path]) -> None:
+    """Raise `FormatError` for a file that is a copy of another one, by its name and content."""
+    for path in files:
+        match = _COPY.fullmatch(path.stem)
+        original = path.with_stem(match[1]) if match else path
+        if match and original in files and cmp(path, original, shallow=False):
+            raise FormatError(f"{path} is a copy of {original.name}: remove it, and other copies")
 
 
 @dataclass(frozen=True, slots=True)

@@ -75,12 +75,16 @@ def run_odometry(
     scan that cannot be read counts as empty.
     """
     from roadscope.benchmarks.formats.point_layout import parse_columns
-    from roadscope.benchmarks.formats.scan_folder import ScanFolder
-    from roadscope.benchmarks.odometry_runner import TruePoses, folder_estimates, write_estimates
+    from roadscope.benchmarks.odometry_runner import (
+        TruePoses,
+        find_scans,
+        folder_estimates,
+        write_estimates,
+    )
 
     columns = parse_columns(layout) if layout else ()
     topics = tuple(topic or ())
-    scans = ScanFolder.find(folder, rate_hz=rate_hz, columns=columns, topics=topics)
+    scans = find_scans(folder, rate_hz=rate_hz, columns=columns, topics=topics)
     inertial = _inertial(folder, scans, imu, mounting, topics)
     place = scans.place
     true = TruePoses.read(truth, scans.stamps_s).of_lidar(truth, place) if truth else None

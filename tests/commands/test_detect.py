@@ -564,6 +564,37 @@ def test_images_none_of_which_can_be_read_are_refused(tmp_path):
     assert "0.png: expected an image" in str(done.exception)
 
 
+@pytest.mark.parametrize("place", ["velodyne/0000", "sequences/00/velodyne", "training/velodyne"])
+@pytest.mark.parametrize("command", ["detect", "run-odometry"])
+def test_of_the_root_of_a_data_set_a_folder_with_scans_is_named(folder, command, place):
+    root = folder.parent / "root"
+    (root / place).parent.mkdir(parents=True)
+    for name in ("calib", "image_2", "velodyne_times"):
+        (root / name).mkdir()
+    folder.rename(root / place)
+    done = CliRunner().invoke(app, [command, str(root), "--out", str(folder.parent / "out")])
+    named = str(done.exception).rpartition("such as ")[2]
+    assert named == str(root / place.removesuffix("/velodyne"))
+    assert "expected" in str(done.exception)
+
+
+@pytest.mark.parametrize("copy", ["{} (1)", "{}(2)", "{} copy", "{} copy 2", "{} - Copy"])
+def test_copies_of_scans_and_images_are_refused(both, copy):
+    for place, ending in ((both / "velodyne", "bin"), (both / "image_2", "png")):
+        first = place / f"000000.{ending}"
+        first.with_stem(copy.format(first.stem)).write_bytes(first.read_bytes())
+        for command in ("detect", "run-odometry")[: 1 + (ending == "bin")]:
+            line = [command, str(place), "--out", str(both.parent / "out")]
+            done = CliRunner().invoke(app, line)
+            assert f"{copy.format('000000')}.{ending} is a copy of" in str(done.exception)
+
+
+def test_a_name_as_of_a_copy_is_no_copy_if_the_content_differs(folder):
+    rows_of()[:-1].tofile(folder / "000000 (1).bin")
+    _, found = works(folder, detector="Nothing")
+    assert len(found["frames"]) == SCANS + 1
+
+
 def test_an_empty_folder_is_refused(tmp_path):
     done, _ = run(tmp_path)
     assert "expected scans .bin" in str(done.exception)
