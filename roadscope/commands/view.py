@@ -48,7 +48,9 @@ def view(
     weather: str = options.WEATHER,
     light: str = options.LIGHT,
     faults: str = options.FAULTS,
-    board: str | None = option("NAME", "The board", FOLDER, names=completion.boards),
+    board: str | None = option(
+        "NAME", "The board; for driving see roadscope report", FOLDER, names=completion.boards
+    ),
     entry: str | None = option(
         "SPEC", "The entry; the best one if left out", FOLDER, names=completion.entries_of_runs
     ),

@@ -58,6 +58,11 @@ def test_wrong_input_is_refused_in_one_line(
     assert len(errors.splitlines()) == 1
 
 
+def test_help_says_which_board_is_not_shown(answer) -> None:
+    lines = answer("view", "--help")[1].splitlines()
+    assert any("--board" in line and "driving" in line for line in lines)
+
+
 def test_a_viewer_that_crashes_is_a_failure(answer, tmp_path: Path, monkeypatch) -> None:
     pytest.importorskip("rerun", reason="rerun-sdk is not installed")
     crash = tmp_path / "crash"

@@ -177,13 +177,12 @@ def _chosen(runs: Sequence[Results], choice: EpisodeChoice) -> tuple[Results, Jo
     if possible:
         return min(possible, key=lambda pair: bool(board_named(pair[1].board).unviewable))
     jobs = [job for results in runs for job in results.jobs]
-    if choice == EpisodeChoice():
-        raise StoredAnswersError("every entry failed in every episode")
     wanted = ", ".join(f"{name} '{value}'" for name, value in choice.named.items())
+    if failed := [job for job in jobs if choice.allows(job)]:
+        who = wanted or "every entry"
+        raise StoredAnswersError(f"{who} failed in every episode, first with: {failed[0].reason}")
     possible_values = "; ".join(_possible(jobs, name) for name in choice.named)
-    raise StoredAnswersError(
-        f"no episode that did not fail has {wanted}; the results have {possible_values}"
-    )
+    raise StoredAnswersError(f"no episode has {wanted}; the results have {possible_values}")
 
 
 def _possible(jobs: Sequence[JobScores], name: str) -> str:

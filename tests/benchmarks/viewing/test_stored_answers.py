@@ -166,6 +166,21 @@ def test_a_rig_that_is_another_one_now_has_no_sensor_data(folder: Path, tmp_path
     assert "rig has changed" in notes_of(view)
 
 
+def test_an_entry_that_always_failed_is_said_to_have(tmp_path: Path) -> None:
+    score = {"f1": Score(0.5, "1", "higher", 1)}
+    jobs = [
+        JobScores("detection", entry, "merge", 20000, "clear", "", scores, **failure)
+        for entry, scores, failure in (("pag", score, {}), ("Bad", {}, {"reason": "raised: no"}))
+    ]
+    results = results_of(jobs, {"suite": "quick", "rig": "lux"})
+    (tmp_path / "leaderboard.json").write_text(results.to_json())
+    for choice in (EpisodeChoice(entry="Bad"), EpisodeChoice("detection", "Bad", "merge", 20000)):
+        with pytest.raises(StoredAnswersError, match=r"'Bad'.* failed in every.*raised: no"):
+            view_of_results(tmp_path, choice)
+    with pytest.raises(StoredAnswersError, match=r"no episode has entry 'nobody'.*pag, Bad"):
+        view_of_results(tmp_path, EpisodeChoice(entry="nobody"))
+
+
 def test_that_drives_are_not_shown_is_said_with_what_shows_them(tmp_path: Path) -> None:
     reward = {"reward": Score(0.5, "1", "higher", 1)}
     drive = JobScores("driving", "idm-mobil on truth", "motorway", 20000, "clear", "truth", reward)
