@@ -27,7 +27,14 @@ from roadscope.benchmarks.formats.table import FormatError, names_in
 from roadscope.benchmarks.formats.tracking_rows import ImageSize
 from roadscope.benchmarks.kinds import CAMERA_DETECTOR, DETECTOR, FUSION, traits_of
 from roadscope.benchmarks.loop import open_checked
-from roadscope.benchmarks.odometry_runner import TruePoses, find_scans, hint_below, refuse_copies
+from roadscope.benchmarks.odometry_runner import (
+    TruePoses,
+    check_rate,
+    find_scans,
+    hint_below,
+    rate_of,
+    refuse_copies,
+)
 from roadscope.benchmarks.progress import Progress, silent
 from roadscope.benchmarks.references import (
     CALIBRATION,
@@ -362,7 +369,7 @@ class RecordingOptions(NamedTuple):
     height_m: float | None = None
     turn: np.ndarray | None = None
     poses: Path | None = None
-    rate_hz: float = 10.0
+    rate_hz: float | None = None
     columns: Sequence[str] = ()
     topics: Sequence[str] = ()
 
@@ -486,7 +493,8 @@ def _image_job(
         read_image(images.files[0])  # It says what is wrong with it.
     places = filter(None, (folder, images.place))
     cameras, notes = _cameras(options.calibration, images.names, *places)
-    stamps = _image_stamps(folder, images, options.rate_hz)
+    stamps = _image_stamps(folder, images, rate_of(options.rate_hz))
+    check_rate(options.rate_hz, measured=stamps.measured)
     assumed = (*(images.ordered.notes if images.ordered else ()), *stamps.notes)
     texts = (note.replace("scans are", "images are") for note in assumed)
     return DetectionJob(

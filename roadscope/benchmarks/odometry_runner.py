@@ -26,6 +26,8 @@ from roadscope.benchmarks.loop import open_checked
 from roadscope.core import ImuSamples, LidarScan, OdometryEstimate, Pose, WheelSamples
 from roadscope.odometry.travel import turned_back, turned_scan
 
+RATE_HZ = 10.0
+"""Scans or images a second where nothing has stamps."""
 TRUTH_STEPS = 3.0
 """Poses are interpolated between true ones that are at most this many median steps apart. Chosen by
 hand: a pose or two may be missing."""
@@ -90,17 +92,31 @@ class RecordedWheels(RecordedSamples[WheelSamples]):
     what = "wheel speeds"
 
 
-def find_scans(folder: Path, **options: Any) -> ScanFolder:
+def find_scans(folder: Path, rate_hz: float | None, **options: Any) -> ScanFolder:
     """Return the scans of one drive; refuse copies of scans, and name scans in folders below.
 
-    options: of `ScanFolder.find`.
+    rate_hz: scans a second; None: `RATE_HZ`. options: of `ScanFolder.find`.
     """
     try:
-        scans = ScanFolder.find(folder, **options)
+        scans = ScanFolder.find(folder, rate_hz=rate_of(rate_hz), **options)
     except FormatError as error:
         raise FormatError(f"{error}{hint_below(folder)}") from error
     refuse_copies(scans.inputs)
+    check_rate(rate_hz, measured=scans.measured)
     return scans
+
+
+def rate_of(rate_hz: float | None) -> float:
+    """Return a rate of scans or images that a user names, or else `RATE_HZ`."""
+    if rate_hz is not None and not rate_hz > 0:
+        raise FormatError(f"expected a rate above 0 Hz, got {rate_hz}")
+    return RATE_HZ if rate_hz is None else rate_hz
+
+
+def check_rate(rate_hz: float | None, *, measured: bool) -> None:
+    """Refuse a rate that a user names for scans or images with stamps of a clock."""
+    if rate_hz is not None and measured:
+        raise FormatError(f"--rate-hz {rate_hz:g} has no effect: the recording has stamps")
 
 
 def hint_below(folder: Path) -> str:

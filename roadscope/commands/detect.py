@@ -49,7 +49,7 @@ def detect(
         RECORDED,
     ),
     lidar_mounting: str | None = options.LIDAR_MOUNTING,
-    rate_hz: float = options.RATE,
+    rate_hz: float | None = options.RATE,
     layout: str = options.LAYOUT,
     topic: list[str] | None = options.TOPICS,
     quiet: bool = options.QUIET,

@@ -103,8 +103,8 @@ FAULTS: str = option("LIST", "Such as 'fog:3 + glare:1'", CONDITIONS, default="c
 LIDAR_MOUNTING: str | None = option(
     "POSE", "Pose of the LiDAR in the vehicle: x,y,z,roll,pitch,yaw; only angles count", RECORDED
 )
-RATE: float = option(
-    "HZ", "Scans per second, if times.txt and names have no stamps", RECORDED, default=10.0
+RATE: float | None = option(
+    "HZ", "Scans per second, if times.txt and names have no stamps; else 10", RECORDED
 )
 TOPICS: list[str] | None = option(
     "NAME", "Topic of a bag; can be repeated", RECORDED, name="--topic"

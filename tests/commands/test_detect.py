@@ -373,6 +373,19 @@ def test_images_alone_have_the_calibration_and_the_stamps_of_scans(both):
     assert "a calibration is not used" in done.stderr
 
 
+@pytest.mark.parametrize(("beside", "detector"), [("velodyne", ""), ("image_2", "Eye")])
+def test_a_rate_is_used_or_refused(both, beside, detector):
+    place = both / beside
+    named = ["--detector", f"{both.parent}/camera.py:{detector}"] if detector else []
+    _, found = works(place, "--rate-hz", "5", *named)
+    assert [frame["stamp_s"] for frame in found["frames"]] == [0.0, 0.2, 0.4]
+    refused, _ = run(place, "--rate-hz", "0", *named)
+    assert "a rate above 0 Hz" in str(refused.exception)
+    (place / "times.txt").write_text("0.0\n0.1\n0.2\n")
+    refused, _ = run(place, "--rate-hz", "5", *named)
+    assert "--rate-hz 5 has no effect" in str(refused.exception)
+
+
 def test_images_that_are_named_are_used_or_refused(both):
     images = both / "image_2"
     named = ("--images", str(images))
