@@ -26,25 +26,31 @@ MISTAKE = "mistake"
 """Key of a message: the plug-in that the user named does not exist or cannot be imported."""
 
 
-def traits_of(kind: type[Any], arguments: Mapping[str, Any], plugin: object = None) -> Traits:
-    """Return the traits of a class, or of its instance if there is one."""
-    described = kind if plugin is None else plugin
+def traits_of_class(
+    plugin_class: type[Any], arguments: Mapping[str, Any], plugin: object = None
+) -> Traits:
+    """Return the traits of a class, which may differ in its instance `plugin`.
+
+    arguments: of the constructor, which are checked against its parameters.
+    """
+    described = plugin_class if plugin is None else plugin
     methods = _public_methods(described)
-    declared, need = getattr(kind, "kind", ""), getattr(kind, "requires", None)
-    module = sys.modules.get(str(getattr(kind, "__module__", "")))
+    declared = getattr(plugin_class, "kind", "")
+    requirement = getattr(plugin_class, "requires", None)
+    module = sys.modules.get(str(getattr(plugin_class, "__module__", "")))
     file = getattr(module, "__file__", None)
     return Traits(
         file=Path(file).resolve() if isinstance(file, str) else None,
         methods=methods,
         kind=one_line(declared, 80) if isinstance(declared, str) else "",
-        offline=bool(getattr(kind, "offline", False)),
-        weighed=bool(getattr(kind, "weighed", False)),
+        offline=bool(getattr(plugin_class, "offline", False)),
+        weighed=bool(getattr(plugin_class, "weighed", False)),
         takes_imu=getattr(described, "takes_imu", True) is not False,
         takes_wheels="add_wheels" in methods and getattr(described, "wheels", True) is not False,
-        requires=(need.missing or "") if isinstance(need, Requirement) else "",
-        parameters=parameters_of(kind),
-        positional=positional_parameters_of(kind),
-        problem=binding_problem(kind, arguments),
+        requires=(requirement.missing or "") if isinstance(requirement, Requirement) else "",
+        parameters=parameters_of(plugin_class),
+        positional=positional_parameters_of(plugin_class),
+        problem=binding_problem(plugin_class, arguments),
     )
 
 

@@ -37,11 +37,12 @@ from roadscope.benchmarks.isolation.channel import (
 )
 from roadscope.benchmarks.isolation.describing import (
     MISTAKE,
+    PACKAGE,
     ChangedArgumentError,
     call_watched,
     describe,
     may_preload,
-    traits_of,
+    traits_of_class,
     traits_of_source,
 )
 from roadscope.benchmarks.isolation.limits import (
@@ -63,9 +64,8 @@ from roadscope.core.spec import Spec
 from roadscope.core.text import last_lines, one_line
 from roadscope.core.wire import WireError, decode, encode
 
-PACKAGE = Path(__file__).resolve().parents[2]
 ROOT = PACKAGE.parent
-"""The folder that contains the package."""
+"""The folder that contains the package, for the import path of supervisors."""
 RUN = (
     "import sys; sys.path[:] = sys.argv[2:]; "
     "from roadscope.benchmarks.isolation.supervisor import supervise; supervise(int(sys.argv[1]))"
@@ -131,14 +131,8 @@ def open_plugin(
     if not (spec.isolated if isolated is None else isolated):
         yield _InProcess(spec, watch_arguments=watch_arguments)
         return
-    plugin = _Isolated(
-        spec,
-        limits or Limits(),
-        sandbox=sandbox,
-        hidden=hidden,
-        data=data,
-        watch_arguments=watch_arguments,
-    )
+    options = _Options(limits or Limits(), sandbox, hidden=tuple(hidden), data=tuple(data))
+    plugin = _Isolated(spec, options, watch_arguments=watch_arguments)
     try:
         plugin.load()
         yield plugin
@@ -160,7 +154,7 @@ def probe(spec: Spec) -> Traits:
     file changes. `probing` sets the limits of the child.
     """
     if not spec.isolated:
-        return traits_of(load_class(spec.target), spec.arguments)
+        return traits_of_class(load_class(spec.target), spec.arguments)
     options = _probing.get()
     key = spec.text, spec.target, Path.cwd(), options
     if key in _PROBED:
@@ -169,17 +163,9 @@ def probe(spec: Spec) -> Traits:
             return traits
     try:
         if options.trust or not hasattr(os, "fork"):
-            traits = traits_of(load_class(spec.target), spec.arguments)
+            traits = traits_of_class(load_class(spec.target), spec.arguments)
         else:
-            plugin = _Isolated(
-                spec,
-                options.limits,
-                make=False,
-                sandbox=options.sandbox,
-                hidden=options.hidden,
-                data=options.data,
-            )
-            with closing(plugin):
+            with closing(_Isolated(spec, options, make=False)) as plugin:
                 traits = plugin.load()
     except LoadingError as error:
         traits = traits_of_source(spec.target, f"{spec.text}: {error}")
@@ -192,8 +178,8 @@ def probe(spec: Spec) -> Traits:
 
 
 @dataclass(frozen=True, slots=True)
-class _Probing:
-    """The options with which classes are loaded to read their traits."""
+class _Options:
+    """How a plug-in is isolated: see `open_plugin`, and for `trust` see `probing`."""
 
     limits: Limits = Limits()  # noqa: RUF009
     sandbox: bool = False
@@ -215,16 +201,17 @@ def probing(
 
     trust: load them in this process.
     """
-    token = _probing.set(_Probing(limits, sandbox and not trust, trust, tuple(hidden), tuple(data)))
+    options = _Options(limits, sandbox and not trust, trust, tuple(hidden), tuple(data))
+    token = _probing.set(options)
     try:
         yield
     finally:
         _probing.reset(token)
 
 
-_probing: ContextVar[_Probing] = ContextVar("probing", default=_Probing())  # noqa: B039
+_probing: ContextVar[_Options] = ContextVar("probing", default=_Options())  # noqa: B039
 
-_PROBED: dict[tuple[str, str, Path, _Probing], tuple[Traits, int]] = {}
+_PROBED: dict[tuple[str, str, Path, _Options], tuple[Traits, int]] = {}
 """Traits by spec, folder and options, with the time when the file was modified."""
 
 
@@ -243,7 +230,7 @@ class _InProcess:
         self._text, self.log = spec.text, ""
         self._watch_arguments = watch_arguments
         self._plugin = self._guarded(spec.make)
-        self.traits = traits_of(type(self._plugin), spec.arguments, self._plugin)
+        self.traits = traits_of_class(type(self._plugin), spec.arguments, self._plugin)
 
     def call(self, method: str, *arguments: Any) -> Timed:
         function = self._guarded(getattr, self._plugin, method)
@@ -277,16 +264,10 @@ class _Isolated:
     traits: Traits
 
     def __init__(
-        self,
-        spec: Spec,
-        limits: Limits,
-        *,
-        make: bool = True,
-        sandbox: bool = False,
-        hidden: Sequence[Path] = (),
-        data: Sequence[Path] = (),
-        watch_arguments: bool = False,
+        self, spec: Spec, options: _Options, *, make: bool = True, watch_arguments: bool = False
     ) -> None:
+        """Start its process. make: whether it is made too, not only its class loaded."""
+        limits = options.limits
         self._text, self._limits = spec.text, limits
         self._left_s = limits.episode_s
         self._called_methods: set[str] = set()
@@ -297,7 +278,7 @@ class _Isolated:
             raise PluginError(
                 self._text, "processes cannot be forked here; --trust runs it in this one"
             )
-        self._own = _Supervisor(_sandboxed(spec, hidden, data)) if sandbox else None
+        self._own = _Supervisor(_sandboxed(spec, options)) if options.sandbox else None
         self._supervisor = self._own or _Supervisor.of_this_process()
         request = {
             "target": spec.target,
@@ -563,7 +544,7 @@ def _import_path() -> list[str]:
     return [entry or str(Path.cwd()) for entry in sys.path]
 
 
-def _sandboxed(spec: Spec, hidden: Sequence[Path], data: Sequence[Path]) -> list[str]:
+def _sandboxed(spec: Spec, options: _Options) -> list[str]:
     """Return the words before a supervisor's command that run it in a sandbox.
 
     The package, the import path and the folder of the plug-in's file can be read even inside hidden
@@ -575,13 +556,13 @@ def _sandboxed(spec: Spec, hidden: Sequence[Path], data: Sequence[Path]) -> list
     from roadscope.benchmarks.cache import cache_dir
 
     place = spec.target.rpartition(":")[0]
-    data_folders = [each for path in data for each in folders_behind(path.resolve())]
+    data_folders = [each for path in options.data for each in folders_behind(path.resolve())]
 
     def in_data(path: Path) -> bool:
         return any(path.resolve().is_relative_to(each) for each in data_folders)
 
     readable = [PACKAGE, *(path for path in needed_paths(sys.path) if not in_data(path))]
-    hidden_folders = [path.resolve() for path in (cache_dir(), *hidden)]
+    hidden_folders = [path.resolve() for path in (cache_dir(), *options.hidden)]
     if place.endswith(".py"):
         folder = Path(place).resolve().parent
         if folder in hidden_folders:

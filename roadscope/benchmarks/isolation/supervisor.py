@@ -44,7 +44,7 @@ from roadscope.benchmarks.isolation.describing import (
     call_watched,
     describe,
     may_preload,
-    traits_of,
+    traits_of_class,
 )
 from roadscope.core.constructing import construct
 from roadscope.core.loading import LoadingError, NotInstalledError, SpecError, load_class
@@ -460,21 +460,21 @@ def _serve(request: Mapping[str, Any], worker: socket.socket) -> None:
     def load() -> dict[str, Any]:
         nonlocal plugin
         try:
-            kind = load_class(request["target"])
+            plugin_class = load_class(request["target"])
         except LoadingError:
             raise
         except SpecError as error:
             return {MISTAKE: str(error)}
         texts = request["arguments"]
         arguments = {name: ast.literal_eval(text) for name, text in texts.items()}
-        traits = traits_of(kind, arguments)
+        traits = traits_of_class(plugin_class, arguments)
         if request["make"]:
             if traits.problem:
                 raise SpecError(traits.problem)
             if traits.requires:
                 raise NotInstalledError(traits.requires)
-            plugin = construct(kind, arguments)
-            traits = traits_of(kind, arguments, plugin)
+            plugin = construct(plugin_class, arguments)
+            traits = traits_of_class(plugin_class, arguments, plugin)
         return asdict(traits) | {
             "file": None if traits.file is None else str(traits.file),
             "methods": sorted(traits.methods),
