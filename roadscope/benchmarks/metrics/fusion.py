@@ -16,7 +16,7 @@ from roadscope.benchmarks.metrics.ranked_precision import (
     area_under,
     match_greedily,
 )
-from roadscope.benchmarks.metrics.score import Score, mean, ratio
+from roadscope.benchmarks.metrics.score import Score, averaged, mean, ratio
 from roadscope.core.category import families_of
 from roadscope.core.checks import settle_arrays
 from roadscope.core.fused import FusedDetections
@@ -287,7 +287,7 @@ def fusion_scores(
     scores, is_right = matched.scores[counted], matched.targets[counted] >= 0
     ap = area_under(is_right, scores, objects) if objects else np.nan
     whole = {
-        "ap": Score(ap, "1", "higher", objects, 0.0, 1.0, weight=objects),
+        "ap": averaged(ap, objects),
         "f1": ratio(hits, hits + (objects - hits + alarms) / 2),
         "detection_rate": ratio(hits, objects),
         "precision": ratio(hits, hits + alarms),

@@ -11,7 +11,7 @@ from roadscope.benchmarks.metrics.breakdown import part_name, precision_by_score
 from roadscope.benchmarks.metrics.calibration import calibration_error, excess
 from roadscope.benchmarks.metrics.image_labels import FAMILIES, Labels
 from roadscope.benchmarks.metrics.matching import image_overlaps
-from roadscope.benchmarks.metrics.score import Score, ScoreFamily, mean, ratio
+from roadscope.benchmarks.metrics.score import Score, ScoreFamily, averaged, mean, ratio
 from roadscope.core import Category, ImageDetections
 from roadscope.core.category import families_of
 
@@ -193,7 +193,7 @@ def score_images(detections: Sequence[ImageDetections], labels: Sequence[Labels]
         f"{name}_{family.value}": score
         for i, family in enumerate(FAMILIES)
         for name, score in (
-            ("ap50", _precision_score(curves[i].ap, objects[i])),
+            ("ap50", averaged(curves[i].ap, objects[i])),
             ("detection_rate", ratio(hits[i], objects[i])),
             ("false_alarms", mean(alarms[i], len(labels), "1/image")),
         )
@@ -257,15 +257,11 @@ def _family_curves(
     return [image_precision(images, LEAST_IOU) for images in families]
 
 
-def _precision_score(value: float, objects: int) -> Score:
-    return Score(value, "1", "higher", objects, 0.0, 1.0, weight=objects)
-
-
 def _mean_of_families(curves: Sequence[PrecisionCurve]) -> Score:
     """Return the mean AP of the families that have objects."""
     with_objects = [c for c in curves if c.objects]
     value = float(np.mean([c.ap for c in with_objects])) if with_objects else np.nan
-    return _precision_score(value, sum(c.objects for c in with_objects))
+    return averaged(value, sum(c.objects for c in with_objects))
 
 
 def _coco_precision(detections: Sequence[ImageDetections], labels: Sequence[Labels]) -> Score:
@@ -274,7 +270,7 @@ def _coco_precision(detections: Sequence[ImageDetections], labels: Sequence[Labe
         _mean_of_families([image_precision(images, float(iou)) for images in families])
         for iou in COCO_IOUS
     ]
-    return _precision_score(float(np.mean([s.value for s in by_iou])), by_iou[0].n)
+    return averaged(float(np.mean([s.value for s in by_iou])), by_iou[0].n)
 
 
 def _precision_of_parts(

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from roadscope.benchmarks.metrics.matching import Pairing
-from roadscope.benchmarks.metrics.score import Score
+from roadscope.benchmarks.metrics.score import Score, averaged
 
 RECALL_LEVELS = np.linspace(0.0, 1.0, 101)
 """Recalls at which precision is averaged, as COCO and nuScenes do."""
@@ -136,10 +136,8 @@ def area_under(right: np.ndarray, scores: np.ndarray, total: int) -> float:
 
 
 def _score_of(ranked: RankedDetections) -> Score:
-    total, value = ranked.object_count, np.nan
-    if total:
-        value = area_under(ranked.right, ranked.scores, total)
-    return Score(value, "1", "higher", total, 0.0, 1.0, weight=total)
+    total = ranked.object_count
+    return averaged(area_under(ranked.right, ranked.scores, total) if total else np.nan, total)
 
 
 def _ranked(

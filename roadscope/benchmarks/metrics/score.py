@@ -65,6 +65,14 @@ def mean(total: float, n: int, unit: str, better: Better = "lower") -> Score:
     return Score(total / n if n else math.nan, unit, better, n, weight=n)
 
 
+def averaged(value: float, n: int, least: float = 0.0) -> Score:
+    """Return a figure over n samples, at most 1 and best there; nan without samples.
+
+    least: its least possible value.
+    """
+    return Score(value if n else math.nan, "1", "higher", n, least, 1.0, weight=n)
+
+
 def signed_mean(total: float, n: int) -> Score:
     """Return total / n of values in -1 to 1, best at 0; nan without samples."""
     return Score(total / n if n else math.nan, "1", "lower", n, -1.0, 1.0, weight=n)

@@ -24,7 +24,7 @@ from roadscope.benchmarks.formats.kitti_labels import (
 )
 from roadscope.benchmarks.formats.kitti_scans import numbered_files
 from roadscope.benchmarks.formats.table import FormatError, names_in
-from roadscope.benchmarks.metrics.score import Score
+from roadscope.benchmarks.metrics.score import Score, averaged
 from roadscope.benchmarks.recorded.rules import (
     KITTI_DISTRACTORS,
     boxes_3d,
@@ -95,7 +95,7 @@ class ObjectPrecision:
     @property
     def score(self) -> Score:
         """The average as a score."""
-        return Score(self.ap, "1", "higher", self.objects, 0.0, 1.0, weight=self.objects)
+        return averaged(self.ap, self.objects)
 
 
 def object_precisions(
@@ -154,16 +154,16 @@ def score_kitti_object_results(
     results: a folder with as many files of the same names; 16 columns, the last one the score.
     category: car, pedestrian or cyclist.
     """
-    truth, found = (numbered_files(Path(folder), "txt") for folder in (labels, results))
-    if not truth:
+    label_files, result_files = (numbered_files(Path(f), "txt") for f in (labels, results))
+    if not label_files:
         raise FormatError(f"{labels}: expected files 000000.txt, got {names_in(Path(labels))}")
-    if differing := sorted(set(truth) ^ set(found)):
+    if differing := sorted(set(label_files) ^ set(result_files)):
         raise FormatError(
-            f"{results}: expected a file for each of {len(truth)} in {labels}; "
+            f"{results}: expected a file for each of {len(label_files)} in {labels}; "
             f"{differing[0]:06d}.txt is in one of the folders only"
         )
-    objects = [read_kitti_object_labels(path, number) for number, path in truth.items()]
-    boxes = [read_kitti_object_results(path, number) for number, path in found.items()]
+    objects = [read_kitti_object_labels(path, number) for number, path in label_files.items()]
+    boxes = [read_kitti_object_results(path, number) for number, path in result_files.items()]
     return precision_scores(objects, boxes, DETECTED_TYPES[category], OVERLAPS)
 
 

@@ -14,7 +14,7 @@ from roadscope.benchmarks.formats.kitti_labels import (
     read_kitti_labels,
 )
 from roadscope.benchmarks.formats.kitti_sequence import KittiSequence
-from roadscope.benchmarks.metrics.score import Score, ratio
+from roadscope.benchmarks.metrics.score import Score, averaged, ratio
 from roadscope.benchmarks.metrics.tracking.amota import amota
 from roadscope.benchmarks.metrics.tracking.clear import clear
 from roadscope.benchmarks.metrics.tracking.hota import hota
@@ -135,22 +135,18 @@ def sequence_scores(
     events, ids = clear(sequence, threshold), identity(sequence, threshold)
     samota = amota(with_tentative, threshold=threshold).samota if objects else math.nan
 
-    def average(value: float, lowest: float = 0.0) -> Score:
-        known = value if objects else math.nan
-        return Score(known, "1", "higher", objects, lowest, 1.0, weight=objects)
-
     def number(value: int) -> Score:
         return Score(float(value), "1/sequence", "lower", events.matches)
 
     errors = events.misses + events.false_alarms + events.id_switches
     return {
-        **{n: average(float(getattr(curves, n).mean())) for n in ("hota", *CURVES)},
-        "mota": average(1 - errors / max(objects, 1), -math.inf),
+        **{n: averaged(float(getattr(curves, n).mean()), objects) for n in ("hota", *CURVES)},
+        "mota": averaged(1 - errors / max(objects, 1), objects, -math.inf),
         "errors": Score(float(errors), "1/sequence", "lower", len(sequence)),
         "false_alarms": Score(float(events.false_alarms), "1/sequence", "lower", len(sequence)),
         "motp": Score(events.motp, "1", "higher", events.matches, 0.0, 1.0, weight=events.matches),
         "idf1": ratio(ids.hits, (ids.present + ids.tracked) / 2),
-        "samota": average(samota),
+        "samota": averaged(samota, objects),
         "id_switches": number(events.id_switches),
         "wrong_associations": number(events.wrong_associations),
         "fragmentations": number(events.fragmentations),

@@ -10,7 +10,7 @@ import numpy as np
 
 from roadscope.benchmarks.metrics.breakdown import part_name
 from roadscope.benchmarks.metrics.matching import Pairing, match, other_rows
-from roadscope.benchmarks.metrics.score import Score, ScoreFamily, mean, ratio, rms
+from roadscope.benchmarks.metrics.score import Score, ScoreFamily, averaged, mean, ratio, rms
 from roadscope.benchmarks.metrics.tracking.amota import amota, amota_nuscenes
 from roadscope.benchmarks.metrics.tracking.clear import count_matches
 from roadscope.benchmarks.metrics.tracking.hota import ALPHAS, hota
@@ -210,7 +210,7 @@ def matched_rows(
 def _hota_scores(sequence: TrackedSequence) -> dict[str, Score]:
     curves, objects = hota(sequence), len(sequence.truths)
     names = ("hota", "det_a", "ass_a", "loc_a", "det_re", "det_pr", "ass_re", "ass_pr")
-    return {name: _averaged(float(getattr(curves, name).mean()), objects) for name in names}
+    return {name: averaged(float(getattr(curves, name).mean()), objects) for name in names}
 
 
 def _clear_scores(sequence: TrackedSequence, matched: TrackPairs) -> dict[str, Score]:
@@ -221,8 +221,8 @@ def _clear_scores(sequence: TrackedSequence, matched: TrackPairs) -> dict[str, S
         return Score(float(number), "1/episode", "lower", counts.matches)
 
     return {
-        "mota": _averaged(counts.mota, counts.present, -math.inf),
-        "motp": _share(counts.closeness, counts.matches),
+        "mota": averaged(counts.mota, counts.present, -math.inf),
+        "motp": ratio(counts.closeness, counts.matches),
         "motp_m": mean(distance_m, counts.matches, "m"),
         "id_switches": events(counts.id_switches),
         "wrong_associations": events(counts.wrong_associations),
@@ -249,10 +249,10 @@ def _amota_scores(sequence: TrackedSequence, threshold: float) -> dict[str, Scor
     nuscenes = amota_nuscenes(sequence)
     amotp_m = nuscenes.amotp_m if objects else math.nan
     return {
-        "samota": _averaged(averages.samota, objects),
-        "amota": _averaged(averages.amota, objects, -math.inf),
-        "amotp": _averaged(averages.amotp, objects),
-        "amota_nuscenes": _averaged(nuscenes.amota, objects),
+        "samota": averaged(averages.samota, objects),
+        "amota": averaged(averages.amota, objects, -math.inf),
+        "amotp": averaged(averages.amotp, objects),
+        "amota_nuscenes": averaged(nuscenes.amota, objects),
         "amotp_nuscenes_m": Score(amotp_m, "m", "lower", objects, 0.0, GATE_M, weight=objects),
     }
 
@@ -296,20 +296,11 @@ def consistency_scores(errors: StateErrors, objects: int) -> dict[str, Score]:
         values = nees(errors, velocity=velocity)
         total = float(values.values.sum()) / values.freedom
         scores[f"nees_{name}"] = mean(total, len(values), "1")
-        scores[f"inside_{name}"] = _share(values.inside * len(values), len(values))
+        scores[f"inside_{name}"] = ratio(values.inside * len(values), len(values))
         if not velocity:
             in_band = float(values.in_band(objects)) if len(values) else math.nan
             scores["nees_in_band"] = Score(in_band, "1", "higher", len(values), 0.0, 1.0)
     return scores
-
-
-def _averaged(value: float, objects: int, least: float = 0.0) -> Score:
-    """Return a figure of all objects; nan without objects."""
-    return Score(value if objects else math.nan, "1", "higher", objects, least, 1.0, weight=objects)
-
-
-def _share(total: float, n: int) -> Score:
-    return Score(total / n if n else math.nan, "1", "higher", n, 0.0, 1.0, weight=n)
 
 
 # --------------------------------------------------------------------------------------------------
@@ -331,7 +322,7 @@ def score_alphas(
     sequence = counted_sequence(tracks, truths, pairings, counted_rows(pairings))
     curves, objects = hota(sequence), len(sequence.truths)
     return {
-        part_name(name, BY_ALPHA, band): _averaged(float(value), objects)
+        part_name(name, BY_ALPHA, band): averaged(float(value), objects)
         for name in ("hota", *CURVES)
         for band, value in zip(ALPHA_BANDS, getattr(curves, name), strict=True)
     }
