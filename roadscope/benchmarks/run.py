@@ -30,7 +30,6 @@ from roadscope.benchmarks.report.moments import worst_moments
 from roadscope.benchmarks.report.page import Run, read_runs, save_moments, save_page
 from roadscope.benchmarks.results import Results, gather
 from roadscope.benchmarks.results.agreement import BoardAgreement
-from roadscope.benchmarks.results.results import condition_of
 from roadscope.benchmarks.run_manifest import manifest
 from roadscope.benchmarks.store import Outcome, Store, StoredJob, StoreError
 from roadscope.benchmarks.suite import Suite, SuiteError, check_names
@@ -411,7 +410,7 @@ def _outcomes(
             episode.seed,
             job.spec,
             inputs=job.inputs,
-            condition=condition_of(job),
+            condition=episode.condition,
         )
         done[job.key] = outcome
         try:

@@ -148,8 +148,8 @@ class Store:
 
     def changed(self) -> list[str]:
         """Return the keys of rows that are no longer as they were last read or written here."""
-        found = {row["key"]: _digest(list(row.values())) for row, _ in self._rows(self._digests)}
-        return [key for key, digest in self._digests.items() if found.get(key) != digest]
+        present = {row["key"]: _digest(list(row.values())) for row, _ in self._rows(self._digests)}
+        return [key for key, digest in self._digests.items() if present.get(key) != digest]
 
     def _rows(self, keys: Iterable[str]) -> Iterator[tuple[dict[str, Any], str]]:
         """Yield the rows with these keys, and the digest that each of them has."""

@@ -116,7 +116,7 @@ def kitti_object_settings(
     board: the name of the board of simulated traffic that ranks the same plug-ins.
     sensors: whose data plug-ins get.
     """
-    found = find_kitti_frames(place.folder, sensors)
+    data = find_kitti_frames(place.folder, sensors)
     drives = tuple(
         KittiDrive(
             seed=number,
@@ -125,9 +125,9 @@ def kitti_object_settings(
             digest=frames.digest(sensors),
             lidar_height_m=place.lidar_height_m,
         )
-        for number, frames in enumerate(found.frames)
+        for number, frames in enumerate(data.frames)
     )
-    labelled = {name for frames in found.frames for name in frames.type_names()}
+    labelled = {name for frames in data.frames for name in frames.type_names()}
     names = [TYPE_NAMES[kind] for kind in DETECTED_TYPES.values()]
     if not any(name.lower() in labelled for name in names):
         # A malformed file may be the reason; its reader says so.
@@ -142,7 +142,7 @@ def kitti_object_settings(
         lidar=table.lidar,
         camera=table.camera,
         drives=drives,
-        remark=" ".join([_frames_in_words(drives, place, sensors), *found.notes]),
+        remark=" ".join([_frames_in_words(drives, place, sensors), *data.notes]),
     )
     boards = [name.lower() for name in names if name.lower() in labelled]
     return {f"{KITTI} {board} {name}": settings for name in boards}
@@ -172,17 +172,17 @@ def kitti_odometry_settings(place: DataFolder, board: str) -> dict[str, Sequence
 
     board: the name of the board of odometries on simulated traffic.
     """
-    found = find_kitti_odometry(place.folder)
+    data = find_kitti_odometry(place.folder)
     drives = [
         KittiOdometryDrive(seed=number, sequence=each, digest=each.digest())
-        for number, each in enumerate(found.sequences)
+        for number, each in enumerate(data.sequences)
     ]
     for drive in drives:
         drive.check()
     settings = KittiOdometrySettings(
         entries=recorded_table(KITTI).of_board(board).entries,
         drives=tuple(drives),
-        remark=" ".join([_stretches_in_words(drives), *found.notes]),
+        remark=" ".join([_stretches_in_words(drives), *data.notes]),
     )
     return {f"{KITTI} {board}": settings}
 

@@ -122,7 +122,7 @@ def predictions(jobs: Sequence[JobScores], board: str) -> list[Prediction]:
     tables = {metric: _table(sound, metric, names, blocks) for metric in metrics}
     draws = _draws(blocks)
     episodes = len({_episode(job) for job in sound})
-    found = []
+    correlations = []
     for predicted in described.predicted:
         for metric in described.predictors:
             pair = tables[metric], tables[predicted]
@@ -130,8 +130,9 @@ def predictions(jobs: Sequence[JobScores], board: str) -> list[Prediction]:
             rho, count = float(rhos[0]), int(counts[0])
             if np.isfinite(rho):
                 intervals = rank_interval(rho, count), _range(rhos[1:])
-                found.append(Prediction(metric, predicted, rho, *intervals, count, episodes))
-    return found
+                prediction = Prediction(metric, predicted, rho, *intervals, count, episodes)
+                correlations.append(prediction)
+    return correlations
 
 
 def _episode(job: JobScores) -> tuple[str, int, str]:

@@ -11,7 +11,6 @@ from typing import Any, Self
 import msgspec
 
 from roadscope.benchmarks.boards import Board, board_named
-from roadscope.benchmarks.boards.board import CONDITIONS
 from roadscope.benchmarks.graph import Job
 from roadscope.benchmarks.metrics.score import Score
 from roadscope.benchmarks.results.agreement import BoardAgreement, predictions
@@ -208,13 +207,13 @@ def gather(
 
 def results_of(scores: Sequence[JobScores], manifest: Mapping[str, Any]) -> Results:
     """Return the results of jobs, of a run or of a file."""
-    order: list[Standing] = []
+    places: list[Standing] = []
     results: list[EntryResult] = []
     for board in sorted({job.board for job in scores}):
         entries = {each.entry: each for each in entry_results(scores, board)}
-        places = standings(list(entries.values()))
-        order += places
-        results += [entries[place.entry] for place in places]
+        of_board = standings(list(entries.values()))
+        places += of_board
+        results += [entries[place.entry] for place in of_board]
     return Results(
         manifest,
         rows=tuple(row for result in results for row in whole_rows(result)),
@@ -224,7 +223,7 @@ def results_of(scores: Sequence[JobScores], manifest: Mapping[str, Any]) -> Resu
             if job.reason is not None
         ),
         parts=tuple(row for result in results for row in part_rows(result)),
-        standings=tuple(order),
+        standings=tuple(places),
         jobs=tuple(scores),
     )
 
@@ -245,11 +244,6 @@ def entry_results(scores: Sequence[JobScores], board: str) -> list[EntryResult]:
     return results
 
 
-def condition_of(job: Job) -> str:
-    """Return weather, light and faults of a job's episode in words."""
-    return CONDITIONS["condition"](job.episode)
-
-
 def _job_scores(job: Job, outcome: Outcome) -> JobScores:
     episode = job.episode
     conditions = board_named(job.board.name).conditions
@@ -258,14 +252,14 @@ def _job_scores(job: Job, outcome: Outcome) -> JobScores:
         job.entry,
         episode.scenario,
         episode.seed,
-        condition_of(job),
+        episode.condition,
         job.inputs,
         outcome.scores,
         outcome.reason,
         job.mark,
-        {by: condition(episode) for by, condition in conditions.items()},
-        outcome.log,
-        bool(job.missing),
+        conditions={by: condition(episode) for by, condition in conditions.items()},
+        log=outcome.log,
+        not_installed=bool(job.missing),
     )
 
 
