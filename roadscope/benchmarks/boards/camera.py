@@ -34,6 +34,7 @@ from roadscope.benchmarks.suite import BoardSettings, Positive, Suite
 from roadscope.core import Spec
 from roadscope.core.spec import ORACLE
 
+_TITLES = {"size": "size in the image", "range": "range, m"}
 _NOTES = {
     "size": "small: below 32 x 32 pixels, large: above 96 x 96.",
     "occlusion": "Occlusion: share of the outline that something else covers.",
@@ -72,16 +73,9 @@ class CameraBoard(Board):
         slow_calls_column(1),
         Column("ap50_16px", "AP50 16 px", 2, "16 px: of objects at least that high."),
     )
-    breakdowns = (
-        Breakdown("family"),
-        *(
-            Breakdown(
-                by,
-                {"size": "size in the image", "range": "range, m"}.get(by, ""),
-                _NOTES.get(by, ""),
-            )
-            for by in ("size", "range", "occlusion", "category", "score", *CONDITIONS)
-        ),
+    breakdowns = tuple(
+        Breakdown(by, _TITLES.get(by, ""), _NOTES.get(by, ""))
+        for by in ("family", "size", "range", "occlusion", "category", "score", *CONDITIONS)
     )
     by_condition = ("ap50", "detection_rate", "false_alarms", "objects_per_image")
     shown_parts = (

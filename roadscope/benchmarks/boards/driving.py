@@ -199,18 +199,18 @@ def check_stack(text: str, suite: Suite) -> None:
 
 
 def drive_of(answers: EpisodeDrive, planned_s: float) -> ScoredDrive:
-    """Return what the scores of a drive are made of."""
+    """Return what the scores of a drive are made of. planned_s: how long it should last."""
     return ScoredDrive(
-        answers.stamps_s,
-        answers.speeds,
-        answers.accelerations,
-        answers.reference_accelerations,
-        answers.poses[:, 0],
-        answers.poses[:, 1:],
-        answers.velocities,
-        answers.sizes[:, :2],
-        answers.end_s,
-        answers.desired_speed_m_s,
-        planned_s,
-        answers.collided_with >= 0,
+        stamps_s=answers.stamps_s,
+        speeds=answers.speeds,
+        accelerations=answers.accelerations,
+        reference_accelerations=answers.reference_accelerations,
+        ego=answers.poses[:, 0],
+        others=answers.poses[:, 1:],
+        velocities=answers.velocities,
+        sizes=answers.sizes[:, :2],
+        end_s=answers.end_s,
+        desired_speed_m_s=answers.desired_speed_m_s,
+        planned_s=planned_s,
+        collided=answers.collided_with >= 0,
     )

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from itertools import product
+from typing import NamedTuple
 
 from roadscope.benchmarks.boards.board import (
     CONDITIONS,
@@ -129,36 +130,23 @@ class FusionBoard(Board):
         settings = suite.settings(self.name, FusionSettings)
         if not (settings.lidar and settings.camera):
             raise SpecError(f"suite {suite.title} names no fusion.lidar or no fusion.camera")
-        passed_on = FUSION.registry.resolve(PASSED_ON)
-        rows = [(str(entry), entry, "") for entry in dict.fromkeys(entries)]
-        if options.marks:
-            rows += [(alone, passed_on, alone) for alone in (LIDAR_ALONE, CAMERA_ALONE)]
+        rows = fusion_rows(entries, options)
         pairs = [
             (detection_source(lidar), image_source(camera))
             for lidar in settings.lidar
             for camera in settings.camera
         ]
         jobs = []
-        for episode in episodes(suite):
-            for lidar, camera in pairs:
-                node = FusionNode(
-                    DetectionNode(lidar, episode, suite.eligibility),
-                    ImageNode(camera, episode, settings.every_s, of_scans=True),
-                    passed_on,
-                    options.calibration,
-                    settings.every_s,
-                )
-                jobs += [
-                    Job(
-                        self,
-                        name,
-                        episode,
-                        replace(node, fusion=fusion, alone=alone),
-                        mark=ONE_SENSOR if alone else None,
-                        inputs=node.inputs,
-                    )
-                    for name, fusion, alone in rows
-                ]
+        for episode, (lidar, camera), row in product(episodes(suite), pairs, rows):
+            node = FusionNode(
+                DetectionNode(lidar, episode, suite.eligibility),
+                ImageNode(camera, episode, settings.every_s, of_scans=True),
+                row.fusion,
+                options.calibration,
+                settings.every_s,
+                row.alone,
+            )
+            jobs.append(Job(self, row.name, episode, node, mark=row.mark, inputs=node.inputs))
         return jobs
 
     def score(self, job: Job, answers: EpisodeFusions, options: RunOptions) -> Scores:
@@ -182,3 +170,25 @@ class FusionBoard(Board):
     def remark(self, calibration: str) -> str:
         """Return which calibration fusions get, if not the rig's."""
         return f"Fusions get the calibration {calibration}." if calibration else ""
+
+
+class FusionRow(NamedTuple):
+    """A row of a board of fusions: a fusion, and the only sensor that it gets; empty: both."""
+
+    name: str
+    fusion: Spec
+    alone: str = ""
+
+    @property
+    def mark(self) -> str | None:
+        """The mark of one sensor alone; None for an entry with a rank."""
+        return ONE_SENSOR if self.alone else None
+
+
+def fusion_rows(entries: Sequence[Spec], options: JobOptions) -> list[FusionRow]:
+    """Return the rows of entries, and of each sensor alone, whose detections are passed on."""
+    rows = [FusionRow(str(entry), entry) for entry in dict.fromkeys(entries)]
+    if options.marks:
+        passed_on = FUSION.registry.resolve(PASSED_ON)
+        rows += [FusionRow(alone, passed_on, alone) for alone in (LIDAR_ALONE, CAMERA_ALONE)]
+    return rows

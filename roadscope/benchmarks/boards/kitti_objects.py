@@ -24,7 +24,7 @@ from roadscope.benchmarks.boards.board import (
 )
 from roadscope.benchmarks.boards.camera import CameraBoard
 from roadscope.benchmarks.boards.detection import DetectionBoard
-from roadscope.benchmarks.boards.fusion import INPUTS, PASSED_ON, FusionBoard
+from roadscope.benchmarks.boards.fusion import INPUTS, FusionBoard, fusion_rows
 from roadscope.benchmarks.eligibility import Eligibility
 from roadscope.benchmarks.formats.kitti_frames import LabelCamera, kitti_results
 from roadscope.benchmarks.formats.kitti_labels import DETECTED_TYPES, KittiObjects
@@ -37,7 +37,12 @@ from roadscope.benchmarks.metrics.score import mean
 from roadscope.benchmarks.nodes.detections import DetectionNode
 from roadscope.benchmarks.nodes.fusions import FusionNode
 from roadscope.benchmarks.nodes.images import ImageNode
-from roadscope.benchmarks.recorded.kitti_drive import KittiDrive, KittiDrives, labels_of, places_of
+from roadscope.benchmarks.recorded.kitti_drive import (
+    KittiDrive,
+    KittiDrives,
+    frame_poses,
+    labels_by_frame,
+)
 from roadscope.benchmarks.recorded.object_rules import precision_scores
 from roadscope.benchmarks.recorded.recording import KITTI_CLASSES, SequenceSettings
 from roadscope.benchmarks.recorded.suite import DataFolder, KittiSettings, kitti_object_settings
@@ -48,10 +53,7 @@ from roadscope.benchmarks.records import (
     EpisodeImageDetections,
 )
 from roadscope.benchmarks.references import (
-    CAMERA_ALONE,
-    LIDAR_ALONE,
     NAMED_BY_SUITES,
-    ONE_SENSOR,
     UPPER_MARK,
     check_detection_source,
     detection_source,
@@ -160,7 +162,7 @@ class KittiObjectsBoard(Board):
         assert isinstance(job.episode, KittiDrives)
         object_type = DETECTED_TYPES[self.category]
         drives = job.episode.drives
-        labels = [labels_of(drive) for drive in drives]
+        labels = [labels_by_frame(drive) for drive in drives]
         boxes = [self.rows(drive, each) for drive, each in zip(drives, answers, strict=True)]
         all_labels = list(chain.from_iterable(labels))
         all_boxes = list(chain.from_iterable(boxes))
@@ -265,31 +267,20 @@ class KittiFusionBoard(KittiObjectsBoard):
     def jobs(self, suite: Suite, entries: Sequence[Spec], options: JobOptions) -> list[Job]:
         """Return every fusion on all pairs of detectors, and each sensor alone as marks."""
         settings = suite.settings(self.name, KittiSettings)
-        passed_on = FUSION.registry.resolve(PASSED_ON)
-        # The name of a row, its fusion, and the only sensor that the fusion gets; empty: both.
-        rows = [(str(entry), entry, "") for entry in dict.fromkeys(entries)]
-        if options.marks:
-            rows += [(alone, passed_on, alone) for alone in (LIDAR_ALONE, CAMERA_ALONE)]
+        rows = fusion_rows(entries, options)
         jobs = []
-        for lidar, camera, (name, fusion, alone) in product(settings.lidar, settings.camera, rows):
+        for lidar, camera, row in product(settings.lidar, settings.camera, rows):
             nodes = tuple(
                 FusionNode(
                     DetectionNode(detection_source(lidar), drive, EVERYTHING),
                     ImageNode(image_source(camera), drive, 0.0),
-                    fusion,
-                    alone=alone,
+                    row.fusion,
+                    alone=row.alone,
                 )
                 for drive in settings.drives
             )
-            job = Job(
-                self,
-                name,
-                KittiDrives(settings.drives),
-                AllDrives(nodes),
-                mark=ONE_SENSOR if alone else None,
-                inputs=nodes[0].inputs,
-            )
-            jobs.append(job)
+            drives, answers = KittiDrives(settings.drives), AllDrives(nodes)
+            jobs.append(Job(self, row.name, drives, answers, mark=row.mark, inputs=nodes[0].inputs))
         return jobs
 
     def rows(self, drive: KittiDrive, answers: EpisodeFusions) -> list[KittiObjects]:
@@ -297,8 +288,8 @@ class KittiFusionBoard(KittiObjectsBoard):
 
         A target without an image box of its own gets the one around its box in space.
         """
-        pairs = zip(answers.fused, places_of(drive), strict=True)
-        return [place.fused_rows(fused) for fused, place in pairs]
+        pairs = zip(answers.fused, frame_poses(drive), strict=True)
+        return [poses.fused_rows(fused) for fused, poses in pairs]
 
     def explanation(self, suite: Suite) -> str:
         """Return as text which frames there are, and which detections fusions get."""

@@ -186,20 +186,14 @@ class RecordedBoard(Board):
             tracker: _track_nodes(tracker, recordings)
             for tracker in with_each_ego(entries, (TRUE_POSES,))
         }
-        return [
-            Job(
-                self,
-                str(tracker)
-                if recording.detector == first
-                else f"{tracker} on {recording.detector}",
-                recording,
-                node,
-                missing=missing_requirement(tracker) or _missing_training(node),
-            )
-            for row, recording in enumerate(recordings)
-            for tracker, of_recordings in nodes.items()
-            for node in of_recordings[row : row + 1]
-        ]
+        jobs = []
+        for row, recording in enumerate(recordings):
+            on_detector = "" if recording.detector == first else f" on {recording.detector}"
+            for tracker, of_recordings in nodes.items():
+                node = of_recordings[row]
+                missing = missing_requirement(tracker) or _missing_training(node)
+                jobs.append(Job(self, f"{tracker}{on_detector}", recording, node, missing=missing))
+        return jobs
 
     def score(self, job: Job, answers: EpisodeTracks, options: RunOptions) -> Scores:
         """Return the scores of a job's answers, times of calls, and `offline`."""
@@ -223,12 +217,11 @@ class RecordedBoard(Board):
         settings = suite.settings(self.name, RecordedSettings)
         sequences = len(dict.fromkeys(r.sequence for r in settings.recordings))
         first, *others = settings.detectors
-        text = f"{sequences} of {settings.labelled} labelled sequences have detections. "
-        text += f"Trackers get those of {first}"
-        text += (
-            f"; entries 'on' another detector get its own: {', '.join(others)}." if others else "."
-        )
-        return f"{text} {settings.remark}".rstrip()
+        on_others = f"; entries 'on' another detector get its own: {', '.join(others)}"
+        return (
+            f"{sequences} of {settings.labelled} labelled sequences have detections. Trackers get "
+            f"those of {first}{on_others if others else ''}. {settings.remark}"
+        ).rstrip()
 
 
 class KittiBoard(RecordedBoard):

@@ -107,29 +107,29 @@ class KittiDrive(RecordedDrive):
     def scans(self) -> Iterator[tuple[Frame, Truth]]:
         """Yield the frames with scans and their truth, the labels."""
         previous: Pose | None = None
-        for scan, place, truth in zip(
-            self.files.scans(), places_of(self), truths_of(self), strict=True
+        for scan, poses, truth in zip(
+            self.files.scans(), frame_poses(self), truths_by_frame(self), strict=True
         ):
-            motion = place.motion_since(previous)
-            yield Frame(scan.stamp_s, place.calibration, scan, previous_from_ego=motion), truth
-            previous = place.world_from_ego
+            motion = poses.motion_since(previous)
+            yield Frame(scan.stamp_s, poses.calibration, scan, previous_from_ego=motion), truth
+            previous = poses.world_from_ego
 
     def images(self, *, pixels: bool = True) -> Iterator[tuple[Frame, Truth]]:
         """Yield the frames with images and their truth; without pixels, one grey one stands in."""
         grey = np.full((1, 1, 3), 128, np.uint8)
-        for number, place, truth in zip(
-            self.files.numbers, places_of(self), truths_of(self), strict=True
+        for number, poses, truth in zip(
+            self.files.numbers, frame_poses(self), truths_by_frame(self), strict=True
         ):
             content = read_image(self.files.file(IMAGES, number)) if pixels else grey
             image = CameraImage(
-                content, place.view.camera.projection[:, :3], truth.stamp_s, "camera"
+                content, poses.view.camera.projection[:, :3], truth.stamp_s, "camera"
             )
-            yield Frame(truth.stamp_s, place.calibration, camera=image), truth
+            yield Frame(truth.stamp_s, poses.calibration, camera=image), truth
 
     def rows(self, detections: Sequence[Detections]) -> list[KittiObjects]:
         """Return detections of each frame, world frame, as KITTI's rows: those in the image."""
-        pairs = zip(detections, places_of(self), strict=True)
-        return [place.rows(each) for each, place in pairs]
+        pairs = zip(detections, frame_poses(self), strict=True)
+        return [poses.rows(each) for each, poses in pairs]
 
 
 sensed.register(KittiDrive, KittiDrive.scans)
@@ -137,7 +137,7 @@ sensed.register(KittiDrive, KittiDrive.scans)
 
 @believed_projections.register
 def _projections(drive: KittiDrive, scans: int) -> list[Projection]:
-    return [place.projection for place in places_of(drive)]
+    return [poses.projection for poses in frame_poses(drive)]
 
 
 @image_rows.register
@@ -169,7 +169,10 @@ class KittiDrives:
 
 
 class _FramePoses(NamedTuple):
-    """Where the vehicle and its sensors are at one frame; posed: whether the files say so."""
+    """The poses of the vehicle and its sensors at one frame.
+
+    posed: whether the files give `world_from_ego`; otherwise it is the identity.
+    """
 
     view: KittiView
     ego_from_lidar: Pose
@@ -222,8 +225,8 @@ class _FramePoses(NamedTuple):
 
 
 @lru_cache(maxsize=64)
-def places_of(drive: KittiDrive) -> tuple[_FramePoses, ...]:
-    """Return where everything is at each frame."""
+def frame_poses(drive: KittiDrive) -> tuple[_FramePoses, ...]:
+    """Return the poses of the vehicle and its sensors at each frame."""
     views, poses = drive.files.views(), drive.files.poses()
     mount = drive.ego_from_lidar
     if poses is None:
@@ -240,16 +243,16 @@ def places_of(drive: KittiDrive) -> tuple[_FramePoses, ...]:
 
 
 @lru_cache(maxsize=64)
-def labels_of(drive: KittiDrive) -> tuple[KittiObjects, ...]:
+def labels_by_frame(drive: KittiDrive) -> tuple[KittiObjects, ...]:
     """Return the labels of each frame."""
     return tuple(drive.files.labels())
 
 
-def truths_of(drive: KittiDrive) -> list[Truth]:
+def truths_by_frame(drive: KittiDrive) -> list[Truth]:
     """Return the labelled objects of each frame, world frame; velocities are 0."""
     truths = []
-    frames = zip(labels_of(drive), places_of(drive), drive.files.stamps_s, strict=True)
-    for labels, place, stamp_s in frames:
+    frames = zip(labels_by_frame(drive), frame_poses(drive), drive.files.stamps_s, strict=True)
+    for labels, poses, stamp_s in frames:
         rows = labels.select(np.isin(labels.types, list(CATEGORIES)))
         count = len(rows)
         scored = replace(rows, scores=np.ones(count))
@@ -257,9 +260,9 @@ def truths_of(drive: KittiDrive) -> list[Truth]:
         kinds = np.array([CATEGORIES[KittiType(kind)] for kind in rows.types], np.int8)
         truth = truth_of_labels(
             np.arange(count),
-            replace(boxes, categories=kinds).moved(place.world_from_turned, "world"),
+            replace(boxes, categories=kinds).moved(poses.world_from_turned, "world"),
             np.zeros((count, 2)),
-            place.world_from_ego,
+            poses.world_from_ego,
             stamp_s=stamp_s,
             image_boxes=rows.boxes,
         )
