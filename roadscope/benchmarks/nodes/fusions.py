@@ -30,9 +30,14 @@ from roadscope.fusion.overlap import projected_boxes
 from roadscope.fusion.pairing import ALONE, ClocksApartError, moved_projection, nearest_images
 
 NEAREST_M = 3.0
-"""Least distance of eligible objects; the next four limits are explained in `targets_of`."""
+"""Least distance of eligible objects."""
+MOST_HIDDEN, LEAST_SIDE_PX = 0.9, 3.0
+"""An object is in the image if a smaller share of it is hidden and both sides of its box are
+longer."""
 LEAST_RETURNS, LEAST_PIXELS, LEAST_HEIGHT_PX = 5, 60, 12.0
-MOST_HIDDEN = 0.9
+"""Either so many returns, or so many visible pixels and a box of this height make it eligible."""
+PARKED_SIZE_M = (4.4, 1.8, 1.5)
+"""Length, width and height that are assumed for parked cars, of which only the centre is known."""
 
 
 @dataclass(frozen=True)
@@ -242,26 +247,28 @@ def targets_of(
     returns, or with 60 visible pixels and a height of 12.
     """
     assert image.image_boxes is not None
-    rows = {int(k): i for i, k in enumerate(image.ids)}
-    both = np.array([k for k, i in enumerate(truth.ids.tolist()) if i in rows], np.int64)
-    other = np.array([rows[int(truth.ids[k])] for k in both], np.int64)
-    centres = truth.world_from_ego.inverse().apply(truth.centres[both])
-    boxes = image.image_boxes[other]
+    row_in_image = {int(identity): row for row, identity in enumerate(image.ids)}
+    # The rows of the objects that the truths of scan and image have in common.
+    rows = np.array([k for k, i in enumerate(truth.ids.tolist()) if i in row_in_image], np.int64)
+    image_rows = np.array([row_in_image[int(truth.ids[k])] for k in rows], np.int64)
+    centres = truth.world_from_ego.inverse().apply(truth.centres[rows])
+    boxes = image.image_boxes[image_rows]
     sides = boxes[:, 2:] - boxes[:, :2]
-    in_image = (sides > 3.0).all(axis=1)
-    in_image &= image.occluded_fraction[other] < MOST_HIDDEN
-    shows = (image.visible_pixels[other] >= LEAST_PIXELS) & (sides[:, 1] >= LEAST_HEIGHT_PX)
-    returns = truth.lidar_returns[both] >= LEAST_RETURNS
+    in_image = (sides > LEAST_SIDE_PX).all(axis=1)
+    in_image &= image.occluded_fraction[image_rows] < MOST_HIDDEN
+    by_camera = image.visible_pixels[image_rows] >= LEAST_PIXELS
+    by_camera &= sides[:, 1] >= LEAST_HEIGHT_PX
+    by_lidar = truth.lidar_returns[rows] >= LEAST_RETURNS
     ranges = np.hypot(centres[:, 0], centres[:, 1])
-    eligible = in_image & (shows | returns) & (ranges >= NEAREST_M) & (ranges <= FARTHEST_M)
+    eligible = in_image & (by_camera | by_lidar) & (ranges >= NEAREST_M) & (ranges <= FARTHEST_M)
     cars = truth.world_from_ego.inverse().apply(
-        np.column_stack([parked, np.full(len(parked), 0.75)])
+        np.column_stack([parked, np.full(len(parked), PARKED_SIZE_M[2] / 2)])
     )
     n = len(cars)
     car_boxes, _ = projected_boxes(
         Detections(
             cars,
-            np.tile((4.4, 1.8, 1.5), (n, 1)),
+            np.tile(PARKED_SIZE_M, (n, 1)),
             np.zeros(n),
             np.zeros(n, np.int8),
             np.ones(n),
@@ -271,9 +278,9 @@ def targets_of(
         projection,
     )
     return FusionTargets(
-        np.concatenate([families_of(truth.categories[both]), np.zeros(n, np.int64)]),
+        np.concatenate([families_of(truth.categories[rows]), np.zeros(n, np.int64)]),
         np.concatenate([centres, cars]),
         np.concatenate([boxes, car_boxes]),
         np.concatenate([eligible, np.zeros(n, bool)]),
-        np.concatenate([image.occluded_fraction[other], np.zeros(n)]),
+        np.concatenate([image.occluded_fraction[image_rows], np.zeros(n)]),
     )
