@@ -75,7 +75,7 @@ NOT_IN_FILES = (
 """Scores of velocities and covariances, which result files do not have."""
 CATEGORY_OF = {**CATEGORIES, KittiType.TRAM: Category.BUS, KittiType.MISC: Category.BUS}
 AHEAD_M = 10.0
-"""Metres along an axis from which on it cannot be the one that points up."""
+"""An axis along which a drive goes farther than this points ahead, not up. Chosen by hand."""
 MOST_STAMP_GAP = 0.25
 """Greatest difference between the stamps of a pose and of its scan, in periods of the LiDAR. Chosen
 by hand."""
@@ -213,15 +213,15 @@ def submit_kitti(folder: Path | str, kitti: Path | str, *, name: str | None = No
         for sequence in sequences
         if (place / f"{sequence}.txt").is_file()
     }
-    solid = all(bool(rows.has_3d_box.all()) for rows in results.values())
-    similarities = list(SUFFIXES) if solid else ["iou_2d"]
-    kinds = [
-        c
-        for c, kind in DETECTED_TYPES.items()
-        if any((r.types == kind).any() for r in labels.values())
+    all_in_space = all(bool(rows.has_3d_box.all()) for rows in results.values())
+    similarities = list(SUFFIXES) if all_in_space else ["iou_2d"]
+    categories = [
+        category
+        for category, kind in DETECTED_TYPES.items()
+        if any((rows.types == kind).any() for rows in labels.values())
     ]
     episodes = []
-    for category in kinds:
+    for category in categories:
         for number, sequence in enumerate(sequences):
             about = Recording(str(files.root), sequence, category.name.lower(), "", number)
             scores = None
@@ -410,11 +410,11 @@ def read_image_results(folder: Path, oracle: EpisodeImageDetections) -> EpisodeI
     detections = list(oracle.detections)
     numbers = {row: k for k, row in enumerate(oracle.rows.tolist()) if detections[k] is not None}
     rows = _object_rows(folder, list(numbers))
-    shares = _are_shares(rows.values())
+    normalized = _are_normalized(rows.values())
     for (path, own), k in zip(rows.items(), numbers.values(), strict=True):
         if not own.in_image.all():
             raise FormatError(f"{path}: expected boxes in the image, got a row without")
-        scores = own.scores if shares else logistic(own.scores)
+        scores = own.scores if normalized else logistic(own.scores)
         stamp_s = oracle.truths[k].stamp_s
         detections[k] = ImageDetections(own.boxes, _categories(own), scores, stamp_s)
     return replace(oracle, detections=tuple(detections))
@@ -451,18 +451,20 @@ def _boxes(
 
     If any score is outside 0 to 1, all scores are mapped by the logistic function.
     """
-    shares = _are_shares(frames)
+    normalized = _are_normalized(frames)
     detections = []
     for path, rows, truth in zip(paths, frames, true.truths, strict=True):
         if not rows.has_3d_box.all():
             raise FormatError(f"{path}: expected 3-D boxes in the camera frame, got a row without")
-        boxes = detections_from_rows(rows, Category.CAR, stamp_s=truth.stamp_s, normalized=shares)
+        boxes = detections_from_rows(
+            rows, Category.CAR, stamp_s=truth.stamp_s, normalized=normalized
+        )
         boxes = replace(boxes, categories=_categories(rows))
         detections.append(boxes.moved(true.view.turned(truth.world_from_ego), "world"))
     return detections
 
 
-def _are_shares(frames: Iterable[KittiObjects]) -> bool:
+def _are_normalized(frames: Iterable[KittiObjects]) -> bool:
     """Return whether all scores are from 0 to 1 already."""
     return all(bool(((r.scores >= 0) & (r.scores <= 1)).all()) for r in frames)
 
@@ -479,7 +481,9 @@ def read_lidar_poses(path: Path, stamps_s: np.ndarray, arrived: Sequence[int]) -
     """
     trajectory = read_any_trajectory(path)
     if trajectory.stamps_s is not None:
-        poses = _at(path, trajectory.poses, np.array(trajectory.stamps_s), stamps_s[list(arrived)])
+        poses = _poses_at(
+            path, trajectory.poses, np.array(trajectory.stamps_s), stamps_s[list(arrived)]
+        )
     elif len(trajectory.poses) == len(stamps_s):
         poses = [trajectory.poses[k] for k in arrived]
     elif len(trajectory.poses) == len(arrived):
@@ -498,7 +502,9 @@ def read_lidar_poses(path: Path, stamps_s: np.ndarray, arrived: Sequence[int]) -
     return poses
 
 
-def _at(path: Path, poses: Sequence[Pose], stamps_s: np.ndarray, scans_s: np.ndarray) -> list[Pose]:
+def _poses_at(
+    path: Path, poses: Sequence[Pose], stamps_s: np.ndarray, scans_s: np.ndarray
+) -> list[Pose]:
     """Return for each scan, stamped scans_s, the pose whose stamp is nearest."""
     period_s = float(np.median(np.diff(scans_s))) if len(scans_s) > 1 else 0.1
     gaps_s = np.abs(stamps_s[:, None] - scans_s)

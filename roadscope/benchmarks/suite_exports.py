@@ -296,7 +296,7 @@ def _narrowed(suite: Suite, seeds: int | None, scenarios: Sequence[str] | None) 
 def _manifest(suite: Suite, with_truth: bool, detections: Sequence[str] | None) -> Manifest:
     from roadscope.envs.sensors.rigs import rig as rig_of
 
-    tested = SPLITS["test"] if not with_truth else ()
+    hidden_seeds = () if with_truth else SPLITS["test"]
     sequences = tuple(
         ExportedSequence(
             name=f"{number:04d}",
@@ -305,21 +305,20 @@ def _manifest(suite: Suite, with_truth: bool, detections: Sequence[str] | None) 
             weather=episode.weather,
             light=episode.light,
             faults=episode.faults,
-            truth=episode.seed not in tested,
+            truth=episode.seed not in hidden_seeds,
         )
         for number, episode in enumerate(episodes_of(suite))
     )
-    hidden = not all(sequence.truth for sequence in sequences)
+    some_hidden = not all(sequence.truth for sequence in sequences)
     every_s = suite.settings(CameraBoard.name, CameraSettings).every_s
-    public = suite.settings(TrackingBoard.name, TrackingSettings).detectors
-    sources = {name: detection_source(name) for name in detections or public}
-    true = [name for name, source in sources.items() if hidden and made_from_truth(source)]
+    of_suite = suite.settings(TrackingBoard.name, TrackingSettings).detectors
+    sources = {name: detection_source(name) for name in detections or of_suite}
+    secret = [n for n, source in sources.items() if some_hidden and made_from_truth(source)]
     if detections is None:
-        kinds = {name: source.kind for name, source in sources.items()}
-        detections = [name for name in sources if kinds[name] != FUSED and name not in true]
-    elif detections and true:
+        detections = [n for n, s in sources.items() if s.kind != FUSED and n not in secret]
+    elif detections and secret:
         raise ExportError(
-            f"detections of {true[0]} are truth: for test seeds they need --with-truth"
+            f"detections of {secret[0]} are truth: for test seeds they need --with-truth"
         )
     return Manifest(
         format=FORMAT,
