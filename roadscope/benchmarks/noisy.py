@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -19,8 +20,15 @@ from roadscope.core import Category, Detections, Registry, Truth, wrap_angle
 CLUTTER_SIZE_M = (4.5, 1.8, 1.5)
 LEAST_SIZE_M = 0.2
 
-Boxes = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]
-"""Centres, sizes, yaws, categories and scores."""
+
+class _ScoredBoxes(NamedTuple):
+    """Columns of N boxes, as in `Detections`."""
+
+    centres: np.ndarray
+    sizes: np.ndarray
+    yaws: np.ndarray
+    categories: np.ndarray
+    scores: np.ndarray
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -123,11 +131,11 @@ class NoisyDetections:
         missed = self._missed_at_random(truth) | self._is_hidden(truth)
         boxes = self._with_errors(truth)
         detected = np.flatnonzero(self._eligibility.of(truth) & ~missed)
-        centres, sizes, yaws, categories, scores = (
-            np.concatenate([part[detected], false])
-            for part, false in zip(boxes, self._false_boxes(truth), strict=True)
+        columns = (
+            np.concatenate([column[detected], false])
+            for column, false in zip(boxes, self._false_boxes(truth), strict=True)
         )
-        return Detections(centres, sizes, yaws, categories, scores, "world", truth.stamp_s)
+        return Detections(*columns, "world", truth.stamp_s)
 
     def _missed_at_random(self, truth: Truth) -> np.ndarray:
         """Return (N,) bool, misses of the Markov chain, which begins in its stationary state."""
@@ -157,7 +165,7 @@ class NoisyDetections:
         hidden: np.ndarray = self._model.occlusion * truth.occluded_fraction > limits
         return hidden
 
-    def _with_errors(self, truth: Truth) -> Boxes:
+    def _with_errors(self, truth: Truth) -> _ScoredBoxes:
         """Return the boxes of all objects with their errors."""
         count, model = len(truth), self._model
         normal, turned = self._boxes.standard_normal((count, 6)), self._boxes.random(count)
@@ -166,9 +174,9 @@ class NoisyDetections:
         flips = np.pi * (turned < model.flip)
         yaws = wrap_angle(truth.yaws + np.radians(model.yaw_deg) * normal[:, 5] + flips)
         scores = self._score(self._scores.standard_normal(count), +0.5)
-        return truth.centres + shift, sizes, yaws, truth.categories, scores
+        return _ScoredBoxes(truth.centres + shift, sizes, yaws, truth.categories, scores)
 
-    def _false_boxes(self, truth: Truth) -> Boxes:
+    def _false_boxes(self, truth: Truth) -> _ScoredBoxes:
         """Return the boxes of the clutter."""
         rng, model = self._clutter, self._model
         count = int(rng.poisson(model.clutter))
@@ -181,7 +189,8 @@ class NoisyDetections:
         ego = truth.world_from_ego.translation
         centres = np.column_stack([ego[:2] + across, ego[2] + sizes[:, 2] / 2])
         categories = np.full(count, _first_category(self._eligibility), np.int8)
-        return centres, sizes, yaws, categories, self._score(normal[:, 3], -0.5)
+        scores = self._score(normal[:, 3], -0.5)
+        return _ScoredBoxes(centres, sizes, yaws, categories, scores)
 
     def _score(self, normal: np.ndarray, side: float) -> np.ndarray:
         """Return scores made from (N,) draws of the standard normal distribution.

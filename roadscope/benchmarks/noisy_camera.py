@@ -7,7 +7,7 @@ benchmark; results that use it are labelled.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from types import MappingProxyType
 
 import numpy as np
@@ -51,16 +51,15 @@ class CameraNoise:
     gap: float = 1.0
 
     def __post_init__(self) -> None:
-        for name in ("miss", "hidden", "confused"):
-            value = getattr(self, name)
-            if not (isinstance(value, int | float | np.integer | np.floating) and 0 <= value < 1):
-                raise ValueError(f"{name} must be at least 0 and below 1, got {value!r}")
-        for name in ("half_px", "steepness", "clutter", "box", "gap"):
-            value = getattr(self, name)
-            if not (
-                isinstance(value, int | float | np.integer | np.floating) and 0 <= value < np.inf
-            ):
-                raise ValueError(f"{name} must be 0 or more, got {value!r}")
+        for field in fields(self):
+            value, is_share = (
+                getattr(self, field.name),
+                field.name in ("miss", "hidden", "confused"),
+            )
+            is_number = isinstance(value, int | float | np.integer | np.floating)
+            if not (is_number and 0 <= value < (1 if is_share else np.inf)):
+                possible = "at least 0 and below 1" if is_share else "0 or more"
+                raise ValueError(f"{field.name} must be {possible}, got {value!r}")
         if not self.half_px:
             raise ValueError(f"half_px must be above 0, got {self.half_px!r}")
 
