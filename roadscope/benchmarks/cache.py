@@ -44,7 +44,7 @@ def cache_dir() -> Path:
     The environment variable `ROADSCOPE_CACHE` names it; otherwise it is the user's cache folder. If
     it cannot be written, a temporary folder takes its place, with a warning.
     """
-    return _usable(cache_folder())
+    return _usable_or_temporary(cache_folder())
 
 
 def usable_folder(path: Path | str) -> Path:
@@ -232,7 +232,7 @@ def digest_of(path: Path) -> str | None:
 
 
 @cache
-def _usable(folder: Path) -> Path:
+def _usable_or_temporary(folder: Path) -> Path:
     try:
         return _writable_folder(folder)
     except OSError as error:

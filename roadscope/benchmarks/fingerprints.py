@@ -137,6 +137,7 @@ def package_version(name: str) -> str:
 
 
 def _plain(value: Any) -> Any:
+    """Return a value as JSON can hold it; arrays and records by their content."""
     if isinstance(value, np.ndarray):
         return [str(value.dtype), list(value.shape), sha256(value.tobytes()).hexdigest()]
     if isinstance(value, np.generic):
@@ -363,7 +364,7 @@ def _counted(tree: ast.AST) -> _Counted:
             names = [name for name in reversed(item._fields) if name != "ctx"]
             pending += [getattr(item, name, None) for name in names]
         elif isinstance(item, list):
-            items = list(_without_docstrings(item))
+            items = list(_counted_items(item))
             parts.append(f"[{len(items)}]")
             pending += reversed(items)
         else:
@@ -371,11 +372,14 @@ def _counted(tree: ast.AST) -> _Counted:
     return _Counted(sha256("\n".join(parts).encode()).hexdigest(), nodes)
 
 
-def _without_docstrings(items: Iterable[Any]) -> Iterator[Any]:
-    """Yield what counts of a list in a syntax tree."""
+def _counted_items(items: Iterable[Any]) -> Iterator[Any]:
+    """Yield the items of a list in a syntax tree that count for hashes.
+
+    Docstrings, and blocks that only type checkers read, do not; the `else` of such a block does.
+    """
     for item in items:
         if _is_for_checkers(item):
-            yield from _without_docstrings(item.orelse)
+            yield from _counted_items(item.orelse)
         elif not (
             isinstance(item, ast.Expr)
             and isinstance(item.value, ast.Constant)
@@ -406,7 +410,7 @@ def _imports(node: ast.AST, place: str) -> list[Import]:
 
 
 def _bound_by(node: ast.AST) -> Iterator[str]:
-    """Return the names that a statement of the top level binds."""
+    """Yield the names that a statement of the top level binds."""
     if isinstance(node, ast.FunctionDef | ast.ClassDef):
         yield node.name
     elif isinstance(node, ast.Import | ast.ImportFrom):

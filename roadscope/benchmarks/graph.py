@@ -41,7 +41,7 @@ Item = TypeVar("Item", bound="Node | Job")
 FIRST_CALLS = "first calls"
 """What progress shows while plug-ins are called for the first time, which compiles kernels."""
 WORKER_DIED = "the worker process died"
-"""How the reason of an outcome begins that no plug-in is known to have caused."""
+"""Beginning of the reason where a worker died; nobody knows whether a plug-in was the cause."""
 
 
 @dataclass(frozen=True)
@@ -208,7 +208,7 @@ def run_jobs(
 
 
 def _named(job: Job, outcome: Outcome) -> Outcome:
-    """Return an outcome whose reason names the entry, if a worker died and no plug-in is named."""
+    """Return the outcome; if a worker died, its reason begins with the name of the entry."""
     if outcome.reason is None or not outcome.reason.startswith(WORKER_DIED):
         return outcome
     return Outcome({}, f"{job.entry}: {outcome.reason}")

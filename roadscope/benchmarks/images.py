@@ -38,7 +38,7 @@ class Picture:
 
 
 class WithoutPixels(Sensing):
-    """Sensing with one grey pixel, which is not blank, in place of every image; equal truth."""
+    """Sensing that draws no images: each is one grey pixel. The truth is that of drawn images."""
 
     def sense_image_at(self, timeline: Timeline, stamp_s: float) -> tuple[Frame, Truth]:
         """Return a frame with one pixel, or without if the image is lost, and its truth."""

@@ -23,13 +23,14 @@ WINDOWS = 2
 """Greatest number of windows for turns, and for accelerations: those in which the IMU turns, or
 accelerates, most."""
 TRIES = 6
-"""Greatest number of windows in which scans are matched to find these; in some the match fails."""
+"""Greatest number of windows in which scans are matched, as some matches fail."""
 LEAST_TURN_RAD = np.deg2rad(2.0)
 """Windows with less turn are not judged. Chosen by hand: scan matching errs by 0.1 degrees."""
 LEAST_ACCELERATION = 1.0
-"""The same for accelerations, m/s^2: a slope of 10 % looks like this much."""
+"""Windows with less horizontal acceleration are not judged, m/s^2: gravity on a slope of 10 % looks
+like this much."""
 LEAST_SPEED_M_S = 2.0
-"""The same for speeds of wheels, m/s."""
+"""Windows in which the wheels are slower are not judged. Chosen by hand."""
 DEGREES_RATIO = 20.0
 """An IMU that turns more than this many times as far as the scans has rates in degrees (57.3
 times)."""

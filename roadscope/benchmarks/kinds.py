@@ -54,9 +54,9 @@ DRIVER = Kind("driver", DRIVERS, "drive")
 KINDS: Mapping[str, Kind] = {
     kind.name: kind for kind in (DETECTOR, CAMERA_DETECTOR, TRACKER, FUSION, ODOMETRY, DRIVER)
 }
-"""Those that several files use; `boards.plugin_kinds` has those that other boards bring too."""
+"""The kinds by name; a board may bring a kind of its own, which `boards.plugin_kinds` has too."""
 _IMITATIONS = ((CAMERA_DETECTOR, CAMERA_NOISES), (ODOMETRY, ODOMETRY_NOISES))
-"""Noise models that are entries of a board."""
+"""Noise models that are entries of a board, each with the kind of plug-in that it imitates."""
 
 
 def entry_kind(spec: Spec, possible: Sequence[Kind] = tuple(KINDS.values())) -> Kind:

@@ -27,8 +27,8 @@ from roadscope.envs.sensors.rigs import RIGS
 from roadscope.envs.sensors.weathers import WEATHERS
 from roadscope.envs.traffic.scenarios import SCENARIOS
 
-Names = list[tuple[str, str]]
-"""Names with descriptions."""
+DescribedNames = list[tuple[str, str]]
+"""Names, each with its description."""
 
 
 def names_of(kind: str) -> list[tuple[str, str]]:
@@ -44,7 +44,7 @@ def names_of(kind: str) -> list[tuple[str, str]]:
     return kinds[kind]()
 
 
-def listed_kinds() -> dict[str, Callable[[], Names]]:
+def listed_kinds() -> dict[str, Callable[[], DescribedNames]]:
     """Return `KINDS`, and after them the kinds of plug-in that boards bring."""
     from roadscope.benchmarks.boards import plugin_kinds
 
@@ -54,7 +54,7 @@ def listed_kinds() -> dict[str, Callable[[], Names]]:
     return kinds
 
 
-def _detectors() -> Names:
+def _detectors() -> DescribedNames:
     composed = [
         (CLUSTER_BOXES, "A box for every cluster, people too; for fusions."),
         (FUSED, "LiDAR and camera fused: ?lidar=A&camera=B&fusion=C."),
@@ -63,17 +63,17 @@ def _detectors() -> Names:
     return [*_registered(DETECTOR.registry), *composed, *_registered(NOISES)]
 
 
-def _camera_detectors() -> Names:
+def _camera_detectors() -> DescribedNames:
     oracle = (ORACLE, "The true boxes of all that images show.")
     return [*_registered(CAMERA_DETECTOR.registry), oracle, *_registered(CAMERA_NOISES)]
 
 
-def _odometries() -> Names:
+def _odometries() -> DescribedNames:
     oracle = (f"{ORACLE}?odometry=A", "The odometry A on scans without moving objects; on boards.")
     return [*_registered(ODOMETRY.registry), oracle, *_registered(ODOMETRY_NOISES)]
 
 
-def _registered(registry: Registry[Any]) -> Names:
+def _registered(registry: Registry[Any]) -> DescribedNames:
     """Return the names of a registry with their summaries.
 
     A plug-in of another package has no summary there: it is described by its class.
@@ -99,7 +99,7 @@ def _first_line(thing: Any) -> str:
     return (inspect.getdoc(thing) or "").partition("\n")[0]
 
 
-def _stages() -> Names:
+def _stages() -> DescribedNames:
     from roadscope.detectors.stages import STAGES, listed, options_of
 
     return [
@@ -109,7 +109,7 @@ def _stages() -> Names:
     ]
 
 
-def _suites() -> Names:
+def _suites() -> DescribedNames:
     suites = [(name, load_suite(name)) for name in SUITES]
     names = [(name, f"v{suite.version}: {suite.summary_with_seeds}.") for name, suite in suites]
     return names + [
@@ -118,7 +118,7 @@ def _suites() -> Names:
     ]
 
 
-def _rigs() -> Names:
+def _rigs() -> DescribedNames:
     names = []
     for name, rig in RIGS.items():
         ahead = f"{rig.x_m:g} m ahead of the rear axle, {rig.z_m:g} m above ground."
@@ -128,7 +128,7 @@ def _rigs() -> Names:
     return names
 
 
-def _sensors() -> Names:
+def _sensors() -> DescribedNames:
     lidars = {
         name: f"LiDAR: {spec.beams} beams, {spec.columns} columns, {1 / spec.period_s:g} Hz, "
         f"to {spec.range_max_m:g} m, range noise {spec.range_noise_m * 100:g} cm."
@@ -147,7 +147,7 @@ def _sensors() -> Names:
     return [*lidars.items(), *cameras.items(), *imus.items()]
 
 
-def _boards() -> Names:
+def _boards() -> DescribedNames:
     from roadscope.benchmarks.boards import BOARDS
 
     return [
@@ -156,7 +156,7 @@ def _boards() -> Names:
     ]
 
 
-KINDS: Mapping[str, Callable[[], Names]] = {
+KINDS: Mapping[str, Callable[[], DescribedNames]] = {
     "detectors": _detectors,
     "stages": _stages,
     "camera-detectors": _camera_detectors,

@@ -154,14 +154,14 @@ def leaderboard(
         for text in dict.fromkeys(left_out):
             notice(text)
     board_names = [board.name for board in run_plan.boards]
-    conditions = manifest(run_plan.suite, jobs, board_names, calibration_file)
+    about = manifest(run_plan.suite, jobs, board_names, calibration_file)
     if out_dir is not None:
-        check_targets(usable_folder(out_dir), label_of(conditions))
+        check_targets(usable_folder(out_dir), label_of(about))
     with Store(folder / DATABASE) as store:
         outcomes = _outcomes(
-            store, run_plan, conditions, workers, options, progress or silent, compile_first
+            store, run_plan, about, workers, options, progress or silent, compile_first
         )
-        results = gather(run_plan.jobs, outcomes, conditions)
+        results = gather(run_plan.jobs, outcomes, about)
         try:
             with options.probing():
                 compared = agreements(results, run_plan, store.outcomes)
@@ -386,14 +386,17 @@ def _entry_kind(spec: Spec, possible: Sequence[Kind], *, recorded: bool) -> Kind
 def _outcomes(
     store: Store,
     run_plan: RunPlan,
-    conditions: Mapping[str, Any],
+    about: Mapping[str, Any],
     workers: WorkerSettings,
     options: RunOptions,
     progress: Progress,
     compile_first: bool,
 ) -> dict[str, Outcome]:
-    """Compute the outcomes that the store does not have; write each as it comes."""
-    run_number = store.begin(conditions)
+    """Compute the outcomes that the store does not have; write each as it comes.
+
+    about: the manifest of the run. compile_first: whether kernels are compiled before all else.
+    """
+    run_number = store.begin(about)
     keys = [job.key for job in run_plan.jobs]
     stored = {} if options.fresh else store.outcomes(keys)
     store_errors: list[str] = []

@@ -19,6 +19,7 @@ APPLICATION_ID = 0x52534350
 """`RSCP`, which marks the file as one of roadscope in its SQLite header."""
 SCHEMA_VERSION = 2
 BATCH = 500
+"""Most keys in one query; SQLite limits how many values one may have."""
 LOG_LENGTH = 10_000
 """Longest log in a row, characters; chosen by hand."""
 

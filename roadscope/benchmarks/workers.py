@@ -44,7 +44,7 @@ MOST_SHARED_DEATHS = 2
 """An item whose workers died this often is computed while nothing else runs; chosen by hand."""
 HAND_ON_S = 5.0
 """Longest time in which a library hands an item on to a worker; chosen by hand, it takes 1 ms."""
-_PLACE_OF_ADDRESS = re.compile(r"(?:(?:ray|tcp|tls)://)?(?P<host>[^:/]+):(?P<port>\d+)")
+_HOST_AND_PORT = re.compile(r"(?:(?:ray|tcp|tls)://)?(?P<host>[^:/]+):(?P<port>\d+)")
 CONNECT_S = 30.0
 """Seconds that a cluster may take to answer; chosen by hand."""
 THREAD_VARIABLES = (
@@ -486,7 +486,7 @@ _POOLS: dict[str, Callable[[WorkerSettings], _Pool]] = {
 
 def _check_answering(address: str) -> None:
     """Raise `OSError` at once where nothing answers; Ray itself waits for minutes."""
-    if place := _PLACE_OF_ADDRESS.fullmatch(address):
+    if place := _HOST_AND_PORT.fullmatch(address):
         socket.create_connection((place["host"], int(place["port"])), CONNECT_S).close()
 
 

@@ -8,11 +8,11 @@ from typing import Any
 
 import typer
 
-Names = Iterator[tuple[str, str]]
-"""Names, each with the text that a shell shows beside it."""
+Suggestions = Iterator[tuple[str, str]]
+"""What a shell may complete to, each with the text that it shows beside it."""
 
 
-def _names_of(table: Any, text: str = "") -> Names:
+def _names_of(table: Any, text: str = "") -> Suggestions:
     """Yield the names of a table or registry.
 
     text: a format of the table's value, shown beside its name; empty: nothing is shown.
@@ -26,7 +26,7 @@ def _names_of(table: Any, text: str = "") -> Names:
             yield name, text.format(table[name]) if text else ""
 
 
-def _names_in(place: str, text: str = "") -> Callable[[], Names]:
+def _names_in(place: str, text: str = "") -> Callable[[], Suggestions]:
     """Return a function that imports a table and yields its names.
 
     place: `module:attribute` in `roadscope`. text: as in `_names_of`.
@@ -50,7 +50,7 @@ cache_kinds = _names_in("benchmarks.cached_files:FILE_KINDS", "{.description}")
 backends = _names_in("benchmarks.workers:BACKENDS")
 
 
-def entries() -> Names:
+def entries() -> Suggestions:
     """Yield the plug-ins that boards rank."""
     from roadscope.benchmarks.boards import BOARDS
 
@@ -58,7 +58,7 @@ def entries() -> Names:
         yield from _names_of(board.kind.registry)
 
 
-def breakdowns() -> Names:
+def breakdowns() -> Suggestions:
     """Yield what boards can be broken down by."""
     from roadscope.benchmarks.boards import BOARDS
 
@@ -66,7 +66,7 @@ def breakdowns() -> Names:
     yield from ((name, "") for name in dict.fromkeys(b.by for each in each_board for b in each))
 
 
-def entries_of_runs(ctx: typer.Context) -> Names:
+def entries_of_runs(ctx: typer.Context) -> Suggestions:
     """Yield the entries of the results that the command line already names."""
     from roadscope.benchmarks.compare import CompareError, read_run
 
@@ -80,14 +80,14 @@ def entries_of_runs(ctx: typer.Context) -> Names:
         yield from ((name, "") for name in names)
 
 
-def listed_kinds() -> Names:
+def listed_kinds() -> Suggestions:
     """Yield what `roadscope list` lists, also the kinds that boards bring."""
     from roadscope.benchmarks import listing
 
     yield from ((kind, "") for kind in listing.listed_kinds())
 
 
-def plugin_kinds() -> Names:
+def plugin_kinds() -> Suggestions:
     """Yield the kinds of plug-in, also those that boards bring."""
     from roadscope.benchmarks import boards
 

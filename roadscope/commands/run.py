@@ -14,14 +14,13 @@ from roadscope.commands.terminal import headline, print_json, progress_bars, say
 if TYPE_CHECKING:
     from roadscope.benchmarks.single import Summary
 
-
-TARGETS = {
+NEEDED_OPTIONS = {
     "returns": ("picture", "video"),
     "video_width": ("video",),
     "video_every": ("video",),
     "camera_detector": ("picture", "video", "image"),
 }
-"""Options of pictures -> options one of which they need."""
+"""Options that change pictures -> those that ask for a picture; one of these has to be used too."""
 
 
 def run_scenario(
@@ -118,9 +117,9 @@ def run_scenario(
 
 def _refuse_without_effect(context: typer.Context) -> None:
     """Refuse options of pictures if no picture is asked for that they change."""
-    for name, targets in TARGETS.items():
-        if is_given(context, name) and all(context.params[each] is None for each in targets):
-            options = " or ".join(f"--{each}" for each in targets)
+    for name, needed in NEEDED_OPTIONS.items():
+        if is_given(context, name) and all(context.params[each] is None for each in needed):
+            options = " or ".join(f"--{each}" for each in needed)
             raise typer.BadParameter(
                 f"--{name.replace('_', '-')} has no effect without {options}", ctx=context
             )

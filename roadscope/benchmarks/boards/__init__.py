@@ -46,6 +46,7 @@ RECORDED_BOARDS: Mapping[str, Board] = {
     board.name: board
     for board in (*KITTI_BOARDS, *KITTI_OBJECT_BOARDS, KITTI_ODOMETRY_BOARD, *MOT_BOARDS)
 }
+"""Boards of recorded data, by name."""
 
 __all__ = [
     "BOARDS",

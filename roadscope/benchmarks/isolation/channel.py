@@ -19,6 +19,7 @@ IN_BUFFER = 1 << 63
 SHORT_BYTES = 1 << 16
 """Bytes that a socket holds in one piece on every system."""
 PIECE_BYTES = 1 << 20
+"""Most bytes that are received at a time."""
 END, CLOSED, LOG = b"E", b"C", b"L"
 """Commands to a guard: end the plug-in; end it because its socket is closed; send the log."""
 

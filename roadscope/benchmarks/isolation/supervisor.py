@@ -64,6 +64,7 @@ CLOSING_S = 1.0
 ENDING_S = 5.0
 """Seconds that killed processes may take to disappear."""
 LOG_BYTES = 16_000
+"""Bytes of the end of the output that a guard keeps for the log; chosen by hand."""
 LISTED = Path(f"/proc/self/task/{os.getpid()}/children").exists()
 """Whether the system lists the children of a process."""
 MOST_PROCESSES = 1000

@@ -274,7 +274,8 @@ def score_detections_by_band(
             **{name: _rms_errors(each, matched, count) for name, each in squares.items()},
         }
         if own is not None:
-            # By its own category, a car that is taken for a van would count as a van that is right.
+            # A car that is detected as a van is matched; by its own category, it would be a right
+            # van.
             right = own[hits] if by == "range" else matched
             columns["precision"] = _precisions(right, own[alarms], count)
             columns["false_alarms_per_frame"] = _alarms(own[alarms], count, len(matches))

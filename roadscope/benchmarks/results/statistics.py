@@ -86,9 +86,9 @@ def pooled_interval(
     if not used:
         return Interval(np.nan, np.nan, np.nan, 0)
     power = scores[used[0]].power
-    pooled, moved = _ratio([scores[i] for i in used])
+    pooled, influence = _ratio([scores[i] for i in used])
     labels = None if strata is None else [strata[i] for i in used]
-    spread = mean_interval(moved, labels, level=level)
+    spread = mean_interval(influence, labels, level=level)
     ends = pooled + np.array([spread.low, spread.high]) - spread.mean
     if power > 1:
         ends, pooled = np.maximum(ends, 0.0) ** (1 / power), pooled ** (1 / power)
@@ -111,10 +111,10 @@ def paired_interval(
     used = [i for i, pair in enumerate(pairs) if all(measured(s) for s in pair)]
     if not used:
         return Interval(np.nan, np.nan, np.nan, 0)
-    one, moved = linearised([ones[i] for i in used])
-    other, moved_too = linearised([others[i] for i in used])
+    one, influence = linearised([ones[i] for i in used])
+    other, other_influence = linearised([others[i] for i in used])
     labels = None if strata is None else [strata[i] for i in used]
-    interval = mean_interval(moved - moved_too, labels, level=level)
+    interval = mean_interval(influence - other_influence, labels, level=level)
     shift = one - other - interval.mean
     return Interval(one - other, interval.low + shift, interval.high + shift, len(used))
 
@@ -132,13 +132,13 @@ def paired_p_value(
     from scipy.special import stdtr
     from scipy.stats import permutation_test
 
-    one, moved = linearised(ones)
-    other, moved_too = linearised(others)
+    one, influence = linearised(ones)
+    other, other_influence = linearised(others)
     difference = one - other
     amounts = np.array([a.value - b.value for a, b in zip(ones, others, strict=True)])
     if not amounts.any() and difference == 0:
         return 1.0
-    shares = difference + moved - moved_too
+    shares = difference + influence - other_influence
     _, error, freedom = _mean_and_error(_grouped(shares, strata))
     if np.isnan(error):
         return float("nan")
@@ -161,17 +161,17 @@ def paired_p_value(
 
 
 def linearised(scores: Sequence[Score]) -> tuple[float, np.ndarray]:
-    """Return the pooled value of scores, all measured, and (N,) how far each one moves it.
+    """Return the pooled value of scores, all measured, and the (N,) influence of each on it.
 
     RMS errors are linearised at their pooled value (the delta method).
     """
     power = scores[0].power
-    pooled, moved = _ratio(scores)
+    pooled, influence = _ratio(scores)
     if power == 1:
-        return pooled, moved
+        return pooled, influence
     root = pooled ** (1 / power)
     slope = power * root ** (power - 1)
-    return root, moved / slope if slope else moved
+    return root, influence / slope if slope else influence
 
 
 def _ratio(scores: Sequence[Score]) -> tuple[float, np.ndarray]:

@@ -26,10 +26,12 @@ RIGS = ("wide", "li2021")
 SEED = 17
 """Of the training seeds."""
 SCENARIO, DURATION_S, AT_S = "street", 3.0, 1.5
-KINDS: dict[str, dict[str, Any]] = {
+"""Traffic, how long it is recorded, and when the image is taken; chosen by hand."""
+IMAGE_OPTIONS: dict[str, dict[str, Any]] = {
     "with everything": {},
     "by night in rain": {"light": "night", "weather": "rain-3"},
 }
+"""Kinds of images -> arguments of `Sensing`."""
 PLAIN, BLURRED = "plain colours", "with everything and motion blur"
 PRECISIONS = {"float32": "float32", "bf16": "bfloat16"}
 
@@ -64,7 +66,7 @@ def _drawing(rig: str, mounted: Rig) -> dict[str, Callable[[], object]]:
     plain = replace(mounted, camera=replace(camera, spec=replace(camera.spec, plain=True)))
     blurred = replace(mounted, camera=replace(camera, spec=replace(camera.spec, motion_blur=True)))
     kinds = {PLAIN: Sensing(plain, SEED), BLURRED: Sensing(blurred, SEED)}
-    kinds |= {name: Sensing(mounted, SEED, **options) for name, options in KINDS.items()}
+    kinds |= {name: Sensing(mounted, SEED, **options) for name, options in IMAGE_OPTIONS.items()}
     return {
         name: partial(sensing.sense_image_at, timeline, AT_S) for name, sensing in kinds.items()
     }

@@ -118,8 +118,9 @@ class TrackedSequence(Record):
 
     def matrices(self, values: np.ndarray) -> list[np.ndarray]:
         """Return (R,) values as T views (M, N), one for each frame."""
-        ends, shapes = self.pair_starts.tolist(), self._shapes()
-        return [values[ends[t] : ends[t + 1]].reshape(shape) for t, shape in enumerate(shapes)]
+        shapes = zip(self.truth_counts.tolist(), self.track_counts.tolist(), strict=True)
+        starts = self.pair_starts.tolist()
+        return [values[starts[t] : starts[t + 1]].reshape(shape) for t, shape in enumerate(shapes)]
 
     def places(self, pairs: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return the frames of (K,) pairs and their rows among all objects and all tracks."""
@@ -133,9 +134,6 @@ class TrackedSequence(Record):
         if self.distances_m is None:
             raise ValueError(f"{metric} is defined on distances: give TrackedSequence distances_m")
         return self.distances_m
-
-    def _shapes(self) -> list[tuple[int, int]]:
-        return list(zip(self.truth_counts.tolist(), self.track_counts.tolist(), strict=True))
 
     def _number(self, kind: str) -> None:
         """Set numbers of ids from 0; an id that a frame has twice raises an error."""
