@@ -94,7 +94,7 @@ class Episode:
 
 
 def traffic_of(episode: Episode) -> Episode:
-    """Return the episode without what its traffic does not depend on."""
+    """Return the episode with what its traffic depends on alone: scenario, seed and length."""
     return Episode(episode.scenario, episode.seed, "", episode.duration_s)
 
 

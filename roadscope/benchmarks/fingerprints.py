@@ -274,7 +274,7 @@ class Package:
         )
 
     def _targets(self, imported: Import) -> list[str]:
-        """Return the modules that one import depends on; none if it is of something else.
+        """Return the modules that one import depends on; none if it is of another package.
 
         A name that a package only offers depends on the module that defines it, not on those of
         the other names.

@@ -80,7 +80,7 @@ def projection_of(rig: Rig, ego_from_camera: Pose | None = None) -> Projection:
 
 @singledispatch
 def believed_projections(episode: Episode, scans: int) -> list[Projection]:
-    """Return the projection that the user believes, at the stamp of an image, of each scan."""
+    """Return for each scan the projection into images, by the calibration that users believe."""
     sensing = sensing_of(episode)
     mounting = sensing.calibration.pose(camera_of(sensing.rig).name)
     return [projection_of(sensing.rig, mounting)] * scans

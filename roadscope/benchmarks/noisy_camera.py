@@ -124,6 +124,10 @@ class NoisyCamera:
         )
 
     def _odds(self, truth: Truth, sides: np.ndarray, family: np.ndarray) -> np.ndarray:
+        """Return (N,) log odds of detection: the least of those by size, hidden share and contrast.
+
+        sides: (N, 2) width and height of the boxes, pixels. family: (N,) 0 for vehicles.
+        """
         model = self._model
         offsets = truth.centres - truth.world_from_ego.translation
         distances = np.linalg.norm(offsets, axis=1)
@@ -138,6 +142,7 @@ class NoisyCamera:
         return np.asarray(np.where(truth.visible_pixels > 0, odds, -30.0))
 
     def _false_boxes(self, pinhole: Pinhole) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return boxes (K, 4), pixels, families and scores (K,) of false detections."""
         rng = self._clutter
         count = int(rng.poisson(self._model.clutter))
         families = rng.choice(3, count, p=(0.4, 0.15, 0.45))

@@ -1,6 +1,6 @@
 """Pictures and videos of one episode with its detections, tracks, odometry and running scores.
 
-And its middle image with the boxes of a camera detector.
+Also a picture of its middle image with the boxes of a camera detector.
 """
 
 from __future__ import annotations

@@ -40,9 +40,9 @@ def kitti_suite(
 
 
 def _kitti_boards() -> dict[str, Board]:
-    """Return a board of KITTI's data by the name of the board of simulated traffic like it.
+    """Return boards of KITTI's data by the name of the simulated board for the same plug-ins.
 
-    Of several, one for each class of objects, any has the settings of all.
+    Where each class of objects has a board, one stands for all: it returns the settings of all.
     """
     boards = [board for board in RECORDED_BOARDS.values() if board.kitti_markers]
     return {board.simulated_board: board for board in boards}

@@ -17,6 +17,7 @@ from roadscope.core.text import error_text, one_line
 from roadscope.core.wire import WireError, encode
 
 HARNESS = Path(__file__).resolve().parent
+"""The folder whose lines errors never name: they only call plug-ins."""
 PACKAGE = Path(__file__).resolve().parents[2]
 SLOW_LIBRARIES = frozenset({"filterpy", "numba", "scipy", "sklearn", "torch"})
 """Libraries that take long to import, and start no threads: they may be imported before a fork."""

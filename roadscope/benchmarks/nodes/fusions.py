@@ -121,7 +121,7 @@ class FusionNode(Node):
     ) -> tuple[FusionTargets, ...]:
         """Return the objects at each scan; their image boxes are of the nearest image, lost or not.
 
-        None for recorded data: their rules need the labels themselves. rows: of the fused scans.
+        Empty for recorded data: their rules need the labels themselves. rows: of the fused scans.
         """
         if not self.episode.simulated:
             return ()

@@ -40,7 +40,7 @@ def is_tuned(tracker: Spec) -> bool:
 
 
 def at_threshold(tracker: Spec, threshold: float) -> Spec:
-    """Return the spec of a tracker with a threshold in place of `tuned`, of others the same."""
+    """Return a tracker's spec with a threshold in place of `tuned`; without `tuned`, unchanged."""
     if not is_tuned(tracker):
         return tracker
     arguments = {k: threshold if v == TUNED else v for k, v in tracker.arguments.items()}

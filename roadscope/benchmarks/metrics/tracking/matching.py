@@ -68,7 +68,7 @@ def match_tracks(
         candidates = candidates.select(takes_part[candidates.track_rows])
     similarities = sequence.similarities[candidates.pairs]
     previous = _previous_candidates(sequence, candidates, takes_part)
-    # One more, which stands for no previous candidate.
+    # One more, not matched: the place to which -1, for no previous candidate, leads.
     matched = np.append(~_in_contest(sequence, candidates), False)
     for contest in contests(sequence, candidates, takes_part):
         continues = matched[previous[contest.candidates]]
