@@ -131,11 +131,11 @@ class NoisyDetections:
         missed = self._missed_at_random(truth) | self._is_hidden(truth)
         boxes = self._with_errors(truth)
         detected = np.flatnonzero(self._eligibility.of(truth) & ~missed)
-        columns = (
-            np.concatenate([column[detected], false])
-            for column, false in zip(boxes, self._false_boxes(truth), strict=True)
+        false_boxes = self._false_boxes(truth)
+        joined = _ScoredBoxes(
+            *(np.concatenate([a[detected], b]) for a, b in zip(boxes, false_boxes, strict=True))
         )
-        return Detections(*columns, "world", truth.stamp_s)
+        return Detections(*joined, "world", truth.stamp_s)
 
     def _missed_at_random(self, truth: Truth) -> np.ndarray:
         """Return (N,) bool, misses of the Markov chain, which begins in its stationary state."""
