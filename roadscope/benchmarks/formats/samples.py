@@ -17,7 +17,12 @@ import numpy as np
 
 from roadscope.benchmarks.formats.bags import IMUS, Bag, imu_rows
 from roadscope.benchmarks.formats.kitti_calibration import OXTS_COLUMNS, read_kitti_transform
-from roadscope.benchmarks.formats.scan_stamps import TIMES_FILES, stamp_table
+from roadscope.benchmarks.formats.scan_stamps import (
+    TIMES_FILES,
+    in_order,
+    rows_of_scans,
+    stamp_table,
+)
 from roadscope.benchmarks.formats.table import FormatError, Table, read_lines, read_table, visible
 from roadscope.core import ImuSamples, Pose, WheelSamples
 
@@ -208,11 +213,10 @@ def rising_rows(stamps: np.ndarray) -> np.ndarray:
 
 def _read_oxts(folder: Path) -> StampedSamples:
     """Read the turn rates and specific forces of a raw drive of KITTI, as `read_samples` does."""
-    stamps = stamp_table(folder / TIMES_FILES[1]).numbers(0, 1)[:, 0]
-    files = visible(folder / "data", "*.txt")
-    if len(files) != len(stamps):
-        raise FormatError(f"{folder}: expected {len(stamps)} files in data, got {len(files)}")
-    tables = [read_table(file, OXTS_COLUMNS, required=25) for file in files]
+    table = stamp_table(folder / TIMES_FILES[1])
+    files = in_order(visible(folder / "data", "*.txt"), (".txt",))
+    stamps = table.numbers(0, 1)[rows_of_scans(table, files), 0]
+    tables = [read_table(file, OXTS_COLUMNS, required=25) for file in files.files]
     columns = [OXTS_COLUMNS.index(name) for name in IMU_COLUMNS[1:]]
     values = np.array([table.numbers(0, 25)[0, columns] for table in tables]).reshape(-1, 6)
     rising = rising_rows(stamps)

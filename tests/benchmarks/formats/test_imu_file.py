@@ -16,6 +16,21 @@ def written(path, rows=ROWS, head="", separator=" ", stamps="%.9f"):
     return path
 
 
+def test_numbers_pick_lines_of_stamps_where_files_of_a_raw_drive_are_missing(tmp_path):
+    (tmp_path / "data").mkdir()
+    numbers = [k for k in range(40) if not 14 <= k <= 17]
+    for k in numbers:
+        row = 0.001 * np.arange(25)
+        row[11:14], row[17:20] = (0, 0, 9.8), (0, 0, 0.01 * k)
+        np.savetxt(tmp_path / "data" / f"{k:010d}.txt", row[None])
+    lines = [f"2011-09-26 13:02:{k // 10:02d}.{k % 10}00000000\n" for k in range(40)]
+    (tmp_path / "timestamps.txt").write_text("".join(lines))
+    found, left_out = read_imu(tmp_path)
+    assert not left_out
+    assert found.stamps_s - found.stamps_s[0] == pytest.approx(0.1 * np.array(numbers), abs=1e-6)
+    assert found.angular_velocity[:, 2] == pytest.approx(0.01 * np.array(numbers))
+
+
 @pytest.mark.parametrize(
     ("head", "separator"),
     [

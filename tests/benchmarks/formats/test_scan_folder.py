@@ -87,7 +87,7 @@ def test_folders_are_in_order_of_numbers(tmp_path):
     (tmp_path / "times.txt").write_text("1.0\n1.1\n1.25\n")
     assert [s.stamp_s for s in ScanFolder.find(tmp_path)] == [1.0, 1.1, 1.25]
     (tmp_path / "times.txt").write_text("1.0\n")
-    with pytest.raises(FormatError, match="expected 3 lines, one a scan, got 1"):
+    with pytest.raises(FormatError, match=r"expected 3 lines, one a scan, .*got 1"):
         ScanFolder.find(tmp_path)
 
 
