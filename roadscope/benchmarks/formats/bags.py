@@ -12,6 +12,7 @@ from weakref import finalize
 
 import numpy as np
 
+from roadscope.benchmarks.formats.scan_stamps import MAX_FALLING_SHARE, MAX_JUMP_S, clock_set_back
 from roadscope.benchmarks.formats.table import FormatError, visible
 from roadscope.core.loading import Requirement
 from roadscope.core.names import unknown
@@ -76,6 +77,16 @@ class _Cursor(NamedTuple):
     order: int
 
 
+class TopicMessages(NamedTuple):
+    """Messages of a topic in the order of their stamps.
+
+    left_out: how many have a stamp that is more than a day from those of the others.
+    """
+
+    messages: tuple[BagMessage, ...]
+    left_out: int
+
+
 class Bag:
     """An open bag; it is closed when nobody uses it any more."""
 
@@ -128,10 +139,11 @@ class Bag:
             )
         return wanted[0] if wanted else None
 
-    def messages(self, topic: str) -> tuple[BagMessage, ...]:
-        """Return all messages of a topic in the order of their headers' stamps.
+    def messages(self, topic: str) -> TopicMessages:
+        """Return the messages of a topic in the order of their headers' stamps.
 
-        Where these do not differ, stamps are those of the recording.
+        Where these do not differ, stamps are those of the recording. A clock that was set back is
+        refused.
         """
         logged, stamps, earlier = list[int](), list[int](), list[int]()
         for _, log_ns, raw in self._guarded(self._raw(topic), f"{self.path}, {topic}"):
@@ -141,11 +153,32 @@ class Bag:
             stamps.append(_header_stamp_ns(raw, log_ns))
         if len(set(stamps)) < min(2, len(stamps)):
             stamps = logged
-        order = sorted(range(len(stamps)), key=stamps.__getitem__)
-        return tuple(
+        usable = self._near_others(topic, stamps, logged)
+        set_back = clock_set_back(np.diff([stamps[row] for row in usable]) * NS)
+        if set_back.any():
+            row = usable[int(np.flatnonzero(set_back)[0]) + 1]
+            raise FormatError(
+                f"{self.path}, {topic}: expected stamps that rise, but those from the message on "
+                f"that was recorded as number {row} are of a clock that was set back"
+            )
+        order = sorted(usable, key=stamps.__getitem__)
+        messages = (
             BagMessage(self, topic, number, stamps[row], row, logged[row], earlier[row])
             for number, row in enumerate(order)
         )
+        return TopicMessages(tuple(messages), len(stamps) - len(usable))
+
+    def _near_others(self, topic: str, stamps: list[int], logged: list[int]) -> list[int]:
+        """Return the messages whose stamps, nanoseconds, are of the clock of most others."""
+        late_ns = np.subtract(stamps, logged)
+        near = np.abs(late_ns - np.sort(late_ns)[(len(late_ns) - 1) // 2]) * NS <= MAX_JUMP_S
+        far = int((~near).sum())
+        if far > max(MAX_FALLING_SHARE * len(near), 1):
+            raise FormatError(
+                f"{self.path}, {topic}: expected stamps of one clock, but {far} of {len(near)} "
+                "are more than a day from the others"
+            )
+        return np.flatnonzero(near).tolist()
 
     def read(self, message: BagMessage) -> Any:
         """Return a message with the fields of its type; `FormatError` if it is damaged."""
@@ -248,10 +281,18 @@ def cloud_fields(message: BagMessage) -> dict[str, np.ndarray]:
 
 
 def imu_rows(bag: Bag, topic: str) -> np.ndarray:
-    """Return (K, 7) stamps in seconds, rates and specific forces of a topic of type Imu."""
-    rows = []
-    for message in bag.messages(topic):
-        imu = message.read()
+    """Return (K, 7) stamps in seconds, rates and specific forces of a topic of type Imu.
+
+    Those of a message that cannot be used are nan.
+    """
+    messages, left_out = bag.messages(topic)
+    rows = [[np.nan] * 7] * left_out
+    for message in messages:
+        try:
+            imu = message.read()
+        except FormatError:
+            rows.append([np.nan] * 7)
+            continue
         rate, force = imu.angular_velocity, imu.linear_acceleration
         rows.append([message.stamp_ns * NS, rate.x, rate.y, rate.z, force.x, force.y, force.z])
     return np.array(rows, np.float64).reshape(-1, 7)

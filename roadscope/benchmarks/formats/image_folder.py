@@ -75,7 +75,9 @@ class ImageFolder:
             return ImageFolder(ordered.files, ordered)
         bag = bag or open_bag(Path(folder))
         topic = None if bag is None else bag.topic(IMAGES, topics)
-        return None if bag is None or topic is None else ImageFolder(bag.messages(topic))
+        if bag is None or topic is None:
+            return None
+        return ImageFolder(bag.messages(topic).messages)
 
     def __len__(self) -> int:
         return len(self.files)

@@ -186,7 +186,7 @@ def _scans_of_bag(bag: Bag, columns: Sequence[str], topics: Sequence[str]) -> Sc
     if topic is None:
         listing = bag.listing() or "no topics"
         raise FormatError(f"{bag.path}: expected a topic of type PointCloud2, got {listing}")
-    messages = bag.messages(topic)
+    messages, left_out = bag.messages(topic)
     samples = _samples(messages)
     layout = layout_of(samples, columns)
     middle_s = _middle_s(layout, samples)
@@ -199,6 +199,9 @@ def _scans_of_bag(bag: Bag, columns: Sequence[str], topics: Sequence[str]) -> Sc
         else "stamps of messages are taken for the middle of the sweeps"
     )
     notes = (f"scans are those of {topic}", moved, *stamps.notes, *layout.notes)
+    if left_out:
+        scans = "1 scan is" if left_out == 1 else f"{left_out} scans are"
+        notes += (f"{scans} left out: stamps more than a day from those of the others",)
     return ScanFolder(messages, stamps.stamps_s, None, layout, notes, measured=True)
 
 
@@ -212,7 +215,8 @@ def _middle_s(layout: PointLayout, samples: Sequence[Source]) -> float:
         assert isinstance(each, BagMessage)
         with suppress(FormatError):
             middle_s = layout.middle_s(each)
-            middles.append(middle_s - (each.stamp_ns * NS if middle_s > MAX_SWEEP_S else 0.0))
+            if np.isfinite(middle_s):
+                middles.append(middle_s - (each.stamp_ns * NS if middle_s > MAX_SWEEP_S else 0.0))
     middle_s = float(np.median(middles)) if middles else 0.0
     return middle_s if abs(middle_s) <= MAX_SWEEP_S else 0.0
 

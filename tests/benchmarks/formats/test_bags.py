@@ -1,6 +1,8 @@
 """Scans, IMU samples and images in bags of ROS 2."""
 
 import re
+import sqlite3
+from contextlib import closing
 
 import numpy as np
 import pytest
@@ -121,6 +123,36 @@ def test_a_damaged_message_is_an_empty_scan(tmp_path):
     assert "/points, message 2" in str(error)
 
 
+@pytest.mark.parametrize("stray", [0, 2])
+def test_a_scan_without_a_stamp_is_left_out_and_told(tmp_path, stray):
+    messages = clouds()
+    stamp = messages[stray][2].header.stamp
+    stamp.sec = stamp.nanosec = 0
+    read = ScanFolder.find(write_bag(tmp_path / "bag", messages))
+    kept = [scan for k, scan in enumerate(SCANS) if k != stray]
+    assert np.array(read.stamps_s) - START_S == pytest.approx([s.stamp_s for s in kept], abs=1e-3)
+    assert [len(scan) for scan in read] == [len(scan) for scan in kept]
+    assert any("1 scan is left out: stamps more than a day" in note for note in read.notes)
+
+
+@pytest.mark.parametrize(("back_s", "said"), [(3600, "was set back"), (10**7, "of one clock")])
+def test_a_clock_that_was_set_in_a_bag_is_refused(tmp_path, back_s, said):
+    messages = clouds()
+    for _, _, message in messages[2:]:
+        message.header.stamp.sec -= back_s
+    with pytest.raises(FormatError, match=said):
+        ScanFolder.find(write_bag(tmp_path / "bag", messages))
+
+
+def test_an_empty_message_does_not_hide_the_times_of_the_others(tmp_path):
+    scan = SCANS[0]
+    none = fields(scan, ring=scan.ring.astype("u2"), t=scan.time_offset_s)
+    messages = clouds()
+    messages[0] = (*messages[0][:2], cloud(0.0, {name: v[:0] for name, v in none.items()}))
+    read = ScanFolder.find(write_bag(tmp_path / "bag", messages))
+    assert np.array(read.stamps_s) - START_S == pytest.approx([s.stamp_s for s in SCANS], abs=2e-3)
+
+
 @pytest.mark.parametrize("mcap", [False, True])
 @pytest.mark.parametrize("share", [0.0, 0.01, 0.5, 0.999])
 def test_bags_that_are_cut_off_are_refused(tmp_path, mcap, share):
@@ -152,6 +184,24 @@ def test_samples_of_an_imu(tmp_path):
     assert np.array_equal(samples.angular_velocity, rates[kept])
     assert np.array_equal(samples.specific_force, forces[kept])
     assert samples.stamps_s - START_S == pytest.approx(0.005 * kept, abs=1e-6)
+
+
+@pytest.mark.parametrize("damage", ["cut off", "no stamp"])
+def test_a_damaged_sample_is_left_out(tmp_path, damage):
+    messages = [(0.005 * k, "/imu", imu(0.005 * k, (0, 0, k / 10), (0, 0, 9.8))) for k in range(20)]
+    if damage == "no stamp":
+        messages[7][2].header.stamp.sec = messages[7][2].header.stamp.nanosec = 0
+    bag = write_bag(tmp_path / "bag", [*messages, *clouds()])
+    if damage == "cut off":
+        file = next(bag.glob("*.db3"))
+        with closing(sqlite3.connect(file)) as base, base:
+            command = "SELECT m.id, m.data FROM messages m JOIN topics t ON m.topic_id = t.id "
+            rows = base.execute(f"{command} WHERE t.name = '/imu' ORDER BY m.timestamp").fetchall()
+            row, data = rows[7]
+            base.execute("UPDATE messages SET data = ? WHERE id = ?", (data[: len(data) // 2], row))
+    samples, left_out = read_bag_imu(ScanFolder.find(bag).bag)
+    assert left_out == 1
+    assert samples.angular_velocity[:, 2].tolist() == [k / 10 for k in range(20) if k != 7]
 
 
 def test_an_imu_in_g_is_refused(tmp_path):
