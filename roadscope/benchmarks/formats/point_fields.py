@@ -26,7 +26,7 @@ IGNORED = "_"
 PLACE = ("x", "y", "z")
 NAMED = "expected x, y and z, and no layout for files with names"
 FLOAT_BYTES = 4
-FEWEST_COLUMNS, MOST_COLUMNS = 3, 8
+FEWEST_COLUMNS, MOST_COLUMNS = 3, 10
 """Numbers of columns of a `.npy` or `.bin` file."""
 LASPY = Requirement("laspy", "pip install 'roadscope[bags]'")
 LAS_FIELDS = ("intensity", "gps_time")

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
@@ -29,9 +28,9 @@ from roadscope.benchmarks.formats.point_fields import (
     column_name,
     is_raw,
     read_fields,
-    read_floats,
     unnamed,
 )
+from roadscope.benchmarks.formats.raw_width import width_of
 from roadscope.benchmarks.formats.scan_stamps import (
     TIME_UNITS,
     TIME_UNITS_S,
@@ -53,13 +52,6 @@ RING_FIELDS = ("ring", "channel", "line", "laser_number")
 """Names of a point's time, intensity and beam where fields have names; drivers differ."""
 COLUMN_NAMES = (*PLACE, "intensity", "ring", TIME, IGNORED)
 """Names of columns in a layout that a user gives."""
-RAW_WIDTHS = (4, 5, 6, 3)
-"""Numbers of floats a point in `.bin` files: KITTI 4, nuScenes 5, Boreas 6."""
-CLEARLY = 0.9
-"""Of two possible widths the right one has points that differ by less than this share of the other
-width's. Chosen by hand: 0.2 to 0.7 on scans of all rigs, read with four columns or five."""
-LARGEST = 1e8
-"""No coordinate is larger, in metres or millimetres; none but 0 is smaller than one over it."""
 MOST_STRAY = 0.05
 """With a larger share of times outside of the sweep, the times of a scan are not used."""
 STRAY_SPANS = 0.5
@@ -268,7 +260,7 @@ def layout_of(samples: Sequence[Source], columns: Sequence[str] = ()) -> PointLa
     chosen, notes = tuple(columns), []
     raw = [path for path in samples if is_raw(path)]
     if not chosen and raw:
-        width = _width_of(raw)
+        width = width_of(raw)
         chosen = unnamed(width)
         notes.append(f"points of {width} floats are read: {' '.join(chosen)}")
     files = [each for each in _readable(samples, chosen) if len(each)]
@@ -467,69 +459,3 @@ def _unit_s(files: Sequence[PointFields], name: str) -> float:
     spans = [_span(each.others[name]) for each in files if name in each.others]
     span = float(np.median([span for span in spans if span > 0]))
     return time_unit_s(span, shortest_s=MIN_SWEEP_S, longest_s=MAX_SWEEP_S) or 1.0
-
-
-# --------------------------------------------------------------------------------------------------
-# How many floats of a raw file belong to a point.
-
-
-def _width_of(samples: Sequence[Path]) -> int:
-    """Return how many floats a point has; ambiguous and unknown widths are refused."""
-    floats, errors = [], []
-    for path in samples:
-        try:
-            floats.append(read_floats(path))
-        except FormatError as error:
-            errors.append(error)
-    arrays = [each for each in floats if len(each)]
-    if not floats:
-        raise errors[0]
-    if not arrays:
-        return RAW_WIDTHS[0]
-    divides = [w for w in RAW_WIDTHS if 2 * sum(len(a) % w == 0 for a in arrays) > len(arrays)]
-    fitting = [w for w in divides if _fits(arrays, w)]
-    if not fitting:
-        sizes = ", ".join(str(4 * w) for w in sorted(RAW_WIDTHS))
-        raise FormatError(
-            f"{samples[0]}: expected float32 x y z intensity, 16 bytes a point, or points of "
-            f"{sizes} bytes, got {4 * len(arrays[0])} bytes that are none of these: name the "
-            f"columns, such as --layout x,y,z,intensity,ring"
-        )
-    # Three floats have no column that could tell against them.
-    wider = [w for w in fitting if w > FEWEST_COLUMNS] or fitting
-    if len(wider) == 1:
-        return wider[0]
-    differences = {w: _difference(arrays, w) for w in wider}
-    best, second = sorted(wider, key=differences.__getitem__)[:2]
-    if differences[best] > CLEARLY * differences[second]:
-        widths = " or ".join(str(w) for w in sorted(wider))
-        raise FormatError(
-            f"{samples[0]}: its points may have {widths} floats: name the columns, such as "
-            "--layout x,y,z,intensity"
-        )
-    return best
-
-
-def _fits(arrays: Sequence[np.ndarray], width: int) -> bool:
-    """Return whether most files look like points of so many floats."""
-    fitting = [_looks_like_points(a.reshape(-1, width)) for a in arrays if len(a) % width == 0]
-    return 2 * sum(fitting) > len(fitting)
-
-
-def _looks_like_points(rows: np.ndarray) -> bool:
-    """Return whether (N, W) rows may be x y z and then numbers that are not below 0."""
-    places = rows[:, :3]
-    with np.errstate(invalid="ignore"):
-        sizes = np.abs(places)
-        # Bytes that are no floats mostly become very small or very large ones.
-        odd = (sizes > LARGEST) | ((sizes > 0) & (sizes < 1 / LARGEST))
-        return bool(odd.mean() <= MOST_STRAY) and not bool((rows[:, 3:4] < 0).any())
-
-
-def _difference(arrays: Sequence[np.ndarray], width: int) -> float:
-    """Return how much numbers differ that are so many places apart.
-
-    It is least if these are the same column of neighbouring points.
-    """
-    with np.errstate(invalid="ignore"):
-        return float(np.median([np.nanmean(np.abs(a[width:] - a[:-width])) for a in arrays]))
