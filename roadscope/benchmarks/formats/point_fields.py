@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TypeGuard
 
@@ -39,10 +39,14 @@ class PointFields:
 
     points: (N, 3) float64, x y z in the file's unit; not finite for rays without a return.
     others: further fields by name, (N,) float64 each.
+    times_beside: whether the times of points are of `POINT_TIMES_FOLDER`.
+    problem: why those cannot be read, or "".
     """
 
     points: np.ndarray
     others: Mapping[str, np.ndarray]
+    times_beside: bool = False
+    problem: str = ""
 
     def __len__(self) -> int:
         return len(self.points)
@@ -102,7 +106,11 @@ def _read_bin(path: Path, columns: tuple[str, ...]) -> PointFields:
     times = _point_times_path(path)
     if not times.is_file():
         return fields
-    return PointFields(fields.points, {**fields.others, TIME: _point_times(times, len(fields))})
+    try:
+        others = {**fields.others, TIME: _point_times(times, len(fields))}
+    except FormatError as error:
+        return replace(fields, problem=str(error))
+    return PointFields(fields.points, others, times_beside=True)
 
 
 def _read_npy(path: Path, columns: tuple[str, ...]) -> PointFields:

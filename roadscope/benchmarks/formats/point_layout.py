@@ -23,6 +23,7 @@ from roadscope.benchmarks.formats.point_fields import (
     FEWEST_COLUMNS,
     IGNORED,
     PLACE,
+    POINT_TIMES_FOLDER,
     TIME,
     PointFields,
     column_name,
@@ -62,6 +63,9 @@ MOST_FAR = 0.5
 MEDIAN_RANGE_M = (0.2, 300.0)
 """Limits of the median distance of points from the sensor. Chosen by hand: it is 5 to 30 m on
 roads; in millimetres it would be a thousand times as far."""
+MOST_FALLING = 0.05
+"""Times of a sweep fall from one point to the next at a smaller share of the points, if they are in
+the order of the file. Chosen by hand: as numbers without an order they fall at half of them."""
 SECTORS = 20
 """Parts of a sweep whose azimuths are compared with those of the whole sweep."""
 NARROW = 0.25
@@ -75,10 +79,14 @@ WITHOUT_BEAM = "without a number of their beam"
 
 
 class ReadScan(NamedTuple):
-    """A scan, and how many points of its file are left out, by reason."""
+    """A scan, and how many points of its file are left out, by reason.
+
+    lacks: which fields that other scans have are not used of it, and why.
+    """
 
     scan: LidarScan
     left_out: Counter[str]
+    lacks: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -116,12 +124,20 @@ class PointLayout:
         times = None if self.time is None else fields.others.get(self.time)
         rings = None if self.ring is None else fields.others.get(self.ring)
         reasons = _reasons_against(fields.points, source)
+        wanted = [name for name in (self.intensity, self.ring, self.time) if name]
+        lacks = [f"no field '{name}'" for name in wanted if name not in fields.others]
+        lacks += [fields.problem] if fields.problem else []
         if times is not None:
             stray, usable = _outside_of_sweep(times), ~np.any([*reasons.values()], axis=0)
-            if (stray & usable).sum() <= MOST_STRAY * usable.sum():
-                reasons[STRAY] = stray
-            else:
+            share = (stray & usable).sum() / max(int(usable.sum()), 1)
+            if share > MOST_STRAY:
+                lacks.append(f"{100 * share:.0f} % of its times are outside of the sweep")
                 times = None
+            elif (span_s := _span(times) * self.time_unit_s) > MAX_SWEEP_S:
+                lacks.append(f"its times of points are over {span_s:.3g} s, which no sweep takes")
+                times = None
+            else:
+                reasons[STRAY] = stray
         if rings is not None:
             reasons[WITHOUT_BEAM] = ~np.isfinite(rings)
         usable, left_out = np.ones(len(fields), bool), Counter[str]()
@@ -139,7 +155,9 @@ class PointLayout:
             stamp_s=stamp_s,
             sensor="lidar",
         )
-        return ReadScan(scan, +left_out)
+        if ranked is None and rings is not None and len(points):
+            lacks.append(f"the numbers of '{self.ring}' are not those of beams")
+        return ReadScan(scan, +left_out, tuple(lacks))
 
     def _intensities(self, fields: PointFields, is_usable: np.ndarray) -> np.ndarray:
         """Return intensities of usable points from 0 to 1; the largest becomes 1 if it is above 1.
@@ -201,7 +219,7 @@ def scan_of_points(
     points: (N, 3) x y z, metres, x ahead, y left, z up. stamp_s: the middle of the sweep.
     intensities: (N,) of any range. rings: (N,) numbers of the beams in any order. times_s: (N,)
     seconds from any origin. What is not known is left out, see `read_scan`. Arrays of other
-    shapes raise `RecordError`.
+    shapes, and times longer than a sweep, raise `RecordError`.
     """
     optional = {"intensity": intensities, "ring": rings, TIME: times_s}
     known = {name: np.asarray(v, np.float64) for name, v in optional.items() if v is not None}
@@ -213,6 +231,12 @@ def scan_of_points(
             raise RecordError(
                 f"scan_of_points, {name}: expected shape ({len(places)},), got {values.shape}"
             )
+    span_s = _span(known.get(TIME, np.zeros(0)))
+    if span_s > MAX_SWEEP_S:
+        raise RecordError(
+            f"scan_of_points, {TIME}: expected seconds, over up to {MAX_SWEEP_S:g} s, got "
+            f"{span_s:.3g} from first to last"
+        )
     layout = PointLayout(intensity="intensity", ring="ring", time=TIME)
     return layout.scan_of(PointFields(places, known), stamp_s, "scan_of_points").scan
 
@@ -269,7 +293,7 @@ def layout_of(samples: Sequence[Source], columns: Sequence[str] = ()) -> PointLa
     layout = _named_layout(files, trusted=bool(columns))
     if column_name(FEWEST_COLUMNS + 1) in files[0].others:
         layout = _with_unnamed(layout, files)
-    notes += layout.notes
+    notes += [*layout.notes, *_uses(layout, files[0])]
     if layout.time is None:
         notes.append(
             "points without times: each scan is taken to be seen at once, or to be deskewed already"
@@ -282,6 +306,18 @@ def layout_of(samples: Sequence[Source], columns: Sequence[str] = ()) -> PointLa
     layout = replace(layout, columns=chosen, notes=tuple(notes))
     _check_readable(layout, samples)
     return layout
+
+
+def _uses(layout: PointLayout, file: PointFields) -> list[str]:
+    """Return a note on which fields are used as what."""
+    time = POINT_TIMES_FOLDER if file.times_beside else layout.time
+    named = {
+        "intensity": layout.intensity,
+        "number of the beam": layout.ring,
+        f"time of points in {UNIT_NAMES[layout.time_unit_s]}": layout.time and time,
+    }
+    uses = [f"{name} as {what}" for what, name in named.items() if name]
+    return [f"used of the points besides x y z: {', '.join(uses)}"] if uses else []
 
 
 def _check_readable(layout: PointLayout, samples: Sequence[Source]) -> None:
@@ -327,7 +363,8 @@ def _named_layout(files: Sequence[PointFields], *, trusted: bool) -> PointLayout
     """Return the layout by the names of fields; what is in a field decides if it is used."""
     intensities = [FieldCandidate(name, lambda _: "") for name in INTENSITY_FIELDS]
     rings = [FieldCandidate(name, _why_not_ring(name)) for name in RING_FIELDS]
-    times = [FieldCandidate(name, _why_not_time(name, TIME_UNITS_S)) for name in TIME_FIELDS]
+    why_not = _why_not_time if trusted else _why_not_sweep
+    times = [FieldCandidate(name, why_not(name, TIME_UNITS_S)) for name in TIME_FIELDS]
     ring = Choice("ring", {}) if trusted and "ring" in files[0].others else _chosen(rings, files)
     time = _chosen(times, files)
     if trusted and TIME in time.reasons:
@@ -357,10 +394,9 @@ def _with_unnamed(layout: PointLayout, files: Sequence[PointFields]) -> PointLay
         layout = replace(layout, intensity=names[0])
     for name in names[1:]:
         ring = _chosen([FieldCandidate(name, _why_not_ring(name))], files)
-        time = _chosen([FieldCandidate(name, _why_not_sweep(name))], files)
+        time = _chosen([FieldCandidate(name, _why_not_sweep(name, TIME_UNITS_S[:1]))], files)
         if ring.name and layout.ring is None:
             layout = replace(layout, ring=name)
-            notes.append(f"{name} is taken for the number of the beam")
         elif time.name and layout.time is None:
             layout = replace(layout, time=name)
         else:
@@ -409,9 +445,9 @@ def _why_not_time(name: str, units_s: Sequence[float]) -> Callable[[PointFields]
     return why_not
 
 
-def _why_not_sweep(name: str) -> Callable[[PointFields], str]:
+def _why_not_sweep(name: str, units_s: Sequence[float]) -> Callable[[PointFields], str]:
     """Return `_why_not_time` that also refuses times that do not follow the points of a sweep."""
-    by_span = _why_not_time(name, TIME_UNITS_S[:1])
+    by_span = _why_not_time(name, units_s)
 
     def why_not(file: PointFields) -> str:
         if reason := by_span(file):
@@ -424,13 +460,16 @@ def _why_not_sweep(name: str) -> Callable[[PointFields], str]:
 
 
 def _follows_sweep(points: np.ndarray, times: np.ndarray) -> bool:
-    """Return whether times rise along the file, or points of one part of them are in a sector."""
+    """Return whether times rise along the file, or points of one part of them are in a sector.
+
+    They fall where another beam, or another unit, begins.
+    """
     sound = np.isfinite(points).all(axis=1) & np.isfinite(times)
     points, times = points[sound], times[sound]
+    if (np.diff(times) < 0).sum() <= MOST_FALLING * len(times):
+        return True
     if len(times) < SECTORS:
         return False
-    if (np.diff(times) >= 0).all():
-        return True
     directions = np.exp(1j * azimuths_of(points))
     parts = np.array_split(directions[np.argsort(times, kind="stable")], SECTORS)
     spread = 1 - np.mean([abs(part.mean()) for part in parts])

@@ -20,7 +20,7 @@ from roadscope.benchmarks.formats.bags import (
     open_bag,
 )
 from roadscope.benchmarks.formats.point_fields import ENDINGS, READERS, ending_of
-from roadscope.benchmarks.formats.point_layout import MAX_SWEEP_S, PointLayout, layout_of
+from roadscope.benchmarks.formats.point_layout import MAX_SWEEP_S, PointLayout, ReadScan, layout_of
 from roadscope.benchmarks.formats.scan_stamps import (
     in_order,
     recorded_stamps,
@@ -42,11 +42,24 @@ class ReadingLosses:
 
     points: how many are left out of each file, by reason.
     scans: the errors of files that could not be read; they count as empty scans.
+    fields: of which files a field that others have is not used, and why.
+    empty: files that have no points of use.
     A file that is read again counts once.
     """
 
     points: dict[Source, Counter[str]] = field(default_factory=dict)
     scans: dict[Source, FormatError] = field(default_factory=dict)
+    fields: dict[Source, str] = field(default_factory=dict)
+    empty: set[Source] = field(default_factory=set)
+
+    def add(self, path: Source, read: ReadScan) -> LidarScan:
+        """Return the scan of a file, and count what is left out of it."""
+        self.points[path] = read.left_out
+        if not len(read.scan):
+            self.empty.add(path)
+        elif read.lacks:
+            self.fields[path] = "; ".join(read.lacks)
+        return read.scan
 
     def notes(self) -> tuple[str, ...]:
         """Return what was lost, in sentences."""
@@ -56,10 +69,25 @@ class ReadingLosses:
             for reason, count in total.items()
         ]
         if self.scans:
-            count, first = len(self.scans), next(iter(self.scans.values()))
-            scans = "1 scan is" if count == 1 else f"{count} scans are"
-            notes.append(f"{scans} taken as empty: {'' if count == 1 else 'the first: '}{first}")
+            first = next(iter(self.scans.values()))
+            notes.append(_counted(len(self.scans), "taken as empty", str(first)))
+        if self.empty:
+            notes.append(
+                _counted(len(self.empty), "without points", str(min(map(str, self.empty))))
+            )
+        if self.fields:
+            path, why = next(iter(self.fields.items()))
+            notes.append(_counted(len(self.fields), "read without a field", f"{path}: {why}"))
         return tuple(notes)
+
+
+def _counted(count: int, what: str, first: str) -> str:
+    """Return how many scans are such, and the first of them."""
+    return (
+        f"1 scan is {what}: {first}"
+        if count == 1
+        else f"{count} scans are {what}: the first: {first}"
+    )
 
 
 @dataclass(frozen=True, slots=True)
@@ -157,12 +185,11 @@ class ScanFolder:
         """Yield the scans from `first` up to but not including `end`, as `__iter__` does."""
         for path, stamp_s in zip(self.files[first:end], self.stamps_s[first:end], strict=True):
             try:
-                scan, left_out = self.layout.read(path, stamp_s)
+                scan = self.losses.add(path, self.layout.read(path, stamp_s))
             except FormatError as error:
                 self.losses.scans[path] = error
                 yield empty_scan(stamp_s)
             else:
-                self.losses.points[path] = left_out
                 yield scan
 
 

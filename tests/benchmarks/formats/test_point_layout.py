@@ -116,7 +116,7 @@ def test_what_was_taken_of_a_raw_file_is_told(tmp_path):
     sweep.rows(sweep.rings, sweep.times_s).tofile(tmp_path / "0.pcd.bin")
     notes = notes_of(tmp_path)
     assert "points of 6 floats are read: x y z column 4 column 5 column 6" in notes
-    assert "column 5 is taken for the number of the beam" in notes
+    assert "column 4 as intensity, column 5 as number of the beam, column 6 as time of" in notes
     (scan,) = ScanFolder.find(tmp_path)
     assert np.array_equal(scan.ring, sweep.rings)
     assert np.ptp(scan.time_offset_s) == pytest.approx(np.ptp(sweep.times_s), abs=1e-6)
@@ -210,7 +210,7 @@ def test_a_fifth_column_that_is_no_time_in_seconds_is_told(tmp_path, column):
     np.save(tmp_path / "0.npy", sweep.rows(values))
     notes = notes_of(tmp_path)
     assert "points without times" in notes
-    assert ("column 5 is taken for the number of the beam" in notes) == (column == "ring")
+    assert ("column 5 as number of the beam" in notes) == (column == "ring")
     assert ("column 5 is not used" in notes) == (column != "ring")
 
 
@@ -279,9 +279,10 @@ def test_damaged_scans_are_empty_and_told_and_the_others_are_read(tmp_path):
         0 if k in (3, 5) else len(sweep.points) for k in range(8)
     ]
     assert len(list(found)) == len(list(found.part(0, 8))) == 8
-    (note,) = found.losses.notes()
+    note, empty = found.losses.notes()
     assert note.startswith("1 scan is taken as empty: ")
     assert "3.bin" in note
+    assert "1 scan is without points: " in empty
 
 
 def test_a_scan_whose_times_are_odd_has_none_and_is_used(tmp_path):
@@ -334,3 +335,82 @@ def test_arrays_with_names_and_range_images_are_read(tmp_path):
     np.save(tmp_path / "0.npy", rows[["x", "y"]])
     with pytest.raises(FormatError, match="its fields have names: x, y; expected x, y and z"):
         ScanFolder.find(tmp_path)
+
+
+@pytest.mark.parametrize("values", ["labels", "shuffled times"])
+def test_a_field_named_as_times_that_follows_no_sweep_is_not_used(tmp_path, values):
+    sweep, rng = Sweep(), np.random.default_rng(0)
+    labels = rng.integers(0, 90, len(sweep.points))
+    times = labels if values == "labels" else rng.permutation(sweep.times_s)
+    write_pcd(tmp_path / "0.pcd", sweep.points, t=times)
+    notes = notes_of(tmp_path)
+    assert "'t' is not used as time of points: it does not follow a sweep" in notes
+    assert "points without times" in notes
+
+
+def test_times_of_two_units_one_after_the_other_are_used(tmp_path):
+    sweep = Sweep()
+    times = np.concatenate([sweep.times_s, 0.1 - sweep.times_s[::-1]])
+    write_pcd(tmp_path / "0.pcd", np.vstack([sweep.points, -sweep.points]), t=times)
+    assert "t as time of points in s" in notes_of(tmp_path)
+
+
+def test_which_fields_are_used_as_what_is_told(tmp_path):
+    sweep = Sweep()
+    fields = {"reflectivity": sweep.intensities, "ring": sweep.rings, "t": 1e9 * sweep.times_s}
+    write_pcd(tmp_path / "0.pcd", sweep.points, **fields)
+    said = "reflectivity as intensity, ring as number of the beam, t as time of points in ns"
+    assert said in notes_of(tmp_path)
+
+
+def test_times_beside_the_scans_are_told_and_a_damaged_file_of_them_costs_only_these(tmp_path):
+    sweep = Sweep()
+    scans, times = (tmp_path / name / "0000" for name in ("velodyne", "velodyne_times"))
+    for folder in (scans, times):
+        folder.mkdir(parents=True)
+    for k in range(5):
+        sweep.rows().tofile(scans / f"{k}.bin")
+        sweep.times_s.astype("<f4").tofile(times / f"{k}.bin")
+    (times / "3.bin").write_bytes(b"1234")
+    found = ScanFolder.find(scans)
+    assert "velodyne_times as time of points in s" in " ".join(found.notes)
+    read = list(found)
+    assert [len(scan) for scan in read] == [len(sweep.points)] * 5
+    assert [bool(scan.time_offset_s.any()) for scan in read] == [True, True, True, False, True]
+    (note,) = found.losses.notes()
+    assert note.startswith("1 scan is read without a field: ")
+    assert "velodyne_times" in note
+
+
+@pytest.mark.parametrize(
+    ("loss", "said"),
+    [
+        ("stray", "its times of points are over 4.39 s, which no sweep takes"),
+        ("unit", "its times of points are over 99.4 s"),
+        ("names", "no field 'ring'; no field 'time'"),
+    ],
+)
+def test_scans_that_are_read_without_a_field_are_counted(tmp_path, loss, said):
+    sweep = Sweep()
+    for k in range(8):
+        times = sweep.times_s.copy()
+        if loss == "stray" and k in (3, 4):
+            times[::10] += 4.29
+        times *= 1000 if loss == "unit" and k in (3, 4) else 1
+        fields = {"ring": sweep.rings, "time": times}
+        write_pcd(
+            tmp_path / f"{k}.pcd",
+            sweep.points,
+            **({} if loss == "names" and k in (3, 4) else fields),
+        )
+    found = ScanFolder.find(tmp_path)
+    assert [len(scan) for scan in found] == [len(sweep.points)] * 8
+    (note,) = found.losses.notes()
+    assert note.startswith("2 scans are read without a field: the first: ")
+    assert said in note
+
+
+def test_arrays_with_times_in_another_unit_are_refused():
+    sweep = Sweep()
+    with pytest.raises(RecordError, match="time: expected seconds, over up to 1 s, got 9"):
+        scan_of_points(sweep.points, 0.0, times_s=1e9 * sweep.times_s)
