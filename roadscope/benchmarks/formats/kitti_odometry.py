@@ -12,7 +12,12 @@ import numpy as np
 
 from roadscope.benchmarks.formats.kitti_calibration import read_camera_from_lidar
 from roadscope.benchmarks.formats.kitti_cameras import CALIBRATION_FILE
-from roadscope.benchmarks.formats.kitti_scans import check_scan_files, numbered_files, read_scans
+from roadscope.benchmarks.formats.kitti_scans import (
+    check_scan_files,
+    loss_notes,
+    numbered_files,
+    read_scans,
+)
 from roadscope.benchmarks.formats.table import FormatError, names_in, read_table, visible
 from roadscope.benchmarks.formats.trajectories import read_trajectory
 from roadscope.core import LidarScan, Pose
@@ -147,7 +152,8 @@ def find_kitti_odometry(folder: Path | str) -> FoundSequences:
         )
     left_out = len(names) - len(sequences)
     note = f"{left_out} of {len(names)} sequences are left out: no scans or no true poses."
-    return FoundSequences(tuple(sequences), (note,) * bool(left_out))
+    lost = loss_notes([path for each in sequences for path in each.scan_files])
+    return FoundSequences(tuple(sequences), (*(note,) * bool(left_out), *lost))
 
 
 def _hint(folder: Path) -> str:

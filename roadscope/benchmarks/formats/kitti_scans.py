@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from hashlib import sha256
 from itertools import pairwise
@@ -34,6 +36,8 @@ POINT_BYTES = 16
 POINTS = "points of float32 x y z intensity"
 IMAGE_SIZE = ImageSize(1242, 375)
 """Of KITTI's images; it is assumed where there is no image."""
+SAMPLES = 5
+"""So many scans are looked at before a board begins."""
 PART = 250
 """So many frames of the object data are one part, which is computed at once. Chosen by hand:
 seconds to minutes for a detector."""
@@ -219,7 +223,11 @@ def find_kitti_frames(folder: Path | str, sensors: Sequence[str] = (SCANS,)) -> 
                 f"{root}: expected {name}/ beside {layout.labels}/, got {names_in(root)}"
             )
     find = _sequences if layout.by_sequence else _parts
-    return find(root.resolve(), sensors)
+    found = find(root.resolve(), sensors)
+    if SCANS not in sensors:
+        return found
+    scans = [each.file(SCANS, number) for each in found.frames for number in each.numbers]
+    return found._replace(notes=(*found.notes, *loss_notes(scans)))
 
 
 def _expected(sensors: Sequence[str]) -> str:
@@ -353,6 +361,23 @@ def read_scans(files: Sequence[Path], stamps_s: Sequence[float]) -> Iterator[Lid
     layout = layout_of([files[0]], SCAN_COLUMNS)
     for path, stamp_s in zip(files, stamps_s, strict=True):
         yield layout.read(path, stamp_s).scan
+
+
+def loss_notes(files: Sequence[Path]) -> tuple[str, ...]:
+    """Return which points of some scans, from the first to the last, have no use, in sentences.
+
+    Damaged files are of no concern here: `check_scan_files` refuses them.
+    """
+    some = files[:: max(1, len(files) // SAMPLES)][:SAMPLES]
+    lost = Counter[str]()
+    with suppress(FormatError):
+        layout = layout_of([files[0]], SCAN_COLUMNS)
+        for path in some:
+            lost += layout.read(path, 0.0).left_out
+    scans = "the scan" if len(some) == 1 else f"{len(some)} scans"
+    return tuple(
+        f"Of {scans} looked at, {n} points are left out: {why}." for why, n in lost.items()
+    )
 
 
 def check_scan_files(files: Sequence[Path]) -> None:

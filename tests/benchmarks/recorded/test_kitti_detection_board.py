@@ -213,6 +213,19 @@ def test_frames_without_scan_are_left_out_and_told(tmp_path):
         find_kitti_frames(folder, [IMAGES])
 
 
+def test_points_that_are_left_out_are_told(tmp_path):
+    root = write_objects(tmp_path / "objects", 3)
+    assert not find_kitti_frames(root, [SCANS]).notes
+    lost = 0
+    for path in sorted(root.rglob("velodyne/*.bin")):
+        rows = np.fromfile(path, "<f4").reshape(-1, 4)
+        rows[::7, 0] = np.nan
+        lost += int(np.isnan(rows[:, 0]).sum())
+        rows.tofile(path)
+    (note,) = find_kitti_frames(root, [SCANS]).notes
+    assert f"Of 3 scans looked at, {lost} points are left out: without a return" in note
+
+
 def test_a_plain_run_takes_the_boards_that_the_folder_has_files_for(tmp_path):
     assert list(kitti_suite(write_objects(tmp_path / "a")).boards) == [BOARD]
     suite = kitti_suite(write_tracking(tmp_path / "b"))
