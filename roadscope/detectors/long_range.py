@@ -20,7 +20,7 @@ from roadscope.detectors.long_range_scores import (
 from roadscope.detectors.moving import Memory, extract
 from roadscope.detectors.moving.lidar import lidar_of
 from roadscope.detectors.moving.links import BodySize, Chain, Links, usual
-from roadscope.detectors.moving.view import View, inverse_of
+from roadscope.detectors.moving.view import View
 from roadscope.detectors.pose.body_model import (
     SPEED,
     VALUES,
@@ -189,7 +189,7 @@ def _moving_vehicles(
     usuals = usual([chain for chain, _ in moving])
     poses = _poses(moving, answered, fit, usuals)
     # As Python numbers: for single points they are faster than an array.
-    ego_from_drive = inverse_of(answered.drive_from_ego).tolist()
+    ego_from_drive = answered.drive_from_ego.inverse().matrix.tolist()
     vehicles = []
     for (chain, at), pose, (body, size) in zip(moving, poses, usuals, strict=True):
         sighting = chain.sightings[at]

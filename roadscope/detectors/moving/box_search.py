@@ -178,10 +178,10 @@ def _reachable(grid: EvidenceGrid, reach: int) -> np.ndarray:
 
     reach: cells from the centre of the box to its end.
     """
-    wide, deep = grid.places[:, 0], grid.places[:, 1]
+    x, y = grid.places[:, 0], grid.places[:, 1]
     shape = (
-        (int(np.ceil((wide.max() - wide.min()) / grid.cell_m)) + 3) // STRIDE + 1,
-        (int(np.ceil((deep.max() - deep.min()) / grid.cell_m)) + 3) // STRIDE + 1,
+        (int(np.ceil((x.max() - x.min()) / grid.cell_m)) + 3) // STRIDE + 1,
+        (int(np.ceil((y.max() - y.min()) / grid.cell_m)) + 3) // STRIDE + 1,
     )
     reachable = np.zeros(shape, np.bool_)
     for row in range(len(grid.places)):
@@ -218,7 +218,7 @@ def _fill_near(
     """Fill in the cells around a place; return how many, and the most evidence a box has there."""
     offsets, slots = near.offsets, near.slots
     long, wide = sides.half_length, sides.half_width
-    # No turned box reaches beyond these distances, with and without its collar.
+    # No turned box reaches beyond `outer` with its collar, nor beyond the root of `inner` without.
     inner = np.hypot(long, wide) ** 2
     outer = max(
         np.hypot(long + sides.collar_at_ends, wide), np.hypot(long, wide + sides.collar_at_flanks)
@@ -227,14 +227,14 @@ def _fill_near(
     count, bound = 0, 0.0
     for row in range(first, last):
         dx, dy = grid.places[row, 0] - x, grid.places[row, 1] - y
-        far, weight = dx * dx + dy * dy, grid.weights[row]
-        if far > outer * outer:
+        square, weight = dx * dx + dy * dy, grid.weights[row]
+        if square > outer * outer:
             continue
         across, deep = sight[0] * dy - sight[1] * dx, sight[0] * dx + sight[1] * dy
         offsets[0, count], offsets[1, count], offsets[2, count] = dx, dy, weight
         slots[0, count] = min(max(int(across / BIN_M + BINS / 2), 0), BINS - 1)
         slots[1, count] = min(max(int(deep / BIN_M + BINS / 2), 0), BINS - 1)
-        bound += max(weight, 0.0) if far <= inner else 0.0
+        bound += max(weight, 0.0) if square <= inner else 0.0
         count += 1
     offsets[:2, count : count + BATCH], offsets[2, count : count + BATCH] = PADDING_M, 0.0
     return count, bound
@@ -319,7 +319,11 @@ def _evidence(near: NearCells, cells: int, turn: int, sides: BoxSides, least: fl
 
 @compiled(borrowing=True)
 def _best_run(bins: np.ndarray, gap: int) -> tuple[float, float, float]:
-    """Return evidence, begin and end (metres) of the run of bins without a gap that has most."""
+    """Return the evidence, begin and end of the run of bins with most evidence and no gap.
+
+    bins: (2, BINS), evidence and number of cells. Begin and end are metres from the box's centre.
+    gap: number of empty bins that end a run.
+    """
     first, end = 0, BINS
     while first < BINS and bins[1, first] == 0.0:
         first += 1

@@ -53,24 +53,22 @@ def in_drive_frame(
         for k in range(3):
             out[i, k] = x * m[k, 0] + y * m[k, 1] + z * m[k, 2] + m[k, 3]
         mx, my = mx + out[i, 0], my + out[i, 1]
-    place = np.empty(2)
+    sensor = np.empty(2)
     for k in range(2):
-        place[k] = origin[0] * m[k, 0] + origin[1] * m[k, 1] + m[k, 3]
-    sx, sy = mx / count - place[0], my / count - place[1]
-    away = max(np.hypot(sx, sy), 1e-9)
+        sensor[k] = origin[0] * m[k, 0] + origin[1] * m[k, 1] + m[k, 3]
+    sx, sy = mx / count - sensor[0], my / count - sensor[1]
+    distance = max(np.hypot(sx, sy), 1e-9)
     depths, nearest = np.empty(count), np.inf
     for i in range(count):
-        depths[i] = ((out[i, 0] - place[0]) * sx + (out[i, 1] - place[1]) * sy) / away
+        depths[i] = ((out[i, 0] - sensor[0]) * sx + (out[i, 1] - sensor[1]) * sy) / distance
         nearest = min(nearest, depths[i])
     position, at_face = np.zeros(2), 0
     for i in range(count):
         if depths[i] <= nearest + face_m:
-            position[0], position[1], at_face = (
-                position[0] + out[i, 0],
-                position[1] + out[i, 1],
-                at_face + 1,
-            )
-    return out, place, position / at_face
+            position[0] += out[i, 0]
+            position[1] += out[i, 1]
+            at_face += 1
+    return out, sensor, position / at_face
 
 
 def rate(times: np.ndarray, positions: np.ndarray) -> np.ndarray:
@@ -148,7 +146,7 @@ class Chain:
 
     @property
     def moves(self) -> bool:
-        """Whether there are several sightings and, with `LEAST_SIGHTINGS`, it is fast enough."""
+        """Whether it is fast; below `LEAST_SIGHTINGS`, whether there are several sightings."""
         if len(self.sightings) < LEAST_SIGHTINGS:
             return len(self.sightings) > 1
         return math.hypot(*self.velocity.tolist()) >= SLOWEST_M_S
@@ -240,7 +238,7 @@ def usual(chains: Sequence[Chain]) -> list[tuple[Body, BodySize]]:
         top = max(extent[2] for extent in own)
         fits: np.ndarray = np.all(np.array([long, wide, top]) <= LIMITS_M, axis=1)
         fits[: len(TWO_WHEELERS)] &= top > RIDER_M
-        # Whatever is larger than all of them counts as the last one.
+        # Returns that no body holds count as the last one.
         body = TRIED[int(fits.argmax()) if fits.any() else -1]
         size = BodySize(max(body.length[0], long), body.width[0], body.height[0])
         bodies.append((body, size))
@@ -269,6 +267,6 @@ def _extents(chains: Sequence[Chain]) -> np.ndarray:
         np.maximum.reduceat(v, starts, axis=1) - np.minimum.reduceat(v, starts, axis=1)
         for v in (cos * x + sin * y, cos * y - sin * x)
     )
-    best, each = (long * wide).argmin(axis=0), np.arange(len(sightings))
+    best, all_rows = (long * wide).argmin(axis=0), np.arange(len(sightings))
     top = np.maximum.reduceat(z, starts)
-    return np.stack([long[best, each], wide[best, each], top], axis=1)
+    return np.stack([long[best, all_rows], wide[best, all_rows], top], axis=1)

@@ -69,8 +69,8 @@ class View(Record):
         """
         times_s = scan.time_offset_s.astype(np.float64)
         points = deskewed(scan.points, ego_from_lidar.matrix, times_s, twist)
-        lidar_from_ego = inverse_of(ego_from_lidar)
-        # Some drivers put rays without a return at the sensor itself, where they have no direction.
+        lidar_from_ego = ego_from_lidar.inverse().matrix
+        # Some recordings have rays without a return at the sensor, where they have no direction.
         if not scan.points[:, :2].any():
             image, empty = np.empty((0, 0), np.float32), np.empty(0)
             return View(
@@ -101,18 +101,10 @@ class View(Record):
         return np.array([cos * x - sin * y + forward * time_s, sin * x + cos * y + left * time_s])
 
 
-def inverse_of(pose: Pose) -> np.ndarray:
-    """Return the (4, 4) matrix of a pose's inverse."""
-    matrix, rotation = np.eye(4), pose.matrix[:3, :3].T
-    matrix[:3, :3] = rotation
-    matrix[:3, 3] = -rotation @ pose.matrix[:3, 3]
-    return matrix
-
-
 def imaged(
     points: np.ndarray, ring: np.ndarray, column: np.ndarray, times_s: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, float, float, np.ndarray]:
-    """Return the image by rising slope and column, slopes, azimuth, step, and column times.
+    """Return the fields of a `View` from `image` to `column_times_s`.
 
     Arguments as in `tabulate`, but rings and columns may begin with any number. The times of
     columns without a return are interpolated.
@@ -142,7 +134,7 @@ def tabulate(
     rings, columns = ring.max() + 1, column.max() + 1
     image = np.full((rings, columns), np.float32(np.nan))
     slopes, azimuths = np.full(rings, np.nan), np.full(columns, np.nan)
-    starts, lowest = np.full(columns, np.nan), np.full(columns, -1)
+    column_times_s, lowest = np.full(columns, np.nan), np.full(columns, -1)
     for i in range(len(points)):
         x, y, z = np.float64(points[i, 0]), np.float64(points[i, 1]), np.float64(points[i, 2])
         flat = np.sqrt(x * x + y * y)
@@ -151,12 +143,11 @@ def tabulate(
         b, c, reach = ring[i], column[i], np.float32(np.sqrt(flat * flat + z * z))
         if not slopes[b] <= z / flat:
             slopes[b] = z / flat
-        if not starts[c] <= times_s[i]:
-            starts[c] = times_s[i]
-        nearer = not image[b, c] <= reach
-        if nearer:
+        if not column_times_s[c] <= times_s[i]:
+            column_times_s[c] = times_s[i]
+        if not image[b, c] <= reach:
             image[b, c] = reach
-        # One return a column gives its azimuth; which one must not depend on their order.
+        # The return of the lowest beam gives a column's azimuth, whatever the order of returns.
         low = lowest[c]
         if low < 0 or b < ring[low] or (b == ring[low] and _is_before(points, i, low)):
             lowest[c] = i
@@ -165,7 +156,7 @@ def tabulate(
             azimuths[c] = np.arctan2(
                 np.float64(points[lowest[c], 1]), np.float64(points[lowest[c], 0])
             )
-    return image, slopes, azimuths, starts
+    return image, slopes, azimuths, column_times_s
 
 
 @compiled()
@@ -313,9 +304,10 @@ def height_spans(points: np.ndarray, cell_m: float) -> np.ndarray:
     points, cell_m: metres, N at least 1. A point's own cell and the eight beside it count.
     """
     low_x, low_y = points[:, 0].min(), points[:, 1].min()
-    wide = int((points[:, 0].max() - low_x) / cell_m) + 3
-    deep = int((points[:, 1].max() - low_y) / cell_m) + 3
-    low, high = np.full((wide, deep), np.inf), np.full((wide, deep), -np.inf)
+    # One more cell on each side, so that every point has eight cells beside its own.
+    nx = int((points[:, 0].max() - low_x) / cell_m) + 3
+    ny = int((points[:, 1].max() - low_y) / cell_m) + 3
+    low, high = np.full((nx, ny), np.inf), np.full((nx, ny), -np.inf)
     for i in range(len(points)):
         a, b = int((points[i, 0] - low_x) / cell_m) + 1, int((points[i, 1] - low_y) / cell_m) + 1
         low[a, b] = min(low[a, b], points[i, 2])
@@ -407,7 +399,7 @@ def _ray_to(point: np.ndarray, image: PolarImage) -> tuple[int, float, float, fl
 
 
 # --------------------------------------------------------------------------------------------------
-# The scans of the last second, each with the transform from now to then.
+# The scans of the last second, each with the transform from the ego frame now to that of its stamp.
 
 AGES_S = (0.1, 0.2, 0.3, 0.5, 0.7, 1.0)
 """Ages of the earlier scans that are used: a slow car leaves its place late, a fast one is soon far
