@@ -22,7 +22,7 @@ R = TypeVar("R")
 
 STAMP_TOLERANCE_S = 1e-6
 FARTHEST_POSE_M = 1e6
-"""A pose farther from the start, along any axis, is refused; farther than any drive."""
+"""A pose farther from the start along any axis is refused: no drive is that long."""
 MOST_OBJECTS = 2000
 """Most objects in an answer; nuScenes allows 500. Matching them takes space for all pairs."""
 MOST_MASSES = 16
@@ -111,7 +111,7 @@ def check_fused(answer: Any, *, stamp_s: float) -> FusedDetections:
     fused = _of_class(answer, FusedDetections, "fuse")
     _check_count(fused, "targets")
     _check_values(fused, ("centres", "sizes", "yaws", "distances_m", "image_boxes"))
-    _check_stamp(fused.stamp_s, stamp_s, "targets", "scan, or their image without one,")
+    _check_stamp(fused.stamp_s, stamp_s, "targets", "scan (or image, if there is no scan)")
     return fused
 
 

@@ -85,8 +85,8 @@ def overlapping_pairs(
     Pairs are sorted by row, then by column. A box is its centre x, y, z, length, width, height
     (metres) and yaw (radians).
 
-    generalised: whether the overlap is generalised IoU (Rezatofighi et al. 2019), which tells boxes
-        that are near each other from boxes that are far apart, or plain intersection over union.
+    generalised: whether the overlap is generalised IoU (Rezatofighi et al. 2019), which falls with
+        the distance of boxes that do not meet, or plain intersection over union.
     least: 0 or more for plain, -1 to 1 for generalised IoU.
 
     Only pairs that are near each other along x are examined: the work grows with their number.
@@ -171,7 +171,11 @@ def _boxes(values: np.ndarray) -> np.ndarray:
 
 @compiled()
 def _reach(boxes: np.ndarray, others: np.ndarray, generalised: bool, least: float) -> np.ndarray:
-    """Return (N,) distances beyond which no box overlaps by more than `least`."""
+    """Return (N,) distances in x and y beyond which no box overlaps another by more than `least`.
+
+    Generalised IoU of boxes that do not meet is the sum of their volumes over that of their hull,
+    minus 1. The hull is at least the height of one times their mean width times their distance.
+    """
     reach: np.ndarray = boxes["radius"] + others["radius"].max()
     if generalised:
         largest, narrowest = 0.0, np.inf
@@ -312,6 +316,7 @@ def _hull_area(box: _Box, other: _Box) -> float:
     for k in range(4):
         corners[4 + k, 0] = other.half_length if k in (0, 3) else -other.half_length
         corners[4 + k, 1] = other.half_width if k in (0, 1) else -other.half_width
+    # Sort the corners by x, then y.
     for k in range(1, 8):
         x, y, place = corners[k, 0], corners[k, 1], k
         while place > 0 and (corners[place - 1, 0], corners[place - 1, 1]) > (x, y):
@@ -320,6 +325,7 @@ def _hull_area(box: _Box, other: _Box) -> float:
         corners[place, 0], corners[place, 1] = x, y
     hull = np.empty((MOST_CORNERS, 2))
     count, lower_count = 0, 1
+    # The lower side of the hull from left to right, then the upper side back to the first corner.
     for step in range(15):
         k = step if step < 8 else 14 - step
         x, y = corners[k, 0], corners[k, 1]

@@ -42,24 +42,24 @@ def require(condition: bool, record: object, name: str, expected: str, actual: o
 
 
 def check_sizes(record: object, name: str, sizes: np.ndarray) -> None:
-    """Raise `RecordError` where an (N, 3) length, width or height is not positive."""
+    """Raise `RecordError` if one of (N, 3) lengths, widths and heights is not positive."""
     _require_rows((sizes > 0).all(axis=1), record, name, "positive lengths", sizes)
 
 
 def check_categories(record: object, name: str, categories: np.ndarray) -> None:
-    """Raise `RecordError` where one of (N,) is no value of `Category`."""
+    """Raise `RecordError` if one of (N,) categories is no value of `Category`."""
     valid = (categories >= 0) & (categories < len(Category))
     expected = f"values of Category, 0 to {len(Category) - 1}"
     _require_rows(valid, record, name, expected, categories)
 
 
 def check_scores(record: object, name: str, scores: np.ndarray) -> None:
-    """Raise `RecordError` where one of (N,) is not in 0 to 1."""
+    """Raise `RecordError` if one of (N,) scores is not in 0 to 1."""
     _require_rows((scores >= 0) & (scores <= 1), record, name, "values in 0 to 1", scores)
 
 
 def check_image_boxes(record: object, name: str, boxes: np.ndarray) -> None:
-    """Raise `RecordError` where an (N, 4) box has its right left of its left, or is upside down."""
+    """Raise `RecordError` if one of (N, 4) boxes has right < left or bottom < top."""
     ordered = (boxes[:, 2:] >= boxes[:, :2]).all(axis=1)
     expected = "left, top, right, bottom with right >= left and bottom >= top"
     _require_rows(ordered, record, name, expected, boxes)
@@ -98,7 +98,7 @@ def _check_exact(array: np.ndarray, wanted: np.dtype[Any]) -> None:
         exact, expected = (array == 0) | (array == 1), "True or False"
     elif wanted.kind in "iu" and not np.can_cast(array.dtype, wanted):
         limits = np.iinfo(wanted)
-        # Below the limit plus one: the greatest int64 itself is no float.
+        # `<= max` would be wrong: as a float the greatest int64 is rounded up.
         exact = (array >= limits.min) & (array < limits.max + 1)
         exact &= np.trunc(array) == array if array.dtype.kind == "f" else True
         expected = f"whole numbers from {limits.min} to {limits.max}"

@@ -127,7 +127,7 @@ def binding_problem(factory: type[Any], arguments: Mapping[str, Any]) -> str:
 
 
 def wrong_literal(factory: Callable[..., Any], arguments: Mapping[str, Any]) -> str:
-    """Return which argument is of another type than its annotation; empty if none is.
+    """Return an error text for the first argument whose type is wrong; empty if there is none.
 
     Only annotations of bool, int, float and None, alone or in a union, are compared.
     """

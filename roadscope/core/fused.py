@@ -145,29 +145,29 @@ class FusedDetections(Record):
         lidar_boxes: (L, 4) pixels, all LiDAR detections projected into the image, zeros where
             outside. Targets that the camera did not detect get them as their image boxes.
         """
-        points, image = _both(lidar, camera)
-        lidar_rows = _rows("lidar_rows", lidar_rows, len(points))
-        camera_rows = _rows("camera_rows", camera_rows, len(image))
+        lidar, camera = _both(lidar, camera)
+        lidar_rows = _rows("lidar_rows", lidar_rows, len(lidar))
+        camera_rows = _rows("camera_rows", camera_rows, len(camera))
         _check_equal_lengths(lidar_rows, camera_rows)
         by_lidar, by_camera = lidar_rows >= 0, camera_rows >= 0
-        lidar_scores = _rows_or(points.scores, lidar_rows, -1.0)
-        camera_scores = _rows_or(image.scores, camera_rows, -1.0)
+        lidar_scores = _rows_or(lidar.scores, lidar_rows, -1.0)
+        camera_scores = _rows_or(camera.scores, camera_rows, -1.0)
         if categories is None:
             categories = np.where(
                 lidar_scores > camera_scores,
-                _rows_or(points.categories, lidar_rows, 0),
-                _rows_or(image.categories, camera_rows, 0),
+                _rows_or(lidar.categories, lidar_rows, 0),
+                _rows_or(camera.categories, camera_rows, 0),
             )
         if scores is None:
             scores = np.maximum(lidar_scores, camera_scores)
-        boxes = _rows_or(image.boxes, camera_rows, 0.0)
-        candidates = np.zeros_like(boxes)
+        boxes = _rows_or(camera.boxes, camera_rows, 0.0)
+        projected_boxes = np.zeros_like(boxes)
         if lidar_boxes is not None:
-            candidates = _rows_or(np.asarray(lidar_boxes, np.float64), lidar_rows, 0.0)
-        inside = (candidates[:, 2:] > candidates[:, :2]).all(axis=1)
-        projected = by_lidar & ~by_camera & inside
-        boxes[projected] = candidates[projected]
-        centres = _rows_or(points.centres, lidar_rows, 0.0)
+            projected_boxes = _rows_or(np.asarray(lidar_boxes, np.float64), lidar_rows, 0.0)
+        inside = (projected_boxes[:, 2:] > projected_boxes[:, :2]).all(axis=1)
+        from_lidar = by_lidar & ~by_camera & inside
+        boxes[from_lidar] = projected_boxes[from_lidar]
+        centres = _rows_or(lidar.centres, lidar_rows, 0.0)
         return FusedDetections(
             categories=categories,
             scores=scores,
@@ -175,14 +175,14 @@ class FusedDetections(Record):
             by_camera=by_camera,
             has_box=by_lidar,
             centres=centres,
-            sizes=_rows_or(points.sizes, lidar_rows, 1.0),
-            yaws=_rows_or(points.yaws, lidar_rows, 0.0),
+            sizes=_rows_or(lidar.sizes, lidar_rows, 1.0),
+            yaws=_rows_or(lidar.yaws, lidar_rows, 0.0),
             distances_m=np.where(by_lidar, np.hypot(centres[:, 0], centres[:, 1]), -1.0),
             lidar_rows=lidar_rows,
-            has_image_box=by_camera | projected,
+            has_image_box=by_camera | from_lidar,
             image_boxes=boxes,
             masses=_simple_masses(categories, scores) if masses is None else masses,
-            stamp_s=points.stamp_s,
+            stamp_s=lidar.stamp_s,
         )
 
     def select(self, index: np.ndarray) -> FusedDetections:
@@ -227,17 +227,14 @@ def _scores(detections: Detections | ImageDetections | None) -> np.ndarray:
     return np.empty(0) if detections is None else detections.scores
 
 
-def _pair_rows(pairs: np.ndarray | None, lidar: int, camera: int) -> np.ndarray:
-    """Return (M, 2) rows; refuse other shapes, rows that do not exist and rows used twice.
-
-    lidar, camera: numbers of detections.
-    """
+def _pair_rows(pairs: np.ndarray | None, lidar_count: int, camera_count: int) -> np.ndarray:
+    """Return (M, 2) rows; refuse other shapes, rows that do not exist and rows used twice."""
     array = np.empty((0, 2), np.int64) if pairs is None else np.asarray(pairs)
     if array.size == 0:
         return np.empty((0, 2), np.int64)
     if array.ndim != 2 or array.shape[1] != 2:
         raise RecordError(f"FusedDetections: expected pairs (M, 2), got shape {array.shape}")
-    columns = (("LiDAR", array[:, 0], lidar), ("camera", array[:, 1], camera))
+    columns = (("LiDAR", array[:, 0], lidar_count), ("camera", array[:, 1], camera_count))
     for sensor, column, count in columns:
         rows = _rows(f"rows of {sensor} in pairs", column, count)
         if (rows < 0).any() or len(np.unique(rows)) < len(rows):

@@ -84,7 +84,7 @@ def _entry(function: Callable[..., Any], settings: Mapping[str, Any]) -> Callabl
 
 
 def _folder_of(function: Callable[..., Any]) -> Path | None:
-    """Return the folder for a function's machine code, whose name holds a hash of the sources."""
+    """Return the folder for a function's machine code; a hash of the sources is in its name."""
     file = Path(function.__code__.co_filename)
     folder = _writable_folder(file.parent)
     return folder and folder / f"{file.stem}-{_digest(file)}"
@@ -125,7 +125,7 @@ def _compiling_alone(function: Callable[..., Any]) -> Iterator[None]:
 
 
 def _locked(file: IO[str]) -> bool:
-    """Try to lock a file against other processes."""
+    """Try to lock a file against other processes; return whether it is locked now."""
     try:
         fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except BlockingIOError:
@@ -139,8 +139,8 @@ def _writable_folder(source_folder: Path) -> Path | None:
 
     If the user names a folder as `NUMBA_CACHE_DIR`, only that one is tried.
     """
-    named = config.CACHE_DIR
-    places = [Path(named)] if named else [source_folder / "__pycache__", user_folder()]
+    chosen = config.CACHE_DIR
+    places = [Path(chosen)] if chosen else [source_folder / "__pycache__", user_folder()]
     for place in places:
         try:
             place.mkdir(parents=True, exist_ok=True)
@@ -174,10 +174,10 @@ def _digest(file: Path) -> str:
 
 
 def sources_of(file: Path) -> set[Path]:
-    """Return the file, this one, and all files of the package that they import, also indirectly.
+    """Return the file, `jit.py`, and all files of the package that they import, also indirectly.
 
-    Imports between files outside the package are not followed. A file there counts with all files
-    of its folder.
+    Imports between files outside the package are not followed. In place of a file outside the
+    package, all Python files of its folder count.
     """
     inside = file.is_relative_to(PACKAGE_FOLDER)
     pending = [Path(__file__), file] if inside else [*file.parent.glob("*.py")]

@@ -131,5 +131,5 @@ def _is_rotation(rows: list[list[float]]) -> bool:
 
 
 def wrap_angle(angle: np.ndarray | float) -> np.ndarray:
-    """Return angles in radians as the equal ones in [-pi, pi)."""
+    """Return angles, radians, plus the multiples of 2 pi that bring them into [-pi, pi)."""
     return (np.asarray(angle) + np.pi) % (2 * np.pi) - np.pi

@@ -79,7 +79,7 @@ class Spec:
     def parse(text: str) -> Spec:
         """Read a spec; `SpecError` says what is wrong with it. Nothing is loaded.
 
-        A spec never changes, so that each text is read once.
+        Specs do not change, so each text is parsed once.
         """
         before_ego, *ego = _EGO_PART.split(text, maxsplit=1)
         parts = {EGO: Spec.parse(ego[0])} if ego else {}
@@ -175,7 +175,11 @@ class Spec:
         return not self.ours or self.requirement is not None
 
     def make(self) -> Any:
-        """Construct the plug-in in this process; `SpecError` names wrong arguments."""
+        """Construct the plug-in in this process.
+
+        Raises `SpecError` for arguments that do not fit the constructor's parameters, `ValueError`
+        for values of a wrong type, and `NotInstalledError` if a library is missing.
+        """
         factory = self.factory
         if problem := binding_problem(factory, self.arguments):
             raise SpecError(f"'{self.text}': {problem}")

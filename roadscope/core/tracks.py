@@ -31,8 +31,8 @@ class Tracks(Record):
     ids: (N,) int64, unique within the record, never used again for another track.
     centres: (N, 3) float64, metres.
     sizes: (N, 3) float64, metres, length width height.
-    yaws: (N,) float64, radians, of the length axis; towards its end that is ahead, where that is
-        known, which a box of a track that never moved may not show.
+    yaws: (N,) float64, radians, direction of the length axis. It points to the front of the object
+        if the tracker knows it; of an object that never moved, it may point to the back.
     velocities: (N, 2) float64, m/s, along the axes of `frame`; in frame `ego` relative to
         the moving ego.
     covariances: (N, 4, 4) float64 of (x, y, vx, vy).

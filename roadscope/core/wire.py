@@ -109,7 +109,8 @@ def encode(value: Any, *, most_bytes: int | None = None) -> bytes:
         raise WireError(_too_long(length, most_bytes))
     if len(header) > MOST_HEADER_BYTES:
         raise WireError(_too_long(len(header), MOST_HEADER_BYTES))
-    return b"".join([len(header).to_bytes(LENGTH_BYTES, "little"), header, *map(_buffer, arrays)])
+    length_bytes = len(header).to_bytes(LENGTH_BYTES, "little")
+    return b"".join([length_bytes, header, *(array.data for array in arrays)])
 
 
 def decode(message: bytes | bytearray | memoryview) -> Any:
@@ -200,11 +201,6 @@ def _key(key: Any) -> str:
     if not isinstance(key, str) or key.startswith("$"):
         raise WireError(f"a dict with the key {key!r:.80} cannot be sent")
     return str(key)
-
-
-def _buffer(array: np.ndarray) -> Any:
-    """Return what `join` takes, also of an array without elements."""
-    return array.data if array.size else b""
 
 
 def _restored(described: Any, payload: _Payload) -> Any:
