@@ -177,10 +177,10 @@ def _span(centre: float, reach: float, low: float, cells: int) -> tuple[int, int
 def shares_of_rays(
     boxes: np.ndarray, azimuths: np.ndarray, ranges: np.ndarray, origin: np.ndarray, step: float
 ) -> np.ndarray:
-    """Return for each box shares of the columns towards it, and the number of those that hit it.
+    """Return (B, 4) shares of the columns towards each box, and how many of them hit it.
 
-    (B, 4): share of columns whose nearest return is nearer than the box, share of those that hit
-    it, share of those that pass it or have no return, and number of those that hit it.
+    In this order: share of columns whose nearest return is nearer than the box, share of those that
+    hit it, share of those that pass it or have no return, and number of those that hit it.
     boxes: (B, 5) as in `count_returns`. azimuths, ranges: (C,) radians, increasing, and metres, of
     the nearest return above the ground in each column, seen from the origin. origin: (2,) metres,
     the sensor. step: radians from column to column.
@@ -223,12 +223,12 @@ def _crossing(box: np.ndarray, origin: np.ndarray, azimuth: float) -> tuple[floa
     near, far = 0.0, np.inf
     for k in range(2):
         ax, ay, half = (cos, sin, 0.5 * box[2]) if k == 0 else (-sin, cos, 0.5 * box[3])
-        place, rate = ax * x + ay * y, ax * np.cos(azimuth) + ay * np.sin(azimuth)
+        middle, rate = ax * x + ay * y, ax * np.cos(azimuth) + ay * np.sin(azimuth)
         if abs(rate) < 1e-9:
-            if abs(place) > half:
+            if abs(middle) > half:
                 return np.inf, 0.0
             continue
-        one, other = (place - half) / rate, (place + half) / rate
+        one, other = (middle - half) / rate, (middle + half) / rate
         near, far = max(near, min(one, other)), min(far, max(one, other))
     return (near, far) if near <= far else (np.inf, 0.0)
 

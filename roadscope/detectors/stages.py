@@ -36,24 +36,24 @@ def options_of(stage: Stage) -> dict[str, inspect.Parameter]:
 def chosen_stages(
     names: Mapping[str, str], options: Mapping[str, Option | None], hint: str = ""
 ) -> dict[str, Stage]:
-    """Return one stage a kind, with its options set.
+    """Return the chosen stage of each part (ground, clustering, shape), with its options set.
 
-    names: kind -> name. options: name -> value, None for the default. An option goes to every
+    names: part -> name. options: name -> value, None for the default. An option goes to every
     chosen stage that has it; one that none has is refused. hint: what else can be set, for the
     error message.
     """
-    stages = {kind: _named(kind, name) for kind, name in names.items()}
+    stages = {part: _named(part, name) for part, name in names.items()}
     values = {key: value for key, value in options.items() if value is not None}
     for key in values:
         if not any(key in options_of(stage) for stage in stages.values()):
             raise ValueError(_unknown_option(key, names) + hint)
-    return {kind: _with_options(stage, values) for kind, stage in stages.items()}
+    return {part: _with_options(stage, values) for part, stage in stages.items()}
 
 
-def _named(kind: str, name: str) -> Stage:
-    known = STAGES[kind]
+def _named(part: str, name: str) -> Stage:
+    known = STAGES[part]
     if name not in known:
-        raise ValueError(unknown(f"{kind} stage", name, known))
+        raise ValueError(unknown(f"{part} stage", name, known))
     return known[name]
 
 
@@ -64,14 +64,14 @@ def _with_options(stage: Stage, values: Mapping[str, Option]) -> Stage:
 
 def _unknown_option(key: str, names: Mapping[str, str]) -> str:
     owners = [
-        f"{kind} '{name}'"
-        for kind, known in STAGES.items()
+        f"{part} '{name}'"
+        for part, known in STAGES.items()
         for name, stage in known.items()
         if key in options_of(stage)
     ]
     taken = "; ".join(
-        f"{kind} '{name}' takes {listed(options_of(STAGES[kind][name]))}"
-        for kind, name in names.items()
+        f"{part} '{name}' takes {listed(options_of(STAGES[part][name]))}"
+        for part, name in names.items()
     )
     if owners:
         return f"option '{key}' belongs to {', '.join(owners)}, not chosen; {taken}"
@@ -96,8 +96,8 @@ def _checked(parameter: inspect.Parameter, value: Option) -> Option:
             raise ValueError(f"{name} must be True or False, got {value!r}")
         return value
     whole = isinstance(parameter.default, int)
-    kind = int if whole else (int, float)
-    if isinstance(value, bool) or not isinstance(value, kind) or not 0 < value < np.inf:
+    accepted = int if whole else (int, float)
+    if isinstance(value, bool) or not isinstance(value, accepted) or not 0 < value < np.inf:
         what = "whole number" if whole else _quantity(name)
         raise ValueError(f"{name} must be a positive {what}, got {value!r}")
     return value

@@ -53,7 +53,7 @@ class CameraDetector:
         """Set the detector up; the network is read with the first image.
 
         weights: a .safetensors file; the shipped one if left out.
-        min_score: least score of a detection; peaks of less heat than `FLOOR` have none.
+        min_score: least score of a detection; peaks of less heat than `decoding.FLOOR` have none.
         precision: float32, bfloat16, or auto for the faster one on the device. With bfloat16
             the last digits of boxes and scores depend on the processor.
         threads: processor cores that torch may use while it detects.
@@ -161,15 +161,15 @@ def _answers(network: CentreNetwork, pixels: np.ndarray, threads: int) -> np.nda
     import torch
 
     height, width = (-(-n // COARSEST) * COARSEST for n in pixels.shape[:2])
-    first = next(network.parameters())
+    parameter = next(network.parameters())
     before = torch.get_num_threads()
     torch.set_num_threads(threads)
     try:
         with torch.inference_mode(), whole_float32():
             full = np.full((height, width, 3), GREY, np.uint8)
             full[: pixels.shape[0], : pixels.shape[1]] = pixels
-            places = torch.from_numpy(squared(full)).to(first.device, first.dtype)
-            colours = places.div_(127.5).sub_(1.0).permute(2, 0, 1)[None]
+            blocks = torch.from_numpy(squared(full)).to(parameter.device, parameter.dtype)
+            colours = blocks.div_(127.5).sub_(1.0).permute(2, 0, 1)[None]
             answers = network.answers(colours)[0].cpu().numpy()
             return answers.reshape(*answers.shape[:2], FINE * FINE, -1)
     finally:

@@ -15,10 +15,10 @@ from torch.nn import functional
 from roadscope.detectors.camera.decoding import FINE, LARGEST, UNIT_PX
 
 ARCHITECTURE = "roadscope-centre-3"
-"""It is changed whenever old weights no longer fit the network."""
+"""Name of the architecture; it changes when old weights no longer fit the network."""
 FAMILY_COUNT = 3
 VEHICLE_COUNT = 5
-"""Categories of the family vehicle; the others have one each."""
+"""Categories of the family vehicle; the other families have one each."""
 SQUARE = 2
 """The first convolution takes squares of 2 x 2 pixels as one position (space to depth)."""
 COARSEST = 32
@@ -118,7 +118,7 @@ class CentreNetwork(nn.Module):
         self.stages = nn.ModuleList(stages)
         self.lateral = nn.ModuleList(nn.Conv2d(width, NECK, 1) for width in WIDTHS)
         self.head = Convolution(NECK, HEAD)
-        # It does what a 1 x 1 convolution does, but the gradient of that is slow.
+        # The same as a 1 x 1 convolution, whose gradient is slower to compute.
         self.out = nn.Linear(HEAD, FINE**2 * (FAMILY_COUNT + 4 + VEHICLE_COUNT))
         nn.init.normal_(self.out.weight, std=0.01)
         offsets = torch.tensor([RARE] * FAMILY_COUNT + [1.0] * 4 + [0.0] * VEHICLE_COUNT)

@@ -14,14 +14,14 @@ from roadscope.core.jit import compiled
 from roadscope.detectors.cloud import Cloud
 
 MOST_BINS = 4096
-"""The last bin of a segment takes all returns that lie beyond it too."""
+"""Most bins of a segment; the last one also takes all returns beyond it."""
 LEAST_PROTOTYPES = 3
 """A line of the ground needs so many measured prototypes: any two points lie on a line, even two of
 one bumper."""
 
 
 class PolarRule(NamedTuple):
-    """When prototypes are a line of the ground.
+    """Which prototypes form a line of the ground.
 
     The paper's letters stand in brackets. It does not print its values; ours are chosen by hand.
 
@@ -177,11 +177,11 @@ def _segment_lines(
             zz = (sum_zz + z * z) / n - mean_z * mean_z
             slope = rz / rr
             offset = mean_z - slope * mean_r
-            off = max(np.sqrt(max(zz - slope * rz, 0.0)), abs(z - slope * r - offset) / 2)
+            residual = max(np.sqrt(max(zz - slope * rz, 0.0)), abs(z - slope * r - offset) / 2)
             # Line 6 of the algorithm.
             steep = abs(slope) > rule.slope
             high = abs(slope) <= rule.flat_slope and abs(offset) > rule.intercept_m
-            if steep or high or off > rule.residual_m:
+            if steep or high or residual > rule.residual_m:
                 size, sum_r, sum_z, sum_rr, sum_rz, sum_zz = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
                 under_sensor = 0
                 continue

@@ -45,7 +45,7 @@ WORK, FEWEST, MOST = 24_000, 224, 512
 has corners, with many it is nearly normal."""
 MANY_RAYS = WORK // FEWEST
 """Up to so many rays are all sampled; of more, the quadratic ones are merged."""
-ROUNDS, UNBOUND_ROUNDS = 10, 6
+ROUNDS, UNBOUNDED_ROUNDS = 10, 6
 """Most rounds of sampling if the posterior is bounded, and if it is unbounded."""
 MOVED_SD, GROWN = 2.0, 4.0
 """The quadratic rays are chosen anew if the mean moves by more than `MOVED_SD` standard deviations
@@ -257,16 +257,16 @@ def posterior(problem: BodyProblem, vector: np.ndarray, covariance: np.ndarray) 
     mean, covariance = vector, covariance + np.diag(loose**2)
     # The effective share of samples if the posterior is normal with this mean and covariance.
     of_normal = (2.0 / WIDER - WIDER**-2.0) ** (0.5 * len(mean))
-    # With fewer returns than unknowns the posterior is unbounded, and samples would go on for ever.
-    is_bound, was_reached = problem.hits >= len(mean), False
+    # With fewer returns than unknowns the posterior is unbounded, and rounds do not converge.
+    is_bounded, was_reached = problem.hits >= len(mean), False
     near, split, is_to_split = problem, None, len(problem.rays.slope) > MANY_RAYS
-    for turn in range(ROUNDS if is_bound else UNBOUND_ROUNDS):
+    for k in range(ROUNDS if is_bounded else UNBOUNDED_ROUNDS):
         if is_to_split:
             split = split_rays(problem, mean, covariance)
             near, mean = split.problem, split.better_mean
         count = int(np.clip(WORK // max(len(near.rays.slope), 1), FEWEST, MOST)) // 32 * 32
         root = np.linalg.cholesky(WIDER * covariance)
-        normals = normal_points(count, len(mean))[turn % SETS]
+        normals = normal_points(count, len(mean))[k % SETS]
         samples = mean + normals @ root.T
         ratios = near.log_density(samples) + 0.5 * (normals * normals).sum(axis=1)
         power = _flattening(ratios, LEAST_EFFECTIVE * count)
@@ -284,10 +284,10 @@ def posterior(problem: BodyProblem, vector: np.ndarray, covariance: np.ndarray) 
         if was_reached and power == 1.0 and is_settled:
             break
         was_reached = power == 1.0
-    if not is_bound and power < 1.0:
+    if not is_bounded and power < 1.0:
         # The samples have not reached the posterior, so their mean is not its mean.
         covariance, mean = covariance + np.outer(mean - vector, mean - vector), vector
-    # The error of so few evenly spread samples, measured against 20 times as many.
+    # Allow for the error of so few evenly spread samples; measured against 20 times as many.
     covariance = covariance * (effective + 1.0) / max(effective - 1.0, 1.0)
     return Posterior(mean, covariance, float(evidence), bool(power == 1.0))
 
@@ -343,9 +343,9 @@ def _has_left(split: SplitRays, mean: np.ndarray, covariance: np.ndarray) -> boo
 
 
 def _flattening(logs: np.ndarray, least: float) -> float:
-    """Return the greatest power of the weights, at most 1, with at least `least` effective samples.
+    """Return the greatest power, at most 1, that leaves at least `least` effective samples.
 
-    logs: (K,) logarithms of the weights.
+    logs: (K,) logarithms of the weights that are raised to it.
     """
     for power in FLATTER ** np.arange(60.0):
         weights = np.exp(power * (logs - logs.max()))
@@ -357,7 +357,7 @@ def _flattening(logs: np.ndarray, least: float) -> float:
 def first_poses(
     points: np.ndarray, origin: np.ndarray, model: BodyModel, *, cut: bool = False
 ) -> np.ndarray:
-    """Return x, y, yaw (4, 3) for the headings along the sides of an initial rectangle.
+    """Return x, y, yaw (4, 3), metres and radians, one for each side of a first rectangle.
 
     points: (N, 2) metres, N at least 1. origin: (2,) metres, the sensor. cut: whether the sweep
     began or ended on the body, so that its near end may be missing. Then there are 16 more poses,
