@@ -11,7 +11,7 @@ from roadscope.core.jit import compiled
 from roadscope.trackers._gating import CandidatePairs
 
 Pairs = tuple[np.ndarray, np.ndarray]
-"""Rows and columns of the assigned pairs, (K,) int64 each, rows increasing."""
+"""Rows and columns of the assigned pairs, (K,) int64 each; functions of this file sort by row."""
 
 
 def unassigned(count: int, assigned: np.ndarray) -> np.ndarray:
@@ -99,11 +99,11 @@ def assign_in_stages(candidates: CandidatePairs, stages: Iterable[AssignmentStag
 
 @compiled()
 def _optimal_columns(
-    rows: np.ndarray, columns: np.ndarray, gains: np.ndarray, n: int, m: int
+    rows: np.ndarray, columns: np.ndarray, costs: np.ndarray, n: int, m: int
 ) -> np.ndarray:
-    """Return for each of n rows its column, or -1, for the least sum of gains.
+    """Return for each of n rows its column, or -1, for the least total cost.
 
-    gains: (P,) costs of pairs minus that of an unassigned row, all negative. Connected components
+    costs: (P,) of pairs, minus that of an unassigned row: all are negative. Connected components
         of pairs are solved one by one.
     """
     component, count = components(rows, columns, n, m)
@@ -123,18 +123,13 @@ def _optimal_columns(
             index[own_rows[i]] = i
         for j in range(len(own_columns)):
             index[n + own_columns[j]] = j
+        matrix = np.zeros((len(own_rows), len(own_columns)))
+        for k in pairs:
+            matrix[index[rows[k]], index[n + columns[k]]] = costs[k]
         # `least_total` needs at least as many columns as rows.
         transposed = len(own_rows) > len(own_columns)
         if transposed:
-            matrix = np.zeros((len(own_columns), len(own_rows)))
-        else:
-            matrix = np.zeros((len(own_rows), len(own_columns)))
-        for k in pairs:
-            i, j = index[rows[k]], index[n + columns[k]]
-            if transposed:
-                matrix[j, i] = gains[k]
-            else:
-                matrix[i, j] = gains[k]
+            matrix = np.ascontiguousarray(matrix.T)
         chosen = least_total(matrix)
         for k in range(len(chosen)):
             if matrix[k, chosen[k]] < 0:

@@ -41,8 +41,8 @@ class ByteTracker:
             in the last tick and have none of high score now.
         new_score: detections with at least this score start a track if they belong to none.
         overlap: `iou` or `giou`, both in space.
-        least, least_again: a pair must overlap by more, with a detection of high and of low score;
-            the first as in the later code of AB3DMOT's authors, for cars.
+        least, least_again: overlap that a pair must exceed, with a detection of high and of low
+            score. The first is that of the later code of AB3DMOT's authors, for cars.
         coast_frames, shown_misses: see `LifeCycle`. A track is confirmed by its second detection
             of high score, which must follow in the next tick.
         position_m, speed_m_s: see `PositionFilter`.

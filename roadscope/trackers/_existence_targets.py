@@ -381,7 +381,7 @@ def corrected_boxes(
 
 @compiled()
 def _wrapped(angle: float) -> float:
-    """Return the angle in -pi to pi that differs by whole turns."""
+    """Return an angle, radians, plus the whole turns that bring it into -pi to pi."""
     return float((angle + np.pi) % (2 * np.pi) - np.pi)
 
 
@@ -519,10 +519,10 @@ def _neighbour_speeds(
                 continue
             dx, dy = positions[j, 0] - boxes[i, 0], positions[j, 1] - boxes[i, 1]
             speed = c * velocities[j, 0] + s * velocities[j, 1]
-            skew = c * velocities[j, 1] - s * velocities[j, 0]
-            skew /= ALIKE_M_S + ALIKE_SHARE * abs(speed)
+            across = c * velocities[j, 1] - s * velocities[j, 0]
+            across /= ALIKE_M_S + ALIKE_SHARE * abs(speed)
             ahead, aside = (c * dx + s * dy) / AHEAD_M, (c * dy - s * dx) / ASIDE_M
-            weight = np.exp(-0.5 * (ahead**2 + aside**2 + skew**2))
+            weight = np.exp(-0.5 * (ahead**2 + aside**2 + across**2))
             weight *= front[i] if speed > 0 else 1 - front[i]
             sums[i, 0] += weight
             sums[i, 1] += weight * speed

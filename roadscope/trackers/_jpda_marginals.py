@@ -185,7 +185,7 @@ def _plan(pairs: np.ndarray) -> EliminationPlan:
     n, m = pairs.shape
     order, done = np.empty(n, np.int64), np.zeros(n, np.bool_)
     bit, last = np.full(m, -1), np.full(m, -1)
-    rows_left, busy = np.zeros(m, np.int64), np.zeros(m, np.bool_)
+    rows_left, bit_in_use = np.zeros(m, np.int64), np.zeros(m, np.bool_)
     for j in range(m):
         for i in range(n):
             rows_left[j] += 1 if pairs[i, j] > 0 else 0
@@ -209,13 +209,13 @@ def _plan(pairs: np.ndarray) -> EliminationPlan:
                 last[j] = k
                 if bit[j] < 0:
                     bit[j] = 0
-                    while busy[bit[j]]:
+                    while bit_in_use[bit[j]]:
                         bit[j] += 1
-                    busy[bit[j]] = True
+                    bit_in_use[bit[j]] = True
                     bits = max(bits, bit[j] + 1)
         for j in range(m):
             if last[j] == k and rows_left[j] == 0:
-                busy[bit[j]] = False
+                bit_in_use[bit[j]] = False
     return EliminationPlan(order, bit, last, bits)
 
 

@@ -30,7 +30,7 @@ class McTracker:
     Position, size and heading are filtered separately.
 
     Our reading: the second view is that of the range image, azimuth and elevation around the ego,
-    for detections come without a camera; its overlap is IoU minus a term for the distance (DIoU).
+    because there is no camera; its overlap is IoU minus a term for the distance (DIoU).
     Sizes and headings are those of the last detection: with the published noise the filter's are
     nearly the same.
     The noise of positions is ours, as the published one is per frame and in units of its own.
@@ -171,7 +171,7 @@ def ego_view_pairs(
 def _view_limits(boxes: np.ndarray, origin: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return the least and the greatest azimuth and elevation of boxes, (N, 2) radians each.
 
-    Azimuths may exceed half a turn.
+    Azimuths may lie beyond -pi and pi, so that the two limits of a box are never a turn apart.
     """
     corners = _corners(boxes) - origin
     centres = boxes[:, :3] - origin

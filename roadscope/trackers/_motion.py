@@ -1,7 +1,7 @@
 """Motion models and the filter of positions that uses one of them.
 
 All states begin with x, y, vx, vy, in metres and metres per second, in a frame that stands still
-or is taken to. Process noise is that of a white acceleration (or jerk, or yaw acceleration) in
+or is assumed to. Process noise is that of a white acceleration (or jerk, or yaw acceleration) in
 continuous time, so two short steps add as much variance as one long step, whatever the period of
 the sensor. Its strength is called a walk: the standard deviation that a velocity (an acceleration,
 a yaw rate) gains in one second, which grows with the square root of time.
@@ -162,7 +162,7 @@ class CoordinatedTurn:
         return Gaussians(np.pad(straight.means, ((0, 0), (0, 1))), covariances)
 
     def moved(self, means: np.ndarray, dt: float) -> np.ndarray:
-        """Return states moved along the chord, which points half the turn aside of the velocity."""
+        """Return states moved along the chord, which is half the turn away from the velocity."""
         return _turned(np.ascontiguousarray(means), dt)[0]
 
     def jacobian(self, means: np.ndarray, dt: float) -> np.ndarray:
@@ -185,8 +185,8 @@ def _turned(means: np.ndarray, dt: float) -> tuple[np.ndarray, np.ndarray]:
     """
     after, F = means.copy(), np.zeros((len(means), 5, 5))
     for n in range(len(means)):
-        vx, vy, turn = means[n, 2], means[n, 3], means[n, 4]
-        h = turn * dt / 2
+        vx, vy, yaw_rate = means[n, 2], means[n, 3], means[n, 4]
+        h = yaw_rate * dt / 2
         # Near 0 the formula would cancel: the next term of its series is below 1e-10 there.
         is_small = abs(h) < 1e-3
         sinc = 1 - h * h / 6 if is_small else np.sin(h) / h

@@ -21,7 +21,7 @@ from roadscope.trackers._tracklets import Tracklets, track_states
 
 
 class LibraryTrack(NamedTuple):
-    """What a library says of one track after a tick.
+    """What a library reports of one track after a tick.
 
     key: the library's identifier of the track; no other track ever gets it.
     mean, covariance: (4,) and (4, 4) of x, y, vx, vy.
@@ -98,6 +98,7 @@ class TrackerAdapter:
         reported = []
         for number, (family, library) in enumerate(self._libraries.items()):
             index = np.flatnonzero(families == number)
+            # A track without a detection has the index -1: that of the last entry, which is -1.
             row_of = np.append(index, -1)
             for track in library.follow(tick.detections.select(index), tick.period_s):
                 row = int(row_of[track.detection])

@@ -291,7 +291,10 @@ def upright_boxes(detections: Detections) -> np.ndarray:
 
 @cache
 def _remembering(state: str) -> type[Any]:
-    """Return their class of that name, extended by a number and by the box of the last update."""
+    """Return their class of that name with two more attributes.
+
+    number: of the track, None until it is first reported. new_box: of the last update, or None.
+    """
     from trackers.utils import state_representations
 
     base: type[Any] = getattr(state_representations, state)
