@@ -92,6 +92,7 @@ def solve_linear(points: np.ndarray, pixels: np.ndarray) -> np.ndarray:
             np.concatenate([zero, homogeneous, -v * homogeneous], axis=1),
         ]
     )
+    # The last right singular vector, which a reduced matrix of fewer than 12 rows lacks.
     solution = np.linalg.svd(rows, full_matrices=len(rows) < 12)[2][-1].reshape(3, 4)
     matrix = np.linalg.inv(to_pixels) @ solution @ to_points
     return _with_depths(matrix, points)
@@ -204,7 +205,7 @@ def _refined(
     if intrinsics is None:
         return matrix_of(least_squares(residuals, start, loss="soft_l1", x_scale=scale).x)
     pose = least_squares(
-        lambda six: residuals(np.append(start[:4], six)), start[4:], loss="soft_l1"
+        lambda mounting: residuals(np.append(start[:4], mounting)), start[4:], loss="soft_l1"
     )
     return matrix_of(np.append(start[:4], pose.x))
 
@@ -279,14 +280,14 @@ def _json(result: CalibrationResult, origin: str) -> str:
 def read_calibration(path: Path | str) -> Projection:
     """Read a projection; `CalibrationError` names the file and what is wrong with it."""
     path = Path(path)
-    kind = "JSON" if path.suffix.lower() == ".json" else "TOML"
+    file_format = "JSON" if path.suffix.lower() == ".json" else "TOML"
     try:
         text = path.read_text(encoding="utf-8")
-        table = json.loads(text) if kind == "JSON" else tomllib.loads(text)
+        table = json.loads(text) if file_format == "JSON" else tomllib.loads(text)
     except OSError as error:
         raise CalibrationError(f"cannot read {path}: {error.strerror or error}") from error
     except (tomllib.TOMLDecodeError, json.JSONDecodeError, UnicodeDecodeError) as error:
-        raise CalibrationError(f"{path} is not a {kind} file: {error}") from error
+        raise CalibrationError(f"{path} is not a {file_format} file: {error}") from error
     if not isinstance(table, dict):
         raise CalibrationError(f"{path}: expected names with values, got {type(table).__name__}")
     unknown = [key for key in table if key not in KEYS]

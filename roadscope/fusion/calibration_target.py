@@ -193,7 +193,10 @@ def _fitted_triangle(corners: np.ndarray, ends: np.ndarray, sides: np.ndarray) -
 
 
 def _distances_from_line(points: np.ndarray, start: np.ndarray, end: np.ndarray) -> np.ndarray:
-    """Return the (N,) signed distances of (N, 2) points from the line through two points."""
+    """Return the (N,) distances of (N, 2) points from a line, positive to the right of it.
+
+    The line goes from `start` to `end`.
+    """
     along = (end - start) / np.linalg.norm(end - start)
     offsets = points - start
     result: np.ndarray = offsets[:, 0] * along[1] - offsets[:, 1] * along[0]

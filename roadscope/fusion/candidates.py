@@ -154,8 +154,7 @@ class Agreement:
         offsets_px = lidar_boxes[:, None, [0, 2]] - camera_boxes[None][..., [0, 2]]
         edge_errors = offsets_px / sd_px[None, :, None]
         bearing_error = edge_errors.mean(axis=-1)
-        size_error = (edge_errors[..., 1] - edge_errors[..., 0]) / 2
-        size_error = size_error / SIZE_SLACK
+        size_error = (edge_errors[..., 1] - edge_errors[..., 0]) / 2 / SIZE_SLACK
         depth_error = (np.log(depths)[:, None] - logs) / np.hypot(spreads, LIDAR_DEPTH_SD)[None]
         cost = bearing_error**2 + np.minimum(size_error**2, MOST_SIZE_COST) + depth_error**2
         differs = families_of(views.lidar.categories)[:, None] != families_of(
@@ -241,7 +240,7 @@ def candidate_features(
     of_lidar, of_camera = lidar_features(views), camera_alone_features(views.camera)
     rows, columns = candidates.rows, candidates.columns
     cost = np.minimum(agreement.cost, MOST_COST) / 10.0
-    far = agreement.log_depths - np.log(20.0)
+    log_depths = agreement.log_depths - np.log(20.0)
     image, extent = cluster_sizes(views)
     covered, cut = covered_shares(views, agreement), cut_boxes(views.camera, projection)
     alone = ranking_model().values(of_camera)[:, 0]
@@ -251,7 +250,7 @@ def candidate_features(
             of_camera[columns],
             cost[rows, columns],
             agreement.depth[rows, columns] / 10.0,
-            far[columns],
+            log_depths[columns],
             image[rows],
             extent[rows],
             covered[columns],
@@ -265,12 +264,12 @@ def candidate_features(
     lidar_only = np.column_stack([of_lidar, part, image, extent, best])
     nearest = cost.min(axis=0, initial=MOST_COST / 10.0)
     has_lender = lenders(views, agreement)[0]
-    camera_only = np.column_stack([of_camera, far, has_lender, covered, cut, nearest, alone])
+    camera_only = np.column_stack([of_camera, log_depths, has_lender, covered, cut, nearest, alone])
     return pairs, lidar_only[candidates.lidar_only], camera_only[candidates.camera_only]
 
 
 def lidar_features(views: Views) -> np.ndarray:
-    """(N, 4): log odds of the score, log of range / 20 m, cyclist, pedestrian (0 or 1)."""
+    """Return (N, 4): log odds of the score, log of range / 20 m, cyclist, pedestrian (0 or 1)."""
     ranges = np.hypot(views.lidar.centres[:, 0], views.lidar.centres[:, 1])
     family = families_of(views.lidar.categories)
     return np.column_stack(
@@ -284,21 +283,24 @@ def lidar_features(views: Views) -> np.ndarray:
 
 
 def camera_alone_features(camera: ImageDetections) -> np.ndarray:
-    """(M, 5): `camera_features`, and the greatest overlap with a box of higher score."""
+    """Return (M, 5): `camera_features`, and the greatest overlap with a box of higher score."""
     is_higher = camera.scores[None] > camera.scores[:, None]
     overlap = np.where(is_higher, ious(camera.boxes, camera.boxes), 0.0).max(axis=1, initial=0.0)
     return np.column_stack([camera_features(camera), overlap])
 
 
 def cluster_sizes(views: Views) -> tuple[np.ndarray, np.ndarray]:
-    """(N,) log of height / 40 pixels of clusters, and log of the greatest extent / 1 m."""
+    """Return (N,) log of the height of clusters / 40 pixels, and of their greatest extent / 1 m."""
     tall = np.maximum(views.lidar_boxes[:, 3] - views.lidar_boxes[:, 1], 1.0)
     extent = np.maximum(views.lidar.sizes.max(axis=1, initial=0.0), 0.2)
     return np.where(views.in_image, np.log(tall / 40.0), 0.0), np.log(extent)
 
 
 def covered_shares(views: Views, agreement: Agreement) -> np.ndarray:
-    """(M,) greatest share of each camera box that one cluster nearer than its target covers."""
+    """Return (M,) the greatest share of each camera box that one nearer cluster covers.
+
+    A cluster is nearer at less than `NEARER_SHARE` of the box's depth.
+    """
     nearer = agreement.lidar_depths[:, None] < NEARER_SHARE * np.exp(agreement.log_depths)
     shared = intersections(views.lidar_boxes, views.camera.boxes)
     shared = np.where(nearer & views.in_image[:, None], shared, 0.0).max(axis=0, initial=0.0)
@@ -307,7 +309,7 @@ def covered_shares(views: Views, agreement: Agreement) -> np.ndarray:
 
 
 def cut_boxes(camera: ImageDetections, projection: Projection) -> np.ndarray:
-    """(M,) bool, whether a box ends at the left or right border of the image."""
+    """Return (M,) bool, whether a box ends at the left or right border of the image."""
     right = projection.width - BORDER_PX
     cut: np.ndarray = (camera.boxes[:, 0] < BORDER_PX) | (camera.boxes[:, 2] > right)
     return cut

@@ -101,6 +101,7 @@ class ClusterBoxes:
         return Cloud.of(scan, frame.calibration.pose(scan.sensor))
 
     def _boxes(self, cloud: Cloud) -> tuple[np.ndarray, list[np.ndarray]]:
+        """Return what `propose` returns, of a cloud whose z is the height above the ground."""
         cloud = cloud.select(grid_above_ground(cloud))
         labels = cluster_dbscan(cloud, eps_m=self.eps_m, min_points=self.min_points)
         shapes, rows = [], []
@@ -114,7 +115,7 @@ class ClusterBoxes:
 
 
 def enclosing(points: np.ndarray) -> np.ndarray:
-    """Return the box (8,) of least area around (N, 3) points, see `propose`; yaw by 5 degrees.
+    """Return the box (8,) of least area around (N, 3) points, see `propose`; its yaw is in `YAWS`.
 
     points: metres, ego frame, z from the ground.
     """

@@ -62,7 +62,7 @@ def camera_masses(camera: ImageDetections) -> np.ndarray:
 
 
 def camera_features(camera: ImageDetections) -> np.ndarray:
-    """(N, 4): log odds of the score, log of height / 40 pixels, cyclist, pedestrian (0 or 1)."""
+    """Return (N, 4): log odds of score, log of height / 40 px, cyclist, pedestrian (0 or 1)."""
     heights = np.maximum(camera.boxes[:, 3] - camera.boxes[:, 1], 1.0)
     family = families_of(camera.categories)
     return np.column_stack(
@@ -71,7 +71,7 @@ def camera_features(camera: ImageDetections) -> np.ndarray:
 
 
 def log_odds(probabilities: np.ndarray) -> np.ndarray:
-    """(N,) log odds, bounded to -5 to 5."""
+    """Return (N,) log odds, bounded to -5 to 5."""
     bounded = np.clip(probabilities, 0.0067, 0.9933)
     odds: np.ndarray = np.log(bounded / (1 - bounded))
     return odds

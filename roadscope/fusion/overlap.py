@@ -55,16 +55,16 @@ def projected_boxes(lidar: Detections, projection: Projection) -> tuple[np.ndarr
 
 def _at_near_plane(starts: np.ndarray, ends: np.ndarray, projection: Projection) -> np.ndarray:
     """Return (N, E, 3) points where edges cross the near plane; their starts where they do not."""
-    _, a = projection.project(starts)
-    _, b = projection.project(ends)
-    crosses = (a < NEAR_M) != (b < NEAR_M)
-    share = np.where(crosses, (NEAR_M - a) / np.where(crosses, b - a, 1.0), 0.0)
+    _, first = projection.project(starts)
+    _, last = projection.project(ends)
+    crosses = (first < NEAR_M) != (last < NEAR_M)
+    share = np.where(crosses, (NEAR_M - first) / np.where(crosses, last - first, 1.0), 0.0)
     points: np.ndarray = starts + share[..., None] * (ends - starts)
     return points
 
 
 def intersections(first: np.ndarray, second: np.ndarray) -> np.ndarray:
-    """(N, M) areas of the intersections of (N, 4) and (M, 4) boxes."""
+    """Return (N, M) areas of the intersections of (N, 4) and (M, 4) boxes."""
     low = np.maximum(first[:, None, :2], second[None, :, :2])
     high = np.minimum(first[:, None, 2:], second[None, :, 2:])
     common: np.ndarray = np.maximum(high - low, 0.0).prod(axis=-1)
@@ -72,19 +72,19 @@ def intersections(first: np.ndarray, second: np.ndarray) -> np.ndarray:
 
 
 def areas(boxes: np.ndarray) -> np.ndarray:
-    """(N,) areas of (N, 4) boxes."""
+    """Return (N,) areas of (N, 4) boxes."""
     result: np.ndarray = np.maximum(boxes[:, 2:] - boxes[:, :2], 0.0).prod(axis=-1)
     return result
 
 
 def coverage(lidar: np.ndarray, camera: np.ndarray) -> np.ndarray:
-    """(N, M) share of each camera box that a LiDAR box covers (Li 2021, 5.1)."""
+    """Return (N, M) share of each camera box that a LiDAR box covers (Li 2021, 5.1)."""
     result: np.ndarray = intersections(lidar, camera) / np.maximum(areas(camera), 1e-9)
     return result
 
 
 def ious(first: np.ndarray, second: np.ndarray) -> np.ndarray:
-    """(N, M) intersection over union of (N, 4) and (M, 4) boxes."""
+    """Return (N, M) intersection over union of (N, 4) and (M, 4) boxes."""
     common = intersections(first, second)
     union = areas(first)[:, None] + areas(second)[None] - common
     result: np.ndarray = common / np.maximum(union, 1e-9)

@@ -28,13 +28,13 @@ class SecondOrderModel:
     weights: np.ndarray
 
     def values(self, features: np.ndarray) -> np.ndarray:
-        """(N, K) log odds of (N, F) features."""
+        """Return (N, K) log odds of (N, F) features."""
         bounded = np.clip((features - self.mean) / self.spread, -3.0, 3.0)
         log_odds: np.ndarray = second_order(bounded) @ self.weights
         return log_odds
 
     def probabilities(self, features: np.ndarray) -> np.ndarray:
-        """(N, K + 1) probabilities of the classes, then of none of them, for (N, F) features."""
+        """Return (N, K + 1) probabilities of the classes, then of none, for (N, F) features."""
         values = self.values(features)
         log_odds = np.column_stack([values, np.zeros(len(values))])
         odds = np.exp(log_odds - log_odds.max(axis=1, keepdims=True))
@@ -57,13 +57,13 @@ class OddsModel:
         return len(self.weights) - 1
 
     def odds(self, features: np.ndarray) -> np.ndarray:
-        """(N,) log odds of (N, F) features."""
+        """Return (N,) log odds of (N, F) features."""
         result: np.ndarray = self.weights[0] + features @ self.weights[1:]
         return result
 
 
 def second_order(values: np.ndarray) -> np.ndarray:
-    """(N, 1 + F + F (F + 1) / 2): 1, (N, F) values, and products of any two of them."""
+    """Return (N, 1 + F + F (F + 1) / 2): 1, (N, F) values, and products of any two of them."""
     rows, columns = np.triu_indices(values.shape[1])
     return np.column_stack([np.ones(len(values)), values, values[:, rows] * values[:, columns]])
 
@@ -89,7 +89,7 @@ def ranking_model() -> SecondOrderModel:
 
 def _second_order_model(name: str) -> SecondOrderModel:
     part = table()[name]
-    return SecondOrderModel(*(np.array(part[name]) for name in ("mean", "spread", "weights")))
+    return SecondOrderModel(*(np.array(part[key]) for key in ("mean", "spread", "weights")))
 
 
 @cache
@@ -100,7 +100,7 @@ def odds_model(name: str) -> OddsModel:
 
 @cache
 def confusion(sensor: str) -> np.ndarray:
-    """(3, 3): of the detections that a sensor reports as a family (row) the share of each (column).
+    """Return (3, 3): of the detections reported as a family (row) the share of each (column).
 
     sensor: `lidar` or `camera`.
     """
