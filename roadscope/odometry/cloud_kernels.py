@@ -12,8 +12,8 @@ from roadscope.odometry.cubes import EMPTY, cube_of, slot_of
 def thinned(points: np.ndarray, size_m: float, least_m: float, most_m: float) -> np.ndarray:
     """Return the rows, (K,) int64, of the first point in each cube of a size.
 
-    points: (N, 3). Points nearer than `least_m` or farther than `most_m` from the origin are left
-    out, as are points that are not finite.
+    points: (N, 3) metres. Points nearer than `least_m` or farther than `most_m` from the origin are
+    left out, as are points that are not finite.
     """
     rows, _ = cubed(points, size_m, least_m, most_m)
     return rows
@@ -28,7 +28,8 @@ def cubed(
     while slots < 2 * len(points):
         slots *= 2
     keys = np.full(slots, EMPTY, np.int64)
-    holders = np.empty(slots, np.int64)
+    # For each slot of the hash table and for each point the number of its cube.
+    cubes = np.empty(slots, np.int64)
     members = np.full(len(points), -1, np.int64)
     rows, count = np.empty(len(points), np.int64), 0
     least, most = least_m**2, most_m**2
@@ -41,10 +42,10 @@ def cubed(
             continue
         slot = slot_of(keys, key)
         if keys[slot] == EMPTY:
-            keys[slot], holders[slot] = key, count
+            keys[slot], cubes[slot] = key, count
             rows[count] = n
             count += 1
-        members[n] = holders[slot]
+        members[n] = cubes[slot]
     return rows[:count], members
 
 

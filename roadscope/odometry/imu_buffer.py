@@ -7,8 +7,8 @@ import numpy as np
 from roadscope.core import ImuSamples, Pose
 
 BUFFER_S = 3.0
-"""Samples of at least this time are stored. A stamp that is earlier by more means that the clock
-was reset. Chosen by hand."""
+"""Samples of at least so many seconds are stored. A stamp that is earlier than the last one by more
+means that the clock was reset. Chosen by hand."""
 GAP_S = 0.03
 """Samples farther apart than this have a gap between them: 12 periods at 400 Hz, 3 at 100 Hz.
 Chosen by hand."""
@@ -39,8 +39,8 @@ class ImuBuffer:
         if len(block) and block[0, 0] < last - BUFFER_S:
             self.clear()
             last = -np.inf
-        ahead = np.maximum.accumulate(np.concatenate([[last], block[:, 0]]))[:-1]
-        block = block[block[:, 0] > ahead]
+        latest_before = np.maximum.accumulate(np.concatenate([[last], block[:, 0]]))[:-1]
+        block = block[block[:, 0] > latest_before]
         self._has_samples |= len(block) > 0
         self.stamps_s = np.concatenate([self.stamps_s, block[:, 0]])
         self.rates = np.concatenate([self.rates, block[:, 1:4] @ self._axes.T])

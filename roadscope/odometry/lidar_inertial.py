@@ -39,8 +39,8 @@ LEAST_AGREEMENT = 0.3
 SUFFICIENT_INFORMATION, SUFFICIENT_AGREEMENT = 1.0, 0.5
 """Sufficient mean information of a point about the forward motion, 1/m^2. It is 2 and more on
 streets, less in platoons, in tunnels and between barriers. With less information, at least the
-second, a share of the points, must agree with the map: they do in all but 4 of 1500 scans of
-validation seeds, and in no scan in which all objects move along with the sensor."""
+share `SUFFICIENT_AGREEMENT` of the points must agree with the map: it does in all but 4 of 1500
+scans of validation seeds, and in no scan in which all objects move along with the sensor."""
 VAGUE_M_S = 0.5
 """An estimate is degraded if the standard deviation of its speed is greater. Chosen by hand."""
 GUESS_M_S, GUESS_RAD_S = 10.0, 0.1
@@ -190,7 +190,7 @@ class LidarInertialOdometry:
         scan = sweep.scan
         if not track.slow:
             self._last_fast_s = scan.stamp_s
-        rolled = self._use_wheels(track, scan.stamp_s)
+        wheels_used = self._use_wheels(track, scan.stamp_s)
         points = track.points_at_stamp(sweep)
         moving = track.moving(points, scan.stamp_s)
         if problem:
@@ -199,8 +199,8 @@ class LidarInertialOdometry:
         scan_match = track.matched(sweep, points, moving)
         problem = _reason_to_reject(scan_match)
         # While fixtures confirm the speed, the points that do not agree are of traffic.
-        fits = not problem or rolled or self._check.confirmed(scan.stamp_s)
-        if not rolled and track.twist()[0] < self._integrated_speed.least_m_s:
+        fits = not problem or wheels_used or self._check.confirmed(scan.stamp_s)
+        if not wheels_used and track.twist()[0] < self._integrated_speed.least_m_s:
             problem, fits = "the speed is below the integrated acceleration", False
         self._misfits = 0 if fits else self._misfits + 1
         if fits:
@@ -209,7 +209,7 @@ class LidarInertialOdometry:
             track.add_to_map(sweep, points, moving)
             # In a room there is no traffic that could mislead the speed.
             self._speed_known |= sweep.close
-            if not rolled:
+            if not wheels_used:
                 problem = self._check_by_fixtures(track, scan) or problem
         else:
             self._rest = RestHistory(self.noise)
@@ -230,9 +230,9 @@ class LidarInertialOdometry:
         if wheel_speed is None:
             return False
         doubted = self._slipped < SLIP or self._check.confirmed(now_s)
-        rolled = track.correct_by_wheels(*wheel_speed, doubted=doubted)
-        self._slipped = 0 if rolled else self._slipped + 1
-        return rolled
+        accepted = track.correct_by_wheels(*wheel_speed, doubted=doubted)
+        self._slipped = 0 if accepted else self._slipped + 1
+        return accepted
 
     def _update_rest(self, track: InertialTrack, interval: ImuInterval, now_s: float) -> None:
         """Correct a sensor at rest; at the end, go back to the last state that surely was at rest.

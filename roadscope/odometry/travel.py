@@ -88,9 +88,9 @@ def agreed_direction(directions: Sequence[float]) -> float | None:
     middle = float(np.angle(np.exp(1j * np.array(directions)).mean()))
     if any(abs(wrap_angle(each - middle)) > AGREEMENT_RAD for each in directions):
         return None
-    square = float(np.round(middle / (np.pi / 2)) * np.pi / 2)
-    is_square = abs(wrap_angle(middle - square)) < SQUARE_RAD
-    return float(wrap_angle(square if is_square else middle))
+    right_angle = float(np.round(middle / (np.pi / 2)) * np.pi / 2)
+    is_near = abs(wrap_angle(middle - right_angle)) < SQUARE_RAD
+    return float(wrap_angle(right_angle if is_near else middle))
 
 
 def window_direction(estimates: Sequence[OdometryEstimate]) -> float | None:

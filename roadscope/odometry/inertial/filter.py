@@ -88,9 +88,10 @@ def _force(
 
 
 @compiled()
-def _fill_hat(vector: np.ndarray, across: np.ndarray) -> None:
-    across[0, 1], across[0, 2], across[1, 2] = -vector[2], vector[1], -vector[0]
-    across[1, 0], across[2, 0], across[2, 1] = vector[2], -vector[1], vector[0]
+def _fill_hat(vector: np.ndarray, matrix: np.ndarray) -> None:
+    """Write the matrix of the cross product with a vector; its diagonal stays as it is."""
+    matrix[0, 1], matrix[0, 2], matrix[1, 2] = -vector[2], vector[1], -vector[0]
+    matrix[1, 0], matrix[2, 0], matrix[2, 1] = vector[2], -vector[1], vector[0]
 
 
 @compiled()
@@ -128,7 +129,7 @@ SIZE = 19
 """Rows of the errors in the state's covariance, and their number."""
 GRAVITY_M_S2 = 9.81
 TILTED_M_S2 = 0.2
-"""Standard deviation of the learned direction of gravity after a restart."""
+"""Standard deviation of each component of the learned gravity after a restart."""
 MARGIN = 1.1
 """Factor of the noise of a data sheet."""
 WHEEL_SCALE = 0.02
@@ -234,12 +235,11 @@ def started(
     ) * horizontal + 1e-4 * np.outer(up, up)
     covariance[GRAVITY, FORCE] = noise.force_bias**2 * horizontal
     covariance[FORCE, GRAVITY] = noise.force_bias**2 * horizontal
-    zero = np.zeros(3)
     return InertialState(
         np.eye(4),
         np.array(velocity, float),
-        zero.copy(),
-        zero.copy(),
+        np.zeros(3),
+        np.zeros(3),
         -GRAVITY_M_S2 * up,
         covariance,
     )
@@ -340,7 +340,7 @@ def coast(
 
 
 def update_pose(state: InertialState, pose: np.ndarray, information: np.ndarray) -> None:
-    """Update a state with the (4, 4) pose at which measurement and prediction agree best.
+    """Update a state with a (4, 4) pose: the likeliest one by measurement and prediction together.
 
     information: (6, 6) of the measurement alone, along the same axes as the covariance. The rest of
     the state is corrected by its correlation with the pose.

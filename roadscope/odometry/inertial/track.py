@@ -176,7 +176,7 @@ class InertialTrack:
 
     @property
     def pose(self) -> np.ndarray:
-        """Return (4, 4) `map_from_lidar`."""
+        """(4, 4) `map_from_lidar`."""
         matrix = self.state.pose.copy()
         matrix[:3, 3] -= matrix[:3, :3] @ self.lever
         return matrix
@@ -212,7 +212,7 @@ class InertialTrack:
     def moving(self, points: np.ndarray, stamp_s: float) -> np.ndarray:
         """Return (K,) whether points are dynamic, see `FreeSpace.entered`."""
         points_in_map, from_lidar = placed(points, self.state.pose), points + self.lever
-        # Only vehicles can move along; 0 means that a point is not of one.
+        # Only vehicles can move along with the sensor; 0 marks points that are not of vehicles.
         votes = self.space.entered(
             stamp_s, points_in_map, np.where(_of_vehicles(from_lidar)[:, None], from_lidar, 0.0)
         )
@@ -276,7 +276,7 @@ class InertialTrack:
         update_linear(self.state, J, residual, np.full(3, RESTING_M_S2**2))
 
     def speed_deviation_m_s(self, spread_m_s: float) -> float:
-        """Return the standard deviation of a measured speed ahead from the estimated one, m/s.
+        """Return the standard deviation of measured minus estimated speed ahead, m/s.
 
         spread_m_s: standard deviation of the measurement.
         """
@@ -285,7 +285,10 @@ class InertialTrack:
         return float(np.hypot(np.sqrt(variance), spread_m_s))
 
     def correct_speed(self, off_m_s: float, spread_m_s: float) -> None:
-        """Update the state with a measured difference to the speed ahead."""
+        """Update the state with a measured error of its speed ahead.
+
+        off_m_s: measured minus estimated speed. spread_m_s: standard deviation of the measurement.
+        """
         J = np.zeros((1, SIZE))
         J[0, SPEED] = self.state.pose[:3, 0]
         update_linear(self.state, J, np.array([off_m_s]), np.array([spread_m_s**2]))

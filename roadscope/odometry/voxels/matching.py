@@ -51,6 +51,7 @@ def normal_equations(
     the largest that has a surface: small voxels are used where large ones contain several.
     """
     H, b, sums = np.zeros((6, 6)), np.zeros(6), np.zeros(3)
+    # q: from the sensor to the point, along the map's axes. j: row of the Jacobian.
     q, j, off, weight = np.empty(3), np.empty(6), np.empty(3), np.empty(3)
     for n in range(len(points)):
         for i in range(3):
@@ -125,8 +126,8 @@ def surface_at(voxels: Voxels, x: float, y: float, z: float) -> Index:
     If none does, that of the largest that has a surface; -1 if none has.
     """
     largest: Index = -1
-    for up in range(len(SIZES_M)):
-        key = key_of(x, y, z, len(SIZES_M) - 1 - up)
+    for level in range(len(SIZES_M) - 1, -1, -1):
+        key = key_of(x, y, z, level)
         if key < 0:
             return -1
         slot = slot_of(voxels.keys, key)

@@ -151,18 +151,19 @@ def _fit(
 ) -> None:
     """Fit a surface or an edge to the points of a voxel; the last three arrays are scratch."""
     n, sums, squares = voxels.counts[slot], voxels.sums[slot], voxels.squares[slot]
-    at = 0
+    k = 0
     for i in range(3):
         for j in range(i, 3):
-            matrix[i, j] = matrix[j, i] = squares[at] / n - sums[i] / n * (sums[j] / n)
-            at += 1
+            matrix[i, j] = matrix[j, i] = squares[k] / n - sums[i] / n * (sums[j] / n)
+            k += 1
     eigen3(matrix, values, vectors)
+    # `wide` and `thin` are variances, m^2, like the eigenvalues.
     wide = max(WIDE * SIZES_M[key >> 3 * BITS], WIDE_M) ** 2
     if abs(vectors[0, 2]) > LEVEL:
         wide = max(wide, min(WIDE_LEVEL_M, WHOLE_LEVEL * SIZES_M[key >> 3 * BITS]) ** 2)
     thin = THIN_M * THIN_M
     edge = values[1] < thin and abs(vectors[2, 2]) > UPRIGHT and values[2] > wide
-    surface = values[0] < thin and (values[1] > wide or edge)
+    surface = values[0] < thin and values[1] > wide
     voxels.fixed_axes[slot] = 2 if edge else 1 if surface else 0
     for i in range(3):
         voxels.means[slot, i] = sums[i] / n + _centre(key, i)
