@@ -139,6 +139,7 @@ def _cast_blocks(
     surfaces: Surfaces,
     outline: np.ndarray,
 ) -> None:
+    """Cast all blocks against their units. It makes no arrays, see `borrowing` of `compiled`."""
     for n in range(len(blocks.lows)):
         load_columns(rays, blocks, n, scratch.world)
         clear(rays.slopes, ground_reflectivity, scratch.world, depth)
@@ -176,6 +177,7 @@ def _cast_unit(
     depth: Depth,
     outline: np.ndarray,
 ) -> None:
+    """Cast the rays of block n against the prisms of a unit."""
     actor = shapes.unit_poses[unit]
     first, last = shapes.unit_starts[unit], shapes.unit_starts[unit + 1]
     counted = len(outline) > 0 and actor != STILL
@@ -247,6 +249,7 @@ def _unit_pose(
 def _actor_pose(
     rays: RayColumns, motion: ActorMotion, actor: int, c: int
 ) -> tuple[float, float, float]:
+    """Return x, y and yaw of an actor at the time of column c."""
     poses, k, f = motion.poses, rays.knots[c], rays.fractions[c]
     after = min(k + 1, len(poses) - 1)
     x, y, yaw = poses[k, actor, 0], poses[k, actor, 1], poses[k, actor, 2]
@@ -378,7 +381,7 @@ def _beams_to_test(
     """
     cx, cy = circles[row, 0], circles[row, 1]
     x, y, cosine, sine = pose.x, pose.y, pose.cosine, pose.sine
-    # What tilts reaches farther: sin(slope) <= slope, and 1 - cos(slope) <= slope^2.
+    # A tilted unit reaches farther; bounds: sin(slope) <= slope, and 1 - cos(slope) <= slope^2.
     arm = pose.lever * (abs(cx) + abs(cy))
     bend = pose.lever * pose.slope * max(abs(heights[row, 0]), abs(heights[row, 1]))
     sag = pose.slope * (arm + circles[row, 2] + bend)

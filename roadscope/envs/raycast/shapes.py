@@ -13,7 +13,7 @@ from roadscope.envs.world.prisms import MAX_EDGES, Prisms
 CACHED_SHAPES = 4
 """Most scenes whose shapes are cached; a vehicle that appears makes a new scene."""
 STILL = -1
-"""Stands in `unit_poses` for a unit that does not move: its shapes are in the world frame."""
+"""Value in `unit_poses` of a unit that does not move; its shapes are in the world frame."""
 
 
 class Shapes(NamedTuple):
@@ -26,7 +26,7 @@ class Shapes(NamedTuple):
     heights: (M, 2) bottom and top, metres.
     circles: (M, 3) x, y, radius of a circle around the footprint, metres.
     extinctions: (M,) 1/m.
-    sources: (M,) int64, row of the prism among scenery and bodies joined.
+    sources: (M,) int64, row of the prism; those of bodies count on from those of the scenery.
     owners: (M,) int32, reflectivities: (M,) float32.
     static, moving: (S, 12, 2) footprints of scenery and of bodies as given.
     unit_starts: (U + 1,) int64, unit u owns rows unit_starts[u] to unit_starts[u + 1].
@@ -108,6 +108,7 @@ def _prepared(scene: Scene) -> Shapes:
 
 
 def _fill(prisms: Prisms, rows: np.ndarray, start: int, shapes: Shapes) -> None:
+    """Write rows of prisms to the shapes from row `start` on; planes are left for later."""
     if len(rows):
         part = slice(start, start + len(rows))
         shapes.corners[part] = prisms.corners[rows]
@@ -121,6 +122,7 @@ def _fill(prisms: Prisms, rows: np.ndarray, start: int, shapes: Shapes) -> None:
 def _encircle(
     footprints: np.ndarray, corners: np.ndarray, rows: np.ndarray, circles: np.ndarray
 ) -> None:
+    """Write circles around footprints; centres are those of the boxes along x and y."""
     for m in range(len(rows)):
         row, count = rows[m], corners[rows[m]]
         x_low = x_high = footprints[row, 0, 0]
@@ -151,6 +153,7 @@ def fill_planes(shapes: Shapes, m: int) -> None:
 
 @compiled(borrowing=True)
 def _fill_from(footprints: np.ndarray, row: int, count: int, planes: np.ndarray, m: int) -> None:
+    """Write the half-planes of a counter-clockwise footprint; equal corners give no bound."""
     for k in range(count):
         after = k + 1 if k + 1 < count else 0
         x, y = footprints[row, k, 0], footprints[row, k, 1]
@@ -169,6 +172,7 @@ def _bound_units(
     unit_circles: np.ndarray,
     unit_heights: np.ndarray,
 ) -> None:
+    """Write a circle and heights around all prisms of each unit."""
     for u in range(len(starts) - 1):
         a, b = starts[u], starts[u + 1]
         x_low = y_low = bottom = np.inf

@@ -38,16 +38,14 @@ def motion_during(
     pose_at = timeline.world_from_ego if world_from_ego is None else world_from_ego
     exposure_s = mount.spec.exposure_s
     opens_s, closes_s = stamp_s - exposure_s / 2, stamp_s + exposure_s / 2
-    around = timeline.at(np.array([opens_s, closes_s]))
-    ahead = np.stack([np.cos(around.yaws), np.sin(around.yaws)], axis=-1)
-    centres = around.axles + timeline.centre_ahead_m[:, None] * ahead
+    states = timeline.at(np.array([opens_s, closes_s]))
+    ahead = np.stack([np.cos(states.yaws), np.sin(states.yaws)], axis=-1)
+    centres = states.axles + timeline.centre_ahead_m[:, None] * ahead
     first, last = (pose_at(t) for t in (opens_s, closes_s))
     turned = np.arctan2(np.sin(last.yaw - first.yaw), np.cos(last.yaw - first.yaw))
-    displacement = (last @ mount.ego_from_camera).translation - (
-        first @ mount.ego_from_camera
-    ).translation
+    start, end = ((pose @ mount.ego_from_camera).translation for pose in (first, last))
     return CameraMotion(
-        displacement / exposure_s,
+        (end - start) / exposure_s,
         np.array([0.0, 0.0, turned / exposure_s]),
         (centres[1] - centres[0]) / exposure_s,
     )
@@ -105,11 +103,11 @@ def expose(
     if spec.plain:
         pixels = shade_plain(view, ground, light)
     else:
-        shone = shade(
+        shaded = shade(
             view, ground, light, extinction_per_m=extinction_per_m, wet=min(1.0, rain_mm_h / 5.0)
         )
         pixels = exposed(
-            shone,
+            shaded,
             raster,
             solids,
             spec,

@@ -1,4 +1,4 @@
-"""Simulated traffic whose ego obeys commands; what it believes of the others comes from tracks."""
+"""Simulated traffic whose ego obeys commands; a driver knows other road users from tracks only."""
 
 from __future__ import annotations
 
@@ -43,9 +43,9 @@ MOVING_M_S = 1.0
 PATH_STEP_M, PATH_POINTS = 2.0, 50
 """Distance between points, and their number, of the path ahead that a driver knows."""
 TIME_GAP_S, STANDSTILL_GAP_M = 1.2, 2.5
-"""What the ego assumes that others keep; the defaults of `DriverSetup`."""
+"""Gaps to their leaders that others are assumed to keep; the defaults of `DriverSetup`."""
 ONCOMING_M_S = 3.0
-"""Tracks against the direction of their lane that are slower than this are taken to stand."""
+"""Tracks against the direction of their lane that are slower than this are assumed to stand."""
 AGAINST_M = 10.0
 """Added to the distance of a lane whose direction is opposite to the motion of a track."""
 _PEOPLE = (Category.PEDESTRIAN, Category.CYCLIST)
@@ -178,9 +178,9 @@ class DrivenTraffic:
         others, count = bodies[rows], len(rows)
         users = [self._flow.users[number] for number in others["number"]]
         courses = others["heading"] + others["slip"]
-        moving = others["speed"][:, None] * np.column_stack([np.cos(courses), np.sin(courses)])
+        motions = others["speed"][:, None] * np.column_stack([np.cos(courses), np.sin(courses)])
         places = np.column_stack([others["x"], others["y"]])
-        centres, yaws, velocities = to_world(places, others["heading"], moving)
+        centres, yaws, velocities = to_world(places, others["heading"], motions)
         sizes = np.array([user.size for user in users if user is not None]).reshape(-1, 3)
         return Tracks(
             others["number"] + 1,
@@ -207,7 +207,7 @@ class DrivenTraffic:
             believed.bodies["hold"] = np.nan
             self._stage.right_of_way(believed)
         ego = believed.bodies[0]
-        changes, ego["lane_changes"] = bool(ego["lane_changes"]), False
+        may_change, ego["lane_changes"] = bool(ego["lane_changes"]), False
         plan = believed.decide(STEP_S)[0].copy()
         following = DrivingCommand(float(ego["acceleration"]), ego_lanes.target)
         traffic = believed.traffic()
@@ -215,7 +215,7 @@ class DrivenTraffic:
         allowed_m_s = float(speed_allowed(traffic, 0))
         places = path_ahead(traffic, 0, PATH_POINTS, PATH_STEP_M)
         model = following
-        if changes:
+        if may_change:
             ego["lane_changes"] = True
             believed.decide(STEP_S)
             # The model may have gone over to the next road, where lanes have other numbers.

@@ -116,14 +116,14 @@ def collide(bodies: Bodies, order: np.ndarray, dt: float) -> None:
     """
     count = len(bodies)
     _sort_by_x(bodies, order)
-    places, near = np.empty(count, np.int64), np.empty(count, np.int64)
+    ranks, near = np.empty(count, np.int64), np.empty(count, np.int64)
     longest = 0.0
     for k in range(count):
-        places[order[k]] = k
+        ranks[order[k]] = k
         longest = max(longest, bodies[k].diagonal)
     for slot in range(count):
         if bodies[slot].kind != WALKER:
-            for k in range(_find_near(bodies, order, places[slot], longest, near, dt)):
+            for k in range(_find_near(bodies, order, ranks[slot], longest, near, dt)):
                 if bodies[slot].kind == OBSTACLE:
                     _collide_pair(bodies[near[k]], bodies[slot], dt)
                 else:
@@ -132,6 +132,7 @@ def collide(bodies: Bodies, order: np.ndarray, dt: float) -> None:
 
 @compiled(borrowing=True, forceinline=True)
 def _sort_by_x(bodies: Bodies, order: np.ndarray) -> None:
+    """Sort slots by insertion, which is fast if they are nearly sorted."""
     for k in range(1, len(order)):
         slot, m = order[k], k
         while m > 0 and bodies[order[m - 1]].x > bodies[slot].x:
@@ -142,17 +143,17 @@ def _sort_by_x(bodies: Bodies, order: np.ndarray) -> None:
 
 @compiled(borrowing=True, forceinline=True)
 def _find_near(
-    bodies: Bodies, order: np.ndarray, place: int, longest: float, near: np.ndarray, dt: float
+    bodies: Bodies, order: np.ndarray, rank: int, longest: float, near: np.ndarray, dt: float
 ) -> int:
     """Write the higher slots of bodies that a body may touch, in order; return their number.
 
-    place: of the body in `order`. longest: greatest diagonal of all bodies, metres.
+    rank: of the body in `order`. longest: greatest diagonal of all bodies, metres.
     """
-    slot, count = order[place], 0
+    slot, count = order[rank], 0
     body = bodies[slot]
     reach = (body.diagonal + longest) / 2 + FASTEST_M_S * dt
     for side in (-1, 1):
-        k = place + side
+        k = rank + side
         while 0 <= k < len(order) and abs(bodies[order[k]].x - body.x) <= reach:
             other = order[k]
             if other > slot and _may_touch(body, bodies[other], dt):
@@ -207,6 +208,7 @@ def _find_contact(body: RoadBody, other: RoadBody, dt: float) -> Contact:
     outlines = np.empty((2, 4, 2))
     _write_outline(outlines[0], body)
     _write_outline(outlines[1], other)
+    # Motion of the first body against the second in the next step, metres.
     x = body.speed * body.cos * dt - other.speed * other.cos * dt
     y = body.speed * body.sin * dt - other.speed * other.sin * dt
     now, soon, least, best_x, best_y = True, True, np.inf, 0.0, 0.0
@@ -266,5 +268,6 @@ def _interval(low: float, high: float, other_low: float, other_high: float) -> f
 
 @compiled(borrowing=True, forceinline=True)
 def _mean(outline: np.ndarray, axis: int) -> float:
+    """Return the mean x (axis 0) or y (axis 1) of four corners."""
     total = outline[0, axis] + outline[1, axis] + outline[2, axis] + outline[3, axis]
     return float(total / 4)

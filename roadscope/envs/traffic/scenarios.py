@@ -71,10 +71,10 @@ class Scenario:
 class Acceptance:
     """Whether traffic is dense and safe enough to be sensed.
 
-    least_objects: fewest objects within 60 m of the ego at any instant.
+    least_objects: fewest objects within `NEAR_M` of the ego at any instant.
     crashed_share: share of the actors, the ego included, that crash; people are not counted as
         crashed.
-    accepted: at least 5 objects at every instant and at most 5 % crashed.
+    accepted: at least `LEAST_OBJECTS` at every instant, and at most `MOST_CRASHED` crashed.
     """
 
     least_objects: int
@@ -250,7 +250,7 @@ def record(name: str, seed: int, duration_s: float | None = None) -> Timeline:
     """Record a scenario; the same name, seed and duration give the same bytes.
 
     Traffic that is not accepted is drawn again from the next sub-seed; `ScenarioError` names
-    the scenario and the seed when none of 10 is accepted.
+    the scenario and the seed when none of `TRIES` is accepted.
     """
     scenario = find(name)
     if duration_s is not None and not duration_s > 0:

@@ -180,7 +180,7 @@ class Kerb:
             )
 
     def wait(self, rng: np.random.Generator, at_m: float) -> int:
-        """Add a person who stands at the kerb until told to cross; return the number."""
+        """Add a person who stands at the kerb until `StepOuts` acts; return the person's number."""
         crossing_m = self._width_m + 2 * KERB_M
         points = np.array(
             [self._beside(at_m, off) for off in (PAVEMENT_M, KERB_M - crossing_m - 0.5)]
