@@ -130,7 +130,7 @@ app = typer.Typer(
     name="roadscope",
     cls=_Root,
     help="Compare detectors, trackers, odometries, fusions and drivers on simulated traffic with "
-    "perfect truth. Exit status: 1 for wrong input or what a command's help says, 2 for unknown "
+    "perfect truth. Exit status: 1 for wrong input or a failure, 2 for unknown "
     "options, 130 if interrupted, 143 if ended by SIGTERM.",
     pretty_exceptions_enable=False,
     rich_markup_mode=None,

@@ -103,9 +103,7 @@ FAULTS: str = option("LIST", "Such as 'fog:3 + glare:1'", CONDITIONS, default="c
 LIDAR_MOUNTING: str | None = option(
     "POSE", "Pose of the LiDAR in the vehicle: x,y,z,roll,pitch,yaw; only angles count", RECORDED
 )
-RATE: float | None = option(
-    "HZ", "Scans per second, if times.txt and names have no stamps; else 10", RECORDED
-)
+RATE: float | None = option("HZ", "Scans per second if nothing has stamps; else 10", RECORDED)
 TOPICS: list[str] | None = option(
     "NAME", "Topic of a bag; can be repeated", RECORDED, name="--topic"
 )
