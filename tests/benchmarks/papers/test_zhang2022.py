@@ -184,8 +184,8 @@ def test_in_the_corridor_ours_follows_where_bare_walls_tell_little(experiment, s
 
 
 def test_methods_that_share_a_match_are_where_each_is_alone():
-    sweeps = list(islice(sense_corridor(STRAIGHT, 10000), 40))
-    specs = ("zhang2022", "zhang2022-map", "zhang2022-guarded", "zhang2022-loop", "lego-loam")
+    sweeps = list(islice(sense_corridor(STRAIGHT, 10000), 25))
+    specs = ("zhang2022", "zhang2022-map", "zhang2022-guarded")
     together = run_odometries(sweeps, specs)
     for spec, run in together.items():
         alone = run_odometries(sweeps, (spec,))[spec]
