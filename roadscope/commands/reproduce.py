@@ -26,7 +26,7 @@ def reproduce(
 ) -> None:
     """Repeat a paper's experiments: which of its claims hold, and its figures beside ours.
 
-    With --seeds 1 a paper takes one to eight minutes on two cores; each further seed about as long.
+    With --seeds 1 a paper takes one to five minutes on two cores; each further seed about as long.
     What an earlier run has measured is not measured again: a stopped run continues.
     """
     from dataclasses import asdict
