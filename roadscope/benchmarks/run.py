@@ -397,8 +397,7 @@ def _outcomes(
     about: the manifest of the run. compile_first: whether kernels are compiled before all else.
     """
     run_number = store.begin(about)
-    keys = [job.key for job in run_plan.jobs]
-    stored = {} if options.fresh else store.outcomes(keys)
+    stored = {} if options.fresh else store.outcomes([job.key for job in run_plan.jobs])
     store_errors: list[str] = []
     # Failures are tried again.
     done = {key: outcome for key, outcome in stored.items() if outcome.reason is None}

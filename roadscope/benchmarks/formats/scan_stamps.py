@@ -203,18 +203,18 @@ def _column(texts: Sequence[str]) -> _Reading:
     return best._replace(words=best.words or "decimal numbers") if has_points else decimals
 
 
-def _with_fraction(whole: Sequence[str], rest: Sequence[str]) -> _Reading | None:
+def _with_fraction(whole: Sequence[str], fraction: Sequence[str]) -> _Reading | None:
     """Return the reading of seconds and then milli-, micro- or nanoseconds with zeros in front.
 
     None for other numbers.
     """
-    lengths = {len(text) for text in rest}
-    if not all(text.isdecimal() for text in (*whole, *rest)) or not lengths <= {3, 6, 9}:
+    lengths = {len(text) for text in fraction}
+    if not all(text.isdecimal() for text in (*whole, *fraction)) or not lengths <= {3, 6, 9}:
         return None
     seconds = np.array([float(text) for text in whole])
     if len(lengths) > 1 or seconds.min() < LEAST_STAMP:
         return None
-    fractions = np.array([float(f"0.{text}") for text in rest])
+    fractions = np.array([float(f"0.{text}") for text in fraction])
     return _of_seconds(seconds + fractions, "seconds and fractions")
 
 
