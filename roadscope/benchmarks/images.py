@@ -43,22 +43,22 @@ class WithoutPixels(Sensing):
     def sense_image_at(self, timeline: Timeline, stamp_s: float) -> tuple[Frame, Truth]:
         """Return a frame with one pixel, or without if the image is lost, and its truth."""
         mount = camera_of(self.rig)
-        scene, states = self._place_bodies(timeline, np.array([stamp_s]), IMAGE_RANGE_M)
-        solids = solids_of(scene, stamp_s)
+        placed = self._place_bodies(timeline, np.array([stamp_s]), stamp_s, IMAGE_RANGE_M)
+        solids = solids_of(placed.scene, stamp_s)
         raster = rasterise(
-            scene,
+            placed.scene,
             mount.spec.pinhole,
-            timeline.ego_poses(states)[0] @ mount.ego_from_camera,
+            timeline.ego_poses(placed.knots)[0] @ mount.ego_from_camera,
             stamp_s,
             outlines=True,
             solids=solids,
         )
-        shown = image_truth(raster, solids, len(scene.present))
+        shown = image_truth(raster, solids, len(placed.scene.present))
         grey = np.full((1, 1, 3), 128, np.uint8)
         image = CameraImage(grey, mount.spec.pinhole.intrinsics, stamp_s, mount.name)
         believed_s = stamp_s + self.image_late_s
         frame = Frame(believed_s, self.calibration, camera=self._delivered(image, believed_s))
-        return frame, truth_of_image(timeline, stamp_s, shown)
+        return frame, truth_of_image(timeline, placed.around, shown)
 
 
 def camera_of(rig: Rig) -> CameraMount:

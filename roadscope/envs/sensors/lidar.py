@@ -28,11 +28,15 @@ class Firings(NamedTuple):
     """Directions of C columns of B beams: azimuths (C, 2), elevations (B, 2), cosines and sines.
 
     order: (B,) beams in firing order.
+    column_offsets_s: (C,) start of each column after the stamp. beam_offsets_s: (B,) delay of each
+        beam in its column; seconds.
     """
 
     azimuths: np.ndarray
     elevations: np.ndarray
     order: np.ndarray
+    column_offsets_s: np.ndarray
+    beam_offsets_s: np.ndarray
 
 
 class SensorPath(NamedTuple):
@@ -50,8 +54,10 @@ class SensorPath(NamedTuple):
 @compiled()
 def collect(
     surfaces: Surfaces, noise: np.ndarray, chances: np.ndarray, firings: Firings, limits: np.ndarray
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Return points, intensity, ring, column and owner of each return, in firing order.
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Return points, intensity, ring, column, time offset and owner of each return.
+
+    They are in firing order.
 
     A surface returns energy in proportion to reflectivity and cosine over range squared; below
     the limit the return is lost. The receiver compensates for the range squared only in the far
@@ -61,12 +67,13 @@ def collect(
     limits: range_min, range_max, noise, resolution in metres, dropout, detection limit.
     """
     ranges, owners, cosines, reflectivity = surfaces
-    azimuths, elevations, order = firings
+    azimuths, elevations, order, column_offsets_s, beam_offsets_s = firings
     near, far, sigma, step, dropout, limit = limits
     size = ranges.size
     points = np.empty((size, 3), np.float32)
     intensity, source = np.empty(size, np.float32), np.empty(size, np.int32)
     ring, column = np.empty(size, np.int16), np.empty(size, np.int32)
+    times = np.empty(size, np.float32)
     count = 0
     for c in range(ranges.shape[1]):
         for j in order:
@@ -86,8 +93,10 @@ def collect(
             points[count, 2] = measured * elevations[j, 1]
             intensity[count] = signal / (1.0 + (4.0 * true / far) ** 2)
             ring[count], column[count], source[count] = j, c, owners[j, c]
+            times[count] = column_offsets_s[c] + beam_offsets_s[j]
             count += 1
-    return points[:count], intensity[:count], ring[:count], column[:count], source[:count]
+    points, intensity, ring = points[:count], intensity[:count], ring[:count]
+    return points, intensity, ring, column[:count], times[:count], source[:count]
 
 
 @compiled()
@@ -460,12 +469,17 @@ def _measure(
             spec.detection_limit,
         ]
     )
-    firings = Firings(_directions(spec.azimuths()), _directions(spec.elevations), order)
-    points, intensity, ring, column, owners = collect(
+    firings = Firings(
+        _directions(spec.azimuths()),
+        _directions(spec.elevations),
+        order,
+        spec.column_offsets_s(),
+        spec.firing_offsets_s,
+    )
+    points, intensity, ring, column, times, owners = collect(
         _surfaces(hits), noise, chances, firings, limits
     )
-    times = spec.column_offsets_s()[column] + spec.firing_offsets_s[ring]
-    scan = LidarScan(points, intensity, ring, column, times.astype(np.float32), stamp_s, sensor)
+    scan = LidarScan(points, intensity, ring, column, times, stamp_s, sensor)
     assert hits.outline_rays is not None
     assert hits.outline_hits is not None
     actors = len(hits.outline_rays)

@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import replace
 from functools import partial
 from itertools import count, takewhile
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -43,11 +43,26 @@ from roadscope.envs.world.world import World, build_world
 # Truth of sweeps and images.
 
 
-def truth_at(timeline: Timeline, stamp_s: float, sweep_truth: SweepTruth) -> Truth:
-    """Return the states of the road users at the stamp, with the sources of the sweep's returns."""
+class _Placed(NamedTuple):
+    """Where all bodies are during a sweep or an image.
+
+    scene: without the ego's body. knots: states at the knots of the scene. around: states
+    `VELOCITY_S` before the middle, in the middle, and after it.
+    """
+
+    scene: Scene
+    knots: States
+    around: States
+
+
+def truth_of_sweep(timeline: Timeline, around: States, sweep_truth: SweepTruth) -> Truth:
+    """Return the states of the road users, with the sources of the sweep's returns.
+
+    around: of `_Placed`.
+    """
     sources = sweep_truth.owners.astype(np.int64)
     sources[sources >= 0] = timeline.ids[sources[sources >= 0]]
-    rows, states = _present_users(timeline, stamp_s)
+    rows, states = _present_users(timeline, around)
     return Truth(
         **states,
         lidar_returns=sweep_truth.returns[rows],
@@ -57,9 +72,12 @@ def truth_at(timeline: Timeline, stamp_s: float, sweep_truth: SweepTruth) -> Tru
     )
 
 
-def truth_of_image(timeline: Timeline, stamp_s: float, image_truth: ImageTruth) -> Truth:
-    """Return the states of the road users at the stamp, with their visibility in the image."""
-    rows, states = _present_users(timeline, stamp_s)
+def truth_of_image(timeline: Timeline, around: States, image_truth: ImageTruth) -> Truth:
+    """Return the states of the road users, with their visibility in the image.
+
+    around: of `_Placed`.
+    """
+    rows, states = _present_users(timeline, around)
     return Truth(
         **states,
         lidar_returns=np.zeros(len(rows), np.int64),
@@ -83,9 +101,8 @@ def pixel_truth_of(timeline: Timeline, stamp_s: float, image_truth: ImageTruth) 
     return PixelTruth(image_truth.depth, instances, categories, stamp_s)
 
 
-def _present_users(timeline: Timeline, stamp_s: float) -> tuple[np.ndarray, dict[str, Any]]:
-    """Return the rows of all present road users except the ego, and their states."""
-    around = timeline.at(np.array([stamp_s - 1e-3, stamp_s, stamp_s + 1e-3]))
+def _present_users(timeline: Timeline, around: States) -> tuple[np.ndarray, dict[str, Any]]:
+    """Return the rows of all present road users except the ego, and their states in the middle."""
     centres = timeline.centres(around)
     rows = np.flatnonzero(around.present[1])
     rows = rows[rows > 0]
@@ -96,9 +113,9 @@ def _present_users(timeline: Timeline, stamp_s: float) -> tuple[np.ndarray, dict
         "centres": np.column_stack([centres[1, rows], heights]),
         "sizes": timeline.sizes[rows],
         "yaws": around.yaws[1, rows],
-        "velocities": (centres[2, rows] - centres[0, rows]) / 2e-3,
-        "world_from_ego": timeline.ego_poses(around)[1],
-        "stamp_s": stamp_s,
+        "velocities": (centres[2, rows] - centres[0, rows]) / (2 * VELOCITY_S),
+        "world_from_ego": timeline.ego_poses(around.select(slice(1, 2)))[0],
+        "stamp_s": float(around.stamps_s[1]),
     }
 
 
@@ -107,6 +124,8 @@ def _present_users(timeline: Timeline, stamp_s: float) -> tuple[np.ndarray, dict
 
 IMAGE_RANGE_M = 250.0
 """Scenery farther from the camera than this is not drawn."""
+VELOCITY_S = 1e-3
+"""True velocities are differences of places this long before and after an instant."""
 KNOT_S = 0.02
 """Within a sweep poses are linear between knots this close; at 5 m/s^2 that errs by 0.25 mm."""
 
@@ -254,18 +273,20 @@ class Sensing:
         mount = self.rig.lidar
         stamp_s = mount.stamp_s(index)
         rng = np.random.default_rng([self._noise_seed, index])
-        scene, states = self._scene(timeline, stamp_s)
+        placed = self._place_bodies(
+            timeline, self._sweep_knots_s(stamp_s), stamp_s, mount.spec.range_max_m
+        )
         scan, sweep_truth = sweep(
-            scene,
+            placed.scene,
             mount.spec,
-            self._lidar_path(timeline, states),
+            self._lidar_path(timeline, placed.knots),
             stamp_s,
             sensor=mount.name,
             rng=rng,
             weather=self.weather,
             weather_seed=self._weather_seed,
         )
-        truth = truth_at(timeline, stamp_s, sweep_truth)
+        truth = truth_of_sweep(timeline, placed.around, sweep_truth)
         motion = self._motion(timeline, index, truth.world_from_ego)
         frame = Frame(stamp_s, self.calibration, lidar=scan, previous_from_ego=motion)
         if self.rig.inertial:
@@ -283,16 +304,16 @@ class Sensing:
         """Return the frame and the truth of an image whose exposure has its middle at the stamp."""
         _refuse_terrain(timeline)
         mount = self._camera()
-        scene, states = self._place_bodies(timeline, np.array([stamp_s]), IMAGE_RANGE_M)
+        placed = self._place_bodies(timeline, np.array([stamp_s]), stamp_s, IMAGE_RANGE_M)
         ego_at = self._ego_at(timeline)
         smooth = self._has_smooth_motion(timeline)
-        world_from_ego = ego_at(stamp_s) if smooth else timeline.ego_poses(states)[0]
+        world_from_ego = ego_at(stamp_s) if smooth else timeline.ego_poses(placed.knots)[0]
         if self._ground is None:
             style = timeline.style if self.style is None else self.style
             self._ground = Ground(surface_of(timeline.road), style)
         blurred = mount.spec.motion_blur and not mount.spec.plain
         image, image_truth = expose(
-            scene,
+            placed.scene,
             mount.spec,
             world_from_ego @ mount.ego_from_camera,
             stamp_s,
@@ -307,7 +328,8 @@ class Sensing:
         )
         believed_s = stamp_s + self.image_late_s
         frame = Frame(believed_s, self.calibration, camera=self._delivered(image, believed_s))
-        truth = self._with_smooth_pose(truth_of_image(timeline, stamp_s, image_truth), timeline)
+        truth = truth_of_image(timeline, placed.around, image_truth)
+        truth = self._with_smooth_pose(truth, timeline)
         if self.pixel_truth:
             truth = replace(truth, pixels=pixel_truth_of(timeline, stamp_s, image_truth))
         return frame, truth
@@ -339,12 +361,12 @@ class Sensing:
             return truth
         return truth._trusted(world_from_ego=self._ego_at(timeline)(truth.stamp_s))
 
-    def _lidar_path(self, timeline: Timeline, states: States) -> LidarPath:
-        """Return the path of the LiDAR; states: those of `_scene`, the middle of the sweep last."""
+    def _lidar_path(self, timeline: Timeline, knots: States) -> LidarPath:
+        """Return the path of the LiDAR; knots: of `_Placed`."""
         ego_from_lidar = self.rig.lidar.ego_from_lidar
         if not self._has_smooth_motion(timeline):
-            knots = timeline.ego_poses(states)[:-1]
-            return [world_from_ego @ ego_from_lidar for world_from_ego in knots]
+            poses = timeline.ego_poses(knots)
+            return [world_from_ego @ ego_from_lidar for world_from_ego in poses]
         return partial(self._ego_motion(timeline).mounted, ego_from_lidar)
 
     def _light_of(self, timeline: Timeline, stamp_s: float) -> Light:
@@ -398,36 +420,33 @@ class Sensing:
             before @ world_from_ego, mount.spec.period_s, seed=self._motion_seed, index=index
         )
 
-    def _scene(self, timeline: Timeline, stamp_s: float) -> tuple[Scene, States]:
-        """Return the scene of a sweep without the ego's body, and states as `_place_bodies`."""
+    def _sweep_knots_s(self, stamp_s: float) -> np.ndarray:
+        """Return the (K,) knots of a sweep whose middle is at the stamp."""
         half = self.rig.lidar.spec.sweep_s / 2
-        knots = np.linspace(stamp_s - half, stamp_s + half, int(np.ceil(2 * half / KNOT_S)) + 1)
-        return self._place_bodies(
-            timeline, np.append(knots, stamp_s), self.rig.lidar.spec.range_max_m
-        )
+        return np.linspace(stamp_s - half, stamp_s + half, int(np.ceil(2 * half / KNOT_S)) + 1)
 
     def _place_bodies(
-        self, timeline: Timeline, stamps_s: np.ndarray, radius_m: float
-    ) -> tuple[Scene, States]:
-        """Return the scene, and the states of all actors at the stamps.
+        self, timeline: Timeline, knots_s: np.ndarray, middle_s: float, radius_m: float
+    ) -> _Placed:
+        """Return the scene, and the states of all actors.
 
-        stamps_s: the knots and, unless it is the only one, their middle, which is no knot. The
-            actors present and the scenery are those of the middle.
+        knots_s: (K,) between which bodies move. The actors present and the scenery are those of
+            the middle.
         radius_m: of the scenery around the ego.
         """
-        knots = stamps_s[:-1] if len(stamps_s) > 1 else stamps_s
-        states = timeline.at(stamps_s)
-        present = states.present[-1].copy()
+        around_s = (middle_s - VELOCITY_S, middle_s, middle_s + VELOCITY_S)
+        states = timeline.at(np.append(knots_s, around_s))
+        knots, around = states.select(slice(len(knots_s))), states.select(slice(len(knots_s), None))
+        present = around.present[1].copy()
         present[0] = False
-        centres = timeline.centres(states)
-        poses = np.concatenate([centres, states.yaws[..., None]], axis=-1)[: len(knots)]
+        poses = np.concatenate([timeline.centres(knots), knots.yaws[..., None]], axis=-1)
         world = self._world_of(timeline)
-        scenery = world.static_around(states.axles[-1, 0], radius_m)
-        scene = Scene(scenery, world.moving, knots, poses, present, self._world_seed)
+        scenery = world.static_around(around.axles[1, 0], radius_m)
+        scene = Scene(scenery, world.moving, knots_s, poses, present, self._world_seed)
         if timeline.terrain is not None:
-            stances = timeline.stances(states)[: len(knots)]
+            stances = timeline.stances(knots)
             scene = replace(scene, terrain=timeline.terrain, stances=stances)
-        return scene, states
+        return _Placed(scene, knots, around)
 
     def _world_of(self, timeline: Timeline) -> World:
         if self._world is None:

@@ -47,6 +47,10 @@ class States(Record):
             velocities=(np.float64, ("T", "A", 2)),
         )
 
+    def select(self, instants: slice) -> States:
+        """Return the states at some of the instants."""
+        return self._trusted(**{name: getattr(self, name)[instants] for name in self.__slots__})
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Timeline(Record):
@@ -224,14 +228,17 @@ class Timeline(Record):
         m1 = _along(self.speeds[after, actors] * step, yaw1)
         still = (after == before)[..., None]
         w = u[..., None]
+        square, cube = w**2, w**3
         axles = (
-            (2 * w**3 - 3 * w**2 + 1) * p0
-            + (w**3 - 2 * w**2 + w) * m0
-            + (3 * w**2 - 2 * w**3) * p1
-            + (w**3 - w**2) * m1
+            (2 * cube - 3 * square + 1) * p0
+            + (cube - 2 * square + w) * m0
+            + (3 * square - 2 * cube) * p1
+            + (cube - square) * m1
         )
         slopes = (
-            (6 * w**2 - 6 * w) * (p0 - p1) + (3 * w**2 - 4 * w + 1) * m0 + (3 * w**2 - 2 * w) * m1
+            (6 * square - 6 * w) * (p0 - p1)
+            + (3 * square - 4 * w + 1) * m0
+            + (3 * square - 2 * w) * m1
         )
         velocities = np.where(still, m0, slopes) / step[..., None]
         return np.where(still, p0, axles), yaw0 + u * (yaw1 - yaw0), velocities
