@@ -48,13 +48,16 @@ def road_map(network: Any) -> RoadMap:
 
 
 def _sample(lane: Any) -> tuple[np.ndarray, np.ndarray]:
+    from highway_env.road.lane import StraightLane
+
     count = max(2, int(np.ceil(lane.length / LANE_STEP_M)) + 1)
     along = np.linspace(0.0, float(lane.length), count)
-    if hasattr(lane, "start") and not hasattr(lane, "amplitude"):
+    if type(lane) is StraightLane:
         points = lane.start + along[:, None] * lane.direction
+        widths = np.full(count, lane.width_at(0.0), np.float64)
     else:
         points = np.array([lane.position(s, 0.0) for s in along])
-    widths = np.array([lane.width_at(s) for s in along], np.float64)
+        widths = np.array([lane.width_at(s) for s in along], np.float64)
     world, _, _ = to_world(points, along)
     return world, widths
 

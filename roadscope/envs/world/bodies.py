@@ -11,7 +11,7 @@ import numpy as np
 from roadscope.core import Category
 from roadscope.envs.traffic.mix import UNSEEN, Size
 from roadscope.envs.world import materials
-from roadscope.envs.world.prisms import Prisms, ellipse, rounded
+from roadscope.envs.world.prisms import Prisms, Slab, ellipse, rounded
 
 # --------------------------------------------------------------------------------------------------
 # Slabs and colours of the bodies of road users.
@@ -47,7 +47,7 @@ def slab(
     radius: float = 0.3,
     reflectivity: float,
     material: int = materials.GREY,
-) -> Prisms:
+) -> Slab:
     """Return a slab with rounded corners, part of a body of that size.
 
     breadth: share of the body's width. radius: of the corners, metres.
@@ -57,7 +57,7 @@ def slab(
     outline = rounded(
         (front - rear) * length, breadth * width, radius, ((rear + front) / 2 - 0.5) * length
     )
-    return Prisms.of(
+    return Slab(
         outline, bottom * height, top * height, reflectivity=reflectivity, material=material
     )
 
@@ -86,7 +86,7 @@ def _colour(rng: np.random.Generator) -> Parts:
     return painted(float(rng.choice(PAINTS)), rng)
 
 
-def _tall_box(size: Size, rng: np.random.Generator) -> list[Prisms]:
+def _tall_box(size: Size, rng: np.random.Generator) -> list[Slab]:
     """Build a small car as high as it is wide, upright all round."""
     colour = _colour(rng)
     return [
@@ -96,7 +96,7 @@ def _tall_box(size: Size, rng: np.random.Generator) -> list[Prisms]:
     ]
 
 
-def _pickup(size: Size, rng: np.random.Generator) -> list[Prisms]:
+def _pickup(size: Size, rng: np.random.Generator) -> list[Slab]:
     """Build a car with an open bed behind the cab."""
     colour = _colour(rng)
     return [
@@ -107,7 +107,7 @@ def _pickup(size: Size, rng: np.random.Generator) -> list[Prisms]:
     ]
 
 
-def _dropside(size: Size, rng: np.random.Generator) -> list[Prisms]:
+def _dropside(size: Size, rng: np.random.Generator) -> list[Slab]:
     """Build a van's cab with a low open bed behind it."""
     colour = _colour(rng)
     return [
@@ -119,7 +119,7 @@ def _dropside(size: Size, rng: np.random.Generator) -> list[Prisms]:
     ]
 
 
-def _camper(size: Size, rng: np.random.Generator) -> list[Prisms]:
+def _camper(size: Size, rng: np.random.Generator) -> list[Slab]:
     """Build a cabin that reaches out over the cab, with a small window in either side."""
     white = painted(float(PAINTS[-1]), rng)
     return [
@@ -132,7 +132,7 @@ def _camper(size: Size, rng: np.random.Generator) -> list[Prisms]:
     ]
 
 
-def _cab(size: Size, colour: Parts) -> tuple[list[Prisms], float]:
+def _cab(size: Size, colour: Parts) -> tuple[list[Slab], float]:
     """Return the cab of a lorry, 2 m long, and the share of the length at which it begins."""
     begin = 1 - 2.0 / size[0]
     top = min(1.0, 3.0 / size[2])
@@ -143,7 +143,7 @@ def _cab(size: Size, colour: Parts) -> tuple[list[Prisms], float]:
     ], begin
 
 
-def _lorry_wheels(size: Size, begin: float) -> list[Prisms]:
+def _lorry_wheels(size: Size, begin: float) -> list[Slab]:
     high = 0.95 / size[2]
     rear = 2.4 / size[0] if size[0] > 9 else 1.0 / size[0]
     return [
@@ -152,7 +152,7 @@ def _lorry_wheels(size: Size, begin: float) -> list[Prisms]:
     ]
 
 
-def _flatbed(size: Size, rng: np.random.Generator) -> list[Prisms]:
+def _flatbed(size: Size, rng: np.random.Generator) -> list[Slab]:
     """Build a cab with an empty platform behind it, and a wall between them."""
     cab, begin = _cab(size, _colour(rng))
     high = 1.1 / size[2]
@@ -166,7 +166,7 @@ def _flatbed(size: Size, rng: np.random.Generator) -> list[Prisms]:
     ]
 
 
-def _tanker(size: Size, rng: np.random.Generator) -> list[Prisms]:
+def _tanker(size: Size, rng: np.random.Generator) -> list[Slab]:
     """Lay a cylinder, in five steps, behind the cab."""
     cab, begin = _cab(size, _colour(rng))
     tank: Parts = {
@@ -189,7 +189,7 @@ def _tanker(size: Size, rng: np.random.Generator) -> list[Prisms]:
     ]
 
 
-def _double_decker(size: Size, rng: np.random.Generator) -> list[Prisms]:
+def _double_decker(size: Size, rng: np.random.Generator) -> list[Slab]:
     """Set two bands of windows, one above the other."""
     colour = painted(float(rng.choice(PAINTS)), rng, "coach")
     return [
@@ -201,7 +201,7 @@ def _double_decker(size: Size, rng: np.random.Generator) -> list[Prisms]:
     ]
 
 
-_SHAPES: Mapping[str, Callable[[Size, np.random.Generator], list[Prisms]]] = {
+_SHAPES: Mapping[str, Callable[[Size, np.random.Generator], list[Slab]]] = {
     "tall-box": _tall_box,
     "pickup": _pickup,
     "dropside": _dropside,
@@ -213,7 +213,7 @@ _SHAPES: Mapping[str, Callable[[Size, np.random.Generator], list[Prisms]]] = {
     "double-decker": _double_decker,
 }
 
-BY_SIZE: Mapping[Size, Callable[[Size, np.random.Generator], list[Prisms]]] = MappingProxyType(
+BY_SIZE: Mapping[Size, Callable[[Size, np.random.Generator], list[Slab]]] = MappingProxyType(
     {size: _SHAPES[name] for models in UNSEEN.values() for name, size in models.items()}
 )
 """Builders of the unseen bodies, by their exact size."""
@@ -235,10 +235,10 @@ def body_prisms(category: Category, size: np.ndarray, rng: np.random.Generator) 
     length, width, height = (float(v) for v in size)
     exact = Size(length, width, height)
     build = BY_SIZE.get(exact, _BUILDERS[category])
-    return Prisms.join(build(exact, rng))
+    return Prisms.stacked(build(exact, rng))
 
 
-def _car(size: Size, rng: np.random.Generator) -> list[Prisms]:
+def _car(size: Size, rng: np.random.Generator) -> list[Slab]:
     """Saloon or hatchback: sill, deck, two steps of sloping glass, roof."""
     paint = float(rng.choice(PAINTS))
     rear = (0.02, 0.05, 0.09) if rng.random() < 0.5 else (0.10, 0.17, 0.23)
@@ -252,7 +252,7 @@ def _car(size: Size, rng: np.random.Generator) -> list[Prisms]:
     ]
 
 
-def _van(size: Size, rng: np.random.Generator) -> list[Prisms]:
+def _van(size: Size, rng: np.random.Generator) -> list[Slab]:
     """Box van: short bonnet, one step of windscreen, box."""
     colour = painted(float(rng.choice(PAINTS)), rng)
     return [
@@ -263,7 +263,7 @@ def _van(size: Size, rng: np.random.Generator) -> list[Prisms]:
     ]
 
 
-def _truck(size: Size, rng: np.random.Generator) -> list[Prisms]:
+def _truck(size: Size, rng: np.random.Generator) -> list[Slab]:
     """Rigid truck, or tractor and trailer from 10 m on: box over a chassis, cab ahead of a gap."""
     paint, box = float(rng.choice(PAINTS)), float(rng.uniform(0.4, 0.8))
     length = size[0]
@@ -285,7 +285,7 @@ def _truck(size: Size, rng: np.random.Generator) -> list[Prisms]:
     ]
 
 
-def _bus(size: Size, rng: np.random.Generator) -> list[Prisms]:
+def _bus(size: Size, rng: np.random.Generator) -> list[Slab]:
     """City bus: skirt, band of windows, roof."""
     colour = painted(float(rng.choice(PAINTS)), rng, "coach")
     return [
@@ -295,7 +295,7 @@ def _bus(size: Size, rng: np.random.Generator) -> list[Prisms]:
     ]
 
 
-def _motorcycle(size: Size, rng: np.random.Generator) -> list[Prisms]:
+def _motorcycle(size: Size, rng: np.random.Generator) -> list[Slab]:
     """Motorcycle with rider: engine, tail, tank and fairing between broad wheels."""
     rider = _Rider.drawn(rng)
     steel: Parts = {"reflectivity": rider.machine, "material": materials.STEEL}
@@ -314,7 +314,7 @@ def _motorcycle(size: Size, rng: np.random.Generator) -> list[Prisms]:
     ]
 
 
-def _cyclist(size: Size, rng: np.random.Generator) -> list[Prisms]:
+def _cyclist(size: Size, rng: np.random.Generator) -> list[Slab]:
     """Bicycle with rider: a thin frame between tall, narrow wheels, the rider bent over it."""
     rider = _Rider.drawn(rng)
     steel: Parts = {"radius": 0.02, "reflectivity": rider.machine, "material": materials.STEEL}
@@ -351,7 +351,7 @@ class _Rider(NamedTuple):
             machine,
         )
 
-    def head(self, size: Size, middle: float) -> Prisms:
+    def head(self, size: Size, middle: float) -> Slab:
         """Return the head, on top, with its middle at a share of the length."""
         length, width, _ = size
         side = min(0.26, 0.6 * width, 0.6 * length)
@@ -361,7 +361,7 @@ class _Rider(NamedTuple):
         )
 
 
-def _wheels(size: Size, *, diameter_m: float, breadth: float) -> list[Prisms]:
+def _wheels(size: Size, *, diameter_m: float, breadth: float) -> list[Slab]:
     """Return two wheels of three slabs each, at the rear and at the front end."""
     length, _, height = size
     across, tall = min(diameter_m / length, 0.45), min(diameter_m / height, 0.45)
@@ -378,7 +378,7 @@ def _wheels(size: Size, *, diameter_m: float, breadth: float) -> list[Prisms]:
     ]
 
 
-def _pedestrian(size: Size, rng: np.random.Generator) -> list[Prisms]:
+def _pedestrian(size: Size, rng: np.random.Generator) -> list[Slab]:
     """Legs in mid-stride, trunk with arms, head."""
     length, width, height = size
     trousers, shirt = (float(v) for v in rng.uniform(0.25, 0.7, 2))
@@ -386,13 +386,13 @@ def _pedestrian(size: Size, rng: np.random.Generator) -> list[Prisms]:
     hip, neck = 0.47 * height, 0.85 * height
     legs, trunk, skin = (random_material(family, rng) for family in ("cloth", "cloth", "skin"))
     return [
-        Prisms.of(ellipse(length, 0.6 * width), 0, hip, reflectivity=trousers, material=legs),
-        Prisms.of(ellipse(0.7 * length, width), hip, neck, reflectivity=shirt, material=trunk),
-        Prisms.of(ellipse(head, head), neck, height, reflectivity=SKIN, material=skin),
+        Slab(ellipse(length, 0.6 * width), 0, hip, reflectivity=trousers, material=legs),
+        Slab(ellipse(0.7 * length, width), hip, neck, reflectivity=shirt, material=trunk),
+        Slab(ellipse(head, head), neck, height, reflectivity=SKIN, material=skin),
     ]
 
 
-_BUILDERS: dict[Category, Callable[[Size, np.random.Generator], list[Prisms]]] = {
+_BUILDERS: dict[Category, Callable[[Size, np.random.Generator], list[Slab]]] = {
     Category.CAR: _car,
     Category.VAN: _van,
     Category.TRUCK: _truck,

@@ -112,16 +112,18 @@ class LaneDistances:
         deep &= self.lanes[rows] != sites.lanes[sides] // 2
         return np.bincount(sides[deep], minlength=len(sites)) > 0
 
-    def clearances(self, outlines: np.ndarray, within_m: float) -> np.ndarray:
+    def clearances(self, outlines: np.ndarray, within_m: np.ndarray | float) -> np.ndarray:
         """Return (M,) distances of (M, K, 2) convex outlines from the nearest lane's edge, metres.
 
-        Negative where an outline is on a lane; `within_m` where every lane is farther than that.
+        Negative where an outline is on a lane. within_m: a number or (M,), the result where every
+        lane is farther than that.
         """
         centres = outlines.mean(axis=1)
         radii = np.linalg.norm(outlines - centres[:, None], axis=2).max(axis=1)
-        near = self._tree.query_ball_point(centres, radii + self.widest_m + within_m)
+        reach_m = np.maximum(radii + self.widest_m + within_m, 0.0)
+        near = self._tree.query_ball_point(centres, reach_m)
         counts = np.array([len(rows) for rows in near], np.int64)
-        result = np.full(len(outlines), within_m)
+        result = np.broadcast_to(np.asarray(within_m, np.float64), len(outlines)).copy()
         if counts.sum() == 0:
             return result
         rows = np.concatenate([np.asarray(r, np.int64) for r in near])

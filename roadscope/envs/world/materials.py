@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from enum import IntEnum
+from functools import cache
 from typing import NamedTuple
 
 import numpy as np
@@ -149,6 +150,7 @@ def first_of(family: str) -> int:
     return ROWS[f"{family}-0"]
 
 
+@cache
 def size_of(family: str) -> int:
     """Return how many materials a family has."""
     return sum(name.startswith(f"{family}-") for name in ROWS)

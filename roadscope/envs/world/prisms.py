@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -20,6 +21,13 @@ def rectangle(length_m: float, width_m: float, centre_x_m: float = 0.0) -> np.nd
     return np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) * half + (centre_x_m, 0.0)
 
 
+_ARC = np.array([[0.0, -1.0], [np.sqrt(0.5), -np.sqrt(0.5)], [1.0, 0.0]])
+_TURNED = _ARC[:, ::-1] * (-1, 1)
+_QUARTERS = np.stack([_ARC, _TURNED, -_ARC, -_TURNED])
+"""Three points on each quarter of the unit circle, from below the x axis on."""
+_SIDES = np.array([[1, -1], [1, 1], [-1, 1], [-1, -1]])
+
+
 def rounded(
     length_m: float, width_m: float, radius_m: float, centre_x_m: float = 0.0
 ) -> np.ndarray:
@@ -28,13 +36,8 @@ def rounded(
     Its extents are exactly length and width; the radius is cut to half the shorter side.
     """
     radius = min(radius_m, 0.499 * length_m, 0.499 * width_m)
-    arc = radius * np.array([[0.0, -1.0], [np.sqrt(0.5), -np.sqrt(0.5)], [1.0, 0.0]])
-    x, y = length_m / 2 - radius, width_m / 2 - radius
-    turned = arc[:, ::-1] * (-1, 1)
-    quarters = np.stack([arc, turned, -arc, -turned])
-    middles = np.array([[x, -y], [x, y], [-x, y], [-x, -y]])
-    middles += np.array([centre_x_m, 0.0])
-    corners: np.ndarray = (quarters + middles[:, None]).reshape(12, 2)
+    middles = _SIDES * (length_m / 2 - radius, width_m / 2 - radius) + (centre_x_m, 0.0)
+    corners: np.ndarray = (radius * _QUARTERS + middles[:, None]).reshape(12, 2)
     return corners
 
 
@@ -66,6 +69,21 @@ def padded(outlines: np.ndarray) -> np.ndarray:
 
 MAX_EDGES = 12
 """Most corners that a footprint may have."""
+
+
+class Slab(NamedTuple):
+    """One prism under construction, unchecked; fields as in `Prisms`.
+
+    outline: (K, 2) metres, convex, counter-clockwise, K up to 12.
+    """
+
+    outline: np.ndarray
+    bottom_m: float
+    top_m: float
+    owner: int = 0
+    extinction: float = 0.0
+    reflectivity: float = 0.5
+    material: int = 0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -144,20 +162,31 @@ class Prisms(Record):
         material: int = 0,
     ) -> Prisms:
         """Return one prism with a (K, 2) convex, counter-clockwise footprint, K up to 12."""
-        corners = len(footprint)
-        if not 3 <= corners <= MAX_EDGES:
-            raise ValueError(f"a footprint has 3 to {MAX_EDGES} corners, got {corners}")
-        padded = np.concatenate([footprint, np.repeat(footprint[-1:], MAX_EDGES - corners, axis=0)])
+        return Prisms.stacked(
+            [Slab(footprint, bottom_m, top_m, owner, extinction, reflectivity, material)]
+        )
+
+    @staticmethod
+    def stacked(slabs: Sequence[Slab]) -> Prisms:
+        """Return a prism for each slab."""
+        outlines, bottoms, tops, owners, extinctions, reflectivities, kinds = zip(
+            *slabs, strict=True
+        )
+        footprints = np.empty((len(slabs), MAX_EDGES, 2))
+        for footprint, outline in zip(footprints, outlines, strict=True):
+            if not 3 <= len(outline) <= MAX_EDGES:
+                raise ValueError(f"a footprint has 3 to {MAX_EDGES} corners, got {len(outline)}")
+            footprint[: len(outline)], footprint[len(outline) :] = outline, outline[-1]
         return Prisms(
-            padded[None],
-            np.array([corners]),
-            np.array([bottom_m]),
-            np.array([top_m]),
-            np.array([owner]),
-            np.array([extinction]),
-            np.array([reflectivity]),
-            np.array([material]),
-            np.zeros(1),
+            footprints,
+            np.array(list(map(len, outlines)), np.int32),
+            np.array(bottoms, np.float64),
+            np.array(tops, np.float64),
+            np.array(owners, np.int32),
+            np.array(extinctions, np.float64),
+            np.array(reflectivities, np.float32),
+            np.array(kinds, np.int16),
+            np.zeros(len(slabs)),
         )
 
     @staticmethod

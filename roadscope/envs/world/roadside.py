@@ -438,17 +438,18 @@ class Scenery:
         # Seeds take no negative numbers: fold both halves of the plane into one.
         place = [2 * t if t >= 0 else -2 * t - 1 for t in map(int, self._borders.tiles[rank])]
         streams = np.random.SeedSequence([SALT, self._seed, *place]).spawn(len(KINDS))
-        things = []
+        things, clearances_m = [], [np.empty(0)]
         for number, (name, kind) in enumerate(KINDS.items()):
             if getattr(self._style, name) == 0.0:
                 continue
             grown = kind(sites, self._style, np.random.default_rng(streams[number]))
             grown = grown.select(grown.owners < MOST_THINGS)
-            if name not in OVERHEAD:
-                grown = grown.select(off_lanes(grown, self._borders.lanes, _clearance_m(name)))
             first = (rank * MOST_KINDS + number) * MOST_THINGS
             things.append(grown._replace(owners=-2 - first - grown.owners))
-        return Prisms(*join(things))
+            clearances_m.append(np.full(len(grown.owners), _clearance_m(name)))
+        joined = join(things)
+        clear = off_lanes(joined, self._borders.lanes, np.concatenate(clearances_m))
+        return Prisms(*joined.select(clear))
 
 
 def grow(road: RoadMap, path: np.ndarray, style: str, rng: np.random.Generator) -> Prisms:
@@ -467,14 +468,21 @@ def kinds_of(owners: np.ndarray) -> np.ndarray:
 
 
 def off_lanes(
-    things: ThingPrisms | Prisms, lanes: LaneDistances, clearance_m: float = CLEARANCE_M
+    things: ThingPrisms | Prisms,
+    lanes: LaneDistances,
+    clearances_m: np.ndarray | float = CLEARANCE_M,
 ) -> np.ndarray:
-    """Return (M,) whether a prism belongs to a thing that keeps its clearance from all lanes."""
-    near = lanes.clearances(things.footprints, clearance_m) < clearance_m
+    """Return (M,) whether a prism belongs to a thing that keeps its clearance from all lanes.
+
+    clearances_m: a number for all prisms or an (M,) array; -inf for those that may be anywhere.
+    """
+    near = lanes.clearances(things.footprints, clearances_m) < clearances_m
     return ~np.isin(things.owners, things.owners[near])
 
 
 def _clearance_m(kind: str) -> float:
+    if kind in OVERHEAD:
+        return -np.inf
     return BUILDING_CLEARANCE_M if kind == "buildings" else CLEARANCE_M
 
 

@@ -101,13 +101,14 @@ def build_world(timeline: Timeline, seed: int, style: str | None = None) -> Worl
 
 def actor_bodies(timeline: Timeline, seed: int) -> Prisms:
     """Return a body for each actor; a body depends on seed, id, category and size alone."""
-    bodies = []
-    for row, (actor, category, size) in enumerate(
-        zip(timeline.ids, timeline.categories, timeline.sizes, strict=True)
-    ):
-        body = _body(int(seed), int(actor), int(category), tuple(map(float, size)))
-        bodies.append(with_owners(body, np.full(len(body), row)))
-    return Prisms.join(bodies)
+    bodies = [
+        _body(int(seed), int(actor), int(category), tuple(map(float, size)))
+        for actor, category, size in zip(
+            timeline.ids, timeline.categories, timeline.sizes, strict=True
+        )
+    ]
+    rows = np.repeat(np.arange(len(bodies)), list(map(len, bodies)))
+    return with_owners(Prisms.join(bodies), rows)
 
 
 @lru_cache(maxsize=4096)
