@@ -164,13 +164,12 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser = argparse.ArgumentParser("python -m research.traffic_twin", description=__doc__)
     parser.add_argument("--seeds", type=int, default=SEEDS, help="recordings of each scenario")
     parser.add_argument("--duration", type=float, default=DURATION_S, help="of each, seconds")
-    parser.add_argument("--scenarios", nargs="*", default=None, help="names; all without")
+    parser.add_argument("--scenarios", nargs="*", choices=TWINS, default=TWINS, help="their names")
     parser.add_argument("--vehicles", type=int, nargs="*", default=VEHICLES, help="on motorways")
     options = parser.parse_args(arguments)
     console = Console()
-    names = TWINS if options.scenarios is None else options.scenarios
     table = Table("scenario", "recordings", "equal to the bit", "same decisions", "m", "ratio")
-    for name in names:
+    for name in options.scenarios:
         row = compare(name, range(options.seeds), options.duration)
         table.add_row(row.name, *map(str, row[1:4]), f"{row.largest_m:.1e}", f"{row.ratio:.0f}")
     console.print(table)

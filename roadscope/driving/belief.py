@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+from collections.abc import Mapping
 from functools import cache
 from typing import Any
 
@@ -24,15 +25,16 @@ class BelievedObservation:
     fixed obstacles are those of the environment.
 
     env: an unwrapped environment, after a reset. seed: of the order in which `order="shuffled"`
-    lists vehicles.
+    lists vehicles. config: settings of the observation; None for those of the environment.
     """
 
-    def __init__(self, env: Any, seed: int) -> None:
+    def __init__(self, env: Any, seed: int, config: Mapping[str, Any] | None = None) -> None:
         from highway_env.envs.common.observation import observation_factory
 
-        check_observation(env)
+        settings = dict(env.config["observation"] if config is None else config)
+        check_observation(settings)
         self._believed = _BelievedEnv(env, np.random.default_rng(seed))
-        self._type = observation_factory(self._believed, env.config["observation"])
+        self._type = observation_factory(self._believed, settings)
 
     def observe(self, tracks: Tracks) -> np.ndarray:
         """Return the observation; tracks: frame `world`, at the environment's instant."""
@@ -41,9 +43,9 @@ class BelievedObservation:
         return observation
 
 
-def check_observation(env: Any) -> None:
-    """Raise `ForeignEnvError` if an environment's observation cannot be made of tracks."""
-    kind = env.config["observation"]["type"]
+def check_observation(config: Mapping[str, Any]) -> None:
+    """Raise `ForeignEnvError` if an observation of highway-env cannot be made of tracks."""
+    kind = config["type"]
     if kind not in OBSERVATIONS:
         raise ForeignEnvError(
             f"an observation of type '{kind}' cannot be made of tracks; possible: "

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import nullcontext
 from dataclasses import replace
 from typing import Any, SupportsFloat
 
@@ -13,7 +14,7 @@ from gymnasium.utils import RecordConstructorArgs
 from roadscope.core import Tracks
 from roadscope.driving.belief import BelievedObservation, check_observation
 from roadscope.driving.perception import BLIND, TRUTH, Perception
-from roadscope.envs.gym.highway import ScenarioEnv
+from roadscope.envs.gym.highway import ScenarioEnv, observe_nothing
 from roadscope.envs.gym.observer import rig_of
 from roadscope.envs.gym.sensor_wrapper import SensorWrapper
 from roadscope.envs.gym.vector import PooledVectorEnv, pooled
@@ -21,7 +22,12 @@ from roadscope.envs.imaging.light import Light
 from roadscope.envs.sensors.faults import Faults
 from roadscope.envs.sensors.rig import Rig
 from roadscope.envs.sensors.weathers import Weather
-from roadscope.envs.traffic.conversion import refuse_multi_agent
+from roadscope.envs.traffic.conversion import (
+    Constants,
+    original_constants,
+    own_constants,
+    refuse_multi_agent,
+)
 
 
 class PerceptionWrapper(gym.Wrapper[np.ndarray, Any, Any, Any], RecordConstructorArgs):
@@ -66,8 +72,9 @@ class PerceptionWrapper(gym.Wrapper[np.ndarray, Any, Any, Any], RecordConstructo
         RecordConstructorArgs.__init__(self, perception=perception, rig=rig, **sensing)
         self._stack: Perception | None = None
         refuse_multi_agent(env)
+        self._observation: dict[str, Any] = env.unwrapped.config["observation"]  # type: ignore[attr-defined]
         if perception != TRUTH:
-            check_observation(env.unwrapped)
+            check_observation(self._observation)
         if perception in (TRUTH, BLIND):
             gym.Wrapper.__init__(self, env)
         else:
@@ -77,6 +84,7 @@ class PerceptionWrapper(gym.Wrapper[np.ndarray, Any, Any, Any], RecordConstructo
         self.observation_space = env.observation_space
         self._perception = perception
         self._belief: BelievedObservation | None = None
+        self._constants: Constants = {}
         self._steps = 0
 
     @property
@@ -92,9 +100,11 @@ class PerceptionWrapper(gym.Wrapper[np.ndarray, Any, Any, Any], RecordConstructo
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[np.ndarray, dict[str, Any]]:
         """Begin an episode."""
-        observation, info = self.env.reset(seed=seed, options=options)
+        # `SensorWrapper` keeps the constants of drivers too, if there is one.
+        with original_constants(self._constants) if self._stack is None else nullcontext():
+            observation, info = self.env.reset(seed=seed, options=options)
         if self._perception != TRUTH:
-            self._belief = BelievedObservation(self.env.unwrapped, seed or 0)
+            self._belief = BelievedObservation(self.env.unwrapped, seed or 0, self._observation)
         if self._stack is not None:
             self._stack.reset()
         self._steps = 0
@@ -102,7 +112,8 @@ class PerceptionWrapper(gym.Wrapper[np.ndarray, Any, Any, Any], RecordConstructo
 
     def step(self, action: Any) -> tuple[np.ndarray, SupportsFloat, bool, bool, dict[str, Any]]:
         """Drive for one step; sense, detect and track meanwhile."""
-        observation, reward, terminated, truncated, info = self.env.step(action)
+        with own_constants(self._constants) if self._stack is None else nullcontext():
+            observation, reward, terminated, truncated, info = self.env.step(action)
         self._steps += 1
         if self._stack is not None:
             self._stack.update(info["frames"], info["truths"], info["time_s"])
@@ -149,7 +160,10 @@ class PerceivedEnv(ScenarioEnv):
             return super()._with_sensors(traffic, rig, **sensing)
         for name in WITHOUT_EFFECT:
             del sensing[name]
-        return PerceptionWrapper(traffic, self._perception, rig, **sensing)
+        perceived = PerceptionWrapper(traffic, self._perception, rig, **sensing)
+        if self._perception != TRUTH:
+            observe_nothing(traffic)
+        return perceived
 
 
 def _check_settings(settings: dict[str, Any]) -> None:

@@ -64,6 +64,20 @@ def off_nearest(row: np.ndarray, others: np.ndarray) -> tuple[float, float]:
     return float(np.hypot(*nearest[:2])), float(np.hypot(*nearest[2:]))
 
 
+@pytest.mark.parametrize("perception", ["truth", STACK])
+def test_an_intersection_does_not_change_the_traffic_of_other_environments(perception: str) -> None:
+    def drive() -> list[np.ndarray]:
+        env = PerceptionWrapper(highway(), perception)
+        env.reset(seed=3)
+        return [env.step(1)[0] for _ in range(3)]
+
+    before = drive()
+    crossing = gym.make("roadscope:roadscope/Intersection-v0", perception=perception)
+    crossing.reset(seed=0)
+    crossing.step(1)
+    np.testing.assert_array_equal(drive(), before)
+
+
 @pytest.mark.parametrize("kind", KINDS)
 def test_truth_is_the_own_observation_to_the_bit(kind: str) -> None:
     plain, wrapped = highway(kind), PerceptionWrapper(highway(kind), "truth")

@@ -9,7 +9,6 @@ from typing import Any
 
 import gymnasium as gym
 import numpy as np
-from gymnasium import spaces
 from gymnasium.envs.registration import load_env_creator
 from highway_env.envs.highway_env import HighwayEnv
 
@@ -119,8 +118,10 @@ class ScenarioEnv(gym.Env[Observation, Any]):
                 raise ValueError("step_s: only with ego='idm'; set config['policy_frequency']")
             task = TASKS[scenario]
             self._limit_s = task.limit_s if duration_s is None else duration_s
-            settings = {} if vehicles is None else {"vehicles_count": vehicles}
-            traffic = _traffic(task, {**settings, **(config or {})}, render_mode)
+            settings = dict(config or {})
+            if vehicles is not None and settings.setdefault("vehicles_count", vehicles) != vehicles:
+                raise ValueError("vehicles and config['vehicles_count'] differ: leave one out")
+            traffic = _traffic(task, settings, render_mode)
             inner: gym.Env[Observation, Any] = self._with_sensors(traffic, rig, **sensing)
         else:
             if config is not None:
@@ -144,8 +145,7 @@ class ScenarioEnv(gym.Env[Observation, Any]):
         self, traffic: gym.Env[Any, Any], rig: str | Rig, **sensing: Any
     ) -> gym.Env[Observation, Any]:
         """Return the traffic that an agent drives in, with sensors."""
-        if isinstance(traffic, MotorwayEnv):
-            traffic.observes = False
+        observe_nothing(traffic)
         return SensorWrapper(traffic, rig, **sensing)
 
     def reset(
@@ -215,34 +215,20 @@ def _traffic(task: Task, config: Mapping[str, Any], render_mode: str | None) -> 
     return traffic
 
 
+def observe_nothing(traffic: gym.Env[Any, Any]) -> None:
+    """Let an environment of highway-env make empty observations from its next reset on."""
+    config: dict[str, Any] = traffic.unwrapped.config  # type: ignore[attr-defined]
+    config["observation"] = {"type": "AttributesObservation", "attributes": []}
+
+
 class MotorwayEnv(HighwayEnv):  # type: ignore[misc]
     """`HighwayEnv` with its actions, rewards and traffic, stepped by kernels.
 
     With other drivers than highway-env's `IDMVehicle`, and with connected lanes or trajectories to
     show, its objects are stepped instead.
-
-    observes: whether observations are made from the next reset on; otherwise they are empty.
     """
-
-    observes = True
-
-    def define_spaces(self) -> None:
-        """Set the spaces, and what makes observations."""
-        super().define_spaces()
-        if not self.observes:
-            self.observation_type = _Nothing()
 
     def _reset(self) -> None:
         super()._reset()
         if not self.config["neighbour_vehicles_connected_lanes"]:
             AgentRoad.adopt(self.road, self.vehicle)
-
-
-class _Nothing:
-    """An observation of highway-env without content."""
-
-    def space(self) -> spaces.Box:
-        return spaces.Box(0.0, 1.0, (0,), np.float32)
-
-    def observe(self) -> np.ndarray[Any, np.dtype[np.float32]]:
-        return np.empty(0, np.float32)

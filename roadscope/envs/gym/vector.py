@@ -26,6 +26,8 @@ from gymnasium.vector.utils import (
     write_to_shared_memory,
 )
 
+from roadscope.envs.gym.observer import checked_seed
+
 ENDING_S = 5.0
 """A process that does not end within this time after it was asked to is killed. Chosen by hand."""
 
@@ -62,7 +64,8 @@ class PooledVectorEnv(gym.vector.VectorEnv[Any, Any, Any]):
     `RuntimeError` is raised, and all are closed.
 
     Threads gained little with a LiDAR alone: most of such a step is Python, which holds the
-    interpreter's lock.
+    interpreter's lock. With `records=True` frames are pickled and sent, which takes longer than
+    the work that is shared.
     """
 
     metadata = {"autoreset_mode": AutoresetMode.NEXT_STEP}  # noqa: RUF012
@@ -126,14 +129,13 @@ class PooledVectorEnv(gym.vector.VectorEnv[Any, Any, Any]):
         chosen = np.asarray(options.pop("reset_mask", np.ones(self.num_envs, bool)))
         if chosen.shape != (self.num_envs,) or chosen.dtype != bool or not chosen.any():
             raise ValueError(f"reset_mask: expected {self.num_envs} bool, one of them True")
-        if seed is None or isinstance(seed, int | np.integer):
-            seeds: list[int | None] = [
-                None if seed is None else int(seed) + row for row in range(self.num_envs)
-            ]
-        else:
-            seeds = list(seed)
+        if isinstance(seed, Sequence | np.ndarray):
+            seeds = [checked_seed(each) for each in seed]
             if len(seeds) != self.num_envs:
                 raise ValueError(f"seed: expected {self.num_envs} seeds, got {len(seeds)}")
+        else:
+            first = checked_seed(seed)
+            seeds = [None if first is None else first + row for row in range(self.num_envs)]
         infos = self._ask(
             "reset", {row: (seeds[row], options or None) for row in np.flatnonzero(chosen).tolist()}
         )

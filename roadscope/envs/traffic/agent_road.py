@@ -41,7 +41,7 @@ class AgentRoad(Road):  # type: ignore[misc]
 
     @property
     def vehicles(self) -> list[Any]:
-        """All vehicles as objects. Only changes of the agent's action or targets have an effect."""
+        """All vehicles as objects. Changes of others than the agent's have no effect."""
         if self._is_outdated:
             self._is_outdated = False
             for vehicle, car in zip(self._vehicles, self.cars, strict=True):
@@ -68,6 +68,7 @@ class AgentRoad(Road):  # type: ignore[misc]
     def step(self, dt: float) -> None:
         """Let all drivers decide, move them, and record them."""
         car, agent = self.cars[self._slot], self._agent
+        _describe_state(car, agent)
         if isinstance(agent, ControlledVehicle):
             car["target"] = self._lanes[agent.target_lane_index]
             car["target_speed"] = agent.target_speed
@@ -86,7 +87,7 @@ class AgentRoad(Road):  # type: ignore[misc]
         roads = Roads(self.network)
         self._lanes, self._names = roads.lane_numbers, list(roads.lane_numbers)
         self._lane_array = roads.arrays.lanes
-        # Drivers of highway-env know no limit of curvature; these lanes have none.
+        # highway-env's drivers do not slow down for curves; these lanes are straight.
         self._model = IdmModel(*(float(getattr(IDMVehicle, name)) for name in IdmModel._fields))
         self.cars = np.zeros(len(self._vehicles), CAR)
         for vehicle, car in zip(self._vehicles, self.cars, strict=True):
@@ -110,7 +111,7 @@ class AgentRoad(Road):  # type: ignore[misc]
 
 
 def _is_simple(road: Any, agent: Any) -> bool:
-    """Return whether all lanes are straight and of one road, and all others IDM drivers."""
+    """Return whether all lanes are straight and of one road, and IDM drives all but the agent."""
     lanes = road.network.lanes_dict()
     return (
         type(road) is Road
@@ -131,11 +132,10 @@ def _describe(car: Any, vehicle: Any, lanes: dict[Any, int]) -> None:
     lanes: numbers of lanes by highway-env's index.
     """
     car["kind"] = _KINDS[type(vehicle)]
-    car["x"], car["y"] = vehicle.position
-    for name in ("heading", "speed", "diagonal", "crashed"):
-        car[name] = getattr(vehicle, name)
-    car["length"], car["width"] = vehicle.LENGTH, vehicle.WIDTH
+    car["diagonal"], car["length"], car["width"] = vehicle.diagonal, vehicle.LENGTH, vehicle.WIDTH
     car["cos"], car["sin"] = np.cos(vehicle.heading), np.sin(vehicle.heading)
+    car["heading"] = vehicle.heading
+    _describe_state(car, vehicle)
     car["steering"] = vehicle.action["steering"]
     car["acceleration"] = vehicle.action["acceleration"]
     car["impact_x"], car["impact_y"] = (
@@ -147,3 +147,13 @@ def _describe(car: Any, vehicle: Any, lanes: dict[Any, int]) -> None:
     if isinstance(vehicle, IDMVehicle):
         car["lane_changes"], car["timer"] = vehicle.enable_lane_change, vehicle.timer
         car["exponent"] = vehicle.DELTA
+
+
+def _describe_state(car: Any, vehicle: Any) -> None:
+    """Write what may change from step to step; `ContinuousAction` sets the limits of the speed."""
+    car["x"], car["y"] = vehicle.position
+    car["speed"], car["crashed"] = vehicle.speed, vehicle.crashed
+    car["slowest"], car["fastest"] = vehicle.MIN_SPEED, vehicle.MAX_SPEED
+    if car["heading"] != vehicle.heading:
+        car["heading"] = vehicle.heading
+        car["cos"], car["sin"] = np.cos(vehicle.heading), np.sin(vehicle.heading)

@@ -1,7 +1,7 @@
 """highway-env's own drivers on parallel straight lanes, for kernels.
 
 The formulas are those of its `IDMVehicle`, `ControlledVehicle` and `Vehicle`; gaps are between
-centres, and everybody is 5 m long.
+centres; all vehicles are 5 m long.
 """
 
 from __future__ import annotations
@@ -12,19 +12,16 @@ from typing import NamedTuple, Protocol
 import numpy as np
 
 from roadscope.core.jit import compiled
+from roadscope.envs.traffic.driving import STEERING_LIMIT_RAD
 from roadscope.envs.traffic.lane_geometry import wrapped
 from roadscope.envs.traffic.motion import collide
 from roadscope.envs.traffic.roads import LaneRecord, record_type
 
 IDM, CONTROLLED, STEERED = 0, 4, 5
 """Who drives: the IDM, an agent that chooses lane and speed, or one that steers. They differ from
-the numbers of people and obstacles in `road_users`."""
-STEERING_LIMIT_RAD = pi / 3
-"""Largest angle of the wheels: that of highway-env."""
+`WALKER` and `OBSTACLE`, because `motion.collide` reads records of both modules."""
 TAU_LATERAL_S, TAU_HEADING_S, TAU_SPEED_S = 0.6, 0.2, 0.6
 """Time constants of highway-env's controllers."""
-FASTEST_M_S = 40.0
-"""Largest speed of a vehicle, forwards and backwards: that of highway-env."""
 REACH_M, SIDE_M = 5.0, 1.0
 """A vehicle is on a lane if its centre is at most this far beyond the ends and the sides."""
 
@@ -33,6 +30,7 @@ class Car(Protocol):
     """A record of a vehicle in highway-env's frame; metres, radians, seconds.
 
     kind: `IDM`, `CONTROLLED` or `STEERED`. lane, target: numbers of lanes. target_speed: m/s.
+    slowest, fastest: limits of the speed, m/s; the slowest may be below 0.
     exponent: of the free road in IDM. timer: time since the driver last considered a lane change.
     The others are as in `road_users.RoadBody`.
     """
@@ -56,6 +54,8 @@ class Car(Protocol):
     target: int
     lane_changes: bool
     target_speed: float
+    slowest: float
+    fastest: float
     exponent: float
     timer: float
 
@@ -289,10 +289,10 @@ def _move(car: Car, lanes: np.ndarray, dt: float) -> None:
     car.timer += dt
     if car.crashed:
         car.steering, car.acceleration = 0.0, -car.speed
-    if car.speed > FASTEST_M_S:
-        car.acceleration = min(car.acceleration, FASTEST_M_S - car.speed)
-    elif car.speed < -FASTEST_M_S:
-        car.acceleration = max(car.acceleration, -FASTEST_M_S - car.speed)
+    if car.speed > car.fastest:
+        car.acceleration = min(car.acceleration, car.fastest - car.speed)
+    elif car.speed < car.slowest:
+        car.acceleration = max(car.acceleration, car.slowest - car.speed)
     slip = atan(tan(car.steering) / 2)
     course = car.heading + slip
     car.x += car.speed * cos(course) * dt

@@ -361,8 +361,8 @@ def _sine_of_slip(
 ) -> float:
     """Return the sine of the slip angle that leads to the centre line of the target lane.
 
-    Curvature of the lane ahead plus feedback of offset and course error; the product of curvature
-    and squared speed stays within `LATERAL_LIMIT_M_S2`.
+    It follows the curvature of the lane ahead and corrects the errors of offset and course. The
+    product of curvature and squared speed stays within `LATERAL_LIMIT_M_S2`.
     """
     heading = plan.heading_here + slope_angles[0]
     course_error = wrapped(body.heading + body.slip - heading)

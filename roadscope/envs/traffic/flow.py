@@ -178,7 +178,7 @@ class Flow:
         return flow
 
     def bodies_changed(self) -> None:
-        """Take note that a caller has changed headings or places of bodies."""
+        """Say that headings or places of bodies were changed from outside."""
         self._angles = None
 
     def decide(self, dt: float) -> np.ndarray:

@@ -151,7 +151,7 @@ def _find_near(
     """
     slot, count = order[rank], 0
     body = bodies[slot]
-    reach = (body.diagonal + longest) / 2 + FASTEST_M_S * dt
+    reach = (body.diagonal + longest) / 2 + max(body.speed, 0.0) * dt
     for side in (-1, 1):
         k = rank + side
         while 0 <= k < len(order) and abs(bodies[order[k]].x - body.x) <= reach:

@@ -182,9 +182,9 @@ def find_leader(traffic: Traffic, occupants: Occupants, slot: int, lane: int) ->
 def _nearest_on(
     traffic: Traffic, occupants: Occupants, slot: int, lane: int, start: float
 ) -> tuple[int, float, float]:
-    """Return the slot of the nearest body ahead on a lane, -1 for none, and two of its coordinates.
+    """Return the slot of the nearest body ahead on a lane, -1 for none, and two coordinates.
 
-    They are those along the lane of its rearmost point on the lane and of its centre.
+    They are the coordinates along the lane of its rearmost point there and of its centre.
     start: distance from the driver's centre to the start of the lane, metres. Of two equally near
     bodies the one with the lower slot counts.
     """

@@ -102,7 +102,7 @@ class TrafficRecorder:
         self._actors: list[_Actor] = []
         self._road: Any = None
         self._map: RoadMap | None = None
-        # When the latest steps of equal length began, that length, and their number.
+        # Of the latest run of equal steps: its start, the length of a step, and their number.
         self._equal_steps: tuple[float, float, int] = (0.0, 0.0, 0)
 
     def attach(self, env: Any) -> None:

@@ -80,17 +80,6 @@ def test_a_black_image_brings_a_warning_where_detect_is_called() -> None:
         assert told[0].filename == __file__
 
 
-@pytest.mark.parametrize(("flags", "faster"), [("avx2", "float32"), ("avx512_bf16", "bfloat16")])
-def test_bfloat16_is_faster_where_the_processor_has_it(
-    flags: str, faster: str, tmp_path: Path
-) -> None:
-    processor = tmp_path / "cpuinfo"
-    assert fastest("cpu", processor) == "float32"
-    processor.write_text(f"model name: toy\nflags: sse {flags}\n")
-    assert fastest("cpu", processor) == faster
-    assert fastest("cuda:0", processor) == "bfloat16"
-
-
 def test_the_faster_precision_is_taken_where_asked_for() -> None:
     assert CameraDetector(precision="auto").precision == fastest("cpu")
     assert CameraDetector(precision="auto", device="cuda").precision == "bfloat16"

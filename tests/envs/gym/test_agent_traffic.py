@@ -52,6 +52,30 @@ def test_states_rewards_and_decisions_are_those_of_objects(config, steps, seed):
         assert decisions(ours) == decisions(theirs)
 
 
+@pytest.mark.parametrize("speed_range", [(15.0, 20.0), (0.0, 60.0)])
+def test_the_agent_has_the_limits_of_speed_of_its_actions(speed_range):
+    action = {"type": "ContinuousAction", "speed_range": list(speed_range)}
+    config = {**QUICK, "vehicles_count": 0, "action": action}
+    ours, theirs = MotorwayEnv(config=config), HighwayEnv(config=config)
+    for env in (ours, theirs):
+        env.reset(seed=0)
+        for _ in range(16):
+            env.step(np.array([1.0, 0.0], np.float32))
+    assert theirs.vehicle.speed > 55.0 or theirs.vehicle.speed == pytest.approx(20.0, abs=0.01)
+    np.testing.assert_allclose(states(ours), states(theirs), atol=1e-9, rtol=0)
+
+
+def test_a_state_that_is_set_from_outside_has_an_effect():
+    ours, theirs = MotorwayEnv(config=QUICK), HighwayEnv(config=QUICK)
+    for env in (ours, theirs):
+        env.reset(seed=1)
+        env.step(1)
+        env.vehicle.speed, env.vehicle.heading = 5.0, 0.1
+        env.vehicle.position = env.vehicle.position + np.array([3.0, 0.5])
+        env.step(1)
+    np.testing.assert_allclose(states(ours), states(theirs), atol=1e-9, rtol=0)
+
+
 def test_a_copy_drives_on_as_the_original():
     env = MotorwayEnv(config=QUICK)
     env.reset(seed=5)
@@ -87,6 +111,7 @@ def test_the_number_of_vehicles_can_be_chosen():
     [
         {"name": "merge", "vehicles": 10},
         {"name": "motorway", "vehicles": 10, "ego": "idm"},
+        {"name": "motorway", "vehicles": 10, "config": {"vehicles_count": 3}},
         {"name": "motorway", "vehicles": -1},
         {"name": "motorway", "vehicles": 2.5},
     ],
