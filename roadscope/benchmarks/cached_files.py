@@ -11,7 +11,7 @@ from roadscope.benchmarks.cache import cache_folder
 from roadscope.core.names import unknown
 
 RESULTS = "results"
-"""The kind of the results database, which `clear_cache` removes only if it is told to."""
+"""The kind of the results database, which `clear_cache` removes only if the caller asks for it."""
 
 
 @dataclass(frozen=True, slots=True)

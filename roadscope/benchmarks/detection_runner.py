@@ -533,8 +533,8 @@ def _cameras(
     names: of the scans or images, each of which may have a calibration of its own.
     places: where it is looked for.
     """
-    found = (KittiCameras.find(place) for place in places)
-    cameras = KittiCameras(named) if named else next(filter(None, found), None)
+    calibrations = (KittiCameras.find(place) for place in places)
+    cameras = KittiCameras(named) if named else next(filter(None, calibrations), None)
     if cameras is None:
         return None, []
     try:

@@ -323,7 +323,7 @@ class TrueSequence(NamedTuple):
 
 
 def _true_sequence(manifest: Manifest, sequence: ExportedSequence, exported: Path) -> TrueSequence:
-    """Make the truth of a sequence again; `SubmitError` if it is not that of the export."""
+    """Compute the truth of a sequence again. Raise `SubmitError` if it differs from the export."""
     from roadscope.envs.sensors.rigs import rig as rig_of
 
     if not sequence.digest:

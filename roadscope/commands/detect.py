@@ -143,7 +143,7 @@ def _about(job: DetectionJob) -> dict[str, Any]:
 
 
 def _report_missing(job: DetectionJob, frames: Sequence[DetectedFrame], out: Path) -> None:
-    """Print how many frames have results if some have none, or only those of the LiDAR."""
+    """Print how many frames have results, if some have none or only results of the LiDAR."""
     unfused = sum(not frame.fused for frame in frames)
     if unfused or 0 < len(frames) < len(job):
         alone = f", of the LiDAR alone in {unfused} of them" if unfused else ""

@@ -83,7 +83,7 @@ def without_imu(subject: Subject) -> str:
 
 
 def empty_scans(subject: Subject) -> str:
-    """Run it over scans of which some, also the first, have no returns."""
+    """Run it over scans; some of them have no returns, the first one included."""
     scans = [
         step if number % EVERY_EMPTY else replace(step, scan=select(step.scan, slice(0, 0)))
         for number, step in enumerate(steps()[: FEW + 2])

@@ -70,7 +70,7 @@ class Observations(ArrayTable):
 
     @property
     def anchors(self) -> np.ndarray:
-        """(N, 2) the oldest position remembered; if all are forgotten, that of the last box."""
+        """(N, 2) the oldest stored position; without one, the position of the last box."""
         known = ~np.isnan(self.positions[..., 0])
         oldest = self.positions[np.arange(len(known)), known.argmax(axis=1)]
         anchors: np.ndarray = np.where(known.any(axis=1)[:, None], oldest, self.boxes[:, :2])

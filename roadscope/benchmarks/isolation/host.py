@@ -431,10 +431,10 @@ class _Supervisor:
     """By the number of the process that started it: a forked process needs its own."""
     _lock = threading.Lock()
 
-    def __init__(self, before: Sequence[str] = ()) -> None:
-        """Start it. before: words before its command, such as those of a sandbox."""
+    def __init__(self, prefix: Sequence[str] = ()) -> None:
+        """Start the process. prefix: words in front of its command, such as the sandbox's."""
         self._control, supervisor_end = socket.socketpair()
-        words = [*before, sys.executable, "-c", RUN, str(supervisor_end.fileno())]
+        words = [*prefix, sys.executable, "-c", RUN, str(supervisor_end.fileno())]
         self._mark = secrets.token_hex(16)
         names = [name for name in ENVIRONMENT.split() if name in os.environ]
         environment = {name: os.environ[name] for name in names}

@@ -162,10 +162,10 @@ def times_to_collision(drive: ScoredDrive) -> np.ndarray:
             with np.errstate(divide="ignore", invalid="ignore"):
                 one, other = (-reach - gap) / rate, (reach - gap) / rate
             still = abs(rate) < 1e-9
-            apart = still & (abs(gap) > reach)
+            is_separate = still & (abs(gap) > reach)
             start = np.maximum(start, np.where(still, -np.inf, np.minimum(one, other)))
             end = np.minimum(end, np.where(still, np.inf, np.maximum(one, other)))
-            end = np.where(apart, -np.inf, end)
+            end = np.where(is_separate, -np.inf, end)
     with np.errstate(invalid="ignore"):
         meets = (start <= end) & (end >= 0.0) & (np.hypot(*offsets.T).T <= WITHIN_M)
     times_s = np.where(meets, np.maximum(start, 0.0), LONGEST_S)

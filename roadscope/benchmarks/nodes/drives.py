@@ -291,7 +291,7 @@ class _StackCalls:
         return _CalledPlugin(self, handle, resolved, KINDS[registry.kind])
 
     def call(self, handle: PluginHandle, method: str, *arguments: Any) -> Any:
-        """Call a method, and add its time to those of the stack."""
+        """Call a method and add its time to the times of the stack."""
         timed = handle.call(method, *arguments)
         self._processor_ms += timed.processor_ms
         self._wall_ms += timed.wall_ms

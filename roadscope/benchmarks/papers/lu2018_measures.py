@@ -242,7 +242,7 @@ def clutter_associations(histories: TargetHistories) -> float:
 
 
 def identity_changes(histories: TargetHistories) -> float:
-    """Count how often a target's track was another than the one it had last."""
+    """Count how often a target gets a track with another id than its last one."""
     tracks = (ids[ids != NO_TRACK] for ids in histories.ids)
     return float(sum(int((np.diff(ids) != 0).sum()) for ids in tracks))
 

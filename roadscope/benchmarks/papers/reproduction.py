@@ -124,16 +124,16 @@ def summarise(
 
     values: NaN for a seed that has none.
     """
-    kept = tuple(float(value) if np.isfinite(value) else None for value in values)
-    finite = [value for value in kept if value is not None]
+    seed_values = tuple(float(value) if np.isfinite(value) else None for value in values)
+    finite = [value for value in seed_values if value is not None]
     if not finite:
-        return ReproductionRow(*key, unit, paper, None, None, None, 0, kept)
+        return ReproductionRow(*key, unit, paper, None, None, None, 0, seed_values)
     low = high = None
     if interval := student_interval(finite):
         low = max(interval[0], LOWER_BOUND.get(unit, 0.0))
         high = min(interval[1], UPPER_BOUND.get(unit, np.inf))
     mean = float(np.mean(finite))
-    return ReproductionRow(*key, unit, paper, mean, low, high, len(finite), kept)
+    return ReproductionRow(*key, unit, paper, mean, low, high, len(finite), seed_values)
 
 
 # --------------------------------------------------------------------------------------------------

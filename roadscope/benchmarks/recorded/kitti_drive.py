@@ -147,9 +147,9 @@ def _all_image_rows(drive: KittiDrive, every_s: float) -> list[int]:
 
 @pictures.register
 def _pictures(drive: KittiDrive, rows: Sequence[int], *, pixels: bool = True) -> Iterator[Picture]:
-    nobody = ParkedBoxes(np.empty((0, 4)), np.empty(0))
+    no_parked_cars = ParkedBoxes(np.empty((0, 4)), np.empty(0))
     for row, (frame, truth) in enumerate(drive.images(pixels=pixels)):
-        yield Picture(row, frame, truth, nobody)
+        yield Picture(row, frame, truth, no_parked_cars)
 
 
 @dataclass(frozen=True, slots=True)

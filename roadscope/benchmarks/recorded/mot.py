@@ -141,10 +141,10 @@ class MotRecording(Recording):
         sequence, plane = image_sequence(self)
         detections = tuple(plane.boxes_on_plane(frame) for frame in sequence.detections)
         ids, velocities = np.empty(0, np.int64), np.empty((0, 2))
-        nobody = [Detections.empty(frame.stamp_s, "world") for frame in detections]
+        empty_detections = [Detections.empty(frame.stamp_s, "world") for frame in detections]
         truths = [
             truth_of_labels(ids, boxes, velocities, Pose.identity(), stamp_s=boxes.stamp_s)
-            for boxes in nobody
+            for boxes in empty_detections
         ]
         return EpisodeDetections.recorded(detections, truths)
 

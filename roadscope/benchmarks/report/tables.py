@@ -210,14 +210,14 @@ def prediction_headings(name: str) -> list[str]:
 
 def prediction_note(results: Results, name: str) -> str:
     """Return what the rows of `prediction_rows` mean; empty if there are none."""
-    found = predictions(results.jobs, name)
-    if not found:
+    predicted = predictions(results.jobs, name)
+    if not predicted:
         return ""
     inputs = f"{board_named(name).inputs_name}s"
     return (
         f"Does a metric of {inputs} predict how well entries do? Spearman's rank correlation over "
-        f"{max(each.inputs for each in found)} {inputs}: 1 if what is better in one is also better "
-        f"in the other, also where less is better. 95 % intervals: over {inputs}, for other "
+        f"{max(each.inputs for each in predicted)} {inputs}: 1 if what is better in one is also "
+        f"better in the other, also where less is better. 95 % intervals: over {inputs}, for other "
         f"{inputs} of the kind (Bonett and Wright); over seeds, for these {inputs} on other seeds."
     )
 

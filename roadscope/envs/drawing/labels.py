@@ -37,8 +37,8 @@ class LabelPlacer:
         free = (lows >= 0).all(axis=1) & (highs <= (self.canvas.width, self.canvas.height)).all(1)
         if self.reserved:
             others = np.array(self.reserved)
-            apart = (lows[:, None] >= others[:, 2:]) | (highs[:, None] <= others[:, :2])
-            free &= apart.any(axis=2).all(axis=1)
+            is_separate = (lows[:, None] >= others[:, 2:]) | (highs[:, None] <= others[:, :2])
+            free &= is_separate.any(axis=2).all(axis=1)
         if not free.any():
             return False
         first = int(np.argmax(free))

@@ -276,7 +276,7 @@ def _roundabout_roads() -> tuple[Roads, GiveWay]:
 
 
 def _ring_exit(rng: np.random.Generator, source: LaneIndex, length_m: float) -> str:
-    """Draw an exit other than the one beside the entry."""
+    """Draw an exit. The exit beside the entry is never drawn."""
     others = [side for side in SIDES if side != source[0][0]]
     return f"{others[int(rng.integers(len(others)))]}xr"
 
