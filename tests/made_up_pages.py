@@ -6,7 +6,7 @@ import msgspec
 import numpy as np
 
 from roadscope.benchmarks.metrics import Score
-from roadscope.benchmarks.report import Moment
+from roadscope.benchmarks.report import ReplayMoment
 from roadscope.benchmarks.results import JobScores, Results, results_of
 
 HOSTILE = (
@@ -67,7 +67,7 @@ def _job(entry: str, scenario: str, seed: int, base: float, detector: str) -> Jo
     )
 
 
-def moment(entry: str, **fields: Any) -> Moment:
+def moment(entry: str, **fields: Any) -> ReplayMoment:
     """Return a second of traffic: one object is tracked, one is missed, one track is false."""
     frames = 11
     ahead = np.column_stack([np.full(frames, 8), np.zeros((frames, 2))]).astype(int)
@@ -101,4 +101,4 @@ def moment(entry: str, **fields: Any) -> Moment:
         ],
         "lanes": [(35, [-500, 0, 2000, 0]), (35, [-500, 35, 1000, 0, 1000, 10])],
     }
-    return msgspec.convert(usual | fields, Moment)
+    return msgspec.convert(usual | fields, ReplayMoment)

@@ -190,7 +190,7 @@ def run_jobs(
     only_ours = all(spec.ours for job in installed for spec in plugins_of(job.answers))
     guard = nullcontext() if only_ours else files.guarded()
     with guard, open_workers(settings) as opened_workers:
-        run = _Run(files, opened_workers, options or RunOptions(), progress)
+        run = _StageRunner(files, opened_workers, options or RunOptions(), progress)
         # Outcomes are dropped: an error that matters comes again in the run itself.
         for _ in run.each(first_calls, FIRST_CALLS):
             pass
@@ -214,7 +214,7 @@ def _named(job: Job, outcome: Outcome) -> Outcome:
     return Outcome({}, f"{job.entry}: {outcome.reason}")
 
 
-class _Run:
+class _StageRunner:
     """Computes the stages of a run in its workers, one after the other."""
 
     def __init__(
@@ -260,13 +260,13 @@ class _Run:
             yield items[index], outcome
             self._progress(stage, done, len(items))
 
-    def _task_of(self, item: Node | Job) -> _Task:
+    def _task_of(self, item: Node | Job) -> _WorkerTask:
         """Return the task of an item.
 
         It is called when a worker takes the item, so that files written until then are known.
         """
         node = item.answers if isinstance(item, Job) else item
-        return _Task(item, self._files.digests_for(node), self._recomputes(node))
+        return _WorkerTask(item, self._files.digests_for(node), self._recomputes(node))
 
     def _recomputes(self, node: Node) -> bool:
         """Return whether to compute a node although it is kept: once in a fresh run."""
@@ -275,7 +275,7 @@ class _Run:
 
 
 @dataclass(frozen=True, slots=True)
-class _Task:
+class _WorkerTask:
     """A node or job for a worker.
 
     digests: of the files that it reads, by path.
@@ -364,7 +364,7 @@ def _warn(text: str) -> None:
     warnings.warn(text, stacklevel=2)
 
 
-def _outcome(options: RunOptions, task: _Task) -> tuple[Outcome, Ledger]:
+def _outcome(options: RunOptions, task: _WorkerTask) -> tuple[Outcome, Ledger]:
     """Compute a node, or the answers of a job and their scores, unless the content is kept.
 
     The outcome of a node has no scores. The ledger has the files that were written, and warnings.

@@ -289,7 +289,7 @@ class _LokyPool:
         self.slots = settings.jobs or int(cpu_count())
         threads = str(max(int(cpu_count()) // self.slots, 1))
         self._environment = {name: os.environ.get(name, threads) for name in THREAD_VARIABLES}
-        self._place = _Place.of_this_process(parent=os.getpid())
+        self._context = _RunContext.of_this_process(parent=os.getpid())
         self._idle: dict[Future[Any], Any] = {}
         """The idle workers, each by its last item."""
         self._busy: dict[Future[Any], Any] = {}
@@ -307,7 +307,7 @@ class _LokyPool:
         else:
             executor = ProcessPoolExecutor(max_workers=1, env=self._environment)
         with _interrupts_held():
-            future = executor.submit(_in_worker, self._place, function, item)
+            future = executor.submit(_in_worker, self._context, function, item)
         self._busy[future] = executor
         return future  # type: ignore[no-any-return]
 
@@ -367,13 +367,13 @@ class _RayPool:
                 self.slots = max(int(ray.cluster_resources().get("CPU", 1)), 1)
             self._task = ray.remote(max_retries=0, num_cpus=1)(_in_worker)
             self._end = stack.pop_all().close
-        self._place = _Place.of_this_process()
+        self._context = _RunContext.of_this_process()
         self._running: list[tuple[Future[Any], Any]] = []
 
     def submit(
         self, function: Callable[[Any], Any], item: Any, after: Future[Any] | None
     ) -> Future[Any]:
-        reference = self._task.remote(self._place, function, item)
+        reference = self._task.remote(self._context, function, item)
         future: Future[Any] = reference.future()
         self._running = [each for each in self._running if not each[0].done()]
         self._running.append((future, reference))
@@ -457,12 +457,12 @@ class _DaskPool:
         if settings.jobs:
             self.slots = min(self.slots, settings.jobs)
         self._executor = self._client.get_executor(pure=False)
-        self._place = _Place.of_this_process()
+        self._context = _RunContext.of_this_process()
 
     def submit(
         self, function: Callable[[Any], Any], item: Any, after: Future[Any] | None
     ) -> Future[Any]:
-        future: Future[Any] = self._executor.submit(_in_worker, self._place, function, item)
+        future: Future[Any] = self._executor.submit(_in_worker, self._context, function, item)
         return future
 
     def deaths(self, error: BaseException) -> int:
@@ -508,7 +508,7 @@ def _interrupts_held() -> Iterator[None]:
 
 
 @dataclass(frozen=True, slots=True)
-class _Place:
+class _RunContext:
     """The machine, folder, module path and cache of a run, which its workers use too.
 
     parent: the process with which workers end; None for those of a cluster.
@@ -521,7 +521,7 @@ class _Place:
     parent: int | None
 
     @classmethod
-    def of_this_process(cls, parent: int | None = None) -> _Place:
+    def of_this_process(cls, parent: int | None = None) -> _RunContext:
         path = tuple(str(Path(each).resolve()) for each in sys.path)
         return cls(platform.node(), str(Path.cwd()), path, str(cache_dir().resolve()), parent)
 
@@ -542,9 +542,9 @@ _one_at_a_time = threading.Lock()
 """Workers of Dask may have threads; but times, warnings and Numba's threads belong to a process."""
 
 
-def _in_worker(place: _Place, function: Callable[[T], R], item: T) -> R:
+def _in_worker(context: _RunContext, function: Callable[[T], R], item: T) -> R:
     with _one_at_a_time:
-        place.enter()
+        context.enter()
         return function(item)
 
 

@@ -12,7 +12,7 @@ import numpy as np
 from roadscope.core.jit import compiled
 
 
-class _Box(Protocol):
+class _UprightBox(Protocol):
     """A record of an upright box in metres.
 
     x, y: its centre. half_length, half_width: half its sides. cos, sin: of its heading.
@@ -30,7 +30,7 @@ class _Box(Protocol):
     radius: float
 
 
-BOX = np.dtype([(name, np.float64) for name in _Box.__annotations__])
+BOX = np.dtype([(name, np.float64) for name in _UprightBox.__annotations__])
 MOST_CORNERS = 16
 """A rectangle that is cut by another one has 8 corners at most, and a few more if rounding bends a
 side."""
@@ -192,7 +192,7 @@ def _reach(boxes: np.ndarray, others: np.ndarray, generalised: bool, least: floa
 
 
 @compiled()
-def _overlap(box: _Box, other: _Box, generalised: bool, least: float) -> float:
+def _overlap(box: _UprightBox, other: _UprightBox, generalised: bool, least: float) -> float:
     """Return the overlap in space; a generalised one is -1 if a bound shows it is below `least`."""
     meeting = _circles_meet(box, other)
     volumes = _area(box) * (box.top - box.bottom) + _area(other) * (other.top - other.bottom)
@@ -212,7 +212,7 @@ def _overlap(box: _Box, other: _Box, generalised: bool, least: float) -> float:
 
 
 @compiled()
-def _is_below(box: _Box, other: _Box, volumes: float, least: float) -> bool:
+def _is_below(box: _UprightBox, other: _UprightBox, volumes: float, least: float) -> bool:
     """Return whether generalised IoU of two boxes that do not meet is below `least` for certain.
 
     The convex hull from above holds the four corners that lie farthest from the line of centres
@@ -230,19 +230,19 @@ def _is_below(box: _Box, other: _Box, volumes: float, least: float) -> bool:
 
 
 @compiled()
-def _circles_meet(box: _Box, other: _Box) -> bool:
+def _circles_meet(box: _UprightBox, other: _UprightBox) -> bool:
     """Return whether the circles through the boxes' corners meet; if not, the boxes do not meet."""
     dx, dy = box.x - other.x, box.y - other.y
     return dx * dx + dy * dy - (box.radius + other.radius) ** 2 < 0
 
 
 @compiled()
-def _area(box: _Box) -> float:
+def _area(box: _UprightBox) -> float:
     return 4 * box.half_length * box.half_width
 
 
 @compiled()
-def _corners(box: _Box, other: _Box) -> np.ndarray:
+def _corners(box: _UprightBox, other: _UprightBox) -> np.ndarray:
     """Return the corners of a box in the frame of the other, counter-clockwise.
 
     They are the first 4 rows of a polygon of (`MOST_CORNERS`, 2).
@@ -261,7 +261,7 @@ def _corners(box: _Box, other: _Box) -> np.ndarray:
 
 
 @compiled()
-def _common_area(box: _Box, other: _Box) -> float:
+def _common_area(box: _UprightBox, other: _UprightBox) -> float:
     """Return the area from above that two boxes share."""
     polygon, count = _corners(box, other), 4
     cut = np.empty_like(polygon)
@@ -310,7 +310,7 @@ def _polygon_area(polygon: np.ndarray, count: int) -> float:
 
 
 @compiled()
-def _hull_area(box: _Box, other: _Box) -> float:
+def _hull_area(box: _UprightBox, other: _UprightBox) -> float:
     """Return the area of the convex hull of the corners of two boxes from above (Andrew 1979)."""
     corners = _corners(box, other)
     for k in range(4):

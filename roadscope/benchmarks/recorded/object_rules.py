@@ -115,7 +115,7 @@ def object_precisions(
     (N - 1) / 40.
     """
     frames = [
-        _Frame.of(objects, boxes, kind, overlap)
+        _FrameMatches.of(objects, boxes, kind, overlap)
         for objects, boxes in zip(labels, detections, strict=True)
     ]
     return {name: _precision(frames, each) for name, each in DIFFICULTIES.items()}
@@ -168,7 +168,7 @@ def score_kitti_object_results(
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Frame:
+class _FrameMatches:
     """The labels and detections of one frame that matter.
 
     objects: labels of the class and of neighbouring ones.
@@ -184,7 +184,9 @@ class _Frame:
     in_region: np.ndarray
 
     @staticmethod
-    def of(labels: KittiObjects, detections: KittiObjects, kind: KittiType, overlap: str) -> _Frame:
+    def of(
+        labels: KittiObjects, detections: KittiObjects, kind: KittiType, overlap: str
+    ) -> _FrameMatches:
         objects = labels.select(np.isin(labels.types, [kind, *KITTI_DISTRACTORS[kind]]))
         matters = (detections.types == kind) | (_heights_px(detections) < HIGHEST_PX)
         boxes = detections.select(matters)
@@ -199,7 +201,7 @@ class _Frame:
         if overlap == "2d":
             regions = labels.boxes[labels.types == KittiType.DONT_CARE]
             in_region = np.any(shares_in_regions(boxes.boxes, regions) > least, axis=1)
-        return _Frame(kind, objects, boxes, tuple(pairs), in_region)
+        return _FrameMatches(kind, objects, boxes, tuple(pairs), in_region)
 
     def at(self, difficulty: Difficulty) -> _RatedFrame:
         """Return what counts at a difficulty."""
@@ -289,7 +291,7 @@ class _RatedFrame:
             excused[chosen] += more_excused
 
 
-def _precision(frames: Sequence[_Frame], difficulty: Difficulty) -> ObjectPrecision:
+def _precision(frames: Sequence[_FrameMatches], difficulty: Difficulty) -> ObjectPrecision:
     rated = [frame.at(difficulty) for frame in frames]
     objects = sum(frame.wanted for frame in rated)
     thresholds = np.array(

@@ -10,7 +10,7 @@ _PARTS = {
     "export": "latex_text save_all to_csv to_latex to_markdown",
     "moments": "worst_moments",
     "page": "MOST_BYTES PAGE Run read_runs save_moments save_page",
-    "replay_records": "Moment",
+    "replay_records": "ReplayMoment",
     "tables": "agreement_lines board_table comparison explanation failure_lines footnote "
     "prediction_headings prediction_note prediction_rows prediction_table",
     "track_files": "folder_names save_tracks",

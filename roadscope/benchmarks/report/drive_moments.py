@@ -19,7 +19,7 @@ from roadscope.benchmarks.nodes.drives import EpisodeDrive
 from roadscope.benchmarks.report.replay_records import (
     AROUND_S,
     FrameBoxes,
-    Moment,
+    ReplayMoment,
     boxes_of,
     focus_on,
     lanes_of,
@@ -39,7 +39,7 @@ MARKER_AHEAD_M = 1.45
 """How far the middle of the ego, as the page draws it, is ahead of its pose: the rear axle."""
 
 
-def drive_moments(job: Job, kind: str, answers: EpisodeDrive) -> list[Moment]:
+def drive_moments(job: Job, kind: str, answers: EpisodeDrive) -> list[ReplayMoment]:
     """Return one moment: what was true and what the driver believed around an event.
 
     At the event itself it also has the detections of the last scan.
@@ -68,7 +68,7 @@ def drive_moments(job: Job, kind: str, answers: EpisodeDrive) -> list[Moment]:
     before = int(np.searchsorted(near, event))
     scans = [each for each in answers.detected if each.stamp_s <= answers.stamps_s[event]]
     detected = [_detected(Detections.empty(0.0))] * before + list(map(_detected, scans[-1:]))
-    moment = Moment(
+    moment = ReplayMoment(
         **named(job),
         kind=kind,
         text=_text_of_drive(answers, kind, event),

@@ -31,7 +31,7 @@ from roadscope.benchmarks.report.judged_scenes import (
 )
 from roadscope.benchmarks.report.replay_records import (
     AROUND_S,
-    Moment,
+    ReplayMoment,
     focus_on,
     lanes_of,
     motion_of,
@@ -69,7 +69,7 @@ SEVERITIES: Mapping[type, Mapping[str, str]] = {
 
 def worst_moments(
     jobs: Sequence[Job], results: Results, progress: Progress = silent
-) -> list[Moment]:
+) -> list[ReplayMoment]:
     """Return moments of each ranked entry, the worst ones of all entries first.
 
     Moments of a kind are from the entry's episode with the worst score of it; those of collisions
@@ -84,7 +84,7 @@ def worst_moments(
         shown = job.mark is None or record is EpisodeDrive
         if scored.reason is None and shown and record in SEVERITIES:
             of_entry.setdefault((job.board.name, job.entry), []).append((job, scored))
-    queues: list[list[Moment]] = []
+    queues: list[list[ReplayMoment]] = []
     for done, pairs in enumerate(of_entry.values(), start=1):
         first_job, _ = pairs[0]
         for kind, metric in SEVERITIES[first_job.answers.record].items():
@@ -111,7 +111,7 @@ def _worst(pairs: Sequence[tuple[Job, JobScores]], kind: str, metric: str) -> li
     return [pairs[int(np.argmax(severities))][0]] if worst else []
 
 
-def _read(job: Job, kind: str) -> list[Moment]:
+def _read(job: Job, kind: str) -> list[ReplayMoment]:
     """Return the moments of one job from its kept files; none if one is missing or damaged."""
     try:
         answers = read_kept(job.answers.path, job.answers.record.load)
@@ -152,7 +152,9 @@ def _events(scene: JudgedScene, kind: str) -> list[int]:
     return events
 
 
-def _of_scene(job: Job, kind: str, scene: JudgedScene, event: int, lanes: Sequence[Any]) -> Moment:
+def _of_scene(
+    job: Job, kind: str, scene: JudgedScene, event: int, lanes: Sequence[Any]
+) -> ReplayMoment:
     """Return the moment around an event. event: number of its frame in the episode."""
     times_s = np.array([truth.stamp_s for truth in scene.truths])
     near = np.flatnonzero(abs(times_s - times_s[event]) <= AROUND_S + 1e-9)
@@ -167,7 +169,7 @@ def _of_scene(job: Job, kind: str, scene: JudgedScene, event: int, lanes: Sequen
     if np.linalg.norm(in_view, axis=1).min() < NEAR_M:
         ego = np.zeros(2)
         in_view = np.vstack([in_view, ego])
-    return Moment(
+    return ReplayMoment(
         **named(job),
         kind=kind,
         text=_text(scene, kind, event),
@@ -211,7 +213,7 @@ def _object_text(truth: Truth, row: int) -> str:
 # Odometry.
 
 
-def _of_poses(job: Job, kind: str, answers: EpisodePoses) -> list[Moment]:
+def _of_poses(job: Job, kind: str, answers: EpisodePoses) -> list[ReplayMoment]:
     """Return one moment: the whole drive, with the largest jump or the end as its event."""
     trajectories = answers.trajectories
     estimate = planar(aligned(trajectories, "origin"))
@@ -235,7 +237,7 @@ def _of_poses(job: Job, kind: str, answers: EpisodePoses) -> list[Moment]:
         if kind == JUMP
         else f"after {travelled_m:.0f} m the estimated position is {errors_m[-1]:.2f} m off"
     )
-    moment = Moment(
+    moment = ReplayMoment(
         **named(job),
         kind=kind,
         text=text,

@@ -24,7 +24,7 @@ from roadscope.benchmarks.boards.board import Column
 from roadscope.benchmarks.cache import FolderError, write_text
 from roadscope.benchmarks.report.board_files import NAME, REPLAY, earlier_boards, file_names
 from roadscope.benchmarks.report.breakdowns import parts_of
-from roadscope.benchmarks.report.replay_records import Moment
+from roadscope.benchmarks.report.replay_records import ReplayMoment
 from roadscope.benchmarks.report.tables import (
     comparison,
     failure_of,
@@ -68,11 +68,11 @@ class Run(NamedTuple):
     """The results of a run and the worst moments of its entries. note: why there are none."""
 
     results: Results
-    moments: Sequence[Moment] = ()
+    moments: Sequence[ReplayMoment] = ()
     note: str = ""
 
 
-def save_moments(moments: Sequence[Moment], folder: Path) -> Path:
+def save_moments(moments: Sequence[ReplayMoment], folder: Path) -> Path:
     """Write the worst moments of the latest run to its folder."""
     path = folder / REPLAY
     write_text(path, msgspec.json.encode(moments).decode() + "\n")
@@ -102,7 +102,7 @@ def _read_run(board: Path) -> Run:
     if not replay.is_file():
         return Run(results)
     try:
-        return Run(results, msgspec.json.decode(replay.read_bytes(), type=list[Moment]))
+        return Run(results, msgspec.json.decode(replay.read_bytes(), type=list[ReplayMoment]))
     except (OSError, ValueError) as error:
         return Run(results, note=f"There is no replay, as {replay} cannot be read: {error}")
 
@@ -154,7 +154,7 @@ def save_page(runs: Sequence[Run], path: Path, *, most_bytes: int = MOST_BYTES) 
 
 
 def _with_moments(
-    board: Mapping[str, Any], moments: Sequence[Moment], shown: Sequence[Moment]
+    board: Mapping[str, Any], moments: Sequence[ReplayMoment], shown: Sequence[ReplayMoment]
 ) -> dict[str, Any]:
     """Return a board with some of its moments, and with how many of each entry are left out."""
     left_out = Counter(each.entry for each in moments) - Counter(each.entry for each in shown)

@@ -53,7 +53,7 @@ class MovingBox(msgspec.Struct, frozen=True, array_like=True):
     motion: list[int]
 
 
-class Moment(msgspec.Struct, frozen=True, kw_only=True):
+class ReplayMoment(msgspec.Struct, frozen=True, kw_only=True):
     """Some seconds of an episode around an event; coordinates are those of the ego at the event.
 
     kind: such as `misses`. text: what happens. event: number of its frame.

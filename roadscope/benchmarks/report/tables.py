@@ -45,7 +45,7 @@ class ShownColumn:
 
 
 @dataclass(frozen=True, slots=True)
-class Layout:
+class TableLayout:
     """The columns of a board that fit in a width."""
 
     columns: tuple[ShownColumn, ...]
@@ -102,7 +102,7 @@ def board_table(results: Results, name: str, width: int) -> Table:
     return table
 
 
-def layout_of(results: Results, name: str, width: int) -> Layout:
+def layout_of(results: Results, name: str, width: int) -> TableLayout:
     """Divide a width among the names of the entries and the columns of a board.
 
     Names get the width of the longest, at most a third. Columns follow, the most important first,
@@ -127,7 +127,7 @@ def layout_of(results: Results, name: str, width: int) -> Layout:
             break
         columns[number] = wider
         space -= wider.width - shown.width
-    return Layout(tuple(columns), name_width + max(0, min(space, longest - name_width)))
+    return TableLayout(tuple(columns), name_width + max(0, min(space, longest - name_width)))
 
 
 def footnote(results: Results, name: str, width: int) -> str:

@@ -164,7 +164,7 @@ def _range(rhos: np.ndarray) -> Bounds | None:
 
 
 @dataclass(frozen=True, slots=True)
-class _Table:
+class _MetricTable:
     """A metric by inputs and block, a scenario with a seed.
 
     sums, weights: (I, B) of weighted values and of their weights. sign: 1 if higher is better.
@@ -177,7 +177,7 @@ class _Table:
 
 def _table(
     jobs: Sequence[JobScores], metric: str, names: Sequence[str], blocks: Sequence[tuple[str, int]]
-) -> _Table:
+) -> _MetricTable:
     shape = len(names), len(blocks)
     sums, weights, sign = np.zeros(shape), np.zeros(shape), 1.0
     for job in jobs:
@@ -188,10 +188,12 @@ def _table(
         sums[at] += score.weight * score.value**score.power
         weights[at] += score.weight
         sign = 1.0 if score.better == "higher" else -1.0
-    return _Table(sums, weights, sign)
+    return _MetricTable(sums, weights, sign)
 
 
-def _rhos(one: _Table, other: _Table, draws: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _rhos(
+    one: _MetricTable, other: _MetricTable, draws: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
     """Return (D,) rank correlations of the values in two tables, and (D,) of how many inputs.
 
     draws: (D, B) blocks over which values are pooled.

@@ -90,14 +90,14 @@ def save_recording(
             stream.set_log_tick_enabled(False)
             stream.save(part, default_blueprint=_layout(view))
             stream.send_recording_name(view.title)
-            _Recording(rr, stream, view, returns).write(progress or silent)
+            _ViewLogger(rr, stream, view, returns).write(progress or silent)
             stream.disconnect()
 
     write_atomically(place, write)
     return place
 
 
-class _Recording:
+class _ViewLogger:
     """Logs the parts of a view to a stream of Rerun."""
 
     def __init__(self, rr: Any, stream: Any, view: EpisodeView, returns: str) -> None:

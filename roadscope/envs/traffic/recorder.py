@@ -53,7 +53,7 @@ RECORDED = {Road: RecordedRoad, RegulatedRoad: RecordedRegulatedRoad, AgentRoad:
 
 
 @dataclass(frozen=True, slots=True)
-class _Actor:
+class _RecordedVehicle:
     """Constant properties of a recorded vehicle.
 
     ahead_m: distance of its centre ahead of its rear axle.
@@ -99,7 +99,7 @@ class TrafficRecorder:
         self._style = style
         self._raw = raw
         self._snapshots: list[RecordedStates] = []
-        self._actors: list[_Actor] = []
+        self._actors: list[_RecordedVehicle] = []
         self._road: Any = None
         self._map: RoadMap | None = None
         # Of the latest run of equal steps: its start, the length of a step, and their number.
@@ -191,7 +191,9 @@ class TrafficRecorder:
             return int(actor_id)
         vehicle.actor_id = actor = len(self._actors)
         slides = isinstance(vehicle, BicycleVehicle)
-        self._actors.append(_Actor(self._body(vehicle, actor), float(vehicle.LENGTH) / 2, slides))
+        self._actors.append(
+            _RecordedVehicle(self._body(vehicle, actor), float(vehicle.LENGTH) / 2, slides)
+        )
         return actor
 
     def _body(self, vehicle: Any, actor: int) -> RoadUserBody:

@@ -50,7 +50,9 @@ class SmallGicpOdometry:
         if not voxel_m > 0:
             raise ValueError(f"voxel_m must be above 0, got {voxel_m!r}")
         self._adapter = OdometryAdapter(
-            lambda _: _Gicp(scans, _VoxelMap(voxel_m)), takes_imu=self.takes_imu, ground=ground
+            lambda _: _Gicp(scans, _GaussianVoxels(voxel_m)),
+            takes_imu=self.takes_imu,
+            ground=ground,
         )
 
     def reset(self, lidar_from_imu: Pose | None = None) -> None:
@@ -101,7 +103,7 @@ def _checked(downsample_m: float, neighbours: int, gate_m: float, deskew: bool) 
     return {"size_m": downsample_m, "neighbours": neighbours, "gate_m": gate_m, "deskew": deskew}
 
 
-class _VoxelMap:
+class _GaussianVoxels:
     """All scans, as Gaussians in voxels."""
 
     def __init__(self, voxel_m: float) -> None:
@@ -137,7 +139,7 @@ class _LastScan:
 class _Gicp:
     """small_gicp's functions as a library of `OdometryAdapter`."""
 
-    def __init__(self, scans: dict[str, Any], memory: _VoxelMap | _LastScan) -> None:
+    def __init__(self, scans: dict[str, Any], memory: _GaussianVoxels | _LastScan) -> None:
         self._scans, self._memory = scans, memory
         self._pose, self._twist = np.eye(4), np.zeros(6)
 

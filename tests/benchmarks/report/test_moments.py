@@ -22,7 +22,7 @@ from roadscope.benchmarks import (
 )
 from roadscope.benchmarks.boards import BOARDS, track_node
 from roadscope.benchmarks.nodes import DetectionNode, DriveNode, EpisodeDrive, PoseNode, Stack
-from roadscope.benchmarks.report import Moment, worst_moments
+from roadscope.benchmarks.report import ReplayMoment, worst_moments
 from roadscope.benchmarks.results import JobScores, Results, results_of
 from roadscope.core import Detections, Pose, Spec, Tracks, Truth
 
@@ -116,7 +116,7 @@ def positions(motion: Sequence[int]) -> np.ndarray:
     return np.cumsum(np.reshape(motion, (-1, 3)), axis=0) / (10.0, 10.0, 100.0)
 
 
-def of_kind(moments: Sequence[Moment], kind: str) -> Moment:
+def of_kind(moments: Sequence[ReplayMoment], kind: str) -> ReplayMoment:
     return next(moment for moment in moments if moment.kind == kind)
 
 
@@ -251,7 +251,9 @@ def made_up_drive() -> EpisodeDrive:
     )
 
 
-def moments_of_drives(seeds: Sequence[int], stack: str, mark: str | None = None) -> list[Moment]:
+def moments_of_drives(
+    seeds: Sequence[int], stack: str, mark: str | None = None
+) -> list[ReplayMoment]:
     """Return the moments of an entry whose drives all end in the same collision."""
     board, drive = BOARDS["driving"], made_up_drive()
     spec = board.check_entry(Spec.parse("idm"))
