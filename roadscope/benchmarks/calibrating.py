@@ -475,14 +475,14 @@ def calibration_path(path: Path | str) -> Path:
     return usable_file(path, ENDINGS, "a calibration")
 
 
-def sufficient_poses(rows: Sequence[PoseRow], factor: float = 1.5) -> int:
+def sufficient_poses(rows: Sequence[PoseRow]) -> int:
     """Return the least number of poses from which on the held-out error is near the last row's.
 
-    factor: greatest ratio of an error to that of the last row, which has all poses.
+    Near: at most 1.5 times the error of the last row, which has all poses.
     """
     poses = rows[-1].poses
     for row in reversed(rows):
-        if row.held_out_px > factor * rows[-1].held_out_px:
+        if row.held_out_px > 1.5 * rows[-1].held_out_px:
             break
         poses = row.poses
     return poses

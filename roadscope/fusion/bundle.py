@@ -92,7 +92,6 @@ def refine(
     target: TriangularTarget,
     *,
     free_intrinsics: bool = True,
-    edge_widths: Sequence[float] = EDGE_WIDTHS,
 ) -> Bundle:
     """Return the likeliest camera and targets, from initial values nearby.
 
@@ -101,7 +100,6 @@ def refine(
     pixels: (P, 3, 2) the same corners in the images.
     scanned: what the LiDAR measured of each target. target: the size of all targets.
     free_intrinsics: whether the intrinsics are unknown; otherwise they are those of the matrix.
-    edge_widths: see `EDGE_WIDTHS`.
     Raises `CalibrationError` if no camera has this matrix, or if the numbers of targets differ.
     """
     if not len(corners) == len(pixels) == len(scanned) > 0:
@@ -120,7 +118,7 @@ def refine(
     def joint_errors(at: State) -> np.ndarray:
         return image_errors(at.intrinsics, at.camera, at.targets, measured, target)
 
-    for edge_width in edge_widths:
+    for edge_width in EDGE_WIDTHS:
 
         def target_errors(at: State, edge_width: float = edge_width) -> np.ndarray:
             edges = edge_errors(at.targets, measured, target, edge_width)

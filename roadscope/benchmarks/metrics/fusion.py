@@ -225,12 +225,9 @@ HIDDEN_BANDS = {"not hidden": (0.0, 0.05), "up to a third": (0.05, HIDDEN), "mor
 first band are a lamp post's width of a car, and rounding."""
 
 
-def rates_by_hidden(
-    matched: MatchedTargets, least_score: float = 0.0
-) -> dict[str, FusionBandRates]:
+def rates_by_hidden(matched: MatchedTargets) -> dict[str, FusionBandRates]:
     """Return by band of `HIDDEN_BANDS` the detection rates by family of targets in it."""
-    hit = (matched.scores >= least_score) & (matched.targets >= 0)
-    detected = np.isin(np.arange(len(matched.families)), matched.targets[hit])
+    detected = np.isin(np.arange(len(matched.families)), matched.targets)
     bands = {}
     for name, (least, most) in HIDDEN_BANDS.items():
         inside = (matched.hidden <= most) & ((matched.hidden > least) | (least == 0.0))

@@ -14,7 +14,6 @@ from roadscope.benchmarks.metrics.score import Score, ScoreFamily, mean, ratio, 
 from roadscope.benchmarks.metrics.trajectory_errors import (
     SHORT_M,
     AbsoluteErrors,
-    Alignment,
     Trajectories,
     absolute_errors,
     drift,
@@ -33,8 +32,8 @@ Failures are near 100 %, other episodes near 0 %, so hardly any is near the limi
 class OdometryScores(ScoreFamily):
     """Scores of an odometry on one episode, lower is better but for below_1; nan without a pose.
 
-    ate: root mean square error of positions, metres, with first pose on first pose unless another
-        alignment is chosen (Sturm et al. 2012 take the best one, which hides drift).
+    ate: root mean square error of positions, metres, with first pose on first pose (Sturm et al.
+        2012 take the best alignment, which hides drift).
     rpe, rpe_rotation: root mean square errors of motions from frame to frame, metres and degrees.
     t_rel, r_rel: mean drift over stretches (`drift`), per cent and degrees per 100 m; nan if no
         stretch is long enough.
@@ -60,17 +59,13 @@ class OdometryScores(ScoreFamily):
 
 
 def score_odometry(
-    trajectories: Trajectories,
-    *,
-    alignment: Alignment = "origin",
-    lengths_m: Sequence[float] = SHORT_M,
-    every: int = 1,
+    trajectories: Trajectories, *, lengths_m: Sequence[float] = SHORT_M, every: int = 1
 ) -> OdometryScores:
     """Return the scores of one episode.
 
     lengths_m, every: as in `drift`. Episodes are short, so stretches begin at every frame.
     """
-    absolute, steps = absolute_errors(trajectories, alignment), relative_errors(trajectories)
+    absolute, steps = absolute_errors(trajectories, "origin"), relative_errors(trajectories)
     stretches = drift(trajectories, lengths_m, every=every)
     errors_m = absolute.positions_m
     n = len(errors_m)
@@ -86,7 +81,7 @@ def score_odometry(
         error_min=_of_episode(float(errors_m.min()) if n else math.nan, n),
         error_max=_of_episode(float(errors_m.max()) if n else math.nan, n),
         below_1=ratio(stretches.t_rel < GOOD_T_REL, min(len(stretches), 1), "higher"),
-        failed=ratio(has_failed(absolute_errors(trajectories, "origin")), min(n, 1), "lower"),
+        failed=ratio(has_failed(absolute), min(n, 1), "lower"),
     )
 
 

@@ -53,22 +53,16 @@ class _SensedPair(NamedTuple):
 
 
 def sense_pairs(
-    episode: Episode,
-    *,
-    every: int = 6,
-    noise: CameraNoise | None = None,
-    detector: Detector | None = None,
+    episode: Episode, *, every: int = 6, detector: Detector | None = None
 ) -> list[SensorPair]:
     """Sense every n-th scan of an episode and the image nearest in time.
 
     A scan without an image within the limit is left out.
 
     detector: of images, which are drawn for it. None: detections are imitated from the truth, with
-    the errors in `noise`.
+    the errors of `CameraNoise`.
     """
-    if detector is not None and noise is not None:
-        raise ValueError("noise is for imitated detections: leave it out with a detector")
-    sensed = list(_sensed_pairs(episode, every, noise or CameraNoise(), detector))
+    sensed = list(_sensed_pairs(episode, every, detector))
     parked = parked_among(episode, [each.truth for each in sensed])
     return [
         SensorPair(
@@ -82,13 +76,11 @@ def sense_pairs(
     ]
 
 
-def _sensed_pairs(
-    episode: Episode, every: int, noise: CameraNoise, detector: Detector | None
-) -> Iterator[_SensedPair]:
+def _sensed_pairs(episode: Episode, every: int, detector: Detector | None) -> Iterator[_SensedPair]:
     timeline, sensors = timeline_of(episode), rig(episode.rig)
     pinhole, projection = camera_of(sensors).spec.pinhole, projection_of(sensors)
     sensing = sensing_without_pixels(episode) if detector is None else sensing_of(episode)
-    imitation, period_s = noisy_camera(noise, episode), sensors.lidar.spec.period_s
+    imitation, period_s = noisy_camera(CameraNoise(), episode), sensors.lidar.spec.period_s
     for scan, image in _paired_numbers(sensors, timeline.end_s - UNUSED_END_S, every):
         frame, truth = sensing.sense(timeline, scan)
         picture, image_truth = sensing.sense_image(timeline, image)

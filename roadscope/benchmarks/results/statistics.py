@@ -42,7 +42,6 @@ def mean_interval(
     *,
     level: float = 0.95,
     resamples: int = 2000,
-    seed: int = 0,
 ) -> Interval:
     """Return the mean of values over seeds, each stratum (scenario) weighing the same.
 
@@ -67,15 +66,13 @@ def mean_interval(
     t_high = float(stdtrit(freedom, 1 - tail))
     t_low = -t_high
     if min(map(len, groups)) >= SMALL:
-        drawn = _studentised(groups, resamples, np.random.default_rng(seed))
+        drawn = _studentised(groups, resamples, np.random.default_rng(0))
         if drawn is not None:
             t_low, t_high = np.quantile(drawn, [tail, 1 - tail])
     return Interval(mean, float(mean - t_high * error), float(mean - t_low * error), n)
 
 
-def pooled_interval(
-    scores: Sequence[Score], strata: Sequence[object] | None = None, *, level: float = 0.95
-) -> Interval:
+def pooled_interval(scores: Sequence[Score], strata: Sequence[object] | None = None) -> Interval:
     """Return a score pooled over episodes by weight, with an interval.
 
     The pooled value is a ratio of sums, in RMS errors the root of one; its spread over episodes
@@ -88,7 +85,7 @@ def pooled_interval(
     power = scores[used[0]].power
     pooled, influence = _ratio([scores[i] for i in used])
     labels = None if strata is None else [strata[i] for i in used]
-    spread = mean_interval(influence, labels, level=level)
+    spread = mean_interval(influence, labels)
     ends = pooled + np.array([spread.low, spread.high]) - spread.mean
     if power > 1:
         ends, pooled = np.maximum(ends, 0.0) ** (1 / power), pooled ** (1 / power)

@@ -107,10 +107,10 @@ def parked_scene(bodies: int, seed: int = 0) -> Scene:
     return Scene.still(Prisms.empty(), Prisms.join(parts), poses)
 
 
-def driving_scene(bodies: int, seed: int = 0) -> Scene:
+def driving_scene(bodies: int) -> Scene:
     """Return the parked scene with every body driving at up to 20 m/s and turning."""
-    scene = parked_scene(bodies, seed)
-    rng = np.random.default_rng([seed, bodies, 1])
+    scene = parked_scene(bodies)
+    rng = np.random.default_rng([0, bodies, 1])
     yaws = scene.poses[0, :, 2]
     speeds, turns = rng.uniform(-SPEED_M_S, SPEED_M_S, bodies), rng.uniform(-0.3, 0.3, bodies)
     rates = np.column_stack([speeds * np.cos(yaws), speeds * np.sin(yaws), turns])

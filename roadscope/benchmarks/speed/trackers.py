@@ -37,9 +37,9 @@ class TrackerFrame(NamedTuple):
     ego_pose: Pose
 
 
-def detected_traffic(count: int, frames: int = UPDATES, seed: int = 0) -> Iterator[TrackerFrame]:
+def detected_traffic(count: int, frames: int = UPDATES) -> Iterator[TrackerFrame]:
     """Yield detections of cars that drive in both directions, and the moving ego's pose."""
-    rng = np.random.default_rng(seed)
+    rng = np.random.default_rng(0)
     half = np.sqrt(AREA_M2 * count) / 2
     places = rng.uniform(-half, half, (count, 2))
     yaws = np.where(rng.random(count) < 0.5, 0.0, np.pi)
@@ -72,9 +72,9 @@ def _detected(
     )
 
 
-def detected_crowd(frames: int = UPDATES, seed: int = 0) -> Iterator[TrackerFrame]:
+def detected_crowd(frames: int = UPDATES) -> Iterator[TrackerFrame]:
     """Yield detections of `CROWD` people who walk together, and the standing ego's pose."""
-    rng = np.random.default_rng(seed)
+    rng = np.random.default_rng(0)
     across = int(np.sqrt(CROWD))
     start = PITCH_M * np.column_stack(np.divmod(np.arange(CROWD), across)) + [10.0, 0.0]
     for k in range(frames):

@@ -72,13 +72,13 @@ def pointing_away(angle: float, sight: np.ndarray) -> float:
     return float(angle if is_away else angle + np.pi)
 
 
-def checked_points(points_xy: np.ndarray, *, least: int = 1) -> np.ndarray:
+def checked_points(points_xy: np.ndarray) -> np.ndarray:
     """Return points as (N, 2) float64; `ValueError` unless they are finite points in the plane."""
     points = np.ascontiguousarray(points_xy, dtype=np.float64)
     if points.ndim != 2 or points.shape[1] != 2:
         raise ValueError(f"points must be (N, 2) x and y in metres, got shape {points.shape}")
-    if len(points) < least:
-        raise ValueError(f"a pose needs at least {least} point(s), got {len(points)}")
+    if not len(points):
+        raise ValueError("a pose needs at least 1 point, got 0")
     if not np.isfinite(points).all():
         row = int(np.flatnonzero(~np.isfinite(points).all(axis=1))[0])
         raise ValueError(f"points must be finite, got {points[row]} in row {row}")

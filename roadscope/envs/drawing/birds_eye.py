@@ -476,20 +476,14 @@ def return_rows() -> Iterator[LegendRow]:
 # A scan alone.
 
 
-def scan_view(
-    scan: LidarScan,
-    ego_from_lidar: Pose,
-    detections: Detections,
-    *,
-    size_px: int = 800,
-    metres_per_px: float = 0.15,
-) -> np.ndarray:
-    """Return a (size_px, size_px, 3) uint8 picture of a scan of which no truth is known.
+def scan_view(scan: LidarScan, ego_from_lidar: Pose, detections: Detections) -> np.ndarray:
+    """Return an (800, 800, 3) uint8 picture of a scan of which no truth is known.
 
     The way ahead is upwards. Returns are coloured by height, detections by family.
     detections: ego frame.
     """
-    view = BirdsEyeView(Pose.identity(), size_px, size_px, metres_per_px)
+    size_px = 800
+    view = BirdsEyeView(Pose.identity(), size_px, size_px, metres_per_px=0.15)
     canvas = Canvas(size_px, size_px)
     draw_rings(canvas, view)
     placed = ego_from_lidar.apply(scan.points)

@@ -15,6 +15,8 @@ PEAK = 1.875
 """Largest slope of the quintic smoothstep: the ratio of a bend's greatest curvature to its mean."""
 SHARPEST_M = 500.0
 """Least radius of bends; articulated lorries, rigid here, then leave their lane by 0.3 m."""
+LARGEST_TURN_RAD = 0.5
+"""Largest turn of one bend, chosen by hand; the heading stays within twice that."""
 
 
 class Bend(NamedTuple):
@@ -83,21 +85,18 @@ class Course:
         return tangents[cell], tangents[cell + 1]
 
 
-def winding(
-    rng: np.random.Generator, span_m: Bounds, radius_m: float, *, turn_rad: float = 0.5
-) -> Course:
+def winding(rng: np.random.Generator, span_m: Bounds, radius_m: float) -> Course:
     """Draw a course with bends to both sides.
 
     span_m: arc lengths between which the bends begin.
     radius_m: least radius; at least `SHARPEST_M` is used.
-    turn_rad: largest turn of one bend; the heading stays within twice that.
     """
     radius_m = max(radius_m, SHARPEST_M)
     bends, heading = [], 0.0
     start_m = span_m.low + float(rng.uniform(0.0, 1.0)) * radius_m / 4
     while start_m < span_m.high:
-        turn = turn_rad * float(rng.uniform(0.3, 1.0)) * float(rng.choice([-1.0, 1.0]))
-        turn = -turn if abs(heading + turn) > 2 * turn_rad else turn
+        turn = LARGEST_TURN_RAD * float(rng.uniform(0.3, 1.0)) * float(rng.choice([-1.0, 1.0]))
+        turn = -turn if abs(heading + turn) > 2 * LARGEST_TURN_RAD else turn
         length = PEAK * abs(turn) * radius_m * float(rng.uniform(1.0, 1.5))
         bends.append(Bend(start_m, length, turn))
         heading += turn

@@ -15,10 +15,10 @@ from roadscope.core.record import Record
 # Convex outlines from above.
 
 
-def rectangle(length_m: float, width_m: float, centre_x_m: float = 0.0) -> np.ndarray:
+def rectangle(length_m: float, width_m: float) -> np.ndarray:
     """(4, 2) corners of a rectangle along x, counter-clockwise."""
     half = np.array([length_m, width_m]) / 2
-    return np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) * half + (centre_x_m, 0.0)
+    return np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) * half
 
 
 _ARC = np.array([[0.0, -1.0], [np.sqrt(0.5), -np.sqrt(0.5)], [1.0, 0.0]])

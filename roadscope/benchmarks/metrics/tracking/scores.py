@@ -145,7 +145,7 @@ def score_tracks(
 # What counts.
 
 
-def counted_rows(pairings: Sequence[Pairing], gate_m: float = GATE_M) -> list[FrameRows]:
+def counted_rows(pairings: Sequence[Pairing]) -> list[FrameRows]:
     """Return the rows of each frame that count.
 
     Objects count if they are eligible. Tracks do not count if they are matched with an ineligible
@@ -153,7 +153,7 @@ def counted_rows(pairings: Sequence[Pairing], gate_m: float = GATE_M) -> list[Fr
     """
     return [
         FrameRows(
-            tracks=other_rows(len(p.distances), match(p, gate_m).ignored),
+            tracks=other_rows(len(p.distances), match(p, GATE_M).ignored),
             objects=np.flatnonzero(p.eligible),
         )
         for p in pairings
