@@ -16,7 +16,6 @@ from roadscope.envs.traffic.simulated import STEP_S
 
 STEPS = 2
 """Steps of the simulation from one decision to the next."""
-DECISION_S = STEPS * STEP_S
 
 
 class ClosedLoop:

@@ -108,7 +108,7 @@ def chosen_boards(suite: Suite, names: Sequence[str] | None) -> list[Board]:
 
 
 _PARTS = {
-    "camera": "CameraSettings image_scores",
+    "camera": "CameraSettings",
     "detection": "detection_parts detection_scores",
     "driving": "DrivingSettings",
     "fusion": "FusionSettings",

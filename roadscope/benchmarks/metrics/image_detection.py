@@ -11,11 +11,11 @@ from roadscope.benchmarks.metrics.breakdown import part_name, precision_by_score
 from roadscope.benchmarks.metrics.calibration import calibration_error, excess
 from roadscope.benchmarks.metrics.image_labels import FAMILIES, Labels
 from roadscope.benchmarks.metrics.matching import image_overlaps
+from roadscope.benchmarks.metrics.ranked_precision import RECALL_LEVELS
 from roadscope.benchmarks.metrics.score import Score, ScoreFamily, averaged, mean, ratio
 from roadscope.core import Category, ImageDetections
 from roadscope.core.category import families_of
 
-RECALL_LEVELS = np.linspace(0.0, 1.0, 101)
 LEAST_IOU = 0.5
 COCO_IOUS = np.linspace(0.5, 0.95, 10)
 TALL_PX = 16.0

@@ -7,7 +7,7 @@ _PARTS = {
     "mot": "ImagePlane MOT MotRecording mot_suite",
     "recording": "recordings_of",
     "rules": "BOX_SIMILARITIES apply_kitti_rules apply_mot_rules",
-    "kitti_drive": "KittiDrive KittiDrives",
+    "kitti_drive": "KittiDrive",
     "object_rules": "DIFFICULTIES object_precisions",
     "scores": "kitti_scores sequence_scores",
     "suite": "KITTI",

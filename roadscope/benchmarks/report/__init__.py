@@ -12,7 +12,7 @@ _PARTS = {
     "page": "MOST_BYTES PAGE Run read_runs save_moments save_page",
     "replay_records": "ReplayMoment",
     "tables": "agreement_lines board_table comparison explanation failure_lines footnote "
-    "prediction_headings prediction_note prediction_rows prediction_table",
+    "prediction_note prediction_rows prediction_table",
     "track_files": "folder_names save_tracks",
 }
 """Names by the file that defines them, loaded when first used: the face of this folder."""

@@ -7,7 +7,7 @@ from roadscope.benchmarks.results.rows import JobScores, Row
 __all__ = ["JobScores", "Results", "Row", "Standing", "gather", "results_of"]
 
 _PARTS = {
-    "agreement": "BoardAgreement Prediction predictions spearman",
+    "agreement": "BoardAgreement predictions spearman",
     "results": "BreakdownError Failure check_breakdown standings",
     "rows": "EntryResult part_rows whole_rows",
     "statistics": "mean_interval merged paired_interval pooled_interval",

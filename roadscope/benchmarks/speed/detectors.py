@@ -77,40 +77,34 @@ def measure_detectors(
     drives = [driven_frames(rig, FRAMES, scene) for scene in scenes]
     rows: list[SpeedRow] = []
     for name in DETECTORS.names() if names is None else names:
-        timed = timed_frames(name, drives, repeats)
-        median_ms = float(np.median(timed.times_ms, axis=1).max())
+        times_ms = timed_frames(name, drives, repeats)
+        median_ms = float(np.median(times_ms, axis=1).max())
         row = SpeedRow(f"detector {name}, {rig}", median_ms, "ms")
-        slowest = SpeedRow(f"{row.name}, slowest frame", float(timed.times_ms.max()), "ms")
+        slowest = SpeedRow(f"{row.name}, slowest frame", float(times_ms.max()), "ms")
         rows += [row, slowest]
     return rows
 
 
-class TimedFrames(NamedTuple):
-    """Times of (drives, frames), each the median of its repeats, and detections in a frame."""
+def timed_frames(name: str, drives: Sequence[Sequence[Frame]], repeats: int) -> np.ndarray:
+    """Return the milliseconds of (drives, frames from `LEAD` on), each the median of its repeats.
 
-    times_ms: np.ndarray
-    detections_per_frame: float
-
-
-def timed_frames(name: str, drives: Sequence[Sequence[Frame]], repeats: int) -> TimedFrames:
-    """Run a detector over drives, the first once untimed before; time frames from `LEAD` on."""
-    detector, count = DETECTORS.make(name), 0
+    Before that the first drive runs once untimed.
+    """
+    detector = DETECTORS.make(name)
     times_ms = np.empty((len(drives), repeats, len(drives[0]) - LEAD))
     _drive(detector, drives[0])
     for row, column in np.ndindex(len(drives), repeats):
-        times_ms[row, column], detected = _drive(detector, drives[row])
-        count += detected
-    return TimedFrames(np.median(times_ms, axis=1), count / times_ms.size)
+        times_ms[row, column] = _drive(detector, drives[row])
+    median: np.ndarray = np.median(times_ms, axis=1)
+    return median
 
 
-def _drive(detector: Detector, frames: Sequence[Frame]) -> tuple[list[float], int]:
-    """Return the milliseconds of each frame from `LEAD` on, and the detections in these."""
+def _drive(detector: Detector, frames: Sequence[Frame]) -> list[float]:
+    """Return the milliseconds of each frame from `LEAD` on."""
     detector.reset()
-    times_ms, count = [], 0
-    for number, frame in enumerate(frames):
+    times_ms = []
+    for frame in frames:
         start = process_time()
-        detections = detector.detect(frame)
-        if number >= LEAD:
-            times_ms.append((process_time() - start) * 1e3)
-            count += len(detections)
-    return times_ms, count
+        detector.detect(frame)
+        times_ms.append((process_time() - start) * 1e3)
+    return times_ms[LEAD:]

@@ -3,7 +3,7 @@
 from roadscope._lazy import lazy_names
 
 _PARTS = {
-    "curves": "Curve running_scores",
+    "curves": "Curve",
     "program": "ViewerError arguments environment show",
     "recording": "save_recording",
     "stored_answers": "EpisodeChoice StoredAnswersError view_of_results",

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 DEVICE = re.compile(r"cpu|cuda(:\d+)?")
 COARSEST = 32
-"""The network's coarsest stride, pixels."""
+"""The network's coarsest stride, pixels: heights and widths must be multiples of it."""
 GREY = 127
 """Bytes that fill the image up on the right and below, to multiples of the coarsest stride."""
 LARGEST_WIDTH = 960

@@ -21,8 +21,6 @@ VEHICLE_COUNT = 5
 """Categories of the family vehicle; the other families have one each."""
 SQUARE = 2
 """The first convolution takes squares of 2 x 2 pixels as one position (space to depth)."""
-COARSEST = 32
-"""Heights and widths must be multiples of it."""
 RARE = -6.0
 """Log odds of a centre before training: one position in four hundred."""
 STEM = 16

@@ -3,11 +3,10 @@
 from roadscope._lazy import lazy_names
 
 _PARTS = {
-    "birds_eye": "BirdsEyeView box_corners scan_view write_distances write_ids",
+    "birds_eye": "BirdsEyeView box_corners write_distances write_ids",
     "canvas": "Canvas text_px",
     "composed": "Snapshot composed_frame view_from_above",
-    "labels": "LabelPlacer LegendRow draw_legend legend_px places_beside",
-    "panels": "RunningScore camera_panel image_view range_panel score_panel",
+    "labels": "LabelPlacer LegendRow draw_legend legend_px",
 }
 """Names by the file that defines them, loaded when first used: the face of this folder."""
 

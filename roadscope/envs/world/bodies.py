@@ -274,12 +274,11 @@ def _truck(size: Size, rng: np.random.Generator) -> list[Slab]:
     colour = painted(paint, rng)
     cover: Parts = {"reflectivity": box, "material": random_material("box", rng)}
     rubber: Parts = {"radius": 0.1, "reflectivity": RUBBER, "material": materials.RUBBER}
-    steel: Parts = {"reflectivity": DARK_METAL, "material": materials.STEEL}
     return [
         slab(size, Section(cab, 1, 0.09, 0.46), radius=0.2, **colour),
         slab(size, Section(cab, 0.995, 0.46, 0.92), breadth=0.98, radius=0.2, **colour),
         slab(size, Section(0, back, 0.32, 1), radius=0.05, **cover),
-        slab(size, Section(0, cab, 0.22, 0.32), breadth=0.4, radius=0.05, **steel),
+        slab(size, Section(0, cab, 0.22, 0.32), breadth=0.4, radius=0.05, **STEEL),
         slab(size, Section(*wheels, 0, 0.26), breadth=0.98, **rubber),
         slab(size, Section(back - 0.4 / length, 0.6 * cab + 0.4, 0, 0.25), breadth=0.96, **rubber),
     ]

@@ -50,9 +50,7 @@ def test_specs_are_measured() -> None:
 def test_frames_before_the_lead_are_not_timed() -> None:
     frames = driven_frames("lux")
     assert len(frames) == FRAMES
-    timed = timed_frames("long-range", [frames, frames], 2)
-    assert timed.times_ms.shape == (2, FRAMES - LEAD)
-    assert timed.detections_per_frame > 0.5
+    assert timed_frames("long-range", [frames, frames], 2).shape == (2, FRAMES - LEAD)
 
 
 def test_detectors_run_three_times_on_a_small_lidar() -> None:
