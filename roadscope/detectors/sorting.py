@@ -76,12 +76,12 @@ def order_within(values: np.ndarray, starts: np.ndarray) -> np.ndarray:
     return order
 
 
-def starts_of(groups: np.ndarray) -> np.ndarray:
-    """Return where each run of equal values in (N,) begins, and N: (G + 1,) int64."""
-    if not len(groups):
+def starts_of(*keys: np.ndarray) -> np.ndarray:
+    """Return where each run of rows with equal keys, (N,) each, begins, and N: (G + 1,) int64."""
+    if not len(keys[0]):
         return np.zeros(1, np.int64)
-    changes = np.flatnonzero(groups[1:] != groups[:-1]) + 1
-    return np.concatenate([[0], changes, [len(groups)]])
+    changes = np.any([key[1:] != key[:-1] for key in keys], axis=0)
+    return np.concatenate([[0], np.flatnonzero(changes) + 1, [len(keys[0])]])
 
 
 @compiled()

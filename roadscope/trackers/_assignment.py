@@ -7,6 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from roadscope.core.disjoint_sets import join
 from roadscope.core.jit import compiled
 from roadscope.trackers._gating import CandidatePairs
 
@@ -189,29 +190,23 @@ def components(rows: np.ndarray, columns: np.ndarray, n: int, m: int) -> tuple[n
     rows, columns: (P,) the pairs. Components count from 0 by first row; a row or column without
     a pair has -1.
     """
-    parent = np.arange(n + m)
+    parents = np.arange(n + m)
     paired = np.zeros(n + m, np.bool_)
     for k in range(len(rows)):
         a, b = rows[k], n + columns[k]
         paired[a] = paired[b] = True
-        while parent[a] != a:
-            parent[a] = parent[parent[a]]
-            a = parent[a]
-        while parent[b] != b:
-            parent[b] = parent[parent[b]]
-            b = parent[b]
-        parent[max(a, b)] = min(a, b)
+        join(parents, a, b)
     component = np.full(n + m, -1)
     count = 0
     # A parent always comes before its children, and the first row of a component before all.
     for k in range(n + m):
         if not paired[k]:
             continue
-        if parent[k] == k:
+        if parents[k] == k:
             component[k] = count
             count += 1
         else:
-            component[k] = component[parent[k]]
+            component[k] = component[parents[k]]
     return component, count
 
 

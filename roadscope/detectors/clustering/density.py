@@ -6,9 +6,10 @@ from typing import NamedTuple
 
 import numpy as np
 
+from roadscope.core.disjoint_sets import join, root_of
 from roadscope.core.jit import compiled
 from roadscope.detectors.cloud import Cloud
-from roadscope.detectors.sorting import order_by
+from roadscope.detectors.sorting import order_by, starts_of
 
 OUTLIER = -1
 """Label of a return that belongs to no cluster."""
@@ -108,15 +109,14 @@ def _sorted_cells(points: np.ndarray, radius: float) -> tuple[np.ndarray, Square
     order = order_by(row)
     order = order[order_by(column[order])]
     column, row = column[order], row[order]
-    changes = (column[1:] != column[:-1]) | (row[1:] != row[:-1])
-    firsts = np.concatenate([[0], np.flatnonzero(changes) + 1])
-    ordered = points[order]
+    starts, ordered = starts_of(column, row), points[order]
+    firsts = starts[:-1]
     low, high = (
         np.stack([extreme.reduceat(axis, firsts) for axis in ordered.T], axis=1)
         for extreme in (np.minimum, np.maximum)
     )
     near, counts = _near_cells(np.stack([column[firsts], row[firsts]], axis=1))
-    return order, SquareCells(ordered, np.append(firsts, len(points)), near, counts, low, high)
+    return order, SquareCells(ordered, starts, near, counts, low, high)
 
 
 @compiled()
@@ -231,30 +231,3 @@ def _join_borders(cells: SquareCells, core: np.ndarray, limit: float, labels: np
                             best = labels[second]
             if best < len(points):
                 labels[row] = best
-
-
-# --------------------------------------------------------------------------------------------------
-# Disjoint sets: which of N items are connected through links.
-
-
-@compiled(borrowing=True)
-def root_of(parents: np.ndarray, item: int) -> int:
-    """Return the root of an item's set, and shorten the path to it.
-
-    parents: (N,) int64, for each item another item of its set; the root is its own parent. It is
-    changed in place.
-    """
-    while parents[item] != item:
-        parents[item] = parents[parents[item]]
-        item = parents[item]
-    return item
-
-
-@compiled(borrowing=True)
-def join(parents: np.ndarray, first: int, second: int) -> None:
-    """Make one set of two items' sets; the lowest item of a set is its root.
-
-    parents: as in `root_of`, changed in place.
-    """
-    a, b = root_of(parents, first), root_of(parents, second)
-    parents[max(a, b)] = min(a, b)

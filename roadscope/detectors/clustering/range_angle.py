@@ -6,10 +6,11 @@ from typing import NamedTuple
 
 import numpy as np
 
+from roadscope.core.disjoint_sets import join, root_of
 from roadscope.core.jit import compiled
 from roadscope.detectors.cloud import Cloud
-from roadscope.detectors.clustering.density import OUTLIER, join, root_of
-from roadscope.detectors.sorting import median_of, order_by
+from roadscope.detectors.clustering.density import OUTLIER
+from roadscope.detectors.sorting import median_of, order_by, starts_of
 
 SPACINGS = 2.0
 """Links are so many spacings long. Neighbours on a face across the beam are one spacing apart, so
@@ -184,10 +185,8 @@ def linked_sets(
     order = order_by(shell)
     order = order[order_by(sector[order])]
     sector, shell = sector[order], shell[order]
-    changes = (sector[1:] != sector[:-1]) | (shell[1:] != shell[:-1])
-    firsts = np.concatenate([[0], np.flatnonzero(changes) + 1])
-    starts = np.append(firsts, len(points))
-    cells = PolarCells(order, starts, sector[firsts], shell[firsts], sectors)
+    starts = starts_of(sector, shell)
+    cells = PolarCells(order, starts, sector[starts[:-1]], shell[starts[:-1]], sectors)
     _link_cells(swept, parents, cells, rule)
     return parents
 

@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from roadscope.core.jit import compiled
+from roadscope.detectors.sorting import starts_of
 
 TURNS = 12
 """Number of headings that are tried over half a turn. They are at most 7.5 degrees off; a car still
@@ -125,13 +126,12 @@ def evidence_grid(
     # The order within a cell fixes the rounding of sums.
     order = np.lexsort((y, x, row, column))
     column, row = column[order], row[order]
-    changes = (column[1:] != column[:-1]) | (row[1:] != row[:-1])
-    firsts = np.concatenate([[0], np.flatnonzero(changes) + 1])
-    cell = np.repeat(np.arange(len(firsts)), np.diff(firsts, append=len(points)))
+    cells = starts_of(column, row)
+    cell = np.repeat(np.arange(len(cells) - 1), np.diff(cells))
     counts = np.bincount(cell)
     mean_x, mean_y, weight = (np.bincount(cell, v[order]) / counts for v in (x, y, weights))
     places = np.column_stack([mean_x, mean_y]) - corner
-    starts = np.searchsorted(column[firsts], np.arange(column[-1] + 2))
+    starts = np.searchsorted(column[cells[:-1]], np.arange(column[-1] + 2))
     weight = np.clip(weight, -rule.limit, rule.limit)
     return EvidenceGrid(starts, places, weight, origin - corner, rule.cell_m), corner
 

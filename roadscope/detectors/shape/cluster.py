@@ -53,7 +53,7 @@ def outlines(cloud: Cloud, labels: np.ndarray, rows: np.ndarray) -> list[np.ndar
     places = cloud.points[rows, :2]
     x, y = places.T - cloud.origin[:, None]
     ranges = np.hypot(x, y)
-    columns = _group_starts(label, column)
+    columns = starts_of(label, column)
     order = order_within(ranges, columns)
     ranges, starts = ranges[order], columns[:-1]
     face = ranges <= np.repeat(ranges[starts], np.diff(columns)) + DEPTH_M
@@ -62,12 +62,6 @@ def outlines(cloud: Cloud, labels: np.ndarray, rows: np.ndarray) -> list[np.ndar
     lower, upper = order[starts + (counts - 1) // 2], order[starts + counts // 2]
     points = (places[lower] + places[upper]) / 2
     return _by_azimuth(points, starts_of(label[starts]), cloud.origin)
-
-
-def _group_starts(label: np.ndarray, column: np.ndarray) -> np.ndarray:
-    """Return where each column of each cluster begins, and the number of rows."""
-    changes = (label[1:] != label[:-1]) | (column[1:] != column[:-1])
-    return np.concatenate([[0], np.flatnonzero(changes) + 1, [len(label)]])
 
 
 def _by_azimuth(points: np.ndarray, starts: np.ndarray, origin: np.ndarray) -> list[np.ndarray]:
