@@ -3,11 +3,10 @@
 from roadscope._lazy import lazy_names
 
 _PARTS = {
-    "board_figure": "draw_boards",
     "board_files": "check_targets earlier_boards label_of",
     "breakdowns": "breakdown_tables note",
     "curves": "draw_curves has_curves",
-    "export": "latex_text save_all to_csv to_latex to_markdown",
+    "export": "draw_boards latex_text save_all to_csv to_latex to_markdown",
     "moments": "worst_moments",
     "page": "MOST_BYTES PAGE Run read_runs save_moments save_page",
     "replay_records": "ReplayMoment",

@@ -3,8 +3,7 @@
 from roadscope._lazy import lazy_names
 
 _PARTS = {
-    "calibration": "PRIOR fitted_calibration logistic",
-    "camera": "TrainingResult evaluate train_camera",
+    "camera": "PRIOR TrainingResult evaluate fitted_calibration logistic train_camera",
     "crops": "ShuffledPictures Window batch cut_out draw_window objects_in relight relit",
     "driver": "DriverRecipe action_of train_driver",
     "loss_functions": "CropObjects TargetMaps box_loss boxes_of heat_loss losses targets_of",

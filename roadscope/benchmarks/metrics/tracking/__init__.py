@@ -10,8 +10,7 @@ _PARTS = {
     "amota": "NUSCENES_RECALLS RECALLS least_scores",
     "clear": "count_matches",
     "matching": "match_tracks",
-    "recoveries": "NEVER Recovery recovery",
-    "scores": "ALPHA_BANDS BY_ALPHA CURVES",
+    "scores": "ALPHA_BANDS BY_ALPHA CURVES NEVER Recovery recovery",
     "sequence": "SIMILARITIES similarity_by_distance",
     "state_accuracy": "FrameRows Nees StateErrors chi_square nees state_errors",
 }
