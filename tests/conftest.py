@@ -156,11 +156,11 @@ def uninstall(monkeypatch: pytest.MonkeyPatch) -> Callable[[str], None]:
     def hide(hidden: str) -> None:
         find = metadata.distribution
 
-        def found(name: str) -> metadata.Distribution:
+        def distribution_of(name: str) -> metadata.Distribution:
             if name == hidden:
                 raise metadata.PackageNotFoundError(name)
             return find(name)
 
-        monkeypatch.setattr(metadata, "distribution", found)
+        monkeypatch.setattr(metadata, "distribution", distribution_of)
 
     return hide

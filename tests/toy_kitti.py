@@ -52,7 +52,7 @@ def write_kitti(folder: Path, sequences: tuple[str, ...] = ("0000", "0001")) -> 
     return folder
 
 
-def _add(labels, found, what, place, rng) -> None:
+def _add(labels, detections, what, place, rng) -> None:
     frame, kind, number = what
     turned, size = -np.pi / 2, SIZES[kind]
     box = _image_box(place, size, turned)
@@ -65,7 +65,7 @@ def _add(labels, found, what, place, rng) -> None:
     if box is not None and rng.random() > 0.05:
         name = CLASS_OF[kind]
         values = (frame, CLASS_ID[name], *box, rng.normal(4, 2), *size, *seen[0], turned, alpha)
-        found[name].append(_text(*values, separator=","))
+        detections[name].append(_text(*values, separator=","))
 
 
 def _image_box(place, size, turned):

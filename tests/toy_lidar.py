@@ -42,10 +42,10 @@ def scan_of(points, ring=None, column=None, stamp_s=1.0, sensor="lux", intensity
     return LidarScan(points, intensity, ring, column, np.zeros(n), stamp_s, sensor)
 
 
-def take(seen, rows):
+def take(lidar_scan, rows):
     """Take some returns of a scan, in this order."""
     names = ("points", "intensity", "ring", "column", "time_offset_s")
-    return replace(seen, **{name: getattr(seen, name)[rows] for name in names})
+    return replace(lidar_scan, **{name: getattr(lidar_scan, name)[rows] for name in names})
 
 
 def frame(boxes, **options):

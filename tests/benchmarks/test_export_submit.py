@@ -374,13 +374,13 @@ def exported_images(tmp_path_factory) -> Path:
     return export_suite(plan_export(suite_of(IMAGES), folder, detections=()))
 
 
-def write_image_results(folder: Path, found, gain: float = 1.0) -> None:
+def write_image_results(folder: Path, boxes_by_row, gain: float = 1.0) -> None:
     """Write boxes in images, by the number of the image, as KITTI object results.
 
     gain: factor of the scores. Numbers have all digits; nothing is known in space.
     """
     folder.mkdir(parents=True)
-    for number, boxes in found.items():
+    for number, boxes in boxes_by_row.items():
         lines = [
             f"{TYPES[Category(category)]} -1 -1 -10 {' '.join(map(repr, box))} "
             f"-1 -1 -1 -1000 -1000 -1000 -10 {gain * score!r}\n"
@@ -424,10 +424,10 @@ def test_results_on_exported_images_have_the_scores_of_an_entry(exported_images,
     assert own[0].scores["false_alarms"].value > 0
 
 
-def assert_same_scores(found, wanted) -> None:
-    assert found.keys() == wanted.keys()
+def assert_same_scores(scores, wanted) -> None:
+    assert scores.keys() == wanted.keys()
     for metric, score in wanted.items():
-        assert repr(found[metric]) == repr(score), metric
+        assert repr(scores[metric]) == repr(score), metric
 
 
 def test_scores_of_results_in_images_are_mapped_to_0_to_1(exported_images, tmp_path) -> None:

@@ -66,10 +66,11 @@ def detect(spec: str, frames: list[Truth], episode: Episode = EPISODE) -> list[D
     return [noisy.of(truth) for truth in frames]
 
 
-def detected(found: list[Detections], frames: list[Truth]) -> np.ndarray:
+def detected(reported: list[Detections], frames: list[Truth]) -> np.ndarray:
     """(T, N) bool, which objects have a detection; without noise of position."""
     apart = [
-        f.centres[:, None, :2] - t.centres[None, :, :2] for f, t in zip(found, frames, strict=True)
+        f.centres[:, None, :2] - t.centres[None, :, :2]
+        for f, t in zip(reported, frames, strict=True)
     ]
     return np.array([(np.abs(a).max(axis=-1) < 1e-9).any(axis=0) for a in apart])
 

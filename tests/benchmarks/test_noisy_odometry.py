@@ -33,8 +33,8 @@ def bends(n=60, step_m=1.0, yaw_rad=0.02):
     return poses
 
 
-def scored(truth, told):
-    both = Trajectories(np.array([p.matrix for p in told]), np.array([p.matrix for p in truth]))
+def scored(truth, estimate):
+    both = Trajectories(np.array([p.matrix for p in estimate]), np.array([p.matrix for p in truth]))
     return score_odometry(both, lengths_m=(20.0,))
 
 

@@ -377,17 +377,17 @@ def test_samples_and_mounting_are_handed_on(recording):
     plugin = recording / "telling.py"
     plugin.write_text(TELLING)
 
-    def told(*options):
+    def positions_and_yaw(*options):
         done, out = follow(recording, "--odometry", f"{plugin}:Telling", *options)
         assert done.exit_code == 0, done.output
         poses = read_trajectory(out, "kitti").poses
         return [round(p.translation[0]) for p in poses], poses[-1].yaw
 
-    counts, yaw = told("--mounting", "1 0 0 0 0 90")
+    counts, yaw = positions_and_yaw("--mounting", "1 0 0 0 0 90")
     assert counts == [40 * k for k in range(1, 7)]
     assert yaw == pytest.approx(np.pi / 2)
-    assert told()[1] == 0
-    assert told("--imu", "none") == ([-1, -2, -3, -4, -5, -6], 0)
+    assert positions_and_yaw()[1] == 0
+    assert positions_and_yaw("--imu", "none") == ([-1, -2, -3, -4, -5, -6], 0)
 
 
 @pytest.mark.sampled(3)

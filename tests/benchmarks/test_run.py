@@ -217,10 +217,10 @@ def test_trackers_share_one_run_of_the_detector(suite, tmp_path) -> None:
 TIMES = ("call_p50_ms", "call_p99_ms", "wall_p50_ms")
 
 
-def untimed(found: Results, board: str, *entries: str) -> list:
+def untimed(results: Results, board: str, *entries: str) -> list:
     """Return all rows of a board, or of some entries, but times."""
-    every = [row for row in (*found.rows, *found.parts) if row.board == board]
-    names = entries or found.entries(board)
+    every = [row for row in (*results.rows, *results.parts) if row.board == board]
+    names = entries or results.entries(board)
     return [row for row in every if row.metric not in TIMES and row.entry in names]
 
 

@@ -33,18 +33,18 @@ def test_nearest_return_of_each_column():
     assert len(horizon.azimuths) == len(np.unique(horizon.azimuths))
 
 
-def horizon_by_lexsort(found, standing, view):
+def horizon_by_lexsort(returns, standing, view):
     """Sort all returns and look at every azimuth."""
-    above = found.select(standing)
+    above = returns.select(standing)
     order = np.lexsort((above.ranges, above.column))
     nearest = order[np.diff(above.column[order], prepend=-1) != 0]
-    column, first = np.unique(found.column, return_index=True)
-    turns = np.abs(wrap_angle(np.diff(found.azimuths[first])))
+    column, first = np.unique(returns.column, return_index=True)
+    turns = np.abs(wrap_angle(np.diff(returns.azimuths[first])))
     step = float(np.median(turns / np.diff(column))) if len(turns) else 0.0
     middle = (view[0] + view[1]) / 2
-    off = np.abs(wrap_angle(found.azimuths - middle)).max(initial=0.0)
+    off = np.abs(wrap_angle(returns.azimuths - middle)).max(initial=0.0)
     limited = view if off <= view[1] - middle + step else None
-    return Horizon(above.azimuths[nearest], above.ranges[nearest], step, limited, found.origin)
+    return Horizon(above.azimuths[nearest], above.ranges[nearest], step, limited, returns.origin)
 
 
 @given(st.integers(0, 2**32 - 1), st.integers(0, 60), st.sampled_from([20, 110, 350]))

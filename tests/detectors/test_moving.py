@@ -31,7 +31,7 @@ STANDING = [WALL, RAIL, *BUSHES, *POLES]
 CAR = (4.6, 1.85, 1.5)
 
 
-def drive(cars, *, ego_m_s=0.0, count=12, told=True, noise_m=0.02):
+def drive(cars, *, ego_m_s=0.0, count=12, with_motion=True, noise_m=0.02):
     """Return frames of cars given as (x, y, yaw, speed), world frame, and their places at the end.
 
     The sensor drives along x; scans are instantaneous, so no sweep is skewed.
@@ -46,7 +46,7 @@ def drive(cars, *, ego_m_s=0.0, count=12, told=True, noise_m=0.02):
         boxes = [(b[0] - shift, *b[1:]) for b in [*places, *STANDING]]
         seen = scan(boxes, noise_m=noise_m, seed=k, elevations=BEAMS_DEG)
         seen = replace(seen, stamp_s=1.0 + STEP_S * k)
-        motion = Pose.planar(ego_m_s * STEP_S, 0.0, 0.0) if told and k else None
+        motion = Pose.planar(ego_m_s * STEP_S, 0.0, 0.0) if with_motion and k else None
         frames.append(Frame(seen.stamp_s, CALIBRATION, seen, previous_from_ego=motion))
     return frames, [(b[0] - shift, b[1]) for b in places]
 
@@ -79,7 +79,7 @@ def test_where_nothing_moves_nothing_is_found(ego_m_s) -> None:
 
 
 def test_a_moving_sensor_that_is_told_nothing_takes_the_roadside_for_moving() -> None:
-    frames, _ = drive([], ego_m_s=12.0, told=False)
+    frames, _ = drive([], ego_m_s=12.0, with_motion=False)
     assert len(candidates(frames)) > 0
 
 

@@ -30,14 +30,14 @@ def vehicle(x=22.0, y=0.0, length=4.6, width=1.85, yaw=0.0):
     return Vehicle((x, y), (length, width, 1.5), yaw, Category.CAR, 0.05, 20, -1.0)
 
 
-def seen(boxes):
+def cloud_and_horizon(boxes):
     found = cloud(boxes, noise_m=0.02, elevations=ELEVATIONS)
     standing = found.points[:, 2] > 0.3
     return found, Horizon.of(found, standing, VIEW)
 
 
 def feature(vehicles, boxes):
-    found, horizon = seen(boxes)
+    found, horizon = cloud_and_horizon(boxes)
     values = features(vehicles, found, horizon, HEIGHT_M)
     return dict(zip(FEATURES, values.T, strict=True))
 
@@ -49,13 +49,13 @@ def counted(boxes, points, ring):
 
 
 def test_a_car_is_more_probable_than_the_gap_beside_it():
-    found, horizon = seen([CAR])
+    found, horizon = cloud_and_horizon([CAR])
     right, wrong = scores([vehicle(), vehicle(y=5.0)], found, horizon, HEIGHT_M)
     assert 0 < wrong < 0.2 < 0.6 < right < 1
 
 
 def test_copies_of_returns_are_no_evidence():
-    found, horizon = seen([CAR])
+    found, horizon = cloud_and_horizon([CAR])
     twice = found.select(np.repeat(np.arange(len(found)), 2))
     boxes = [vehicle(), vehicle(y=5.0)]
     once = scores(boxes, found, horizon, HEIGHT_M)
@@ -63,7 +63,7 @@ def test_copies_of_returns_are_no_evidence():
 
 
 def test_no_box_no_score():
-    found, horizon = seen([CAR])
+    found, horizon = cloud_and_horizon([CAR])
     assert scores([], found, horizon, HEIGHT_M).shape == (0,)
 
 

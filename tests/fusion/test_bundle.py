@@ -73,7 +73,7 @@ def project(points: np.ndarray) -> np.ndarray:
     return seen[:, :2] / seen[:, 2:]
 
 
-def seen(
+def measured_targets(
     count: int, seed: int, noise_px: float = 0.1, noise_m: float = 0.1
 ) -> tuple[np.ndarray, np.ndarray, list[ScannedTarget]]:
     """Corners in scans, pixels and scanned."""
@@ -109,7 +109,7 @@ def off_px(matrix: np.ndarray) -> float:
 def test_it_beats_corners_alone(known: bool) -> None:
     shares = []
     for seed in range(5):
-        corners, pixels, scanned = seen(8, seed)
+        corners, pixels, scanned = measured_targets(8, seed)
         start = linear(corners, pixels, known)
         found = refine(start, corners, pixels, scanned, TARGET, free_intrinsics=not known)
         shares.append(off_px(found.matrix) / off_px(start))
@@ -117,7 +117,7 @@ def test_it_beats_corners_alone(known: bool) -> None:
 
 
 def test_many_targets_leave_less_than_a_pixel() -> None:
-    corners, pixels, scanned = seen(20, 7)
+    corners, pixels, scanned = measured_targets(20, 7)
     found = refine(linear(corners, pixels), corners, pixels, scanned, TARGET)
     assert off_px(found.matrix) < 1.0
     true = np.stack([corners_at(pose) for pose in poses(20, 7)])
@@ -126,7 +126,7 @@ def test_many_targets_leave_less_than_a_pixel() -> None:
 
 
 def test_a_refined_target_has_the_sides_of_the_target() -> None:
-    corners, pixels, scanned = seen(5, 3)
+    corners, pixels, scanned = measured_targets(5, 3)
     found = refine(linear(corners, pixels), corners, pixels, scanned, TARGET)
     flat = TARGET.corners
     for k in range(3):
@@ -135,14 +135,14 @@ def test_a_refined_target_has_the_sides_of_the_target() -> None:
 
 
 def test_known_intrinsics_are_kept() -> None:
-    corners, pixels, scanned = seen(5, 3)
+    corners, pixels, scanned = measured_targets(5, 3)
     start = linear(corners, pixels, known=True)
     found = refine(start, corners, pixels, scanned, TARGET, free_intrinsics=False)
     assert decompose(found.matrix)[0] == pytest.approx(INNER, abs=1e-6)
 
 
 def test_the_order_of_targets_is_irrelevant() -> None:
-    corners, pixels, scanned = seen(6, 4)
+    corners, pixels, scanned = measured_targets(6, 4)
     start = linear(corners, pixels)
     found = refine(start, corners, pixels, scanned, TARGET)
     turned = refine(start, corners[::-1], pixels[::-1], scanned[::-1], TARGET)
@@ -151,7 +151,7 @@ def test_the_order_of_targets_is_irrelevant() -> None:
 
 
 def test_a_beam_that_met_something_else_moves_little() -> None:
-    corners, pixels, scanned = seen(12, 5)
+    corners, pixels, scanned = measured_targets(12, 5)
     start = linear(corners, pixels)
     wrong = []
     for each in scanned:
@@ -185,14 +185,14 @@ def test_stray_ranges_do_not_move_the_plane() -> None:
 
 
 def test_beams_on_both_sides_of_every_end_are_kept() -> None:
-    _, _, scanned = seen(4, 6)
+    _, _, scanned = measured_targets(4, 6)
     for each in scanned:
         assert min((each.hit_share > 0.5).sum(), (each.hit_share < 0.5).sum()) >= 8
 
 
 def test_the_descent_ends_where_a_dense_one_does() -> None:
     """The slow, obvious way: one dense problem of all unknowns."""
-    corners, pixels, scanned = seen(4, 9)
+    corners, pixels, scanned = measured_targets(4, 9)
     camera = decompose(linear(corners, pixels, known=True))[1].inverse().matrix[:3]
     targets = np.stack([pose.matrix[:3] for pose in poses(4, 9)])[:, :, [1, 2, 0, 3]]
     targets = targets * [-1.0, 1.0, -1.0, 1.0]  # right, up, towards the sensor
@@ -221,7 +221,7 @@ def test_the_descent_ends_where_a_dense_one_does() -> None:
 
 
 def test_unequal_numbers_are_refused() -> None:
-    corners, pixels, scanned = seen(4, 1)
+    corners, pixels, scanned = measured_targets(4, 1)
     with pytest.raises(CalibrationError, match="got 4, 4 and 3"):
         refine(CAMERA, corners, pixels, scanned[:3], TARGET)
     with pytest.raises(CalibrationError, match="at least 6 returns, got 2"):

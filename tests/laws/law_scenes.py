@@ -99,25 +99,25 @@ def mirrored(frame: Frame) -> Frame:
     return replace(frame, lidar=there, previous_from_ego=own)
 
 
-def mirror_boxes(found: Detections) -> Detections:
-    return replace(found, centres=found.centres * [1, -1, 1], yaws=wrap_angle(-found.yaws))
+def mirror_boxes(boxes: Detections) -> Detections:
+    return replace(boxes, centres=boxes.centres * [1, -1, 1], yaws=wrap_angle(-boxes.yaws))
 
 
 KEPT = ("sizes", "scores")
 
 
-def apart(found: Detections, expected: Detections) -> np.ndarray:
+def differences(boxes: Detections, expected: Detections) -> np.ndarray:
     """Greatest difference, (4,), of place and size in metres, axis in radians, and score.
 
     Boxes are paired one to one; inf where that cannot be.
     """
-    if len(found) != len(expected):
+    if len(boxes) != len(expected):
         return np.full(4, np.inf)
     worst, free = np.zeros(4), list(range(len(expected)))
-    for row in range(len(found)):
-        gaps = [np.hypot(*(expected.centres[k] - found.centres[row])[:2]) for k in free]
+    for row in range(len(boxes)):
+        gaps = [np.hypot(*(expected.centres[k] - boxes.centres[row])[:2]) for k in free]
         k = free.pop(int(np.argmin(gaps)))
-        axis = (found.yaws[row] - expected.yaws[k] + np.pi / 2) % np.pi - np.pi / 2
-        size, score = (abs(getattr(found, n)[row] - getattr(expected, n)[k]) for n in KEPT)
+        axis = (boxes.yaws[row] - expected.yaws[k] + np.pi / 2) % np.pi - np.pi / 2
+        size, score = (abs(getattr(boxes, n)[row] - getattr(expected, n)[k]) for n in KEPT)
         worst = np.maximum(worst, [min(gaps), size.max(), abs(axis), score])
     return worst

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from hypothesis import Phase, example, given, settings
 from hypothesis import strategies as st
-from law_scenes import AROUND, apart, carried, mirror_boxes, mirrored, turned_sensor
+from law_scenes import AROUND, carried, differences, mirror_boxes, mirrored, turned_sensor
 from law_scenes import film as drive
 from toy_lidar import CALIBRATION, scan, scan_of, take
 
@@ -41,8 +41,8 @@ def any_detector(request):
     return DETECTORS.make(request.param)
 
 
-def shuffled(seen: LidarScan, seed: int) -> LidarScan:
-    return take(seen, np.random.default_rng(seed).permutation(len(seen)))
+def shuffled(sweep: LidarScan, seed: int) -> LidarScan:
+    return take(sweep, np.random.default_rng(seed).permutation(len(sweep)))
 
 
 def film(scene=(), *, shuffled_by=None, count=6, **options) -> list[Frame]:
@@ -167,13 +167,13 @@ def off_after(name: str, speed_m_s: float, motion: Pose) -> np.ndarray:
     """Return how far the boxes are from where they were when the scene is moved."""
     there = run(every_box(name), [carried(seen, motion) for seen in driven(speed_m_s)])
     before = [found.moved(motion, "ego") for found in boxes_of(name, speed_m_s)]
-    return np.max([apart(a, b) for a, b in zip(there, before, strict=True)], axis=0)
+    return np.max([differences(a, b) for a, b in zip(there, before, strict=True)], axis=0)
 
 
 def worst(detector, frames, others, back) -> np.ndarray:
     """Return how far the answers to frames, brought elsewhere, are from those to others."""
     pairs = zip(run(detector, frames), run(detector, others), strict=True)
-    return np.max([apart(there, back(here)) for here, there in pairs], axis=0)
+    return np.max([differences(there, back(here)) for here, there in pairs], axis=0)
 
 
 EXACT = (1e-6, 1e-6, 1e-6, 1e-5)
@@ -251,7 +251,7 @@ def test_left_and_right_are_alike(name, speed_m_s):
 @films
 def test_the_clock_has_no_zero(detector, speed_m_s):
     frames, later = (drive(speed_m_s=speed_m_s, start_s=s) for s in (1.0, 65.0))
-    assert (worst(detector, frames, later, lambda found: found) <= 1e-6).all()
+    assert (worst(detector, frames, later, lambda boxes: boxes) <= 1e-6).all()
 
 
 def test_a_sensor_that_stands_may_say_so(detector):
@@ -259,23 +259,23 @@ def test_a_sensor_that_stands_may_say_so(detector):
     told = [
         replace(f, previous_from_ego=Pose.identity() if k else None) for k, f in enumerate(frames)
     ]
-    assert (worst(detector, frames, told, lambda found: found) <= 1e-6).all()
+    assert (worst(detector, frames, told, lambda boxes: boxes) <= 1e-6).all()
 
 
 def test_the_way_the_sensor_is_mounted_changes_nothing(detector):
     """The returns stay where they are in the ego frame, to the rounding of the scan's numbers."""
     frames = [replace(f, lidar=behind_too(f.lidar)) for f in drive()]
     there = [turned_sensor(seen, Pose.planar(0.0, 0.0, 1.0)) for seen in frames]
-    assert (worst(detector, frames, there, lambda found: found) <= ROUNDED).all()
+    assert (worst(detector, frames, there, lambda boxes: boxes) <= ROUNDED).all()
 
 
-def behind_too(seen: LidarScan) -> LidarScan:
+def behind_too(sweep: LidarScan) -> LidarScan:
     """Add a return behind the sensor: what looks ahead only knows where its view ends."""
-    last = take(seen, np.array([0]))
+    last = take(sweep, np.array([0]))
     last = replace(last, points=[[-30.0, 0.0, 0.5]], column=last.column + 900)
     fields = ("points", "intensity", "ring", "column", "time_offset_s")
-    both = {n: np.concatenate([getattr(seen, n), getattr(last, n)]) for n in fields}
-    return replace(seen, **both)
+    both = {n: np.concatenate([getattr(sweep, n), getattr(last, n)]) for n in fields}
+    return replace(sweep, **both)
 
 
 def test_copies_of_returns_give_proper_boxes(detector):
@@ -294,7 +294,7 @@ def test_copies_of_returns_move_no_box(name):
     copied = [
         replace(f, lidar=take(f.lidar, np.repeat(np.arange(len(f.lidar)), 2))) for f in frames
     ]
-    off = worst(every_box(name), frames, copied, lambda found: found)
+    off = worst(every_box(name), frames, copied, lambda boxes: boxes)
     # The sum over copies rounds otherwise, and with it where bins begin.
     assert (off[:3] <= allowed(name, filtered=(0.01, 1e-6, 5e-3))[:3]).all()
 

@@ -239,7 +239,7 @@ def test_figures_only_get_worse(kind: str) -> None:
 
 
 @pytest.mark.parametrize(
-    ("given", "message"),
+    ("text", "message"),
     [
         ("fgo:3", r"no fault 'fgo' \(did you mean 'fog'\?\); known: fog, rain, night, glare"),
         ("fog", r"fault 'fog': expected a severity 1 to 5, fog:1 to fog:5, got ''"),
@@ -254,15 +254,15 @@ def test_figures_only_get_worse(kind: str) -> None:
         ("rain:1 + fog:1", "faults fog and rain exclude each other"),
     ],
 )
-def test_what_is_no_fault_is_refused_with_what_is(given: object, message: str) -> None:
+def test_what_is_no_fault_is_refused_with_what_is(text: object, message: str) -> None:
     with pytest.raises(ValueError, match=message):
-        Sensing(find_rig("lux"), 0, faults=given)
+        Sensing(find_rig("lux"), 0, faults=text)
 
 
-@pytest.mark.parametrize("given", [[3], [None], [("fog", 3)]])
-def test_what_is_no_text_is_refused(given: object) -> None:
+@pytest.mark.parametrize("value", [[3], [None], [("fog", 3)]])
+def test_what_is_no_text_is_refused(value: object) -> None:
     with pytest.raises(TypeError, match="expected text such as fog:3"):
-        Sensing(find_rig("lux"), 0, faults=given)
+        Sensing(find_rig("lux"), 0, faults=value)
     with pytest.raises(TypeError, match=r"faults: expected 'fog:3', .* got 3"):
         faults_of(3)  # type: ignore[arg-type]
 
@@ -274,16 +274,16 @@ def test_faults_made_by_hand_are_checked_too(kind: str, severity: int) -> None:
 
 
 @pytest.mark.parametrize(
-    ("told", "fault"),
+    ("options", "fault"),
     [
         ({"weather": "rain"}, "fog:3"),
         ({"weather": "fog-3"}, "fog:3"),
         ({"light": "day"}, "night:1"),
     ],
 )
-def test_two_words_on_one_thing_are_refused(told: dict[str, str], fault: str) -> None:
+def test_two_words_on_one_thing_are_refused(options: dict[str, str], fault: str) -> None:
     with pytest.raises(ValueError, match=f"and fault '{fault}' both say what"):
-        Sensing(find_rig("wide"), 0, faults=fault, **told)
+        Sensing(find_rig("wide"), 0, faults=fault, **options)
 
 
 @pytest.mark.parametrize("kind", ["fog", "rain"])

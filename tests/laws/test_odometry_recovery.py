@@ -112,9 +112,9 @@ def steps(poses):
     return [np.linalg.inv(one) @ other for one, other in pairwise(poses)]
 
 
-def apart(told, truth):
-    """(K, 2) metres and radians between each step told and the true one."""
-    rest = [np.linalg.inv(b) @ a for a, b in zip(steps(told), steps(truth), strict=True)]
+def errors_of(estimates, truth):
+    """(K, 2) metres and radians between each estimated step and the true one."""
+    rest = [np.linalg.inv(b) @ a for a, b in zip(steps(estimates), steps(truth), strict=True)]
     turns = [np.arccos(np.clip((np.trace(m[:3, :3]) - 1) / 2, -1, 1)) for m in rest]
     return np.column_stack([[np.linalg.norm(m[:3, 3]) for m in rest], turns])
 
@@ -128,7 +128,7 @@ def follow(name, inputs):
     assert all(np.isfinite(each.covariance).all() for each in told)
     latest = np.maximum.accumulate([scan.stamp_s for scan, _ in inputs])
     truth = np.array([drive.pose(stamp_s) for stamp_s in latest])
-    off = apart(poses, truth)
+    off = errors_of(poses, truth)
     if name in MAPPED:
         off[np.diff(np.linalg.norm((poses - truth)[:, :3, 3], axis=1)) < 0] = 0.0
     return told, off
@@ -142,14 +142,14 @@ def unspoilt(name):
     return most
 
 
-def check_told_and_recovered(name, told, off):
+def check_reported_and_recovered(name, estimates, off):
     first = drive_of(name)[1]
     wrong = (off[:, 0] > WRONG_M) | (off[:, 1] > WRONG_RAD)
-    silent = [k + 1 for k in np.flatnonzero(wrong) if told[k + 1].ok and k + 1 >= first]
+    silent = [k + 1 for k in np.flatnonzero(wrong) if estimates[k + 1].ok and k + 1 >= first]
     assert not silent, f"steps {silent} are off by {off[np.array(silent) - 1].round(2).tolist()}"
     if name in UNGUARDED:
         return
-    assert all(each.ok for each in told[-SETTLED:])
+    assert all(each.ok for each in estimates[-SETTLED:])
     most = np.maximum([RIGHT_M, RIGHT_RAD], 1.25 * unspoilt(name))
     assert (off[-SETTLED:] < most).all(), (off[-SETTLED:].max(axis=0), most)
 
@@ -186,7 +186,7 @@ def test_spoilt_scans_are_told_and_left_behind(name, kind):
         # The first of those with the same stamp, or the same view, is the scan itself.
         untold = first + (kind in ("same stamp", "all dynamic"))
         assert not any(each.ok for each in told[untold:last])
-    check_told_and_recovered(name, told, off)
+    check_reported_and_recovered(name, told, off)
 
 
 @pytest.mark.sampled(1)
@@ -195,7 +195,7 @@ def test_a_lost_second_is_told_and_left_behind(name):
     told, off = follow(name, inputs[:first] + inputs[first + 10 :])
     assert not told[first].ok
     if name not in READ_NO_SCANS:
-        check_told_and_recovered(name, told, off)
+        check_reported_and_recovered(name, told, off)
 
 
 NOTHING = ImuSamples(np.empty(0), np.empty((0, 3)), np.empty((0, 3)))
@@ -222,7 +222,7 @@ def test_a_faulty_imu_is_left_behind(name, kind):
     if name in FEEL and kind != "none":
         assert any(each.reason == NO_SAMPLES for each in told[first:last])
     if name not in READ_NO_SCANS:
-        check_told_and_recovered(name, told, off)
+        check_reported_and_recovered(name, told, off)
 
 
 def spoilt_imu(imu, kind):

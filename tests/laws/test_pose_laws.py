@@ -81,7 +81,7 @@ def spec():
 
 
 @cache
-def seen(drive="straight", seed=0):
+def sweeps_of(drive="straight", seed=0):
     return sense_drive(drive, seed, frames=3).sweeps
 
 
@@ -106,19 +106,19 @@ def moved(place, motion):
     return motion.apply(np.append(place, 0.0)[None])[0, :2]
 
 
-def off(name, found, expected, motion=None):
+def off(name, estimate, expected, motion=None):
     """Return how far a pose is off the expected one, moved, in units of what is allowed."""
     motion = Pose.identity() if motion is None else motion
     metres, radians = TOLERANCE.get(name, SAMPLED)
     place = moved(expected.centre, motion)
-    turn = abs(axis_difference(found.yaw, expected.yaw + motion.yaw))
-    return max(np.hypot(*(found.centre - place)) / metres, turn / radians)
+    turn = abs(axis_difference(estimate.yaw, expected.yaw + motion.yaw))
+    return max(np.hypot(*(estimate.centre - place)) / metres, turn / radians)
 
 
 @every
 def test_finds_the_car(name):
     for drive in ("straight", "curve"):
-        found, (x, y, yaw) = ESTIMATORS[name](seen(drive)), seen(drive)[1].truth
+        found, (x, y, yaw) = ESTIMATORS[name](sweeps_of(drive)), sweeps_of(drive)[1].truth
         assert np.hypot(found.x - x, found.y - y) < FINDS_M.get(name, 0.1)
         assert abs(axis_difference(found.yaw, yaw)) < np.radians(1)
 
@@ -132,7 +132,7 @@ def test_finds_the_car(name):
     drive=st.sampled_from(["straight", "curve"]),
 )
 def test_rigid_motion_moves_the_pose(name, turn, x, y, drive):
-    motion, shots = Pose.planar(x, y, turn), seen(drive)
+    motion, shots = Pose.planar(x, y, turn), sweeps_of(drive)
     here, there = (ESTIMATORS[name](s) for s in (shots, carried(shots, motion)))
     assert off(name, there, here, motion) < 1
     assert (there.length, there.width) == pytest.approx((here.length, here.width), abs=0.01)
@@ -150,7 +150,7 @@ def test_order_of_the_returns_changes_nothing(name, seed):
         order = np.random.default_rng(seed).permutation(len(scan))
         return take(scan, order), target[order]
 
-    shots = seen()
+    shots = sweeps_of()
     assert off(name, ESTIMATORS[name](changed(shots, mix)), ESTIMATORS[name](shots)) < 1e-3
 
 
@@ -159,7 +159,7 @@ def test_copies_of_returns_say_the_same(name):
     def copy(scan, target):
         return take(scan, np.repeat(np.arange(len(scan)), 2)), np.repeat(target, 2)
 
-    shots = seen()
+    shots = sweeps_of()
     found, here = (ESTIMATORS[name](s) for s in (changed(shots, copy), shots))
     # Random pairs of twice the returns are other pairs.
     assert off(name, found, here) < 1 or (
@@ -169,7 +169,7 @@ def test_copies_of_returns_say_the_same(name):
 
 @every
 def test_same_input_same_output_to_the_bit(name):
-    assert ESTIMATORS[name](seen()) == ESTIMATORS[name](seen())
+    assert ESTIMATORS[name](sweeps_of()) == ESTIMATORS[name](sweeps_of())
 
 
 @every
@@ -183,13 +183,13 @@ def test_input_is_left_alone(name):
 
 
 @every
-@pytest.mark.parametrize("kept", [1, 2, 3])
-def test_few_returns_give_a_pose_beside_them(name, kept):
+@pytest.mark.parametrize("count", [1, 2, 3])
+def test_few_returns_give_a_pose_beside_them(name, count):
     def few_of(scan, target):
         rows = np.flatnonzero(target)
-        return scan, np.isin(np.arange(len(target)), rows[:: -(-len(rows) // kept)][:kept])
+        return scan, np.isin(np.arange(len(target)), rows[:: -(-len(rows) // count)][:count])
 
-    shots = changed(seen(), few_of)
+    shots = changed(sweeps_of(), few_of)
     found = ESTIMATORS[name](shots)
     nearest = np.hypot(*(shots[1].points_xy - found.centre).T).min()
     assert nearest < np.hypot(*SIZE.values()) / 2 + 0.3
@@ -204,7 +204,7 @@ def test_returns_on_a_line_give_a_pose(name):
         rings = scan.ring[target]
         return scan, target & (scan.ring == np.bincount(rings).argmax())
 
-    shots = changed(seen(), one_ring)
+    shots = changed(sweeps_of(), one_ring)
     found, truth = ESTIMATORS[name](shots), shots[1].truth
     assert np.hypot(*(found.centre - truth[:2])) < 0.1
 
@@ -215,7 +215,7 @@ def test_equal_places_give_a_pose(name):
         rows = np.flatnonzero(target)[:1].repeat(9)
         return take(scan, rows), np.ones(9, bool)
 
-    found = ESTIMATORS[name](changed(seen(), heap))
+    found = ESTIMATORS[name](changed(sweeps_of(), heap))
     assert np.isfinite((found.x, found.y, found.yaw)).all()
 
 
@@ -224,7 +224,7 @@ def test_no_return_is_no_pose(name):
     def nothing(scan, target):
         return scan, np.zeros_like(target)
 
-    shots = changed(seen(), nothing)
+    shots = changed(sweeps_of(), nothing)
     if name in NO_ANSWER:
         assert ESTIMATORS[name](shots) is None
     else:
@@ -236,7 +236,7 @@ def test_no_return_is_no_pose(name):
 @pytest.mark.parametrize("bad", [np.nan, np.inf])
 def test_what_is_no_place_is_refused_by_name(name, bad):
     """Points by the estimator, scans by the record, so that the others never see one."""
-    shot = seen()[1]
+    shot = sweeps_of()[1]
     points = shot.points_xy.copy()
     points[3, 1] = bad
     refused = {
@@ -251,8 +251,8 @@ def test_what_is_no_place_is_refused_by_name(name, bad):
 
 def test_smoother_forgets_on_reset():
     smoother = Smoother(spec(), ford_fusion(0.0, 0.0), frames=3)
-    first = follow(smoother, seen())
+    first = follow(smoother, sweeps_of())
     smoother.reset()
-    follow(smoother, seen("curve"))
+    follow(smoother, sweeps_of("curve"))
     smoother.reset()
-    assert follow(smoother, seen()) == first
+    assert follow(smoother, sweeps_of()) == first

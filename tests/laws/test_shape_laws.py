@@ -31,7 +31,7 @@ few = settings(max_examples=10, phases=[Phase.generate])
 cars = st.integers(0, 2)
 
 
-def seen(pose=MOUNT, *, car=0, seed=0, way=1) -> tuple[Cluster, Horizon]:
+def sensed_car(pose=MOUNT, *, car=0, seed=0, way=1) -> tuple[Cluster, Horizon]:
     """Return one car's returns from a sensor at a pose, and what stands around."""
     taken = scan(DECIDED[car : car + 1], seed=seed, azimuths=LIMITED, noise_m=0.02, ground=False)
     cloud = Cloud.of(taken, pose)
@@ -43,12 +43,14 @@ def seen(pose=MOUNT, *, car=0, seed=0, way=1) -> tuple[Cluster, Horizon]:
     return cluster, Horizon.of(cloud, standing, Bounds(way * pose.yaw - 1.0, way * pose.yaw + 1.0))
 
 
-def assert_same(found, expected, tolerance=EXACT, place=lambda centre: centre, yaw=lambda yaw: yaw):
+def assert_same(
+    vehicles, expected, tolerance=EXACT, place=lambda centre: centre, yaw=lambda yaw: yaw
+):
     """Compare vehicles to the expected ones, those brought elsewhere by `place` and `yaw`."""
     metres, radians = tolerance
-    assert len(found) == len(expected) > 0
+    assert len(vehicles) == len(expected) > 0
     for here in expected:
-        there = min(found, key=lambda v: np.hypot(*(v.centre - place(np.array(here.centre)))))
+        there = min(vehicles, key=lambda v: np.hypot(*(v.centre - place(np.array(here.centre)))))
         assert there.centre == pytest.approx(place(np.array(here.centre)), abs=metres)
         turned = (there.yaw - yaw(here.yaw) + np.pi / 2) % np.pi - np.pi / 2
         assert abs(turned) <= radians
@@ -62,7 +64,9 @@ def assert_same(found, expected, tolerance=EXACT, place=lambda centre: centre, y
 def test_rigid_motion_moves_the_vehicle(name, car, seed, turn, x):
     """Flanks are seen, so no shape has to guess which way a body is headed."""
     motion = Pose.planar(x, -0.5 * x, turn)
-    here, there = (SHAPES[name](*seen(p, car=car, seed=seed)) for p in (MOUNT, motion @ MOUNT))
+    here, there = (
+        SHAPES[name](*sensed_car(p, car=car, seed=seed)) for p in (MOUNT, motion @ MOUNT)
+    )
 
     def place(centre):
         return motion.apply(np.append(centre, 0.0)[None])[0, :2]
@@ -74,7 +78,7 @@ def test_rigid_motion_moves_the_vehicle(name, car, seed, turn, x):
 @few
 @given(car=cars, seed=st.integers(0, 99))
 def test_left_and_right_are_alike(name, car, seed):
-    here, there = (SHAPES[name](*seen(car=car, seed=seed, way=way)) for way in (1, -1))
+    here, there = (SHAPES[name](*sensed_car(car=car, seed=seed, way=way)) for way in (1, -1))
     assert_same(there, here, EXACT, lambda centre: centre * [1, -1], lambda yaw: -yaw)
 
 
@@ -82,7 +86,7 @@ def test_left_and_right_are_alike(name, car, seed):
 @few
 @given(car=cars, seed=st.integers(0, 2**32 - 1))
 def test_order_and_copies_of_returns_change_nothing(name, car, seed):
-    cluster, around = seen(car=car)
+    cluster, around = sensed_car(car=car)
     rows = np.random.default_rng(seed).permutation(np.repeat(np.arange(len(cluster.points)), 2))
     of_returns = {name: getattr(cluster, name)[rows] for name in ("points", "ring", "column")}
     mixed = replace(cluster, **of_returns)
@@ -116,4 +120,4 @@ def test_any_few_returns_show_proper_vehicles_or_none(name, seed, count, kind):
 
 @every
 def test_same_cluster_same_vehicles_to_the_bit(name):
-    assert SHAPES[name](*seen()) == SHAPES[name](*seen())
+    assert SHAPES[name](*sensed_car()) == SHAPES[name](*sensed_car())

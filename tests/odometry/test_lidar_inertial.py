@@ -199,13 +199,13 @@ def test_a_speed_without_fixtures_is_degraded_until_there_are_some():
     assert guessed > 100 * known
 
 
-def way_m(*, shake=0.0, seen=low):
+def way_m(*, shake=0.0, selected=low):
     """How far a start at 24 m/s straight ahead is said to have come in seven scans, metres."""
     drive, odometry = Drive(24.0, 0.0), ODOMETRIES.make("lidar-inertial")
     for k in range(7):
         imu = drive.imu(k)
         force = imu.specific_force + shake * np.sin(30 * imu.stamps_s)[:, None]
-        told = odometry.update(seen(drive.scan(k)), replace(imu, specific_force=force))
+        told = odometry.update(selected(drive.scan(k)), replace(imu, specific_force=force))
     return told.start_from_lidar.translation[0]
 
 
@@ -213,7 +213,7 @@ def test_constant_samples_mean_rest_unless_fixtures_contradict():
     """Low things may all be traffic that passes."""
     assert abs(way_m()) < 0.1
     assert way_m(shake=0.3) == pytest.approx(14.4, abs=0.5)
-    assert way_m(seen=lambda scan: scan) == pytest.approx(14.4, abs=0.5)
+    assert way_m(selected=lambda scan: scan) == pytest.approx(14.4, abs=0.5)
 
 
 def test_objects_that_moved_in_are_dynamic_and_static_ones_are_not():
@@ -233,12 +233,12 @@ def back(at_m):
     return at_m * np.column_stack([np.ones(across.size), across.ravel(), up.ravel()])
 
 
-def looked_behind(driven_m, seen):
+def looked_behind(driven_m, image):
     """Return which points are dynamic after two images of a lorry 10 m ahead and a distance."""
     space, rings = FreeSpace(), np.repeat(np.arange(6), 60)
     for stamp_s in (0.0, 0.6):
         space.add(stamp_s, back(10.0), rings, np.eye(4))
-    return space.entered(0.9, seen + np.array([driven_m, 0.0, 0.0]), seen) >= CERTAIN
+    return space.entered(0.9, image + np.array([driven_m, 0.0, 0.0]), image) >= CERTAIN
 
 
 def test_a_vehicle_ahead_is_dynamic_and_what_it_hid_is_not():

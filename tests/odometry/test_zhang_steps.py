@@ -191,9 +191,9 @@ def under_way():
     return odometry, drive, inputs
 
 
-def away(told, drive, scan):
+def away(estimate, drive, scan):
     """Horizontal error: a scan without ground has little information about height."""
-    off = told.start_from_lidar.matrix - drive.pose(scan.stamp_s)
+    off = estimate.start_from_lidar.matrix - drive.pose(scan.stamp_s)
     return np.abs(off[:2, 3]).max()
 
 
@@ -253,13 +253,13 @@ def test_columns_of_a_degree_have_too_few_features():
 def test_the_threshold_of_dynamic_clusters_grows_with_range(sampled, dynamic):
     """By 0.3 m at 40 m, where beams of a VLP-16 are 0.14 m apart, or 1.4 m."""
 
-    def seen(shift_m):
+    def cluster_at(shift_m):
         row = np.zeros(1, np.int64)
         there = np.array([[40.0, shift_m, 0.0]])
         return Segments(there, row, row, np.zeros(1), row, row, there, row + 1, row)
 
     rule = ZhangOdometry(ZhangSettings(threshold=DynamicThreshold(sampled=sampled)))
-    found = rule.compared(seen(0.3), seen(0.0), np.eye(4), 0.1)
+    found = rule.compared(cluster_at(0.3), cluster_at(0.0), np.eye(4), 0.1)
     assert found.dynamic.tolist() == [dynamic]
 
 

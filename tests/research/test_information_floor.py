@@ -37,8 +37,8 @@ def log_likelihood(run, k, offset):
     return float(out[0])
 
 
-def nees(found: InformationFloor) -> np.ndarray:
-    return found.nees[np.isfinite(found.nees)]
+def nees(floor: InformationFloor) -> np.ndarray:
+    return floor.nees[np.isfinite(floor.nees)]
 
 
 def test_few_samples_do_not_make_a_posterior_too_sure():

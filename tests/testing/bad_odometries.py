@@ -8,7 +8,7 @@ import numpy as np
 from roadscope import OdometryEstimate, OdometryStatus, Pose
 
 
-def told(scan, x=0.0, **changed):
+def estimate_of(scan, x=0.0, **changed):
     given = {
         "start_from_lidar": Pose.planar(x, 0.0, 0.0),
         "covariance": np.zeros((6, 6)),
@@ -31,7 +31,7 @@ class Good:
 
     def update(self, scan, imu=None):
         self.x += self.step_m
-        return told(scan, self.x)
+        return estimate_of(scan, self.x)
 
 
 class Unsaid:
@@ -40,7 +40,7 @@ class Unsaid:
     def reset(self, mounting=None): ...
 
     def update(self, sweep, samples=None) -> OdometryEstimate:
-        return told(sweep)
+        return estimate_of(sweep)
 
 
 class WithoutMounting(Good):
@@ -55,27 +55,27 @@ class ReturnsMatrix(Good):
 
 class WrongStamp(Good):
     def update(self, scan, imu=None):
-        return told(scan, stamp_s=scan.stamp_s + 1)
+        return estimate_of(scan, stamp_s=scan.stamp_s + 1)
 
 
 class ForgetsReturns(Good):
     def update(self, scan, imu=None):
-        return told(scan, dynamic=np.zeros(3, bool))
+        return estimate_of(scan, dynamic=np.zeros(3, bool))
 
 
 class StartsElsewhere(Good):
     def update(self, scan, imu=None):
-        return told(scan, 3.0)
+        return estimate_of(scan, 3.0)
 
 
 class FliesOff(Good):
     def update(self, scan, imu=None):
-        return told(scan, 1e9)
+        return estimate_of(scan, 1e9)
 
 
 class ReturnsNan(Good):
     def update(self, scan, imu=None):
-        return told(scan, np.nan)
+        return estimate_of(scan, np.nan)
 
 
 class NeedsImu(Good):
@@ -110,7 +110,7 @@ class KeepsTheFirstScan(Good):
     def update(self, scan, imu=None):
         self.first = self.first or float(np.abs(scan.points).mean())
         self.x += self.step_m
-        return told(scan, self.x * self.first / 10)
+        return estimate_of(scan, self.x * self.first / 10)
 
 
 class Raises(Good):

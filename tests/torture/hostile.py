@@ -264,14 +264,14 @@ def framed(message):
     return len(message).to_bytes(8, "little") + message
 
 
-def told(plugin, answer, **changes):
+def answer_message(plugin, answer, **changes):
     """Return a well-formed answer to this call, the first of which has number 2."""
     content = {"number": plugin.calls + 1, "error": "", "answer": answer}
     return framed(encode(content | {"wall_ms": 0.0, "processor_ms": 0.0} | changes))
 
 
 def forged_answer(plugin, answer):
-    write(told(plugin, answer, number=99))
+    write(answer_message(plugin, answer, number=99))
     time.sleep(LONG_S)
 
 
@@ -293,40 +293,40 @@ def forged_length(plugin, answer):
 
 
 def truncated(plugin, answer):
-    message = told(plugin, answer)
+    message = answer_message(plugin, answer)
     write(message[: len(message) // 2])
     os._exit(0)
 
 
 def shortened(plugin, answer):
     """Send a whole message whose content lacks its end."""
-    write(framed(told(plugin, answer)[8:-9]))
+    write(framed(answer_message(plugin, answer)[8:-9]))
     time.sleep(LONG_S)
 
 
 def half_an_answer(plugin, answer):
-    message = told(plugin, answer)
+    message = answer_message(plugin, answer)
     write(message[: len(message) // 2])
     time.sleep(LONG_S)
 
 
 def second_answer(plugin, answer):
-    write(told(plugin, answer) * 3)
+    write(answer_message(plugin, answer) * 3)
     return answer
 
 
 def forged_times(plugin, answer):
-    write(told(plugin, answer, wall_ms=float("nan")))
+    write(answer_message(plugin, answer, wall_ms=float("nan")))
     time.sleep(LONG_S)
 
 
 def forged_processor_time(plugin, answer):
-    write(told(plugin, answer, processor_ms=1e308))
+    write(answer_message(plugin, answer, processor_ms=1e308))
     time.sleep(LONG_S)
 
 
 def forged_number(plugin, answer):
-    write(told(plugin, answer, number=np.array([2, 2])))
+    write(answer_message(plugin, answer, number=np.array([2, 2])))
     time.sleep(LONG_S)
 
 

@@ -10,36 +10,36 @@ from roadscope.trackers import ConstantVelocityFilter, FilterNoise, process_nois
 T = 0.08
 
 
-def seen(tick, *places, frame="ego"):
+def detections_at(tick, *places, frame="ego"):
     return detections(places, sizes=[4.6, 1.85, 1.5], frame=frame, stamp_s=tick * T)
 
 
 def test_an_identity_survives_13_misses():
     tracker = make("nearest", coast_frames=13)
     for k in range(20):
-        before = tracker.update(seen(k, (20 + 0.1 * k, 3)), None)
+        before = tracker.update(detections_at(k, (20 + 0.1 * k, 3)), None)
     for k in range(20, 33):
-        between = tracker.update(seen(k), None)
+        between = tracker.update(detections_at(k), None)
         assert between.states.tolist() == [TrackState.COASTING]
     assert between.centres[0, 0] == pytest.approx(20 + 0.1 * 32, abs=0.01)
-    after = tracker.update(seen(33, (20 + 0.1 * 33, 3)), None)
+    after = tracker.update(detections_at(33, (20 + 0.1 * 33, 3)), None)
     assert after.ids.tolist() == before.ids.tolist()
     assert after.states.tolist() == [TrackState.CONFIRMED]
 
 
 def test_a_filter_is_dropped_after_13_misses_and_its_id_is_gone():
     tracker = make("nearest", coast_frames=13)
-    first = tracker.update(seen(0, (20, 3)), None)
-    counts = [len(tracker.update(seen(k), None)) for k in range(1, 16)]
+    first = tracker.update(detections_at(0, (20, 3)), None)
+    counts = [len(tracker.update(detections_at(k), None)) for k in range(1, 16)]
     assert counts == [1] * 13 + [0, 0]
-    again = tracker.update(seen(16, (20, 3)), None)
+    again = tracker.update(detections_at(16, (20, 3)), None)
     assert again.ids[0] != first.ids[0]
 
 
 def test_a_track_is_tentative_until_it_has_enough_detections():
     tracker = make("nearest", confirm_hits=3)
     states = [
-        tracker.update(seen(k, *places), None).states[0]
+        tracker.update(detections_at(k, *places), None).states[0]
         for k, places in enumerate([[(20, 3)], [(20, 3)], [], [(20, 3)], []])
     ]
     assert states == [0, 0, 0, TrackState.CONFIRMED, TrackState.COASTING]
@@ -47,17 +47,17 @@ def test_a_track_is_tentative_until_it_has_enough_detections():
 
 def test_a_far_target_starts_a_filter():
     tracker = make("nearest", gate_m=2.0)
-    tracker.update(seen(0, (20, 0)), None)
-    tracks = tracker.update(seen(1, (20, 1.9), (30, 0)), None)
+    tracker.update(detections_at(0, (20, 0)), None)
+    tracks = tracker.update(detections_at(1, (20, 1.9), (30, 0)), None)
     assert tracks.ids.tolist() == [0, 1]
-    tracks = tracker.update(seen(2, (20, 5)), None)
+    tracks = tracker.update(detections_at(2, (20, 5)), None)
     assert len(tracks) == 3
 
 
 def test_constant_velocity_and_its_frame():
     tracker = make("nearest")
     for k in range(30):
-        tracks = tracker.update(seen(k, (20 + 0.4 * k, 3 - 0.08 * k)), None)
+        tracks = tracker.update(detections_at(k, (20 + 0.4 * k, 3 - 0.08 * k)), None)
     assert tracks.frame == "ego"
     assert tracks.velocities[0] == pytest.approx((5.0, -1.0), abs=0.01)
 
@@ -73,8 +73,8 @@ def test_a_standing_target_stands_while_the_ego_turns():
     world, ego = make("nearest"), make("nearest", frame="ego")
     for k in range(40):
         x, y, _ = turning(k).inverse().apply(standing)
-        found = world.update(seen(k, (x, y)), turning(k))
-        lost = ego.update(seen(k, (x, y)), turning(k))
+        found = world.update(detections_at(k, (x, y)), turning(k))
+        lost = ego.update(detections_at(k, (x, y)), turning(k))
     assert found.frame == "world"
     assert found.ids.tolist() == [0]
     assert found.centres[0, :2] == pytest.approx((40, 5), abs=0.05)
@@ -88,13 +88,13 @@ def test_first_velocity_is_the_egos():
     tracker = make("nearest", gate_m=2.0)
     for k in range(5):
         places = [(20.0, 3.0)] if k < 2 else [(20.0, 3.0), (40.0, -3.0)]
-        tracks = tracker.update(seen(k, *places), Pose.planar(3.2 * k, 0, 0))
+        tracks = tracker.update(detections_at(k, *places), Pose.planar(3.2 * k, 0, 0))
     assert tracks.ids.tolist() == [0, 1]
     assert np.allclose(tracks.velocities, [[40, 0], [40, 0]], atol=0.5)
 
 
 def test_detections_in_the_world_frame_are_taken_as_they_are():
-    tracks = make("nearest").update(seen(0, (20, 3), frame="world"), Pose.planar(5, 5, 1))
+    tracks = make("nearest").update(detections_at(0, (20, 3), frame="world"), Pose.planar(5, 5, 1))
     assert tracks.centres[0, :2].tolist() == [20, 3]
     assert tracks.frame == "world"
 

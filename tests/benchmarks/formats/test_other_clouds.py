@@ -89,12 +89,12 @@ def test_coordinates_of_a_map_are_refused(tmp_path):
 
 
 @pytest.mark.parametrize("ending", ["las", "laz"])
-@pytest.mark.parametrize("kept", [0, 100, 0.6])
-def test_damaged_las_files_are_refused(tmp_path, ending, kept):
+@pytest.mark.parametrize("length", [0, 100, 0.6])
+def test_damaged_las_files_are_refused(tmp_path, ending, length):
     path = tmp_path / f"0.{ending}"
     write_las(path)
     content = path.read_bytes()
-    path.write_bytes(content[: kept if isinstance(kept, int) else int(kept * len(content))])
+    path.write_bytes(content[: length if isinstance(length, int) else int(length * len(content))])
     with pytest.raises(FormatError, match=f"0.{ending}: expected"):
         read_scan(path, 0.0)
 

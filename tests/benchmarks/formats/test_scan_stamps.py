@@ -20,8 +20,8 @@ def folder_of(folder: Path, names, times=None) -> Path:
     return folder
 
 
-def stems(found: ScanFolder) -> list[str]:
-    return [path.name.removesuffix(".npy") for path in found.files]
+def stems(scans: ScanFolder) -> list[str]:
+    return [path.name.removesuffix(".npy") for path in scans.files]
 
 
 def test_decimal_names_are_ordered_as_numbers(tmp_path):

@@ -18,8 +18,8 @@ from roadscope.core import Pose
 RULE = Eligibility(range_m=(0.0, 80.0), min_returns=5)
 
 
-def parts(found, truths):
-    return score_detections_by_band(found, truths, RULE.pairings(found, truths))
+def parts(detected, truths):
+    return score_detections_by_band(detected, truths, RULE.pairings(detected, truths))
 
 
 def test_names_are_read_back() -> None:

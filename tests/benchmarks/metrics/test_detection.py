@@ -12,8 +12,8 @@ from roadscope.benchmarks.metrics import score_detections
 RULE = Eligibility(range_m=(0.0, 60.0), min_returns=10)
 
 
-def score(found, truths, parked=None):
-    return score_detections(found, truths, RULE.pairings(found, truths, parked))
+def score(detected, truths, parked=None):
+    return score_detections(detected, truths, RULE.pairings(detected, truths, parked))
 
 
 def test_a_case_by_hand() -> None:

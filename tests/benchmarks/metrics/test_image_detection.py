@@ -22,7 +22,7 @@ def labels(*rows: tuple[list[float], int, int, float]) -> Labels:
     )
 
 
-def found(*rows: tuple[list[float], int, float]) -> ImageDetections:
+def detections_of(*rows: tuple[list[float], int, float]) -> ImageDetections:
     boxes, categories, scores = zip(*rows, strict=True) if rows else ((), (), ())
     return image_detections(boxes, categories=categories, scores=scores)
 
@@ -32,14 +32,16 @@ A, B, C = [0.0, 0, 40, 30], [100.0, 100, 120, 150], [300.0, 10, 330, 20]
 
 def test_a_label_at_the_end_of_a_range_is_in_the_next_one_alone() -> None:
     truth = labels((A, CAR, 500, 25.0), (B, CAR, 500, 50.0))
-    scores = score_images([found((A, CAR, 1.0), (B, CAR, 1.0))], [truth]).named()
+    scores = score_images([detections_of((A, CAR, 1.0), (B, CAR, 1.0))], [truth]).named()
     counts = [scores[f"ap50_{range_}"].n for range_ in ("near", "middle", "far")]
     assert counts == [0, 1, 1]
 
 
 def test_perfect_detections_have_perfect_scores() -> None:
     truth = labels((A, CAR, 500, 10.0), (B, PERSON, 500, 30.0), (C, CYCLIST, 100, 70.0))
-    scores = score_images([found((A, CAR, 1.0), (B, PERSON, 1.0), (C, CYCLIST, 1.0))], [truth])
+    scores = score_images(
+        [detections_of((A, CAR, 1.0), (B, PERSON, 1.0), (C, CYCLIST, 1.0))], [truth]
+    )
     for name in (
         "ap50",
         "ap",
@@ -58,21 +60,21 @@ def test_perfect_detections_have_perfect_scores() -> None:
 
 
 def test_another_family_is_a_miss_and_a_false_alarm() -> None:
-    scores = score_images([found((B, CYCLIST, 0.9))], [labels((B, PERSON, 500, 9.0))])
+    scores = score_images([detections_of((B, CYCLIST, 0.9))], [labels((B, PERSON, 500, 9.0))])
     assert scores.detection_rate_pedestrian.value == 0.0
     assert scores.false_alarms_cyclist.value == 1.0
     assert scores.ap50.value == 0.0
 
 
 def test_another_category_of_the_family_is_found_but_not_named() -> None:
-    scores = score_images([found((A, 2, 0.9))], [labels((A, CAR, 500, 9.0))])
+    scores = score_images([detections_of((A, 2, 0.9))], [labels((A, CAR, 500, 9.0))])
     assert scores.detection_rate_vehicle.value == 1.0
     assert scores.category_accuracy.value == 0.0
 
 
 def test_parked_and_hardly_seen_count_neither_way() -> None:
     truth = labels((A, PARKED, -1, 9.0), (B, PERSON, 5, 9.0), (C, CAR, 100, 9.0))
-    scores = score_images([found((A, CAR, 0.9), (B, PERSON, 0.9))], [truth])
+    scores = score_images([detections_of((A, CAR, 0.9), (B, PERSON, 0.9))], [truth])
     assert scores.false_alarms.value == 0.0
     assert scores.objects_per_image.value == 1.0
     assert scores.detection_rate.value == 0.0
@@ -81,7 +83,7 @@ def test_parked_and_hardly_seen_count_neither_way() -> None:
 def test_precision_by_how_much_is_hidden_asks_for_those_alone() -> None:
     truth = labels((A, CAR, 500, 9.0), (B, CAR, 500, 9.0), (C, CAR, 100, 9.0))
     truth = replace(truth, occluded=np.array([0.1, 0.3, 0.6]))
-    scores = score_images([found((A, CAR, 0.9), (C, CAR, 0.8))], [truth])
+    scores = score_images([detections_of((A, CAR, 0.9), (C, CAR, 0.8))], [truth])
     assert scores.ap50_visible.value == pytest.approx(1.0)
     assert scores.ap50_partly.value == 0.0
     assert scores.ap50_largely.value == pytest.approx(1.0)
@@ -90,14 +92,14 @@ def test_precision_by_how_much_is_hidden_asks_for_those_alone() -> None:
 
 def test_unsure_detections_count_for_precision_alone() -> None:
     truth = labels((A, CAR, 500, 9.0))
-    scores = score_images([found((A, CAR, 0.3), (C, CAR, 0.2))], [truth])
+    scores = score_images([detections_of((A, CAR, 0.3), (C, CAR, 0.2))], [truth])
     assert scores.ap50.value == pytest.approx(1.0)
     assert scores.detection_rate.value == 0.0
     assert scores.false_alarms.value == 0.0
 
 
 def test_nothing_at_all_is_not_a_number() -> None:
-    scores = score_images([found()], [labels()])
+    scores = score_images([detections_of()], [labels()])
     assert np.isnan(scores.ap50.value)
     assert scores.false_alarms.value == 0.0
 

@@ -46,14 +46,14 @@ def drive(ticks=25) -> EpisodeDetections:
     )
 
 
-def true_poses(given: EpisodeDetections) -> list[Pose]:
-    return [t.world_from_ego for t in given.truths]
+def true_poses(inputs: EpisodeDetections) -> list[Pose]:
+    return [t.world_from_ego for t in inputs.truths]
 
 
 def tracks_of(
-    tracker: str, given: EpisodeDetections, poses: Sequence[Pose | None] | None = None
+    tracker: str, inputs: EpisodeDetections, poses: Sequence[Pose | None] | None = None
 ) -> tuple[Tracks, ...]:
-    return track(TRACKERS.resolve(tracker), given, poses=poses).tracks
+    return track(TRACKERS.resolve(tracker), inputs, poses=poses).tracks
 
 
 def same(first, second):
@@ -264,10 +264,10 @@ def test_a_suite_gives_every_tracker_every_pose() -> None:
     assert keys[0][0] == keys[1][0]
 
 
-@pytest.mark.parametrize("given", ["1", "[]", '[""]', "[1]"])
-def test_a_suite_names_poses_by_texts(given) -> None:
+@pytest.mark.parametrize("value", ["1", "[]", '[""]', "[1]"])
+def test_a_suite_names_poses_by_texts(value) -> None:
     with pytest.raises(SuiteError, match="ego"):
-        parse_suite(f"{SUITE}ego = {given}", "")
+        parse_suite(f"{SUITE}ego = {value}", "")
 
 
 def test_who_says_the_poses_must_be_an_odometry() -> None:

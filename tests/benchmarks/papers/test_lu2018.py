@@ -194,7 +194,7 @@ def test_coming_and_going():
 
 
 @pytest.mark.parametrize(
-    ("detected", "ids", "frame", "at_once", "kept"),
+    ("detected", "ids", "frame", "at_once", "is_kept"),
     [
         ("110011", "000000", 5, 1, 1),
         ("110001", "000000", 6, 0, 1),
@@ -206,12 +206,12 @@ def test_coming_and_going():
     ],
     ids=["at once", "late", "new", "old after new", "another meanwhile", "never", "unknown before"],
 )
-def test_return_to_the_old_track(detected, ids, frame, at_once, kept):
+def test_return_to_the_old_track(detected, ids, frame, at_once, is_kept):
     histories = histories_of([detected, "000000"], [ids, "......"])
     event = Event(1, "hidden", 3, 4)
     assert reassociated_in(histories, 1, event.first) == frame
     assert reassociated_at_once(histories, 1, event) == at_once
-    assert identity_kept(histories, 1, event) == kept
+    assert identity_kept(histories, 1, event) == is_kept
 
 
 def test_natural_misses_leave_out_forced_ones_and_what_lies_outside():

@@ -18,7 +18,7 @@ def sequence(tmp_path_factory):
     return read_kitti_sequence(write_kitti(tmp_path_factory.mktemp("kitti")), "0000")
 
 
-def told(sequence, off_m=0.3, turned=0.0, variance=0.045, backwards=False):
+def offset_tracks(sequence, off_m=0.3, turned=0.0, variance=0.045, backwards=False):
     """Tracks of the labelled objects, off along x, with this variance of x and of y."""
     records = []
     for truth in sequence.truths:
@@ -35,7 +35,7 @@ def told(sequence, off_m=0.3, turned=0.0, variance=0.045, backwards=False):
 
 @pytest.mark.parametrize("backwards", [False, True])
 def test_errors_of_states_are_those_that_were_put_in(sequence, backwards):
-    scores = kitti_scores(told(sequence, turned=0.1, backwards=backwards), sequence)
+    scores = kitti_scores(offset_tracks(sequence, turned=0.1, backwards=backwards), sequence)
     assert scores["position_rmse_m"].value == pytest.approx(0.3)
     assert scores["heading_rmse_deg"].value == pytest.approx(math.degrees(0.1))
     assert scores["heading_reversed"].value == 0
@@ -47,18 +47,18 @@ def test_errors_of_states_are_those_that_were_put_in(sequence, backwards):
 )
 def test_nees_says_whether_tracks_are_too_sure(sequence, variance, ratio, within):
     """0.3 m along x: 0.09 / variance, of two degrees of freedom."""
-    scores = kitti_scores(told(sequence, variance=variance), sequence)
+    scores = kitti_scores(offset_tracks(sequence, variance=variance), sequence)
     assert scores["nees_position"].value == pytest.approx(ratio)
     assert scores["nees_in_band"].value == within
 
 
 def test_turned_round_is_told_from_turned(sequence):
-    scores = kitti_scores(told(sequence, turned=np.pi), sequence)
+    scores = kitti_scores(offset_tracks(sequence, turned=np.pi), sequence)
     assert scores["heading_reversed"].value == 1
 
 
 def test_without_a_covariance_there_is_no_nees(sequence):
-    scores = kitti_scores(told(sequence, variance=0.0), sequence)
+    scores = kitti_scores(offset_tracks(sequence, variance=0.0), sequence)
     assert math.isnan(scores["nees_position"].value)
     assert math.isnan(scores["nees_in_band"].value)
     assert scores["position_rmse_m"].value == pytest.approx(0.3)
@@ -73,7 +73,7 @@ def test_without_tracks_there_are_no_errors(sequence):
 
 def test_only_averages_over_recall_take_tentative_tracks(sequence):
     """Objects that are followed half the time for sure, the rest by unsure tracks."""
-    sure, unsure = told(sequence), told(sequence)
+    sure, unsure = offset_tracks(sequence), offset_tracks(sequence)
     unsure = [
         replace(
             tracks,

@@ -216,14 +216,14 @@ def test_the_command_writes_the_page(tmp_path, answer) -> None:
     assert answer("report", tmp_path, "--out", tmp_path / "page.txt")[0] == 1
 
 
-@pytest.mark.parametrize("found", [True, False])
+@pytest.mark.parametrize("has_browser", [True, False])
 def test_the_page_is_shown_in_a_browser_if_there_is_one(
-    tmp_path, answer, monkeypatch, found
+    tmp_path, answer, monkeypatch, has_browser
 ) -> None:
     shown: list[str] = []
-    monkeypatch.setattr("webbrowser.open", lambda address: shown.append(address) or found)
+    monkeypatch.setattr("webbrowser.open", lambda address: shown.append(address) or has_browser)
     save_all(results(), tmp_path)
     status, _, errors = answer("report", tmp_path, "--open")
     assert status == 0
     assert shown == [(tmp_path / PAGE).as_uri()]
-    assert (str(tmp_path / PAGE) in errors) == (not found)
+    assert (str(tmp_path / PAGE) in errors) == (not has_browser)

@@ -39,33 +39,33 @@ def jobs(recall, collided, *, seeds=4, noise=0.0):
     ]
 
 
-def found(scores):
+def predictions_of(scores):
     return {(each.metric, each.predicted): each for each in predictions(scores, "driving")}
 
 
 def test_a_better_recall_with_fewer_collisions_is_a_correlation_of_one() -> None:
     scores = jobs([0.1, 0.3, 0.5, 0.7, 0.9], [0.5, 0.4, 0.3, 0.2, 0.1])
-    both = found(scores)
+    both = predictions_of(scores)
     assert both["recall", "collided"].rho == pytest.approx(1.0)
     assert both["recall", "reward"].rho == pytest.approx(1.0)
     assert both["recall", "reward"].inputs == len(STACKS)
-    reverse = found(jobs([0.9, 0.7, 0.5, 0.3, 0.1], [0.5, 0.4, 0.3, 0.2, 0.1]))
+    reverse = predictions_of(jobs([0.9, 0.7, 0.5, 0.3, 0.1], [0.5, 0.4, 0.3, 0.2, 0.1]))
     assert reverse["recall", "collided"].rho == pytest.approx(-1.0)
 
 
 def test_noise_widens_the_interval_and_one_seed_has_none() -> None:
-    exact = found(jobs([0.1, 0.3, 0.5, 0.7, 0.9], [0.5, 0.4, 0.3, 0.2, 0.1]))
-    noisy = found(jobs([0.1, 0.3, 0.5, 0.7, 0.9], [0.5, 0.4, 0.3, 0.2, 0.1], noise=0.5))
+    exact = predictions_of(jobs([0.1, 0.3, 0.5, 0.7, 0.9], [0.5, 0.4, 0.3, 0.2, 0.1]))
+    noisy = predictions_of(jobs([0.1, 0.3, 0.5, 0.7, 0.9], [0.5, 0.4, 0.3, 0.2, 0.1], noise=0.5))
     one, other = (each["recall", "collided"].over_seeds for each in (exact, noisy))
     assert one == pytest.approx((1.0, 1.0))
     assert other[1] - other[0] > 0.1
-    single = found(jobs([0.1, 0.3, 0.5, 0.7, 0.9], [0.5, 0.4, 0.3, 0.2, 0.1], seeds=1))
+    single = predictions_of(jobs([0.1, 0.3, 0.5, 0.7, 0.9], [0.5, 0.4, 0.3, 0.2, 0.1], seeds=1))
     assert single["recall", "collided"].over_seeds is None
 
 
 @pytest.mark.parametrize("seeds", [2, 8])
 def test_few_stacks_have_a_wide_interval_however_many_seeds(seeds) -> None:
-    prediction = found(jobs(RECALL, COLLIDED, seeds=seeds))["recall", "collided"]
+    prediction = predictions_of(jobs(RECALL, COLLIDED, seeds=seeds))["recall", "collided"]
     assert prediction.rho == pytest.approx(0.9)
     # Bonett and Wright 2000: tanh(artanh(0.9) -+ 1.96 * sqrt((1 + 0.9**2 / 2) / 2)).
     assert prediction.over_inputs == pytest.approx((-0.1689, 0.9961), abs=1e-3)
@@ -74,7 +74,7 @@ def test_few_stacks_have_a_wide_interval_however_many_seeds(seeds) -> None:
 
 def test_a_stack_without_a_value_is_not_counted() -> None:
     scores = jobs([0.1, 0.3, 0.5, 0.7, float("nan")], COLLIDED)
-    assert found(scores)["recall", "collided"].inputs == len(STACKS) - 1
+    assert predictions_of(scores)["recall", "collided"].inputs == len(STACKS) - 1
 
 
 def test_both_intervals_are_printed_in_80_columns_and_kept_in_the_json() -> None:
@@ -97,6 +97,6 @@ def test_both_intervals_are_printed_in_80_columns_and_kept_in_the_json() -> None
 
 
 def test_nothing_is_said_where_nothing_varies_or_of_other_boards() -> None:
-    alike = found(jobs([0.1, 0.3, 0.5, 0.7, 0.9], [0.2] * 5))
+    alike = predictions_of(jobs([0.1, 0.3, 0.5, 0.7, 0.9], [0.2] * 5))
     assert ("recall", "collided") not in alike
     assert predictions(jobs([0.1] * 5, [0.2] * 5), "tracking") == []

@@ -16,26 +16,26 @@ from roadscope.detectors.camera import (
 
 
 def slowly(
-    boxes: np.ndarray, families: np.ndarray, heat: np.ndarray, kept: np.ndarray
+    boxes: np.ndarray, families: np.ndarray, heat: np.ndarray, chosen: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Box by box, as the docstrings say."""
     chances, overlaps = 1 / (1 + np.exp(-heat)), image_overlaps(boxes, boxes)
-    voted, traits = np.zeros((len(kept), 4)), np.zeros((len(kept), len(TRAITS)))
-    for k, row in enumerate(kept):
+    voted, traits = np.zeros((len(chosen), 4)), np.zeros((len(chosen), len(TRAITS)))
+    for k, row in enumerate(chosen):
         alike = (families == families[row]) & (overlaps[row] > AGREEING_IOU)
         same = alike & (overlaps[row] > VOTING_IOU)
         voted[k] = np.average(boxes[same], axis=0, weights=(chances * overlaps[row])[same])
         traits[k, 7] = np.log(1 + chances[alike].sum())
         traits[k, 8] = np.average(overlaps[row][alike], weights=chances[alike])
     beside = image_overlaps(voted, voted)
-    for k, row in enumerate(kept):
-        surer = [j for j in range(k) if families[kept[j]] == families[row]]
-        others = [j for j, o in enumerate(kept) if families[o] != families[row]]
+    for k, row in enumerate(chosen):
+        surer = [j for j in range(k) if families[chosen[j]] == families[row]]
+        others = [j for j, o in enumerate(chosen) if families[o] != families[row]]
         for at, rivals in ((1, surer), (3, others)):
             if rivals and beside[k, rivals].max() > 0:
                 best = rivals[int(beside[k, rivals].argmax())]
                 traits[k, at] = beside[k, best]
-                traits[k, at + 1] = beside[k, best] * (heat[kept[best]] - heat[row])
+                traits[k, at + 1] = beside[k, best] * (heat[chosen[best]] - heat[row])
         width, height = voted[k, 2:] - voted[k, :2]
         traits[k, 0], traits[k, 5], traits[k, 6] = heat[row], np.log(height), np.log(width / height)
     return voted, traits

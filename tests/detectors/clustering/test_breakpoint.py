@@ -11,25 +11,25 @@ from roadscope.detectors import Cloud
 from roadscope.detectors.clustering import INCIDENCE_RAD, MAX_STEPS, cluster_breakpoint, reach
 
 
-def linked_one_by_one(found, noise_m):
+def linked_one_by_one(returns, noise_m):
     """Go through beams and columns in Python."""
-    azimuths, ranges, pairs, measured = found.azimuths, found.ranges, [], []
-    for beam in np.unique(found.ring):
-        rows = np.flatnonzero(found.ring == beam)
+    azimuths, ranges, pairs, measured = returns.azimuths, returns.ranges, [], []
+    for beam in np.unique(returns.ring):
+        rows = np.flatnonzero(returns.ring == beam)
         rows = rows[np.argsort(azimuths[rows], kind="stable")]
         for a, b in zip(rows, np.roll(rows, -1), strict=True):
-            step, apart = abs(wrap_angle(azimuths[b] - azimuths[a])), found.column[b]
-            apart = abs(apart - found.column[a])
+            step, apart = abs(wrap_angle(azimuths[b] - azimuths[a])), returns.column[b]
+            apart = abs(apart - returns.column[a])
             measured += [step / apart] if apart else []
             pairs.append((a, b, step))
     step = np.median(measured) if measured else 0.0
-    for column in np.unique(found.column):
-        rows = np.flatnonzero(found.column == column)
-        rows = rows[np.argsort(found.ring[rows], kind="stable")]
+    for column in np.unique(returns.column):
+        rows = np.flatnonzero(returns.column == column)
+        rows = rows[np.argsort(returns.ring[rows], kind="stable")]
         pairs += [(a, b, step) for a, b in pairwise(rows)]
-    labels = np.arange(len(found))
+    labels = np.arange(len(returns))
     for a, b, turn in pairs:
-        gap = np.hypot(*(found.points[a] - found.points[b])[:2])
+        gap = np.hypot(*(returns.points[a] - returns.points[b])[:2])
         limit = reach(np.minimum(ranges[a], ranges[b]), np.array(turn)) + 3 * noise_m
         if gap <= limit and turn < MAX_STEPS * step:
             labels[labels == labels[b]] = labels[a]

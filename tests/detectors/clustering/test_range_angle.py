@@ -28,14 +28,14 @@ def random_cloud(seed, count=70):
     return Cloud(np.column_stack([x, y, z]), ring, column, np.arange(count), np.zeros(2))
 
 
-def grown_as_printed(found, eps_m, min_points, angle=ANGLE):
+def grown_as_printed(returns, eps_m, min_points, angle=ANGLE):
     """Steps 1 to 3 of section 2.1: a seed, then the farthest in six directions, then the rest."""
-    limit = eps_m + SPACINGS * spacing(found) * np.minimum.outer(found.ranges, found.ranges)
-    gaps = np.linalg.norm(found.points[:, None] - found.points, axis=-1)
-    turns = np.abs(wrap_angle(np.subtract.outer(found.azimuths, found.azimuths)))
+    limit = eps_m + SPACINGS * spacing(returns) * np.minimum.outer(returns.ranges, returns.ranges)
+    gaps = np.linalg.norm(returns.points[:, None] - returns.points, axis=-1)
+    turns = np.abs(wrap_angle(np.subtract.outer(returns.azimuths, returns.azimuths)))
     linked = (gaps <= limit) & (turns <= angle)
-    free, labels, count = np.ones(len(found), bool), np.full(len(found), -1), 0
-    for seed in range(len(found)):
+    free, labels, count = np.ones(len(returns), bool), np.full(len(returns), -1), 0
+    for seed in range(len(returns)):
         if not free[seed]:
             continue
         members, pending = [seed], [seed]
@@ -46,7 +46,7 @@ def grown_as_printed(found, eps_m, min_points, angle=ANGLE):
             free[new] = False
             members += new.tolist()
             if len(new):
-                offsets = found.points[new] - found.points[middle]
+                offsets = returns.points[new] - returns.points[middle]
                 six = new[np.concatenate([offsets.argmax(axis=0), offsets.argmin(axis=0)])]
                 pending = [*six.tolist(), *pending]
             if not pending:

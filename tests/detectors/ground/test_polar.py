@@ -19,24 +19,24 @@ def make(points, origin=(0.0, 0.0)):
     )
 
 
-def above_ground_by_loop(found, segment_deg=1.0, bin_m=0.5, clear_m=0.2, ceiling_m=2.5):
+def above_ground_by_loop(returns, segment_deg=1.0, bin_m=0.5, clear_m=0.2, ceiling_m=2.5):
     """Algorithm 1 of the paper with its readings, a segment at a time, lines by `np.polyfit`."""
-    mask, reach = np.zeros(len(found), bool), found.ranges
-    segment = np.floor((found.azimuths / (2 * np.pi) + 0.5) * 360 / segment_deg)
+    mask, reach = np.zeros(len(returns), bool), returns.ranges
+    segment = np.floor((returns.azimuths / (2 * np.pi) + 0.5) * 360 / segment_deg)
     bins = np.floor(reach / bin_m)
     for s in np.unique(segment):
         rows = np.flatnonzero(segment == s)
         prototypes = []
         for b in np.unique(bins[rows]):
             inside = rows[bins[rows] == b]
-            lowest = inside[np.lexsort((reach[inside], found.points[inside, 2]))[0]]
-            prototypes.append((b, reach[lowest], found.points[lowest, 2]))
+            lowest = inside[np.lexsort((reach[inside], returns.points[inside, 2]))[0]]
+            prototypes.append((b, reach[lowest], returns.points[lowest, 2]))
         lines = lines_by_loop(prototypes)
         for row in rows:
             gaps = [max(line[0] - bins[row], bins[row] - line[1]) for line in lines]
             inside = [k for k, gap in enumerate(gaps) if gap <= 0]
             slope, offset = lines[inside[0] if inside else int(np.argmin(gaps))][2:]
-            height = found.points[row, 2] - slope * reach[row] - offset
+            height = returns.points[row, 2] - slope * reach[row] - offset
             mask[row] = clear_m < height < ceiling_m
     return mask
 

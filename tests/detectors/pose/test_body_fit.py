@@ -29,7 +29,7 @@ FIT = BodyFit(SPEC, BRICK)
 HERE = Pose.planar(0.0, 0.0, 0.0, 0.8)
 
 
-def seen(x, y, yaw, *, seed=0, world_from_lidar=HERE):
+def sensed(x, y, yaw, *, seed=0, world_from_lidar=HERE):
     """A sweep over a brick, and which returns are the brick's."""
     brick = Prisms.of(rectangle(LENGTH_M, WIDTH_M), 0.15, 1.15, reflectivity=0.5)
     poses = np.array([[[x, y, yaw]]])
@@ -47,7 +47,7 @@ def test_finds_the_body_whichever_side_it_shows(seed):
     rng = np.random.default_rng(seed)
     azimuth, distance, yaw = rng.uniform(-3, 3), rng.uniform(8, 30), rng.uniform(-3, 3)
     x, y = distance * np.cos(azimuth), distance * np.sin(azimuth)
-    found = FIT.fit(*seen(x, y, yaw, seed=seed), HERE, rolling=False)
+    found = FIT.fit(*sensed(x, y, yaw, seed=seed), HERE, rolling=False)
     assert np.hypot(found.x - x, found.y - y) < 0.1
     assert axis_error(found.yaw, yaw) < np.radians(2.0)
     spread = np.sqrt(np.diag(found.covariance))
@@ -56,7 +56,7 @@ def test_finds_the_body_whichever_side_it_shows(seed):
 
 
 def test_heading_known_up_to_a_quarter_turn_is_kept():
-    scan, target = seen(20.0, 3.0, 0.4)
+    scan, target = sensed(20.0, 3.0, 0.4)
     ahead, back = (FIT.fit(scan, target, HERE, rolling=False, towards=t).yaw for t in (0.0, np.pi))
     assert ahead == pytest.approx(0.4, abs=0.05)
     assert abs(wrap_angle(back - ahead)) == pytest.approx(np.pi, abs=0.05)
@@ -66,7 +66,7 @@ def test_heading_known_up_to_a_quarter_turn_is_kept():
 @settings(max_examples=5, deadline=None)
 @given(st.integers(0, 1000))
 def test_order_and_duplicates_change_nothing(seed):
-    scan, target = seen(15.0, 4.0, 0.7)
+    scan, target = sensed(15.0, 4.0, 0.7)
     rng = np.random.default_rng(seed)
     index = rng.permutation(np.concatenate([np.arange(len(scan)), rng.choice(len(scan), 9)]))
     one = FIT.fit(scan, target, HERE)
@@ -75,19 +75,19 @@ def test_order_and_duplicates_change_nothing(seed):
 
 
 def test_without_a_return_there_is_no_pose():
-    scan, target = seen(15.0, 4.0, 0.7)
+    scan, target = sensed(15.0, 4.0, 0.7)
     assert FIT.fit(scan, np.zeros_like(target), HERE) is None
     assert FIT.fit(take(scan, slice(0)), target[:0], HERE) is None
 
 
 def test_refuses_what_is_no_scan():
-    scan, target = seen(20.0, 0.0, 0.0)
+    scan, target = sensed(20.0, 0.0, 0.0)
     with pytest.raises(ValueError, match="target must be one bool for each of the"):
         FIT.fit(scan, target[:-1], HERE)
 
 
 @pytest.mark.parametrize(
-    ("told", "message"),
+    ("motion", "message"),
     [
         ({"velocity": [np.nan, 0.0]}, "^velocity must be finite x and y"),
         ({"velocity": np.zeros(3)}, "^velocity must be finite x and y"),
@@ -95,9 +95,9 @@ def test_refuses_what_is_no_scan():
         ({"towards": np.nan}, "towards must be a finite heading"),
     ],
 )
-def test_refuses_motions_by_name(told, message):
+def test_refuses_motions_by_name(motion, message):
     with pytest.raises(ValueError, match=message):
-        FIT.fit(*seen(20.0, 0.0, 0.0), HERE, **told)
+        FIT.fit(*sensed(20.0, 0.0, 0.0), HERE, **motion)
 
 
 @pytest.mark.parametrize(
@@ -127,7 +127,7 @@ def test_a_saloon_keeps_to_its_sizes():
 
 
 def test_a_body_drawn_by_eye_is_never_placed_better_than_drawn():
-    scan, target = seen(12.0, 3.0, 0.7)
+    scan, target = sensed(12.0, 3.0, 0.7)
     exact, rough = (
         BodyFit(SPEC, replace(BRICK, drawn_m=d)).fit(scan, target, HERE, towards=0.7)
         for d in (0.0, 0.03)
@@ -136,7 +136,7 @@ def test_a_body_drawn_by_eye_is_never_placed_better_than_drawn():
 
 
 def test_only_rays_at_the_windows_height_need_what_glass_needs():
-    scan, target = seen(20.0, 0.0, 0.0)
+    scan, target = sensed(20.0, 0.0, 0.0)
     rays = body_scan(SPEC, scan, target, HERE).rays
     half = with_glass(replace(BRICK, glass_m=(0.8, 2.0)), rays)
     more = half.need > rays.need

@@ -81,10 +81,12 @@ def test_weather_comes_from_the_seed_and_leaves_the_rest_alone(
         assert (kinds_of(truth.sources[wet]) == -1).all()
 
 
-def _same_where_not_weather(scan: LidarScan, kept: np.ndarray, clear: LidarScan) -> None:
+def _same_where_not_weather(scan: LidarScan, of_surfaces: np.ndarray, clear: LidarScan) -> None:
     """Check that returns of surfaces lie where they lie in clear air."""
     places = {(r, c): p for r, c, p in zip(clear.ring, clear.column, clear.points, strict=True)}
-    for r, c, p in zip(scan.ring[kept], scan.column[kept], scan.points[kept], strict=True):
+    for r, c, p in zip(
+        scan.ring[of_surfaces], scan.column[of_surfaces], scan.points[of_surfaces], strict=True
+    ):
         assert np.array_equal(places[r, c], p)
 
 

@@ -238,14 +238,14 @@ def test_refused_traffic_is_drawn_again_the_same_way():
 
 
 @pytest.mark.parametrize(
-    ("given", "message"),
+    ("name", "message"),
     [("motorwai", "did you mean 'motorway'"), ("moon", "known: motorway"), ("", "known")],
 )
-def test_unknown_names_list_what_exists(given, message):
+def test_unknown_names_list_what_exists(name, message):
     with pytest.raises(ScenarioError, match=message):
-        find(given)
+        find(name)
     with pytest.raises(ScenarioError):
-        record(given, 0)
+        record(name, 0)
 
 
 def test_durations_must_be_positive():

@@ -46,12 +46,12 @@ def test_centres_of_parts_of_a_wall_do_not_move_with_the_sensor():
     wall = np.column_stack([np.linspace(-8, 8, 1601), np.full(1601, 3.0), np.zeros(1601)])
     motion = exp_se3(np.array([1.0, 0, 0, 0, 0, 0.1]))
 
-    def seen(place):
+    def segments_from(place):
         points = wall @ inverse(place)[:3, :3].T + inverse(place)[:3, 3]
         near = np.abs(points @ place[0, :3]) < 6.0
         return segments(points[near], np.zeros(near.sum(), np.int64))
 
-    before, now = seen(np.eye(4)), seen(motion)
+    before, now = segments_from(np.eye(4)), segments_from(motion)
     whole = match_clusters(now.centres, before.centres, motion, 0.1)
     assert whole.dynamic.all()
     cut = parts(now, 5.0, motion), parts(before, 5.0, np.eye(4))

@@ -31,9 +31,9 @@ def features(drive, k, rows=slice(None)):
     return extract(points, scan.ring, scan.column, labels, edge_rows=labels == 1)
 
 
-def off(found, drive, scans=1):
+def off(match, drive, scans=1):
     twist = np.abs(
-        log_se3(np.linalg.inv(exp_se3(0.1 * scans * drive.twist)) @ found.before_from_now)
+        log_se3(np.linalg.inv(exp_se3(0.1 * scans * drive.twist)) @ match.before_from_now)
     )
     return twist[:3].max(), twist[3:].max()
 

@@ -20,12 +20,12 @@ class Knowing:
         Knowing.started += 1
         self.spoil, self.given, self.first = spoil, [], None
 
-    def place(self, given):
-        self.given.append(given)
-        pose = DRIVE.pose(given.stamp_s)
+    def place(self, scan):
+        self.given.append(scan)
+        pose = DRIVE.pose(scan.stamp_s)
         self.first = pose if self.first is None else self.first
         pose = np.linalg.inv(self.first) @ pose
-        return Placed(self.spoil(pose, given.stamp_s), given.stamp_s)
+        return Placed(self.spoil(pose, scan.stamp_s), scan.stamp_s)
 
 
 @pytest.fixture(autouse=True)
@@ -37,8 +37,8 @@ def adapter(spoil=lambda pose, _: pose):
     return OdometryAdapter(lambda _: Knowing(spoil), takes_imu=False)
 
 
-def far(told, k):
-    return np.abs(told.start_from_lidar.matrix - DRIVE.pose(INPUTS[k][0].stamp_s)).max()
+def far(estimate, k):
+    return np.abs(estimate.start_from_lidar.matrix - DRIVE.pose(INPUTS[k][0].stamp_s)).max()
 
 
 def test_the_truth_passes_through():

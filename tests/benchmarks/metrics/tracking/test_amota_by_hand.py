@@ -15,24 +15,24 @@ import pytest
 
 from roadscope.metrics import TrackedSequence, amota, amota_nuscenes
 
-Told = Mapping[int, tuple[range, int | None, float]]
+TrackTable = Mapping[int, tuple[range, int | None, float]]
 """Of each track: when it is there, which object it lies on, if any, and its score."""
 SIMILARITY = 0.8
 DISTANCE_M = 0.4
 FAR_M = 50.0
 
 
-def scene(frames: int, objects: int, told: Told, scores=None) -> TrackedSequence:
+def scene(frames: int, objects: int, tracks: TrackTable, scores=None) -> TrackedSequence:
     """Objects 0 to n - 1 that are always there; scores: of tracks frame by frame, if not one."""
     ids, alike, apart, sure = [], [], [], []
     for t in range(frames):
-        here = [k for k, (when, _, _) in told.items() if t in when]
-        on = np.array([[told[k][1] == i for k in here] for i in range(objects)], bool)
+        here = [k for k, (when, _, _) in tracks.items() if t in when]
+        on = np.array([[tracks[k][1] == i for k in here] for i in range(objects)], bool)
         on = on.reshape(objects, len(here))
         ids.append(here)
         alike.append(np.where(on, SIMILARITY, 0.0))
         apart.append(np.where(on, DISTANCE_M, FAR_M))
-        sure.append([told[k][2] if scores is None else scores[k][t] for k in here])
+        sure.append([tracks[k][2] if scores is None else scores[k][t] for k in here])
     return TrackedSequence.of(
         [list(range(objects))] * frames, ids, alike, distances_m=apart, scores=sure
     )

@@ -13,7 +13,7 @@ from roadscope.metrics import TrackedSequence, amota_nuscenes
 GATE_M = 2.0
 
 
-def events(s: TrackedSequence, kept: set[int]) -> tuple[list[tuple[int, bool, float]], int]:
+def events(s: TrackedSequence, kept_ids: set[int]) -> tuple[list[tuple[int, bool, float]], int]:
     """Matches as (track, switched, metres), and the frames of all tracks that are kept."""
     matches, told = [], 0
     now: dict[int, int] = {}
@@ -21,7 +21,7 @@ def events(s: TrackedSequence, kept: set[int]) -> tuple[list[tuple[int, bool, fl
     for t, apart in enumerate(s.matrices(s.distances_m)):
         g = s.truths[s.truth_starts[t] : s.truth_starts[t + 1]].tolist()
         k = s.tracks[s.track_starts[t] : s.track_starts[t + 1]].tolist()
-        columns = [j for j, track in enumerate(k) if track in kept]
+        columns = [j for j, track in enumerate(k) if track in kept_ids]
         told += len(columns)
         if not g or not columns:
             continue
@@ -92,14 +92,14 @@ def test_as_defined(seeds) -> None:
     assert (np.isnan(found.least_scores) == (found.motp_m == GATE_M)).all()
 
 
-def straight(apart: list[list[float]], scores: list[float]) -> TrackedSequence:
+def straight(distances_m: list[list[float]], scores: list[float]) -> TrackedSequence:
     """Forty frames of two objects at (2, tracks) distances."""
     n = len(scores)
     frames = 40
     return TrackedSequence.of(
         [np.array([1, 2])] * frames,
         [np.arange(n)] * frames,
-        distances_m=[np.array(apart)] * frames,
+        distances_m=[np.array(distances_m)] * frames,
         scores=[np.array(scores)] * frames,
     )
 

@@ -20,7 +20,7 @@ START = datetime(2026, 1, 1)
 COUNTS = st.integers(0, 4)
 
 
-def apart(*frames: Any) -> TrackedSequence:
+def sequence_of(*frames: Any) -> TrackedSequence:
     """Join frames of (objects, tracks) distances."""
     shaped = [np.asarray(f, float) for f in frames]
     alike = [np.zeros_like(f) for f in shaped]
@@ -56,7 +56,7 @@ def test_gospa_as_stone_soup_has_it(seed, order) -> None:
     metrics = pytest.importorskip("stonesoup.metricgenerator.ospametric")
     frames = places(seed, 30)
     theirs = stone_soup(metrics.GOSPAMetric(c=4.0, p=order), frames)
-    ours = gospa(apart(*(centre_distances(g, t) for g, t in frames)), 4.0, order)
+    ours = gospa(sequence_of(*(centre_distances(g, t) for g, t in frames)), 4.0, order)
     for name, values in (
         ("distance", ours.distances),
         ("localisation", ours.localisation),
@@ -73,7 +73,7 @@ def test_ospa_as_stone_soup_has_it(seed, order, pairing) -> None:
     metrics = pytest.importorskip("stonesoup.metricgenerator.ospametric")
     frames = places(seed, 30)
     theirs = stone_soup(metrics.OSPAMetric(c=4.0, p=order), frames)
-    s = apart(*(centre_distances(g, t) for g, t in frames))
+    s = sequence_of(*(centre_distances(g, t) for g, t in frames))
     ours = ospa(s, 4.0, order, pairing_order=pairing)
     assert ours.distances == pytest.approx(theirs, abs=1e-9, rel=1e-12)
     assert (ospa(s, 4.0, order).distances <= ours.distances + 1e-12).all()
@@ -88,7 +88,7 @@ def test_as_defined(m, n, seed, order) -> None:
     small, large = costs.shape
     ways = itertools.permutations(range(large), small)
     best = min(sum(costs[i, j] for i, j in enumerate(way)) for way in ways)
-    s = apart(distances)
+    s = sequence_of(distances)
     penalty = 4.0**order * (large - small)
     expected = ((best + penalty) / large) ** (1 / order) if large else 0.0
     assert ospa(s, 4.0, order).mean == pytest.approx(expected)
@@ -96,7 +96,7 @@ def test_as_defined(m, n, seed, order) -> None:
 
 
 def test_by_hand() -> None:
-    s = apart([[1.0, 9.0], [9.0, 9.0]], [[3.0]], np.empty((0, 2)), np.empty((0, 0)))
+    s = sequence_of([[1.0, 9.0], [9.0, 9.0]], [[3.0]], np.empty((0, 2)), np.empty((0, 0)))
     assert ospa(s, 2.0).distances.tolist() == [1.5, 2.0, 2.0, 0.0]
     found = gospa(s, 2.0)
     assert found.distances.tolist() == [3.0, 2.0, 2.0, 0.0]
@@ -117,11 +117,11 @@ def test_what_has_no_distances_or_no_sense_is_refused() -> None:
     with pytest.raises(ValueError, match=r"GOSPA is defined on distances: give .* distances_m"):
         gospa(sequence(([1], [2], [0.5])))
     with pytest.raises(ValueError, match="cutoff_m: expected metres above 0, got 0"):
-        ospa(apart([[1.0]]), 0.0)
+        ospa(sequence_of([[1.0]]), 0.0)
     with pytest.raises(ValueError, match=r"order: expected 1 or more, finite, got 0\.5"):
-        gospa(apart([[1.0]]), 2.0, 0.5)
+        gospa(sequence_of([[1.0]]), 2.0, 0.5)
 
 
 def test_no_frames_no_mean() -> None:
-    assert math.isnan(ospa(apart()).mean)
-    assert math.isnan(gospa(apart()).mean)
+    assert math.isnan(ospa(sequence_of()).mean)
+    assert math.isnan(gospa(sequence_of()).mean)

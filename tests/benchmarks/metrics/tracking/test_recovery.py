@@ -9,7 +9,7 @@ from roadscope.metrics import TrackedSequence
 GONE = ([], [], [])
 
 
-def seen(track: int | None) -> tuple:
+def visible(track: int | None) -> tuple:
     """Object 1 with a track that follows it, or with none."""
     return ([1], [], []) if track is None else ([1], [track], [1.0])
 
@@ -19,41 +19,43 @@ def of(*frames: tuple) -> Recovery:
     return recovery(s, match_tracks(s))
 
 
-def rows(found: Recovery) -> list[tuple[int, bool, int]]:
-    columns = (found.hidden_frames.tolist(), found.same_track.tolist(), found.delays.tolist())
+def rows(gaps: Recovery) -> list[tuple[int, bool, int]]:
+    columns = (gaps.hidden_frames.tolist(), gaps.same_track.tolist(), gaps.delays.tolist())
     return list(zip(*columns, strict=True))
 
 
 def test_the_same_track_at_once() -> None:
-    assert rows(of(seen(7), GONE, GONE, seen(7))) == [(2, True, 0)]
+    assert rows(of(visible(7), GONE, GONE, visible(7))) == [(2, True, 0)]
 
 
 def test_another_track_later() -> None:
-    assert rows(of(seen(7), GONE, seen(None), seen(None), seen(8), seen(7))) == [(1, False, 2)]
+    assert rows(of(visible(7), GONE, visible(None), visible(None), visible(8), visible(7))) == [
+        (1, False, 2)
+    ]
 
 
 def test_the_track_before_may_have_ended_before_the_object_was_hidden() -> None:
-    assert rows(of(seen(7), seen(None), GONE, seen(7))) == [(1, True, 0)]
+    assert rows(of(visible(7), visible(None), GONE, visible(7))) == [(1, True, 0)]
 
 
 def test_nobody_that_had_no_track_is_counted() -> None:
-    assert rows(of(seen(None), GONE, seen(7))) == []
-    assert rows(of(seen(7), seen(8))) == []
+    assert rows(of(visible(None), GONE, visible(7))) == []
+    assert rows(of(visible(7), visible(8))) == []
 
 
 def test_hidden_twice() -> None:
-    found = of(seen(7), GONE, seen(None), GONE, GONE, GONE, seen(7), seen(7))
+    found = of(visible(7), GONE, visible(None), GONE, GONE, GONE, visible(7), visible(7))
     assert rows(found) == [(1, False, NEVER), (3, True, 0)]
     assert found.reassociated.tolist() == [False, True]
 
 
 def test_frames_in_which_others_are_seen_count_too() -> None:
-    assert rows(of(seen(7), ([2], [9], [1.0]), GONE, seen(7))) == [(2, True, 0)]
+    assert rows(of(visible(7), ([2], [9], [1.0]), GONE, visible(7))) == [(2, True, 0)]
 
 
 def test_no_gaps() -> None:
     assert rows(of()) == []
-    assert not of(seen(7)).reassociated.any()
+    assert not of(visible(7)).reassociated.any()
 
 
 def slow(s: TrackedSequence) -> list[tuple[int, bool, int]]:
