@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import ClassVar
 
 import numpy as np
 
@@ -38,21 +39,19 @@ class OdometryAdapter:
     moved to the stamp at the velocity between the last two scans.
     """
 
+    takes_imu: ClassVar = False
+    """Whether the library uses inertial samples."""
+
     def __init__(
-        self,
-        start: Callable[[Pose | None], OdometryLibrary],
-        *,
-        takes_imu: bool,
-        ground: bool = True,
+        self, start: Callable[[Pose | None], OdometryLibrary], *, ground: bool = True
     ) -> None:
         """Store how to start the library.
 
-        start: returns a new library odometry for the pose of the IMU. takes_imu: whether the
-        library uses inertial samples. ground: whether it gets the ground returns, as its authors
-        intend. On flat ground the rings move along with the sensor, which misleads methods
-        without a prior. Otherwise it gets the returns of `standing` only.
+        start: returns a new library odometry for the pose of the IMU. ground: whether it gets the
+        ground returns, as its authors intend. On flat ground the rings move along with the sensor,
+        which misleads methods without a prior. Otherwise it gets the returns of `standing` only.
         """
-        self._start, self._takes_imu, self._ground = start, takes_imu, ground
+        self._start, self._ground = start, ground
         self.reset()
 
     def reset(self, lidar_from_imu: Pose | None = None) -> None:
@@ -97,7 +96,7 @@ class OdometryAdapter:
             self._covariance, inverse(before) @ self._pose, spread
         )
         missing_samples = (
-            self._imu.missing_samples(scan.stamp_s, tick.elapsed_s) if self._takes_imu else ""
+            self._imu.missing_samples(scan.stamp_s, tick.elapsed_s) if self.takes_imu else ""
         )
         reason = tick.reason or problem or missing_samples or excessive_noise(scan)
         return estimate(self._pose, self._covariance, scan.stamp_s, len(scan), reason)

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from typing import ClassVar
 
-from roadscope.core import ImuSamples, LidarScan, OdometryEstimate, Pose, Requirement
+from roadscope.core import Requirement
 from roadscope.odometry.peers.adapter import OdometryAdapter
 from roadscope.odometry.peers.interface import BOUNDS_M, LibraryScan, Placed
 
 
-class GenzIcpOdometry:
+class GenzIcpOdometry(OdometryAdapter):
     """GenZ-ICP (Lee 2024) with its parameters for outdoor places.
 
     These parameters leave deskewing off, because they were chosen on deskewed data. Here it is on:
@@ -20,7 +20,6 @@ class GenzIcpOdometry:
     """
 
     requires: ClassVar = Requirement("genz-icp", "pip install roadscope[peers]")
-    takes_imu: ClassVar = False
 
     def __init__(
         self,
@@ -51,17 +50,7 @@ class GenzIcpOdometry:
             "planarity_threshold": planarity,
             "max_points_per_voxel": voxel_points,
         }
-        self._adapter = OdometryAdapter(
-            lambda _: _GenzIcp(mapping, deskew), takes_imu=self.takes_imu, ground=ground
-        )
-
-    def reset(self, lidar_from_imu: Pose | None = None) -> None:
-        """Clear map and pose."""
-        self._adapter.reset(lidar_from_imu)
-
-    def update(self, scan: LidarScan, imu: ImuSamples | None = None) -> OdometryEstimate:
-        """Register the scan with the map and return the pose of the LiDAR."""
-        return self._adapter.update(scan, imu)
+        super().__init__(lambda _: _GenzIcp(mapping, deskew), ground=ground)
 
 
 class _GenzIcp:

@@ -6,13 +6,13 @@ from typing import ClassVar
 
 import numpy as np
 
-from roadscope.core import ImuSamples, LidarScan, OdometryEstimate, Pose, Requirement
+from roadscope.core import Requirement
 from roadscope.odometry.peers.adapter import OdometryAdapter
 from roadscope.odometry.peers.interface import BOUNDS_M, LibraryScan, Placed
 from roadscope.odometry.rigid import exp_se3, log_se3
 
 
-class KissIcpOdometry:
+class KissIcpOdometry(OdometryAdapter):
     """KISS-ICP (Vizzo 2023) as its authors ship it: voxels of 1 m for 100 m, deskewing on.
 
     It deskews to the last point of a scan at constant velocity and does not use an IMU. For
@@ -20,7 +20,6 @@ class KissIcpOdometry:
     """
 
     requires: ClassVar = Requirement("kiss-icp", "pip install roadscope[peers]")
-    takes_imu: ClassVar = False
 
     def __init__(self, *, voxel_m: float = 1.0, deskew: bool = True, ground: bool = True) -> None:
         """Store the settings; voxel_m: `mapping.voxel_size`, by default a hundredth of the range.
@@ -29,17 +28,7 @@ class KissIcpOdometry:
         """
         if not voxel_m > 0:
             raise ValueError(f"voxel_m must be above 0, got {voxel_m!r}")
-        self._adapter = OdometryAdapter(
-            lambda _: _KissIcp(voxel_m, deskew), takes_imu=self.takes_imu, ground=ground
-        )
-
-    def reset(self, lidar_from_imu: Pose | None = None) -> None:
-        """Clear map and pose."""
-        self._adapter.reset(lidar_from_imu)
-
-    def update(self, scan: LidarScan, imu: ImuSamples | None = None) -> OdometryEstimate:
-        """Register the scan with the map and return the pose of the LiDAR."""
-        return self._adapter.update(scan, imu)
+        super().__init__(lambda _: _KissIcp(voxel_m, deskew), ground=ground)
 
 
 class _KissIcp:

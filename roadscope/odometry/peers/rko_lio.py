@@ -12,7 +12,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from roadscope.core import ImuSamples, LidarScan, OdometryEstimate, Pose, Requirement
+from roadscope.core import Pose, Requirement
 from roadscope.odometry.peers.adapter import OdometryAdapter
 from roadscope.odometry.peers.interface import BOUNDS_M, LibraryScan, Placed
 
@@ -21,7 +21,7 @@ EPOCH_S = 1000.0
 NANOSECONDS = 1e9
 
 
-class RkoLioOdometry:
+class RkoLioOdometry(OdometryAdapter):
     """RKO-LIO (Malladi 2025) as its authors ship it, sparse scans thinned once as they advise.
 
     It deskews to the last point of a scan with the IMU. Its start at rest, which the authors
@@ -29,7 +29,7 @@ class RkoLioOdometry:
     """
 
     requires: ClassVar = Requirement("rko_lio", "pip install roadscope[peers]")
-    takes_imu: ClassVar = True
+    takes_imu = True
 
     def __init__(
         self,
@@ -53,17 +53,7 @@ class RkoLioOdometry:
             "initialization_phase": starts_at_rest,
             "deskew": deskew,
         }
-        self._adapter = OdometryAdapter(
-            lambda mounting: _RkoLio(settings, mounting), takes_imu=self.takes_imu, ground=ground
-        )
-
-    def reset(self, lidar_from_imu: Pose | None = None) -> None:
-        """Clear map, pose, speed and biases."""
-        self._adapter.reset(lidar_from_imu)
-
-    def update(self, scan: LidarScan, imu: ImuSamples | None = None) -> OdometryEstimate:
-        """Register the scan with the map and return the pose of the LiDAR."""
-        return self._adapter.update(scan, imu)
+        super().__init__(lambda mounting: _RkoLio(settings, mounting), ground=ground)
 
 
 class _RkoLio:

@@ -6,7 +6,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from roadscope.core import ImuSamples, LidarScan, OdometryEstimate, Pose, Requirement
+from roadscope.core import Requirement
 from roadscope.odometry.cloud_kernels import deskewed
 from roadscope.odometry.peers.adapter import OdometryAdapter
 from roadscope.odometry.peers.interface import BOUNDS_M, LibraryScan, Placed
@@ -18,7 +18,7 @@ LRU = {"horizon": 100, "clear_cycle": 10}
 example."""
 
 
-class SmallGicpOdometry:
+class SmallGicpOdometry(OdometryAdapter):
     """small_gicp (Koide 2024), each scan onto a map of Gaussian voxels, as in its KITTI example.
 
     It knows neither times nor ranges of points. Therefore scans are cut to 1 to 100 m and deskewed
@@ -27,7 +27,6 @@ class SmallGicpOdometry:
     """
 
     requires: ClassVar = SMALL_GICP
-    takes_imu: ClassVar = False
 
     def __init__(
         self,
@@ -49,26 +48,13 @@ class SmallGicpOdometry:
         scans = _checked(downsample_m, neighbours, gate_m, deskew)
         if not voxel_m > 0:
             raise ValueError(f"voxel_m must be above 0, got {voxel_m!r}")
-        self._adapter = OdometryAdapter(
-            lambda _: _Gicp(scans, _GaussianVoxels(voxel_m)),
-            takes_imu=self.takes_imu,
-            ground=ground,
-        )
-
-    def reset(self, lidar_from_imu: Pose | None = None) -> None:
-        """Clear map and pose."""
-        self._adapter.reset(lidar_from_imu)
-
-    def update(self, scan: LidarScan, imu: ImuSamples | None = None) -> OdometryEstimate:
-        """Register the scan with the map and return the pose of the LiDAR."""
-        return self._adapter.update(scan, imu)
+        super().__init__(lambda _: _Gicp(scans, _GaussianVoxels(voxel_m)), ground=ground)
 
 
-class SmallGicpScanOdometry:
+class SmallGicpScanOdometry(OdometryAdapter):
     """small_gicp (Koide 2024), each scan onto the one before; otherwise as `SmallGicpOdometry`."""
 
     requires: ClassVar = SMALL_GICP
-    takes_imu: ClassVar = False
 
     def __init__(
         self,
@@ -81,17 +67,7 @@ class SmallGicpScanOdometry:
     ) -> None:
         """Store the settings; see `SmallGicpOdometry`."""
         scans = _checked(downsample_m, neighbours, gate_m, deskew)
-        self._adapter = OdometryAdapter(
-            lambda _: _Gicp(scans, _LastScan()), takes_imu=self.takes_imu, ground=ground
-        )
-
-    def reset(self, lidar_from_imu: Pose | None = None) -> None:
-        """Clear scan and pose."""
-        self._adapter.reset(lidar_from_imu)
-
-    def update(self, scan: LidarScan, imu: ImuSamples | None = None) -> OdometryEstimate:
-        """Register the scan with the previous one and return the pose of the LiDAR."""
-        return self._adapter.update(scan, imu)
+        super().__init__(lambda _: _Gicp(scans, _LastScan()), ground=ground)
 
 
 def _checked(downsample_m: float, neighbours: int, gate_m: float, deskew: bool) -> dict[str, Any]:

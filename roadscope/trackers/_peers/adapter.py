@@ -71,7 +71,7 @@ class TrackerAdapter:
         self._rows: dict[Hashable, int] = {}
         self._next_id = 0
 
-    def update(self, detections: Detections, ego_pose: Pose | None) -> Tracks:
+    def update(self, detections: Detections, ego_pose: Pose | None = None) -> Tracks:
         """Return the tracks after the detections of one tick."""
         tick = self._tick = TrackerTick.after(self._tick, detections, ego_pose)
         reported = self._reported(tick)

@@ -6,13 +6,13 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from roadscope.core import Detections, Family, Pose, Requirement, Tracks
+from roadscope.core import Detections, Family, Requirement
 from roadscope.trackers._motion import RELATIVE_SPEEDS, ConstantVelocity, PositionFilter
 from roadscope.trackers._peers.adapter import LibraryTrack, TrackerAdapter
 from roadscope.trackers._settings import check_counts, check_not_negative, check_positive
 
 
-class NorfairTracker:
+class NorfairTracker(TrackerAdapter):
     """Norfair (Tryolabs) with centres in metres and Euclidean distances.
 
     The nearest pair of all is taken first, confirmed tracks before new ones. Its filters get
@@ -56,7 +56,7 @@ class NorfairTracker:
         check_counts(confirm_hits, coast_frames=coast_frames)
         check_not_negative(velocity_walk=velocity_walk)
         filter_ = PositionFilter(position_m, speed_m_s, ConstantVelocity(velocity_walk))
-        self._adapter = TrackerAdapter(
+        super().__init__(
             lambda family: _Norfair(
                 _Filters(filter_, speed_m_s * RELATIVE_SPEEDS[family]),
                 distance_function="euclidean",
@@ -66,14 +66,6 @@ class NorfairTracker:
             ),
             shown_misses,
         )
-
-    def reset(self) -> None:
-        """Forget all tracks."""
-        self._adapter.reset()
-
-    def update(self, detections: Detections, ego_pose: Pose | None = None) -> Tracks:
-        """Return the tracks after the detections of one tick."""
-        return self._adapter.update(detections, ego_pose)
 
 
 class _Filters:

@@ -19,7 +19,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from roadscope.core import Detections, Pose, Requirement, Tracks
+from roadscope.core import Detections, Requirement
 from roadscope.trackers._peers.adapter import LibraryTrack, TrackerAdapter
 from roadscope.trackers._settings import (
     check_counts,
@@ -28,7 +28,6 @@ from roadscope.trackers._settings import (
     check_shares,
 )
 
-ROBOFLOW = Requirement("trackers", "pip install roadscope[peers]")
 THEIR_RATE_HZ = 30.0
 """Frame rate for which `lost_track_buffer` is given."""
 CORNERS, CENTRE = "XYXYStateEstimator", "XCYCSRStateEstimator"
@@ -39,10 +38,17 @@ STATES = {
 """Matrices that give x, y, vx, vy of their states."""
 
 
-class RoboflowSortTracker:
-    """Roboflow's `SORTTracker`: Kalman filter, overlap, optimal assignment."""
+class _RoboflowTracker(TrackerAdapter):
+    requires: ClassVar = Requirement("trackers", "pip install roadscope[peers]")
 
-    requires: ClassVar = ROBOFLOW
+    def __init__(
+        self, name: str, state: str, units: Units, shown_misses: int, **settings: Any
+    ) -> None:
+        super().__init__(lambda _: Roboflow(name, state, units, settings), shown_misses)
+
+
+class RoboflowSortTracker(_RoboflowTracker):
+    """Roboflow's `SORTTracker`: Kalman filter, overlap, optimal assignment."""
 
     def __init__(
         self,
@@ -66,7 +72,7 @@ class RoboflowSortTracker:
         """
         check_shares(new_score=new_score)
         units = Units(buffer_ratio, coast_s, pixels_per_m, period_s)
-        self._adapter = _adapter(
+        super().__init__(
             "SORTTracker",
             CORNERS,
             units,
@@ -75,19 +81,9 @@ class RoboflowSortTracker:
             **_common(least_overlap, confirm_hits),
         )
 
-    def reset(self) -> None:
-        """Forget all tracks."""
-        self._adapter.reset()
 
-    def update(self, detections: Detections, ego_pose: Pose | None = None) -> Tracks:
-        """Return the tracks after the detections of one tick."""
-        return self._adapter.update(detections, ego_pose)
-
-
-class RoboflowByteTracker:
+class RoboflowByteTracker(_RoboflowTracker):
     """Roboflow's `ByteTrackTracker`: detections of high score first, then those of low score."""
-
-    requires: ClassVar = ROBOFLOW
 
     def __init__(
         self,
@@ -113,7 +109,7 @@ class RoboflowByteTracker:
         """
         check_shares(high_score=high_score, new_score=new_score)
         units = Units(buffer_ratio, coast_s, pixels_per_m, period_s)
-        self._adapter = _adapter(
+        super().__init__(
             "ByteTrackTracker",
             CORNERS,
             units,
@@ -123,22 +119,12 @@ class RoboflowByteTracker:
             **_common(least_overlap, confirm_hits),
         )
 
-    def reset(self) -> None:
-        """Forget all tracks."""
-        self._adapter.reset()
 
-    def update(self, detections: Detections, ego_pose: Pose | None = None) -> Tracks:
-        """Return the tracks after the detections of one tick."""
-        return self._adapter.update(detections, ego_pose)
-
-
-class RoboflowOcSortTracker:
+class RoboflowOcSortTracker(_RoboflowTracker):
     """Roboflow's `OCSORTTracker`: observations before estimates.
 
     Its filter assumes that detections are off by a whole pixel, so a pixel is smaller here.
     """
-
-    requires: ClassVar = ROBOFLOW
 
     def __init__(
         self,
@@ -169,7 +155,7 @@ class RoboflowOcSortTracker:
         check_not_negative(momentum=momentum)
         check_counts(1, momentum_ticks=momentum_ticks)
         units = Units(buffer_ratio, coast_s, pixels_per_m, period_s)
-        self._adapter = _adapter(
+        super().__init__(
             "OCSORTTracker",
             CENTRE,
             units,
@@ -180,25 +166,11 @@ class RoboflowOcSortTracker:
             **_common(least_overlap, confirm_hits),
         )
 
-    def reset(self) -> None:
-        """Forget all tracks."""
-        self._adapter.reset()
-
-    def update(self, detections: Detections, ego_pose: Pose | None = None) -> Tracks:
-        """Return the tracks after the detections of one tick."""
-        return self._adapter.update(detections, ego_pose)
-
 
 def _common(least_overlap: float, confirm_hits: int) -> dict[str, Any]:
     check_shares(least_overlap=least_overlap)
     check_counts(1, confirm_hits=confirm_hits)
     return {"minimum_iou_threshold": least_overlap, "minimum_consecutive_frames": confirm_hits}
-
-
-def _adapter(
-    name: str, state: str, units: Units, shown_misses: int, **settings: Any
-) -> TrackerAdapter:
-    return TrackerAdapter(lambda _: Roboflow(name, state, units, settings), shown_misses)
 
 
 @dataclass(frozen=True, slots=True)

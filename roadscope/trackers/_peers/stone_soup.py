@@ -9,7 +9,7 @@ from typing import Any, ClassVar, NamedTuple, Protocol
 
 import numpy as np
 
-from roadscope.core import Detections, Family, Pose, Requirement, Tracks
+from roadscope.core import Detections, Family, Requirement
 from roadscope.trackers._gating import chi_square_gate
 from roadscope.trackers._motion import RELATIVE_SPEEDS
 from roadscope.trackers._peers.adapter import LibraryTrack, TrackerAdapter
@@ -19,7 +19,7 @@ from roadscope.trackers._tracklets import LifeCycle
 STONE_SOUP = Requirement("stonesoup", "pip install roadscope[peers]")
 
 
-class StoneSoupGnnTracker:
+class StoneSoupGnnTracker(TrackerAdapter):
     """Stone Soup's `GNNWith2DAssignment` by Mahalanobis distance, with its Kalman filter."""
 
     requires: ClassVar = STONE_SOUP
@@ -47,23 +47,15 @@ class StoneSoupGnnTracker:
         noise = StoneSoupNoise(position_m, speed_m_s, velocity_walk)
         life = LifeCycle(confirm_hits, coast_frames)
         gate = float(np.sqrt(chi_square_gate(gate_share, 2)))
-        self._adapter = TrackerAdapter(
+        super().__init__(
             lambda family: StoneSoup(
                 NearestAssociation(StoneSoupFilter(noise, family), gate), life
             ),
             shown_misses,
         )
 
-    def reset(self) -> None:
-        """Forget all tracks."""
-        self._adapter.reset()
 
-    def update(self, detections: Detections, ego_pose: Pose | None = None) -> Tracks:
-        """Return the tracks after the detections of one tick."""
-        return self._adapter.update(detections, ego_pose)
-
-
-class StoneSoupJpdaTracker:
+class StoneSoupJpdaTracker(TrackerAdapter):
     """Stone Soup's `JPDAwithEHM2` (Horridge 2006), the fastest of its exact associators.
 
     Stone Soup leaves to the user how tracks start and end. Here a detection starts a track if
@@ -101,7 +93,7 @@ class StoneSoupJpdaTracker:
         noise = StoneSoupNoise(position_m, speed_m_s, velocity_walk)
         life = LifeCycle(confirm_hits, coast_frames)
         shares = {"prob_detect": detection, "prob_gate": gate_share}
-        self._adapter = TrackerAdapter(
+        super().__init__(
             lambda family: StoneSoup(
                 JointAssociation(
                     StoneSoupFilter(noise, family), clutter_spatial_density=clutter_m2, **shares
@@ -110,14 +102,6 @@ class StoneSoupJpdaTracker:
             ),
             shown_misses,
         )
-
-    def reset(self) -> None:
-        """Forget all tracks."""
-        self._adapter.reset()
-
-    def update(self, detections: Detections, ego_pose: Pose | None = None) -> Tracks:
-        """Return the tracks after the detections of one tick."""
-        return self._adapter.update(detections, ego_pose)
 
 
 MAPPING = (0, 2)

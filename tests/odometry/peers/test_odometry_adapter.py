@@ -28,13 +28,17 @@ class Knowing:
         return Placed(self.spoil(pose, scan.stamp_s), scan.stamp_s)
 
 
+class InertialAdapter(OdometryAdapter):
+    takes_imu = True
+
+
 @pytest.fixture(autouse=True)
 def counted():
     Knowing.started = 0
 
 
 def adapter(spoil=lambda pose, _: pose):
-    return OdometryAdapter(lambda _: Knowing(spoil), takes_imu=False)
+    return OdometryAdapter(lambda _: Knowing(spoil))
 
 
 def far(estimate, k):
@@ -120,19 +124,19 @@ def test_samples_are_passed_on_once_on_the_adapters_clock():
 
 
 def test_missing_samples_are_reported_if_the_library_uses_them():
-    for takes_imu, said in ((True, "no inertial samples"), (False, "")):
-        runs = OdometryAdapter(lambda _: Knowing(lambda pose, _: pose), takes_imu=takes_imu)
+    for kind, said in ((InertialAdapter, "no inertial samples"), (OdometryAdapter, "")):
+        runs = kind(lambda _: Knowing(lambda pose, _: pose))
         told = [runs.update(s, None if k in (4, 5) else i) for k, (s, i) in enumerate(INPUTS)]
         # The sweep before the first scan with samples again reached beyond its stamp.
         assert [each.reason for each in told[3:8]] == ["", said, said, said, ""]
-    runs = OdometryAdapter(lambda _: Knowing(lambda pose, _: pose), takes_imu=True)
+    runs = InertialAdapter(lambda _: Knowing(lambda pose, _: pose))
     assert all(runs.update(scan, None).ok for scan, _ in INPUTS)
 
 
 def test_the_ground_is_left_out_on_request():
     def shown(ground):
         library = Knowing(lambda pose, _: pose)
-        runs = OdometryAdapter(lambda _: library, takes_imu=False, ground=ground)
+        runs = OdometryAdapter(lambda _: library, ground=ground)
         runs.update(*INPUTS[0])
         return library.given[0].points
 
