@@ -10,6 +10,7 @@ from __future__ import annotations
 import numpy as np
 
 from roadscope.core import ImuSamples, LidarScan, Pose
+from roadscope.core.arguments import check_counts, check_positive
 from roadscope.odometry.clock import Clock
 from roadscope.odometry.lego.mapping import (
     REACH_M,
@@ -40,11 +41,8 @@ class LegoLoamOdometry(MappedOdometry):
         reach_m: float = REACH_M,
         loop: bool = False,
     ) -> None:
-        for name, value in (("min_points", min_points), ("map_every", map_every)):
-            if value < 1:
-                raise ValueError(f"{name} must be 1 or more, got {value!r}")
-        if not reach_m > 0:
-            raise ValueError(f"reach_m must be above 0, got {reach_m!r}")
+        check_counts(1, min_points=min_points, map_every=map_every)
+        check_positive(reach_m=reach_m)
         self.min_points, self.map_every = min_points, map_every
         self.reach_m, self.loop = reach_m, loop
         self.reset()

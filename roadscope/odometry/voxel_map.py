@@ -8,6 +8,7 @@ from typing import Literal
 import numpy as np
 
 from roadscope.core import ImuSamples, LidarScan, OdometryEstimate, Pose
+from roadscope.core.arguments import check_positive
 from roadscope.odometry.clock import Clock, ScanTick
 from roadscope.odometry.cloud_kernels import deskewed, placed, thinned
 from roadscope.odometry.estimates import estimate, lack_of_points, propagated_covariance
@@ -86,9 +87,7 @@ class VoxelMapOdometry:
     ) -> None:
         if memory not in ("map", "scan"):
             raise ValueError(f"memory is 'map' or 'scan', got {memory!r}")
-        for name, size_m in (("match_m", match_m), ("insert_m", insert_m), ("reach_m", reach_m)):
-            if not size_m > 0:
-                raise ValueError(f"{name} must be above 0, got {size_m!r}")
+        check_positive(match_m=match_m, insert_m=insert_m, reach_m=reach_m)
         self.memory, self.match_m, self.insert_m = memory, match_m, insert_m
         self._map = VoxelMap(reach_m=reach_m)
         self.reset()

@@ -7,12 +7,12 @@ from dataclasses import replace
 import numpy as np
 
 from roadscope.core import Detections, Pose, Tracks
+from roadscope.core.arguments import check_counts, check_not_negative
 from roadscope.core.pose import wrap_angle
 from roadscope.trackers import _kalman as kalman
 from roadscope.trackers._assignment import assign_optimally, unassigned
 from roadscope.trackers._gating import boxes_of, check_overlap, pairs_by_overlap
 from roadscope.trackers._kalman import Gaussians
-from roadscope.trackers._settings import check_counts, check_not_negative
 from roadscope.trackers._ticks import TrackerTick
 from roadscope.trackers._tracklets import LifeCycle, Tracklets
 

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from roadscope.core import Detections, Pose, Tracks
+from roadscope.core.arguments import check_not_negative, check_shares
 from roadscope.trackers._assignment import AssignmentStage, Pairs, assign_in_stages
 from roadscope.trackers._gating import boxes_of, check_overlap, pairs_by_overlap
 from roadscope.trackers._motion import ConstantVelocity, PositionFilter
-from roadscope.trackers._settings import check_not_negative, check_shares
 from roadscope.trackers._tracklets import LifeCycle, Tracklets, TrackManager
 
 CONFIRM_HITS = 2

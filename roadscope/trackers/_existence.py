@@ -7,6 +7,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from roadscope.core import Detections, Pose, Tracks, TrackState
+from roadscope.core.arguments import check_positive
 from roadscope.trackers._assignment import Pairs, assign_optimally, unassigned
 from roadscope.trackers._existence_targets import (
     BernoulliTargets,
@@ -19,7 +20,6 @@ from roadscope.trackers._gating import pairs_by_distance, pairs_that_overlap
 from roadscope.trackers._headings import facing_ahead, travel_directions
 from roadscope.trackers._kalman import Gaussians
 from roadscope.trackers._score_meaning import SETTLED_S, PendingDetections, ScoreMeaning
-from roadscope.trackers._settings import check_positive
 from roadscope.trackers._ticks import TrackerTick
 from roadscope.trackers._traits import (
     SECTION_NUMBER,

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from roadscope.core import Detections, Pose, Tracks
+from roadscope.core.arguments import check_not_negative, check_shares
 from roadscope.trackers._assignment import Pairs, assign_optimally
 from roadscope.trackers._gating import chi_square_gate, determinants, pairs_by_likelihood
 from roadscope.trackers._motion import ConstantVelocity, PositionFilter
-from roadscope.trackers._settings import check_not_negative, check_shares
 from roadscope.trackers._tracklets import LifeCycle, Tracklets, TrackManager
 
 

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from roadscope.core import Detections, Family, Pose, Tracks
+from roadscope.core.arguments import check_not_negative, check_positive
 from roadscope.trackers._assignment import Pairs, assign_in_turn
 from roadscope.trackers._gating import FAMILIES, pairs_by_distance
 from roadscope.trackers._motion import ConstantVelocity, PositionFilter
-from roadscope.trackers._settings import check_not_negative, check_positive
 from roadscope.trackers._tracklets import LifeCycle, Tracklets, TrackManager
 
 

@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 
 from roadscope.core import Detections, Pose, Tracks
+from roadscope.core.arguments import check_shares
 from roadscope.core.jit import compiled
 from roadscope.core.pose import wrap_angle
 from roadscope.trackers._assignment import Pairs, assign_optimally, unassigned
 from roadscope.trackers._gating import CandidatePairs, boxes_of, pairs_by_overlap, suppressed
 from roadscope.trackers._motion import ConstantAcceleration, PositionFilter
-from roadscope.trackers._settings import check_shares
 from roadscope.trackers._tracklets import LifeCycle, Tracklets, TrackManager
 
 FLAT = np.array([1, 1, 0, 1, 1, 0, 1.0])

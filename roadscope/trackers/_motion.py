@@ -15,10 +15,10 @@ from typing import ClassVar, NamedTuple, Protocol
 import numpy as np
 
 from roadscope.core import Category, Detections, Family
+from roadscope.core.arguments import check_positive
 from roadscope.core.jit import compiled
 from roadscope.trackers import _kalman as kalman
 from roadscope.trackers._kalman import Gaussians
-from roadscope.trackers._settings import check_positive
 
 PLANAR = 4
 """Length of the part x, y, vx, vy that all states have in common."""

@@ -8,8 +8,8 @@ from functools import lru_cache
 import numpy as np
 
 from roadscope.core import Detections, Pose, Tracks, TrackState
+from roadscope.core.arguments import check_counts, check_not_negative, check_positive
 from roadscope.trackers._headings import facing_ahead
-from roadscope.trackers._settings import check_counts, check_not_negative, check_positive
 from roadscope.trackers._ticks import TrackerTick
 
 FRAMES = ("world", "ego")

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from roadscope.core import Detections, Pose, Tracks
+from roadscope.core.arguments import check_positive, check_shares
 from roadscope.trackers._assignment import Pairs, assign_in_turn
 from roadscope.trackers._gating import CandidatePairs, pairs_by_distance
 from roadscope.trackers._motion import ConstantAcceleration, PositionFilter
-from roadscope.trackers._settings import check_positive, check_shares
 from roadscope.trackers._tracklets import LifeCycle, Tracklets, TrackManager
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 from roadscope.core import Detections, Pose, Tracks
+from roadscope.core.arguments import check_counts, check_shares
 from roadscope.trackers._ab3dmot import (
     DIMENSIONS,
     boxes_predicted,
@@ -20,7 +21,6 @@ from roadscope.trackers._gating import (
     pairs_by_overlap,
     suppressed,
 )
-from roadscope.trackers._settings import check_counts, check_shares
 from roadscope.trackers._ticks import TrackerTick
 from roadscope.trackers._tracklets import LifeCycle, Tracklets
 

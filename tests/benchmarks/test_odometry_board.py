@@ -193,7 +193,7 @@ def test_what_is_no_odometry_is_named_before_anything_runs(suite) -> None:
     for spec, words in (
         ("nobody", "no odometry 'nobody'"),
         ("nearest", "is a tracker; the boards of this run are for an odometry"),
-        ("voxel-map?match_m=0", "match_m must be above 0"),
+        ("voxel-map?match_m=0", "match_m must be positive"),
     ):
         with pytest.raises(SpecError, match=words):
             plan(suite, [spec], boards=["odometry"])

@@ -327,7 +327,7 @@ def test_a_lever_between_the_sensors_changes_nothing():
 
 
 def test_sizes_are_positive():
-    with pytest.raises(ValueError, match="insert_m must be above 0"):
+    with pytest.raises(ValueError, match="insert_m must be positive"):
         ODOMETRIES.make("lidar-inertial?insert_m=0")
 
 

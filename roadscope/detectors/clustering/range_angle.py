@@ -6,6 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from roadscope.core.arguments import check_not_negative, check_positive
 from roadscope.core.disjoint_sets import join, root_of
 from roadscope.core.jit import compiled
 from roadscope.detectors.cloud import Cloud
@@ -54,11 +55,8 @@ def cluster_range_angle(
     order seeds are taken. The angle limits links, not clusters: a cluster may be wider. In the
     odometry of Zhang 2022 it limits clusters, too.
     """
-    for name, value in (("eps_m", eps_m), ("angle_deg", angle_deg), ("min_points", min_points)):
-        if not 0 < value < np.inf:
-            raise ValueError(f"{name} must be positive, got {value!r}")
-    if not 0 <= spacings < np.inf:
-        raise ValueError(f"spacings must be 0 or more, got {spacings!r}")
+    check_positive(eps_m=eps_m, angle_deg=angle_deg, min_points=min_points)
+    check_not_negative(spacings=spacings)
     if not len(cloud):
         return np.empty(0, np.int64)
     rule = _link_rule(

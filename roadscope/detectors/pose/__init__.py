@@ -28,7 +28,7 @@ _PARTS = {
     "body_model": "GLASS MOTION RADIUS VALUES fill_outlines new_outlines part_of",
     "body_rays": "BodyRays EMPTY HIT PASSED body_scan",
     "body_search": "BodyProblem split_rays",
-    "estimate": "check_positive pointing_away checked_origin checked_points",
+    "estimate": "pointing_away checked_origin checked_points",
     "filter_kernels": "peak",
     "ransac": "with_corner",
 }

@@ -100,10 +100,3 @@ def checked_origin(origin: np.ndarray) -> np.ndarray:
     if place.shape != (2,) or not np.isfinite(place).all():
         raise ValueError(f"origin must be finite x and y of the sensor in metres, got {origin!r}")
     return place
-
-
-def check_positive(**values: float) -> None:
-    """Raise ValueError naming the first value that is not a positive finite number."""
-    for name, value in values.items():
-        if not 0 < value < np.inf:
-            raise ValueError(f"{name} must be positive, got {value!r}")

@@ -10,9 +10,9 @@ from typing import Literal, NamedTuple, TypedDict, Unpack
 
 import numpy as np
 
+from roadscope.core.arguments import check_not_negative, check_positive
 from roadscope.detectors.pose.estimate import (
     VehiclePose,
-    check_positive,
     check_spread,
     checked_origin,
     checked_points,
@@ -202,8 +202,7 @@ def filter_options(
     shortened.
     """
     check_positive(length_m=length_m, width_m=width_m, sigma_m=sigma_m, bin_m=bin_m)
-    if not 0 <= alpha < np.inf:
-        raise ValueError(f"alpha must be finite and not negative, got {alpha!r}")
+    check_not_negative(alpha=alpha)
     if width_m > length_m:
         raise ValueError(f"width_m must not exceed length_m, got {width_m} and {length_m}")
     if template not in POWERS:

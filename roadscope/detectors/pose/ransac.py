@@ -7,11 +7,11 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
+from roadscope.core.arguments import check_positive
 from roadscope.core.jit import compiled
 from roadscope.core.sorting import stable_order
 from roadscope.detectors.pose.estimate import (
     VehiclePose,
-    check_positive,
     checked_origin,
     checked_points,
     pointing_away,

@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from roadscope.core.arguments import check_positive
 from roadscope.core.jit import compiled
 from roadscope.odometry.cloud_kernels import placed, thinned
 from roadscope.odometry.cubes import EMPTY, Index, cube_of, slot_of
@@ -187,8 +188,7 @@ class PointMap:
     """
 
     def __init__(self, *, thin_m: float) -> None:
-        if not thin_m > 0:
-            raise ValueError(f"thin_m must be above 0, got {thin_m!r}")
+        check_positive(thin_m=thin_m)
         self.thin_m = thin_m
         self.clear()
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import ClassVar
 
 from roadscope.core import Requirement
+from roadscope.core.arguments import check_positive
 from roadscope.odometry.peers.adapter import OdometryAdapter
 from roadscope.odometry.peers.interface import BOUNDS_M, LibraryScan, Placed
 
@@ -36,14 +37,9 @@ class GenzIcpOdometry(OdometryAdapter):
         voxel_m, points, planarity, voxel_points: `voxel_size`, `desired_num_voxelized_points`,
             `planarity_threshold`, `max_points_per_voxel`.
         """
-        for name, value in (
-            ("voxel_m", voxel_m),
-            ("points", points),
-            ("planarity", planarity),
-            ("voxel_points", voxel_points),
-        ):
-            if not value > 0:
-                raise ValueError(f"{name} must be above 0, got {value!r}")
+        check_positive(
+            voxel_m=voxel_m, points=points, planarity=planarity, voxel_points=voxel_points
+        )
         mapping = {
             "voxel_size": voxel_m,
             "desired_num_voxelized_points": points,

@@ -7,6 +7,7 @@ from typing import ClassVar
 import numpy as np
 
 from roadscope.core import Requirement
+from roadscope.core.arguments import check_positive
 from roadscope.odometry.peers.adapter import OdometryAdapter
 from roadscope.odometry.peers.interface import BOUNDS_M, LibraryScan, Placed
 from roadscope.odometry.rigid import exp_se3, log_se3
@@ -26,8 +27,7 @@ class KissIcpOdometry(OdometryAdapter):
 
         ground: see `OdometryAdapter`, also for the other peers.
         """
-        if not voxel_m > 0:
-            raise ValueError(f"voxel_m must be above 0, got {voxel_m!r}")
+        check_positive(voxel_m=voxel_m)
         super().__init__(lambda _: _KissIcp(voxel_m, deskew), ground=ground)
 
 

@@ -13,6 +13,7 @@ from typing import ClassVar
 import numpy as np
 
 from roadscope.core import Pose, Requirement
+from roadscope.core.arguments import check_positive
 from roadscope.odometry.peers.adapter import OdometryAdapter
 from roadscope.odometry.peers.interface import BOUNDS_M, LibraryScan, Placed
 
@@ -45,8 +46,7 @@ class RkoLioOdometry(OdometryAdapter):
         voxel_m: `voxel_size`. thin_twice: `double_downsample`, better off for 16 rings.
         starts_at_rest: `initialization_phase`: level and biases from the first tenth of a second.
         """
-        if not voxel_m > 0:
-            raise ValueError(f"voxel_m must be above 0, got {voxel_m!r}")
+        check_positive(voxel_m=voxel_m)
         settings = {
             "voxel_size": voxel_m,
             "double_downsample": thin_twice,

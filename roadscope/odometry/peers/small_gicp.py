@@ -7,6 +7,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from roadscope.core import Requirement
+from roadscope.core.arguments import check_counts, check_positive
 from roadscope.odometry.cloud_kernels import deskewed
 from roadscope.odometry.peers.adapter import OdometryAdapter
 from roadscope.odometry.peers.interface import BOUNDS_M, LibraryScan, Placed
@@ -46,8 +47,7 @@ class SmallGicpOdometry(OdometryAdapter):
         deskew: whether scans are deskewed. ground: see `OdometryAdapter`.
         """
         scans = _checked(downsample_m, neighbours, gate_m, deskew)
-        if not voxel_m > 0:
-            raise ValueError(f"voxel_m must be above 0, got {voxel_m!r}")
+        check_positive(voxel_m=voxel_m)
         super().__init__(lambda _: _Gicp(scans, _GaussianVoxels(voxel_m)), ground=ground)
 
 
@@ -71,11 +71,8 @@ class SmallGicpScanOdometry(OdometryAdapter):
 
 
 def _checked(downsample_m: float, neighbours: int, gate_m: float, deskew: bool) -> dict[str, Any]:
-    for name, value in (("downsample_m", downsample_m), ("gate_m", gate_m)):
-        if not value > 0:
-            raise ValueError(f"{name} must be above 0, got {value!r}")
-    if neighbours < 5:
-        raise ValueError(f"neighbours must be 5 or more, got {neighbours!r}")
+    check_positive(downsample_m=downsample_m, gate_m=gate_m)
+    check_counts(5, neighbours=neighbours)
     return {"size_m": downsample_m, "neighbours": neighbours, "gate_m": gate_m, "deskew": deskew}
 
 

@@ -13,9 +13,9 @@ from typing import NamedTuple, Protocol
 import numpy as np
 
 from roadscope.core import Detections, Family, Pose, Tracks
+from roadscope.core.arguments import check_counts
 from roadscope.trackers._gating import FAMILIES
 from roadscope.trackers._kalman import Gaussians
-from roadscope.trackers._settings import check_counts
 from roadscope.trackers._ticks import TrackerTick
 from roadscope.trackers._tracklets import Tracklets, track_states
 

@@ -7,9 +7,9 @@ from typing import Any, ClassVar
 import numpy as np
 
 from roadscope.core import Detections, Family, Requirement
+from roadscope.core.arguments import check_counts, check_not_negative, check_positive
 from roadscope.trackers._motion import RELATIVE_SPEEDS, ConstantVelocity, PositionFilter
 from roadscope.trackers._peers.adapter import LibraryTrack, TrackerAdapter
-from roadscope.trackers._settings import check_counts, check_not_negative, check_positive
 
 
 class NorfairTracker(TrackerAdapter):

@@ -20,13 +20,8 @@ from typing import Any, ClassVar
 import numpy as np
 
 from roadscope.core import Detections, Requirement
+from roadscope.core.arguments import check_counts, check_not_negative, check_positive, check_shares
 from roadscope.trackers._peers.adapter import LibraryTrack, TrackerAdapter
-from roadscope.trackers._settings import (
-    check_counts,
-    check_not_negative,
-    check_positive,
-    check_shares,
-)
 
 THEIR_RATE_HZ = 30.0
 """Frame rate for which `lost_track_buffer` is given."""

@@ -10,10 +10,10 @@ from typing import Any, ClassVar, NamedTuple, Protocol
 import numpy as np
 
 from roadscope.core import Detections, Family, Requirement
+from roadscope.core.arguments import check_not_negative, check_positive, check_shares
 from roadscope.trackers._gating import chi_square_gate
 from roadscope.trackers._motion import RELATIVE_SPEEDS
 from roadscope.trackers._peers.adapter import LibraryTrack, TrackerAdapter
-from roadscope.trackers._settings import check_not_negative, check_positive, check_shares
 from roadscope.trackers._tracklets import LifeCycle
 
 STONE_SOUP = Requirement("stonesoup", "pip install roadscope[peers]")
