@@ -3,7 +3,6 @@
 from functools import cache
 
 import numpy as np
-from toy_lidar import take
 
 from roadscope.core import ImuSamples, LidarScan
 from roadscope.odometry import exp_se3
@@ -130,7 +129,7 @@ def driven(scans=12, speed_m_s=8.0, columns=COLUMNS):
 
 
 def emptied(scan):
-    return take(scan, np.zeros(len(scan), bool))
+    return scan.select(np.zeros(len(scan), bool))
 
 
 def offset(estimate, truth):

@@ -1,7 +1,5 @@
 """A tiny ray caster for tests: upright boxes on a plane, one column after the other."""
 
-from dataclasses import replace
-
 import numpy as np
 
 from roadscope.core import Calibration, Frame, LidarScan, Pose
@@ -40,12 +38,6 @@ def scan_of(points, ring=None, column=None, stamp_s=1.0, sensor="lux", intensity
     ring = np.zeros(n, int) if ring is None else ring
     column = np.arange(n) if column is None else column
     return LidarScan(points, intensity, ring, column, np.zeros(n), stamp_s, sensor)
-
-
-def take(lidar_scan, rows):
-    """Take some returns of a scan, in this order."""
-    names = ("points", "intensity", "ring", "column", "time_offset_s")
-    return replace(lidar_scan, **{name: getattr(lidar_scan, name)[rows] for name in names})
 
 
 def frame(boxes, **options):

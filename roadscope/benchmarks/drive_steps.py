@@ -13,7 +13,6 @@ from roadscope.benchmarks.episode import Episode, sensed, sensing_of
 from roadscope.core import ImuSamples, LidarScan, Pose, Truth, WheelSamples
 from roadscope.core.record import Record
 
-SCAN_ARRAYS = ("points", "intensity", "ring", "column", "time_offset_s")
 MOVING_M_S = 0.1
 """Slower road users count as standing: from scan to scan they move less than the range noise."""
 
@@ -37,7 +36,7 @@ class Step(Record):
 
     def without_moving(self) -> Step:
         """Return the step without the returns of moving road users."""
-        return replace(self, scan=select(self.scan, ~self.moving), moving=self.moving[~self.moving])
+        return replace(self, scan=self.scan.select(~self.moving), moving=self.moving[~self.moving])
 
 
 def imu_mounting(episode: Episode) -> Pose | None:
@@ -78,11 +77,6 @@ def moving_in(truth: Truth) -> np.ndarray:
     fast = np.hypot(*truth.velocities.T) > MOVING_M_S
     moving: np.ndarray = np.isin(truth.sources, truth.ids[fast])
     return moving
-
-
-def select(scan: LidarScan, rows: np.ndarray | slice) -> LidarScan:
-    """Return the scan with some of its returns, in arrays of its own."""
-    return replace(scan, **{name: getattr(scan, name)[rows].copy() for name in SCAN_ARRAYS})
 
 
 def _joined(blocks: Sequence[Samples | None]) -> Samples | None:

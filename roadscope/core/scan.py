@@ -12,6 +12,7 @@ from roadscope.core.record import Record
 FARTHEST_M = 5000.0
 """Farther than any LiDAR on the road measures: refuses numbers that stand for `no return`."""
 MOST_RINGS, MOST_COLUMNS = 1024, 1 << 16
+ARRAYS = ("points", "intensity", "ring", "column", "time_offset_s")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -57,3 +58,8 @@ class LidarScan(Record):
 
     def __len__(self) -> int:
         return len(self.points)
+
+    def select(self, index: np.ndarray) -> LidarScan:
+        """Return the scan with the returns that a mask or an index array selects."""
+        rows = np.flatnonzero(index) if index.dtype == np.bool_ else index
+        return self._trusted(**{name: getattr(self, name).take(rows, 0) for name in ARRAYS})

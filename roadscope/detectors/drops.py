@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 
 from roadscope.core import LidarScan
 
 DROPS_M = 15.0
 """Echoes of drops get weaker with the square of the range: farther away none is above the noise."""
-SCAN_ARRAYS = ("points", "intensity", "ring", "column", "time_offset_s")
 
 
 def check_faint(faint: float) -> float:
@@ -31,5 +28,4 @@ def without_faint(scan: LidarScan, intensity: float) -> LidarScan:
     drops = faint[x**2 + y**2 < DROPS_M**2]
     if not len(drops):
         return scan
-    rows = np.delete(np.arange(len(scan)), drops)
-    return replace(scan, **{name: getattr(scan, name).take(rows, 0) for name in SCAN_ARRAYS})
+    return scan.select(np.delete(np.arange(len(scan)), drops))

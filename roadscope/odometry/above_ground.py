@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 
 from roadscope.core import LidarScan, Pose
@@ -13,7 +11,6 @@ from roadscope.detectors.ground import polar_above_ground
 
 BOUNDS_M = (0.5, 120.0)
 """Least and greatest range of the returns that are used, metres. Chosen by hand."""
-ARRAYS = ("points", "intensity", "ring", "column", "time_offset_s")
 
 NEAR_M, DEEPEST_M = 20.0, 5.0
 """The ground is searched within the first in range, and down to the second below the sensor. Chosen
@@ -67,7 +64,7 @@ def standing(scan: LidarScan) -> Cloud:
     ranges = np.einsum("ni,ni->n", scan.points, scan.points)
     with np.errstate(invalid="ignore"):
         rows = np.flatnonzero((ranges >= BOUNDS_M[0] ** 2) & (ranges <= BOUNDS_M[1] ** 2))
-    near = replace(scan, **{name: getattr(scan, name)[rows] for name in ARRAYS})
+    near = scan.select(rows)
     height_m = sensor_height(near.points)
     level = Pose.planar(0.0, 0.0, 0.0, height_m if np.isfinite(height_m) else 0.0)
     cloud = Cloud.of(near, level)

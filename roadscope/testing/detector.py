@@ -9,7 +9,6 @@ from functools import lru_cache
 import numpy as np
 
 from roadscope.benchmarks.boards.detection import detection_scores
-from roadscope.benchmarks.drive_steps import select
 from roadscope.benchmarks.eligibility import Eligibility
 from roadscope.benchmarks.episode import Episode, sensed
 from roadscope.benchmarks.loop import RunOptions
@@ -70,7 +69,7 @@ def nothing_to_detect(subject: Subject) -> str:
     first, *others = frames()
     scan = first.lidar
     assert scan is not None
-    for poor in (replace(first, lidar=None), replace(first, lidar=select(scan, slice(0, 0)))):
+    for poor in (replace(first, lidar=None), replace(first, lidar=scan.select(np.empty(0, int)))):
         with subject.started() as instance:
             detections = detect(instance, [poor, *others[:3], replace(others[3], lidar=None)])
         if len(detections[0]):

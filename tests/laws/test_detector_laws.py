@@ -9,7 +9,7 @@ from hypothesis import Phase, example, given, settings
 from hypothesis import strategies as st
 from law_scenes import AROUND, carried, differences, mirror_boxes, mirrored, turned_sensor
 from law_scenes import film as drive
-from toy_lidar import CALIBRATION, scan, scan_of, take
+from toy_lidar import CALIBRATION, scan, scan_of
 
 from roadscope.core import Detections, Frame, LidarScan, Pose
 from roadscope.detectors import DETECTORS, Detector
@@ -42,7 +42,7 @@ def any_detector(request):
 
 
 def shuffled(sweep: LidarScan, seed: int) -> LidarScan:
-    return take(sweep, np.random.default_rng(seed).permutation(len(sweep)))
+    return sweep.select(np.random.default_rng(seed).permutation(len(sweep)))
 
 
 def film(scene=(), *, shuffled_by=None, count=6, **options) -> list[Frame]:
@@ -271,7 +271,7 @@ def test_the_way_the_sensor_is_mounted_changes_nothing(detector):
 
 def behind_too(sweep: LidarScan) -> LidarScan:
     """Add a return behind the sensor: what looks ahead only knows where its view ends."""
-    last = take(sweep, np.array([0]))
+    last = sweep.select(np.array([0]))
     last = replace(last, points=[[-30.0, 0.0, 0.5]], column=last.column + 900)
     fields = ("points", "intensity", "ring", "column", "time_offset_s")
     both = {n: np.concatenate([getattr(sweep, n), getattr(last, n)]) for n in fields}
@@ -282,7 +282,7 @@ def test_copies_of_returns_give_proper_boxes(detector):
     """Those that count returns, such as PAG and DBSCAN, may say something else, but not nothing."""
     frames = drive()
     copied = [
-        replace(f, lidar=take(f.lidar, np.repeat(np.arange(len(f.lidar)), 2))) for f in frames
+        replace(f, lidar=f.lidar.select(np.repeat(np.arange(len(f.lidar)), 2))) for f in frames
     ]
     found = run(detector, copied)
     assert any(len(f) for f in found) == any(len(f) for f in run(detector, frames))
@@ -292,7 +292,7 @@ def test_copies_of_returns_give_proper_boxes(detector):
 def test_copies_of_returns_move_no_box(name):
     frames = drive()
     copied = [
-        replace(f, lidar=take(f.lidar, np.repeat(np.arange(len(f.lidar)), 2))) for f in frames
+        replace(f, lidar=f.lidar.select(np.repeat(np.arange(len(f.lidar)), 2))) for f in frames
     ]
     off = worst(every_box(name), frames, copied, lambda boxes: boxes)
     # The sum over copies rounds otherwise, and with it where bins begin.
@@ -324,7 +324,7 @@ def test_returns_on_a_line_give_proper_boxes(detector):
 def test_scans_that_are_missing_or_empty_now_and_then(detector):
     frames = drive(count=9)
     frames[3] = replace(frames[3], lidar=None)
-    frames[5] = replace(frames[5], lidar=take(frames[5].lidar, np.arange(0)))
+    frames[5] = replace(frames[5], lidar=frames[5].lidar.select(np.arange(0)))
     stamps = {seen.stamp_s for seen in frames}
     found = run(detector, frames)
     assert all(f.stamp_s in stamps for f in found)

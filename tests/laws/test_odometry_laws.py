@@ -6,7 +6,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from toy_drive import columns_for, driven, emptied, offset
-from toy_lidar import take
 
 from roadscope.core import Pose
 from roadscope.odometry import ODOMETRIES
@@ -142,7 +141,7 @@ def test_takes_the_mounting_of_the_imu(name, odometry):
         assert same.max() < (0.02 if name in UNEVEN else 1e-3)
 
 
-POOR = {"empty": emptied, "few points": lambda scan: take(scan, np.arange(len(scan)) % 400 == 0)}
+POOR = {"empty": emptied, "few points": lambda scan: scan.select(np.arange(len(scan)) % 400 == 0)}
 
 
 @pytest.mark.sampled(4)

@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 from hypothesis import Phase, given, settings
 from hypothesis import strategies as st
-from toy_lidar import take
 
 from roadscope.benchmarks.papers import ford_fusion, sense_drive
 from roadscope.core import Pose, RecordError
@@ -148,7 +147,7 @@ def test_rigid_motion_moves_the_pose(name, turn, x, y, drive):
 def test_order_of_the_returns_changes_nothing(name, seed):
     def mix(scan, target):
         order = np.random.default_rng(seed).permutation(len(scan))
-        return take(scan, order), target[order]
+        return scan.select(order), target[order]
 
     shots = sweeps_of()
     assert off(name, ESTIMATORS[name](changed(shots, mix)), ESTIMATORS[name](shots)) < 1e-3
@@ -157,7 +156,7 @@ def test_order_of_the_returns_changes_nothing(name, seed):
 @every
 def test_copies_of_returns_say_the_same(name):
     def copy(scan, target):
-        return take(scan, np.repeat(np.arange(len(scan)), 2)), np.repeat(target, 2)
+        return scan.select(np.repeat(np.arange(len(scan)), 2)), np.repeat(target, 2)
 
     shots = sweeps_of()
     found, here = (ESTIMATORS[name](s) for s in (changed(shots, copy), shots))
@@ -213,7 +212,7 @@ def test_returns_on_a_line_give_a_pose(name):
 def test_equal_places_give_a_pose(name):
     def heap(scan, target):
         rows = np.flatnonzero(target)[:1].repeat(9)
-        return take(scan, rows), np.ones(9, bool)
+        return scan.select(rows), np.ones(9, bool)
 
     found = ESTIMATORS[name](changed(sweeps_of(), heap))
     assert np.isfinite((found.x, found.y, found.yaw)).all()

@@ -19,7 +19,7 @@ from law_scenes import (
     mirrored,
     turned_sensor,
 )
-from toy_lidar import frame, scan_of, take
+from toy_lidar import frame, scan_of
 
 from roadscope.core import Frame, Pose
 from roadscope.detectors import ClusterDetector
@@ -119,7 +119,7 @@ def test_finds_the_car_ahead(stages):
 def test_order_of_the_returns_changes_no_bit(stages, seed):
     seen = scene(stages, seed % 7)
     order = np.random.default_rng(seed).permutation(len(seen.lidar))
-    mixed = Frame(seen.stamp_s, CALIBRATION, take(seen.lidar, order))
+    mixed = Frame(seen.stamp_s, CALIBRATION, seen.lidar.select(order))
     detector = make(stages)
     assert detector.detect(mixed) == detector.detect(seen)
 
@@ -188,7 +188,7 @@ def test_height_of_the_sensor_changes_no_box(stages):
 
 def test_copies_of_returns_move_no_box(stages):
     seen, detector = scene(stages, 0), make(stages)
-    copied = take(seen.lidar, np.repeat(np.arange(len(seen.lidar)), 2))
+    copied = seen.lidar.select(np.repeat(np.arange(len(seen.lidar)), 2))
     found, before = (detector.detect(Frame(1.0, CALIBRATION, s)) for s in (copied, seen.lidar))
     proper(found)
     if stages[1] not in COUNTING:
@@ -225,7 +225,7 @@ def test_places_on_a_line_give_proper_boxes(stages, bearing, along, span, rings,
     seen = Frame(1.0, CALIBRATION, scan_of(points, ring, column))
     proper(make(stages).detect(seen))
     order = np.random.default_rng(seed).permutation(24)
-    mixed = Frame(1.0, CALIBRATION, take(seen.lidar, order))
+    mixed = Frame(1.0, CALIBRATION, seen.lidar.select(order))
     assert make(stages).detect(mixed) == make(stages).detect(seen)
 
 

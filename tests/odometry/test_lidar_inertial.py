@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from node_answers import poses_of
 from toy_drive import Drive, driven, offset
-from toy_lidar import take
 
 from roadscope.core import ImuSamples, Pose
 from roadscope.envs.sensors import IMUS
@@ -182,7 +181,7 @@ def test_the_speed_of_nothing_is_not_clear():
 
 def low(scan):
     """Nothing that is taller than a car."""
-    return take(scan, scan.points[:, 2] < 0.0)
+    return scan.select(scan.points[:, 2] < 0.0)
 
 
 def test_a_speed_without_fixtures_is_degraded_until_there_are_some():

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from roadscope.core import GROUND, Frame, LidarScan, Truth
+from roadscope.core import GROUND, Frame, Truth
 from roadscope.detectors.cloud import Cloud
 from roadscope.detectors.ground import grid_above_ground
 from roadscope.envs.sensors.rig import Rig
@@ -83,11 +83,9 @@ def without_returns(frame: Frame, truth: Truth, targets: Sequence[int]) -> tuple
     if not targets or scan is None:
         return frame, truth
     others = ~np.isin(truth.sources, targets)
-    names = ("points", "intensity", "ring", "column", "time_offset_s")
-    arrays = {name: getattr(scan, name)[others] for name in names}
     lidar_returns = np.where(np.isin(truth.ids, targets), 0, truth.lidar_returns)
     return (
-        replace(frame, lidar=LidarScan(**arrays, stamp_s=scan.stamp_s, sensor=scan.sensor)),
+        replace(frame, lidar=scan.select(others)),
         replace(truth, sources=truth.sources[others], lidar_returns=lidar_returns),
     )
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from toy_lidar import CALIBRATION, scan, scan_of, take
+from toy_lidar import CALIBRATION, scan, scan_of
 
 from roadscope.core import Pose
 from roadscope.detectors import Cloud
@@ -31,7 +31,7 @@ def test_labels_count_from_zero_and_outliers_are_negative(cluster):
 def test_order_of_the_returns_changes_nothing(cluster, seed):
     seen = scan(CARS, noise_m=0.03)
     order = np.random.default_rng(seed).permutation(len(seen))
-    straight, shuffled = Cloud.of(seen, POSE), Cloud.of(take(seen, order), POSE)
+    straight, shuffled = Cloud.of(seen, POSE), Cloud.of(seen.select(order), POSE)
     assert np.array_equal(order[shuffled.rows], straight.rows)
     assert np.array_equal(cluster(shuffled), cluster(straight))
 
@@ -49,14 +49,14 @@ def test_grouping_moves_with_the_scene(cluster, angle, x):
 @every
 @pytest.mark.parametrize("count", [0, 1, 2])
 def test_few_returns(cluster, count):
-    seen = take(scan(CARS[:1], ground=False), np.arange(count))
+    seen = scan(CARS[:1], ground=False).select(np.arange(count))
     assert cluster(Cloud.of(seen, POSE)).shape == (count,)
 
 
 @every
 def test_copies_share_a_label(cluster):
     seen = scan(CARS[:1], ground=False)
-    doubled = Cloud.of(take(seen, np.repeat(np.arange(len(seen)), 2)), POSE)
+    doubled = Cloud.of(seen.select(np.repeat(np.arange(len(seen)), 2)), POSE)
     labels = cluster(doubled)
     assert np.array_equal(labels[::2], labels[1::2])
 

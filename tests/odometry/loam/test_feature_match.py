@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 from scipy.optimize import least_squares
 from toy_drive import Drive
-from toy_lidar import take
 
 from roadscope.odometry import deskewed, exp_se3, log_se3
 from roadscope.odometry.loam import (
@@ -23,9 +22,10 @@ from roadscope.odometry.loam import (
 )
 
 
-def features(drive, k, rows=slice(None)):
+def features(drive, k, rows=None):
     """Of a scan whose sweep's own motion is taken out; label 0 is the ground."""
-    scan = take(drive.scan(k), rows)
+    scan = drive.scan(k)
+    scan = scan if rows is None else scan.select(rows)
     points = deskewed(scan.points, scan.time_offset_s, drive.twist)
     labels = (points[:, 2] > -1.6).astype(int)
     return extract(points, scan.ring, scan.column, labels, edge_rows=labels == 1)

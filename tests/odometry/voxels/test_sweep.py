@@ -5,7 +5,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from toy_drive import Drive, emptied
-from toy_lidar import take
 
 from roadscope.odometry.voxels import ENOUGH, ThinnedScan
 
@@ -37,12 +36,12 @@ def test_in_a_room_more_of_the_selected_returns_are_matched(scan):
 
 
 def test_a_sensor_with_few_beams_is_not_in_a_room(scan):
-    sweep = ThinnedScan.of(take(scan, np.arange(len(scan)) % 16 == 0), 0.3, 0.8)
+    sweep = ThinnedScan.of(scan.select(np.arange(len(scan)) % 16 == 0), 0.3, 0.8)
     assert len(sweep.few) < ENOUGH
     assert not sweep.close
 
 
 def test_few_returns_stay_few(scan):
-    poor = take(scan, np.arange(len(scan)) % 400 == 0)
+    poor = scan.select(np.arange(len(scan)) % 400 == 0)
     assert len(ThinnedScan.of(poor, 0.3, 0.8).few) <= len(poor)
     assert not len(ThinnedScan.of(emptied(scan), 0.3, 0.8).few)
