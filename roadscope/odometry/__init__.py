@@ -93,6 +93,7 @@ _PARTS = {
     "cloud_kernels": "deskewed",
     "dead_reckoning": "DeadReckoningOdometry",
     "eigen_kernels": "eigen3",
+    "estimates": "LOST",
     "imu_buffer": "ImuBuffer NO_SAMPLES",
     "lego_loam": "LegoLoamOdometry",
     "lidar_inertial": "LidarInertialOdometry",

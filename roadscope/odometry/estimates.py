@@ -1,4 +1,4 @@
-"""Estimates of odometries: records, covariances, and scans with too few points."""
+"""What odometries share: records, covariances, limits, and scans with too few points."""
 
 from __future__ import annotations
 
@@ -6,6 +6,18 @@ import numpy as np
 
 from roadscope.core import OdometryEstimate, OdometryStatus, Pose
 from roadscope.odometry.rigid import adjoint, inverse, orthonormal
+
+LEAST_POINTS = 60
+"""Least number of points for a match, and of those that lie on surfaces of the map. Chosen by
+hand."""
+LOST = 5
+"""After this many rejected scans in a row an odometry is started again. Chosen by hand."""
+WEAKEST_M = 0.2
+"""With a larger standard deviation of a motion in some direction, the prediction is used instead.
+Chosen by hand."""
+SIMILAR = 50.0
+"""So many returns or features have the weight of one independent measurement, because errors of
+neighbours and of traffic are correlated. Chosen by hand."""
 
 
 def estimate(
@@ -39,12 +51,23 @@ def propagated_covariance(
     return result
 
 
-def lack_of_points(points: int, least: int, rings: np.ndarray) -> str:
+def covariance_of(pose: np.ndarray, information: np.ndarray) -> np.ndarray:
+    """Return the (6, 6) covariance of a match in the sensor's frame.
+
+    pose: (4, 4), matched. information: (6, 6), of all points, along the axes of the map.
+    """
+    axes = np.kron(np.eye(2), pose[:3, :3])
+    independent = axes.T @ information @ axes / SIMILAR
+    covariance: np.ndarray = np.linalg.inv(independent + 1e-6 * np.eye(6))
+    return covariance
+
+
+def lack_of_points(points: int, rings: np.ndarray) -> str:
     """Return why a scan has too few points to be matched; empty if it has enough.
 
-    points: number that can be matched. least: number that is needed. rings: (N,) of all returns.
+    points: number that can be matched. rings: (N,) of all returns.
     """
-    if points < least:
+    if points < LEAST_POINTS:
         return f"only {points} points can be matched"
     if rings.min() == rings.max():
         return "all returns are of one ring"

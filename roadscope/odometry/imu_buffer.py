@@ -13,6 +13,9 @@ GAP_S = 0.03
 """Samples farther apart than this have a gap between them: 12 periods at 400 Hz, 3 at 100 Hz.
 Chosen by hand."""
 NO_SAMPLES = "no inertial samples"
+BIAS_GAIN = 0.05
+"""Share of the difference between gyro and scans by which the gyro's bias is corrected with each
+scan. Chosen by hand."""
 
 
 class ImuBuffer:

@@ -11,7 +11,7 @@ from roadscope.core.arguments import check_positive
 from roadscope.core.names import unknown
 from roadscope.envs.sensors.imu_spec import IMUS
 from roadscope.odometry.clock import Clock, ScanTick
-from roadscope.odometry.estimates import estimate, lack_of_points, propagated_covariance
+from roadscope.odometry.estimates import LOST, estimate, lack_of_points, propagated_covariance
 from roadscope.odometry.imu_buffer import ImuBuffer
 from roadscope.odometry.inertial.filter import POSE, SPEED, InertialNoise, InertialState, resume
 from roadscope.odometry.inertial.speed_check import FAR_M_S, SpeedCheck
@@ -27,16 +27,11 @@ from roadscope.odometry.inertial.track import ImuInterval, InertialTrack
 from roadscope.odometry.inertial.wheel_buffer import WheelBuffer
 from roadscope.odometry.rigid import inverse
 from roadscope.odometry.scatter import excessive_noise
-from roadscope.odometry.voxels.matching import ScanMatch
+from roadscope.odometry.voxels.matching import ScanMatch, misfit_of
 from roadscope.odometry.voxels.sweep import ThinnedScan
 
 USUAL_UNIT = "adis16448"
 """The inertial unit whose noise is assumed by default."""
-LEAST_POINTS = 60
-"""Least number of points for a match, and of those that lie on surfaces of the map. Chosen by
-hand."""
-LEAST_AGREEMENT = 0.3
-"""Least share of the points on surfaces that must agree with them. Chosen by hand."""
 SUFFICIENT_INFORMATION, SUFFICIENT_AGREEMENT = 1.0, 0.5
 """Sufficient mean information of a point about the forward motion, 1/m^2. It is 2 and more on
 streets, less in platoons, in tunnels and between barriers. With less information, at least the
@@ -52,8 +47,6 @@ SCANS_IN_MAP = 10.0
 """Consecutive scans are matched with nearly the same scans in the map, about so many, so their
 errors are nearly the same. The variance of a pose on the map, divided by this, is the part that is
 new in a scan. Chosen by hand."""
-LOST = 5
-"""After this many rejected scans in a row filter and map are started again. Chosen by hand."""
 SLIP = 10
 """Tyres may slip during so many scans in a row. Later a wheel speed is accepted, however different
 from the predicted one. Chosen by hand."""
@@ -132,7 +125,7 @@ class LidarInertialOdometry:
         self._integrated_speed.predict(interval)
         sweep = ThinnedScan.of(scan, self.insert_m, self.match_m)
         moving = np.zeros(len(sweep.rows), bool)
-        problem = lack_of_points(len(sweep.few), LEAST_POINTS, scan.ring)
+        problem = lack_of_points(len(sweep.few), scan.ring)
         if self._track is None:
             problem = self._collect_first_scans(sweep, interval, problem)
         else:
@@ -196,7 +189,7 @@ class LidarInertialOdometry:
             self._rest = RestHistory(self.noise)
             return moving, problem
         scan_match = track.matched(sweep, points, moving)
-        problem = _reason_to_reject(scan_match)
+        problem = misfit_of(scan_match)
         # While fixtures confirm the speed, the points that do not agree are of traffic.
         fits = not problem or wheels_used or self._check.confirmed(scan.stamp_s)
         if not wheels_used and track.twist()[0] < self._integrated_speed.least_m_s:
@@ -297,15 +290,6 @@ class LidarInertialOdometry:
         self._covariance = propagated_covariance(
             self._covariance, inverse(before) @ self._pose, spread
         )
-
-
-def _reason_to_reject(scan_match: ScanMatch) -> str:
-    """Return why a match is rejected; empty if it is accepted."""
-    if scan_match.matched_points < LEAST_POINTS:
-        return f"only {scan_match.matched_points} points lie on known surfaces"
-    if scan_match.agreement < LEAST_AGREEMENT:
-        return f"only {scan_match.agreement:.0%} of the points agree with the map"
-    return ""
 
 
 def _reason_of_vague_speed(track: InertialTrack) -> str:

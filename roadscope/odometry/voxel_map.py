@@ -11,38 +11,28 @@ from roadscope.core import ImuSamples, LidarScan, OdometryEstimate, Pose
 from roadscope.core.arguments import check_positive
 from roadscope.odometry.clock import Clock, ScanTick
 from roadscope.odometry.cloud_kernels import deskewed, placed, thinned
-from roadscope.odometry.estimates import estimate, lack_of_points, propagated_covariance
-from roadscope.odometry.imu_buffer import ImuBuffer
+from roadscope.odometry.estimates import (
+    LOST,
+    SIMILAR,
+    WEAKEST_M,
+    covariance_of,
+    estimate,
+    lack_of_points,
+    propagated_covariance,
+)
+from roadscope.odometry.imu_buffer import BIAS_GAIN, ImuBuffer
 from roadscope.odometry.rigid import exp_se3, inverse, log_se3
 from roadscope.odometry.scatter import excessive_noise
-from roadscope.odometry.voxels.matching import PosePrior, ScanMatch, best_match, match
+from roadscope.odometry.voxels.matching import PosePrior, ScanMatch, best_match, match, misfit_of
 from roadscope.odometry.voxels.surfaces import VoxelMap
+from roadscope.odometry.voxels.sweep import BOUNDS_M
 
-BOUNDS_M = (1.5, 120.0)
-"""Least and greatest range of the points that are used: nearer ones are of the own vehicle; between
-farther ones the beams are too far apart for surfaces. Chosen by hand."""
-LEAST_POINTS = 60
-"""Least number of points for a match, and of those that lie on surfaces of the map. Chosen by
-hand."""
-LEAST_AGREEMENT = 0.3
-"""Least share of the points on surfaces that must agree with them. Chosen by hand."""
-WEAKEST_M = 0.2
-"""A pose with a larger standard deviation in some direction is replaced by the prediction. Chosen
-by hand."""
-LOST = 5
-"""After this many rejected scans in a row the map is started again. Chosen by hand."""
 SPEEDS_M_S = tuple(range(-4, 49, 2))
 """Speeds along x that are tried if the speed is unknown; of equal ones the slowest is used."""
 ACCELERATION_M_S2, TURNING_RAD_S2 = 8.0, 2.0
 """Limits that vehicles do not exceed for long; hard braking on a dry road is 8 m/s^2."""
 GYRO_RAD_S = 0.01
 """Standard deviation of a gyro's mean rate: its bias before it is estimated. Chosen by hand."""
-BIAS_GAIN = 0.05
-"""Share of the difference between gyro and match by which the bias is corrected with each scan.
-Chosen by hand."""
-SIMILAR = 50.0
-"""So many returns have the weight of one independent measurement, relative to the prediction and in
-the covariance, because errors of neighbours and of traffic are correlated. Chosen by hand."""
 
 
 @dataclass(slots=True)
@@ -109,7 +99,7 @@ class VoxelMapOdometry:
             return estimate(self._pose, self._covariance, scan.stamp_s, len(scan), tick.reason)
         twist = self._predicted_twist(scan.stamp_s, tick)
         cloud = self._cloud(scan)
-        problem = lack_of_points(len(cloud.few), LEAST_POINTS, scan.ring)
+        problem = lack_of_points(len(cloud.few), scan.ring)
         if problem:
             self._predict_only(twist, tick)
         elif not self._begun:
@@ -148,8 +138,8 @@ class VoxelMapOdometry:
         scan_match, twist = self._matched(cloud, twist, tick)
         self._first = None
         motion = inverse(self._pose) @ scan_match.map_from_sensor
-        uncertain = self._uncertainty(scan_match)
-        problem = _reason_to_reject(scan_match, uncertain)
+        uncertain = covariance_of(scan_match.map_from_sensor, scan_match.information)
+        problem = misfit_of(scan_match) or _reason_of_weakness(uncertain)
         if problem:
             self._predict_only(twist, tick)
             self._misfits += 1
@@ -205,13 +195,6 @@ class VoxelMapOdometry:
         spread = np.array([shift_m] * 3 + [turn] * 3)
         return PosePrior(self._pose @ exp_se3(twist * tick.elapsed_s), np.diag(SIMILAR / spread**2))
 
-    def _uncertainty(self, scan_match: ScanMatch) -> np.ndarray:
-        """Return the (6, 6) covariance of a match in the sensor's frame."""
-        axes = np.kron(np.eye(2), scan_match.map_from_sensor[:3, :3])
-        information = axes.T @ scan_match.information @ axes / SIMILAR
-        covariance: np.ndarray = np.linalg.inv(information + 1e-6 * np.eye(6))
-        return covariance
-
     def _predict_only(self, twist: np.ndarray, tick: ScanTick) -> None:
         """Move as predicted, without the scan."""
         if not tick.elapsed_s:
@@ -236,12 +219,8 @@ def _around(twist: np.ndarray, tick: ScanTick) -> list[np.ndarray]:
     return [twist + np.array([c, 0, 0, 0, 0, 0]) for c in sorted(changes, key=abs)]
 
 
-def _reason_to_reject(scan_match: ScanMatch, uncertain: np.ndarray) -> str:
-    """Return why a match is rejected; empty if it is accepted."""
-    if scan_match.matched_points < LEAST_POINTS:
-        return f"only {scan_match.matched_points} points lie on known surfaces"
-    if scan_match.agreement < LEAST_AGREEMENT:
-        return f"only {scan_match.agreement:.0%} of the points agree with the map"
+def _reason_of_weakness(uncertain: np.ndarray) -> str:
+    """Return a reason if a position is uncertain in some direction, else an empty text."""
     weakest_m = float(np.sqrt(np.linalg.eigvalsh(uncertain[:3, :3])[-1]))
     if weakest_m > WEAKEST_M:
         return f"in one direction the scan shows the position only to {weakest_m:.2g} m"

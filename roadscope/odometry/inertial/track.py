@@ -24,13 +24,13 @@ from roadscope.odometry.inertial.filter import (
     update_pose,
 )
 from roadscope.odometry.inertial.speed_search import GROUND_SHARE, LOWEST_M, NEAR_M, TALLEST_M
-from roadscope.odometry.rigid import exp_so3, hat, log_so3, orthonormal
+from roadscope.odometry.rigid import hat, log_so3, orthonormal
 from roadscope.odometry.voxels.free_space import CERTAIN, FreeSpace
 from roadscope.odometry.voxels.matching import (
-    SHIFT_M,
-    TURN_RAD,
+    PosePrior,
     ScanMatch,
     contradicts,
+    move_by_step,
     normal_equations,
 )
 from roadscope.odometry.voxels.surfaces import FLOOR_M, VoxelMap, Voxels
@@ -69,20 +69,14 @@ def matched_with_prediction(
     deviation of a point from a surface. The match has no information in directions in which the
     surfaces do not constrain the scan.
     """
-    prior = np.linalg.inv(covariance + 1e-12 * np.eye(6)) * SIMILAR
+    prior = PosePrior(pose, np.linalg.inv(covariance + 1e-12 * np.eye(6)) * SIMILAR)
     vague_m = float(np.sqrt(np.trace(covariance[:3, :3])))
     scale = min(NARROW + vague_m / SURFACE_M, WIDEST)
     estimate = pose.copy()
     for _ in range(STEPS):
         H, b, _ = normal_equations(voxels, points, estimate, scale, floor_m)
         H, b = _with_common_error(*_without_unreal(H, b), doubt_m)
-        residual = np.concatenate(
-            [estimate[:3, 3] - pose[:3, 3], log_so3(estimate[:3, :3] @ pose[:3, :3].T)]
-        )
-        move = -np.linalg.solve(H + prior, b + prior @ residual)
-        estimate[:3, 3] += move[:3]
-        estimate[:3, :3] = exp_so3(move[3:]) @ estimate[:3, :3]
-        small = np.abs(move[:3]).max() < SHIFT_M and np.abs(move[3:]).max() < TURN_RAD
+        small = move_by_step(estimate, prior, H + prior.information, b)
         if small and scale == NARROW:
             break
         scale = max(NARROW, NARROWING * scale)

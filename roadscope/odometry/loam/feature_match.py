@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from roadscope.core.jit import compiled
+from roadscope.odometry.estimates import covariance_of
 from roadscope.odometry.loam.features import Features
 from roadscope.odometry.rigid import inverse, log_se3, orthonormal
 
@@ -447,6 +448,11 @@ class FeatureMatch:
     information: np.ndarray
     residual_m: float
     pair_count: int
+
+    @property
+    def covariance(self) -> np.ndarray:
+        """(6, 6) along the axes of the frame now."""
+        return covariance_of(self.before_from_now, self.information)
 
 
 def match_features(

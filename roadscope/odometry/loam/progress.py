@@ -8,8 +8,8 @@ import numpy as np
 
 from roadscope.core import ImuSamples, Pose
 from roadscope.core.jit import compiled
-from roadscope.odometry.estimates import propagated_covariance
-from roadscope.odometry.imu_buffer import ImuBuffer
+from roadscope.odometry.estimates import WEAKEST_M, propagated_covariance
+from roadscope.odometry.imu_buffer import BIAS_GAIN, ImuBuffer
 from roadscope.odometry.loam.feature_match import FeatureMatch
 from roadscope.odometry.loam.features import Features
 from roadscope.odometry.rigid import exp_se3, exp_so3, inverse, log_se3, log_so3
@@ -17,9 +17,8 @@ from roadscope.odometry.rigid import exp_se3, exp_so3, inverse, log_se3, log_so3
 # --------------------------------------------------------------------------------------------------
 # Prediction of the motion between two scans by the IMU (Zhang 2022, eq. 3).
 
-BIAS_GAIN = 0.05
 GRAVITY_GAIN = 0.01
-"""Gains of learning from a step; smaller for gravity, since speeds are noisy."""
+"""Like `BIAS_GAIN`, for gravity; smaller, since speeds are noisy."""
 
 
 class ImuPrediction:
@@ -179,11 +178,6 @@ def _interpolated(
 
 LEAST_PAIRS = 20
 """Least number of pairs: fewer may agree by chance."""
-WEAKEST_M = 0.2
-"""Largest standard deviation of a motion in any horizontal direction. Vertically, where only the
-ground is informative, the prediction is used instead."""
-SIMILAR = 50.0
-"""Number of features that count as one: errors of neighbours are correlated."""
 ACCELERATION_M_S2, TURNING_RAD_S2 = 8.0, 2.0
 """Largest errors of a prediction: vehicles do not exceed these accelerations for long."""
 WEAKEST_RAD = 0.05
@@ -235,7 +229,7 @@ class Progress:
             return predicted, misfit or leap
         self._agreed, self._doubted = (0 if leap else self._agreed + 1), 0
         self._imu.learn(predicted, motion, elapsed_s)
-        self._arrive(motion, covariance_of(feature_match))
+        self._arrive(motion, feature_match.covariance)
         self._count(stamp_s)
         self.begun = True
         return motion, leap if trusted else ""
@@ -269,14 +263,6 @@ def leap_of(predicted: np.ndarray, motion: np.ndarray, elapsed_s: float) -> str:
     return ""
 
 
-def covariance_of(feature_match: FeatureMatch) -> np.ndarray:
-    """Return the (6, 6) covariance of a motion along the axes of the frame now."""
-    axes = np.kron(np.eye(2), feature_match.before_from_now[:3, :3])
-    information = axes.T @ feature_match.information @ axes / SIMILAR
-    covariance: np.ndarray = np.linalg.inv(information + 1e-6 * np.eye(6))
-    return covariance
-
-
 def with_prediction(predicted: np.ndarray, feature_match: FeatureMatch) -> np.ndarray:
     """Return the (4, 4) motion of features, displaced as predicted in unobservable directions.
 
@@ -285,7 +271,7 @@ def with_prediction(predicted: np.ndarray, feature_match: FeatureMatch) -> np.nd
     """
     motion = feature_match.before_from_now.copy()
     rotation = motion[:3, :3]
-    variances, axes = np.linalg.eigh(rotation @ covariance_of(feature_match)[:3, :3] @ rotation.T)
+    variances, axes = np.linalg.eigh(rotation @ feature_match.covariance[:3, :3] @ rotation.T)
     observable = axes[:, variances < WEAKEST_M**2]
     motion[:3, 3] = predicted[:3, 3] + observable @ observable.T @ (
         motion[:3, 3] - predicted[:3, 3]
@@ -294,10 +280,13 @@ def with_prediction(predicted: np.ndarray, feature_match: FeatureMatch) -> np.nd
 
 
 def misfit_of(feature_match: FeatureMatch) -> str:
-    """Return why a motion is rejected; empty if it is accepted."""
+    """Return why a motion is rejected; empty if it is accepted.
+
+    Vertically, where only the ground is informative, the prediction is used instead.
+    """
     if feature_match.pair_count < LEAST_PAIRS:
         return f"only {feature_match.pair_count} features match"
-    weakest_m = float(np.sqrt(np.linalg.eigvalsh(covariance_of(feature_match)[:2, :2])[-1]))
+    weakest_m = float(np.sqrt(np.linalg.eigvalsh(feature_match.covariance[:2, :2])[-1]))
     if weakest_m > WEAKEST_M:
         return f"in one direction features show the motion only to {weakest_m:.2g} m"
     return ""

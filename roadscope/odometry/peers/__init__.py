@@ -2,7 +2,7 @@
 
 from roadscope._lazy import lazy_names
 
-_PARTS = {"adapter": "LOST OdometryAdapter", "interface": "Placed"}
+_PARTS = {"adapter": "OdometryAdapter", "interface": "Placed"}
 """Names by the file that defines them, loaded when first used: the face of this folder."""
 
 __getattr__, __dir__ = lazy_names(__name__, parts=_PARTS)

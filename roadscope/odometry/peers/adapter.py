@@ -10,20 +10,16 @@ import numpy as np
 from roadscope.core import ImuSamples, LidarScan, OdometryEstimate, Pose
 from roadscope.odometry.above_ground import standing
 from roadscope.odometry.clock import Clock
-from roadscope.odometry.estimates import estimate, lack_of_points, propagated_covariance
+from roadscope.odometry.estimates import LOST, estimate, lack_of_points, propagated_covariance
 from roadscope.odometry.imu_buffer import ImuBuffer
 from roadscope.odometry.peers.interface import LibraryScan, OdometryLibrary, Placed
 from roadscope.odometry.rigid import exp_se3, inverse, log_se3, orthonormal
 from roadscope.odometry.scatter import excessive_noise
 
-LEAST_POINTS = 60
-"""A scan with fewer finite points is not passed on."""
 FASTEST_M_S = 100.0
 """No vehicle is faster: the library has lost track and is restarted."""
 JUMP_M_S2, JUMP_M_S = 15.0, 2.0
 """Largest acceleration of a vehicle, and the uncertainty of a speed from scans."""
-LOST = 5
-"""After this number of refused scans in a row a library is restarted."""
 STEP = np.diag([0.05] * 3 + [0.005] * 3) ** 2
 """Nominal covariance of a step, metres and radians: the libraries report none."""
 CARRIED = np.diag([8.0] * 3 + [2.0] * 3) ** 2
@@ -88,9 +84,8 @@ class OdometryAdapter:
             above[standing(scan).rows] = True
             usable &= above
         library_scan = self._library_scan(scan, usable)
-        problem = lack_of_points(
-            int(usable.sum()), LEAST_POINTS, scan.ring[usable]
-        ) or self._placed(library_scan)
+        problem = lack_of_points(int(usable.sum()), scan.ring[usable])
+        problem = problem or self._placed(library_scan)
         spread = CARRIED * tick.elapsed_s**4 if problem else STEP * bool(tick.elapsed_s)
         self._covariance = propagated_covariance(
             self._covariance, inverse(before) @ self._pose, spread

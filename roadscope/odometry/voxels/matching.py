@@ -9,6 +9,7 @@ import numpy as np
 
 from roadscope.core.jit import compiled
 from roadscope.odometry.cubes import EMPTY, Index, slot_of
+from roadscope.odometry.estimates import LEAST_POINTS
 from roadscope.odometry.rigid import exp_so3, log_so3, orthonormal
 from roadscope.odometry.voxels.surfaces import FLOOR_M, ROUGH_M, SIZES_M, VoxelMap, Voxels, key_of
 
@@ -232,6 +233,8 @@ SHIFT_M, TURN_RAD = 1e-3, 2e-5
 """Smaller steps end the search: they are far below the accuracy of a scan."""
 FLOOR = 1e-6
 """Added to the diagonal, so that unobservable unknowns stay unchanged, 1/m^2 and 1/rad^2."""
+LEAST_AGREEMENT = 0.3
+"""Least share of the points on surfaces that must agree with them. Chosen by hand."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -267,6 +270,28 @@ class ScanMatch:
         return self.fits / max(self.matched_points, 1)
 
 
+def move_by_step(pose: np.ndarray, prior: PosePrior, H: np.ndarray, b: np.ndarray) -> bool:
+    """Move a (4, 4) pose by a Gauss-Newton step; return whether the step was small.
+
+    H: (6, 6) information of points and prior. b: (6,) gradient of the points alone.
+    """
+    start = prior.map_from_sensor
+    off = np.concatenate([pose[:3, 3] - start[:3, 3], log_so3(pose[:3, :3] @ start[:3, :3].T)])
+    move = -np.linalg.solve(H, b + prior.information @ off)
+    pose[:3, 3] += move[:3]
+    pose[:3, :3] = exp_so3(move[3:]) @ pose[:3, :3]
+    return bool(np.abs(move[:3]).max() < SHIFT_M and np.abs(move[3:]).max() < TURN_RAD)
+
+
+def misfit_of(scan_match: ScanMatch) -> str:
+    """Return why a match is rejected; empty if it is accepted."""
+    if scan_match.matched_points < LEAST_POINTS:
+        return f"only {scan_match.matched_points} points lie on known surfaces"
+    if scan_match.agreement < LEAST_AGREEMENT:
+        return f"only {scan_match.agreement:.0%} of the points agree with the map"
+    return ""
+
+
 def match(
     voxels: Voxels,
     points: np.ndarray,
@@ -280,17 +305,7 @@ def match(
     for step in range(steps):
         scale = scales[min(step, len(scales) - 1)]
         H, b, _ = normal_equations(voxels, points, pose, scale, FLOOR_M)
-        off = np.concatenate(
-            [
-                pose[:3, 3] - prior.map_from_sensor[:3, 3],
-                log_so3(pose[:3, :3] @ prior.map_from_sensor[:3, :3].T),
-            ]
-        )
-        whole = H + prior.information + FLOOR * np.eye(6)
-        move = -np.linalg.solve(whole, b + prior.information @ off)
-        pose[:3, 3] += move[:3]
-        pose[:3, :3] = exp_so3(move[3:]) @ pose[:3, :3]
-        small = np.abs(move[:3]).max() < SHIFT_M and np.abs(move[3:]).max() < TURN_RAD
+        small = move_by_step(pose, prior, H + prior.information + FLOOR * np.eye(6), b)
         if small and step + 1 >= len(scales):
             break
     pose = orthonormal(pose)

@@ -10,7 +10,7 @@ from roadscope.core import LidarScan
 from roadscope.odometry.cloud_kernels import cubed, deskewed, thinned
 
 BOUNDS_M = (1.5, 120.0)
-"""Nearer is the own vehicle; farther, beams are too far apart for surfaces."""
+"""Nearer is the own vehicle; farther, beams are too far apart for surfaces. Chosen by hand."""
 ENOUGH = 500
 """Least number of matched returns: roads have more at the usual size of cubes, rooms have not."""
 CROWDED = 30

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from toy_drive import driven, emptied
 
-from roadscope.odometry.peers import LOST, OdometryAdapter, Placed
+from roadscope.odometry import LOST
+from roadscope.odometry.peers import OdometryAdapter, Placed
 
 DRIVE, INPUTS = driven(12)
 
