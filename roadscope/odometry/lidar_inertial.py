@@ -105,7 +105,7 @@ class LidarInertialOdometry:
     def _begin(self, start_from_map: np.ndarray) -> None:
         self._start_from_map = start_from_map
         self._track: InertialTrack | None = None
-        self._start = InertialStart(self.noise, anew=self._earlier_state is not None)
+        self._start = InertialStart(self.noise, is_restart=self._earlier_state is not None)
         self._check, self._misfits = SpeedCheck(), 0
         self._speed_known, self._rest = False, RestHistory(self.noise)
         self._slipped = 0
@@ -125,11 +125,11 @@ class LidarInertialOdometry:
         self._integrated_speed.predict(interval)
         sweep = ThinnedScan.of(scan, self.insert_m, self.match_m)
         moving = np.zeros(len(sweep.rows), bool)
-        problem = lack_of_points(len(sweep.few), scan.ring)
+        problem = lack_of_points(len(sweep.matched_rows), scan.ring)
         if self._track is None:
             problem = self._collect_first_scans(sweep, interval, problem)
         else:
-            moving, problem = self._follow(self._track, sweep, interval, problem)
+            moving, problem = self._match_scan(self._track, sweep, interval, problem)
         self._update_pose_and_covariance(interval)
         sensor_problem = self._imu.missing_samples(scan.stamp_s, tick.elapsed_s)
         return estimate(
@@ -174,7 +174,7 @@ class LidarInertialOdometry:
             state, self._lever, self.noise, reach_m=self.reach_m, drop_dynamic=self.drop_dynamic
         )
 
-    def _follow(
+    def _match_scan(
         self, track: InertialTrack, sweep: ThinnedScan, interval: ImuInterval, problem: str
     ) -> tuple[np.ndarray, str]:
         """Predict and correct; return (K,) dynamic returns, and the reason of a degraded pose."""
@@ -248,7 +248,7 @@ class LidarInertialOdometry:
     def _check_by_fixtures(self, track: InertialTrack, scan: LidarScan) -> str:
         """Correct the speed by fixtures; return a reason if they contradict it.
 
-        Then `_follow` starts everything again, as after `LOST` rejected scans.
+        Then `_match_scan` starts everything again, as after `LOST` rejected scans.
         """
         ahead_m_s, rate_rad_s = track.twist()[[0, 5]]
         measured = self._check.speed_error(

@@ -40,12 +40,12 @@ class TimedPoints:
     """Thinned points of a scan.
 
     points: (N, 3) metres, the sensor's frame at each point's own time. times_s: (N,) seconds after
-        the stamp. few: (K,) rows of the points that are matched; all are added to the map.
+        the stamp. matched_rows: (K,) rows of the points that are matched; all are added to the map.
     """
 
     points: np.ndarray
     times_s: np.ndarray
-    few: np.ndarray
+    matched_rows: np.ndarray
 
     def at_stamp(self, twist: np.ndarray, rows: np.ndarray | slice) -> np.ndarray:
         """Return some points, (K, 3), in the sensor's frame at the stamp.
@@ -99,13 +99,13 @@ class VoxelMapOdometry:
             return estimate(self._pose, self._covariance, scan.stamp_s, len(scan), tick.reason)
         twist = self._predicted_twist(scan.stamp_s, tick)
         cloud = self._cloud(scan)
-        problem = lack_of_points(len(cloud.few), scan.ring)
+        problem = lack_of_points(len(cloud.matched_rows), scan.ring)
         if problem:
             self._predict_only(twist, tick)
         elif not self._begun:
             self._begin(cloud, twist, tick)
         else:
-            problem = self._follow(cloud, twist, tick)
+            problem = self._match_scan(cloud, twist, tick)
         sensor_problem = self._imu.missing_samples(scan.stamp_s, tick.elapsed_s)
         reason = tick.reason or problem or sensor_problem or excessive_noise(scan)
         return estimate(self._pose, self._covariance, scan.stamp_s, len(scan), reason)
@@ -133,7 +133,7 @@ class VoxelMapOdometry:
         self._first, self._begun, self._misfits = cloud, True, 0
         self._add_to_map(cloud, self._twist)
 
-    def _follow(self, cloud: TimedPoints, twist: np.ndarray, tick: ScanTick) -> str:
+    def _match_scan(self, cloud: TimedPoints, twist: np.ndarray, tick: ScanTick) -> str:
         """Match a scan; return the reason if it is rejected, else nothing."""
         scan_match, twist = self._matched(cloud, twist, tick)
         self._first = None
@@ -160,10 +160,10 @@ class VoxelMapOdometry:
         if self._first is not None and not self._twist.any():
             twist = self._first_twist(self._first, cloud, twist, tick.elapsed_s)
         starts = [self._prior(each, tick) for each in _around(twist, tick)]
-        points = cloud.at_stamp(twist, cloud.few)
+        points = cloud.at_stamp(twist, cloud.matched_rows)
         scan_match = best_match(self._map, points, starts)
         measured = log_se3(inverse(self._pose) @ scan_match.map_from_sensor) / tick.elapsed_s
-        points = cloud.at_stamp(measured, cloud.few)
+        points = cloud.at_stamp(measured, cloud.matched_rows)
         start = PosePrior(scan_match.map_from_sensor, self._prior(twist, tick).information)
         return match(self._map.voxels, points, start, scales=(3.0,), steps=3), twist
 
@@ -177,7 +177,7 @@ class VoxelMapOdometry:
             self._map.clear()
             self._add_to_map(first, guess)
             start = self._prior(guess, ScanTick(elapsed_s))
-            scan_match = match(self._map.voxels, cloud.at_stamp(guess, cloud.few), start)
+            scan_match = match(self._map.voxels, cloud.at_stamp(guess, cloud.matched_rows), start)
             tried.append(
                 (scan_match.fits, log_se3(inverse(self._pose) @ scan_match.map_from_sensor))
             )

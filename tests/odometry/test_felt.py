@@ -107,7 +107,7 @@ def test_a_speed_below_the_integrated_one_causes_a_restart(after_a_rest):
     assert {each.reason for each in told} == {"the speed is below the integrated acceleration"}
     assert odometry._track is None
     odometry._start = InertialStart(
-        NOISE, anew=True, search=lambda *_: Speed(0.0, 2.0, by_fixtures=True)
+        NOISE, is_restart=True, search=lambda *_: Speed(0.0, 2.0, by_fixtures=True)
     )
     odometry._check = SpeedCheck(measure=lambda *_: Speed(0.0, 0.0))
     told = driven(odometry, drive, range(17, 30))

@@ -120,7 +120,7 @@ def _cut(
     Also the sum of the points of each part, (K, 3), and their number, (K,) int64.
     """
     capacity = (whole.max() + 1) * count if len(whole) else 0
-    numbers, count_found = np.full(capacity, -1), 0
+    numbers, part_count = np.full(capacity, -1), 0
     labels, sums, sizes = (
         np.full(len(whole), -1),
         np.zeros((capacity, 3)),
@@ -141,14 +141,14 @@ def _cut(
             first, last = _window_start(window, count), _window_start(window + 1, count)
         place = whole[n] * count + window
         if numbers[place] < 0:
-            numbers[place] = count_found
-            count_found += 1
+            numbers[place] = part_count
+            part_count += 1
         part = numbers[place]
         labels[n] = part
         sizes[part] += 1
         for i in range(3):
             sums[part, i] += points[n, i]
-    return labels, sums[:count_found].copy(), sizes[:count_found].copy()
+    return labels, sums[:part_count].copy(), sizes[:part_count].copy()
 
 
 @compiled(borrowing=True)

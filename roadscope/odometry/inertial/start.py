@@ -37,22 +37,22 @@ at the first scan is averaged over the second."""
 class InertialStart:
     """Collects scans and the samples between them.
 
-    anew: whether this is a restart. At the first start a sensor whose samples are constant is taken
-    to be at rest, unless fixtures show that it moves; at a restart it is not. search: returns the
-    speed of some scans with a turn rate, rad/s.
+    is_restart: at the first start a sensor whose samples are constant is taken to be at rest,
+    unless fixtures show that it moves; at a restart it is not. search: returns the speed of some
+    scans with a turn rate, rad/s.
     """
 
     def __init__(
         self,
         noise: InertialNoise,
         *,
-        anew: bool = False,
+        is_restart: bool = False,
         search: Callable[[list[Ends], float], Speed] = speed_of,
     ) -> None:
         self.noise, self._search = noise, search
         self._sweeps: list[tuple[ThinnedScan, ImuInterval, Ends]] = []
         self._rate, self._best = np.zeros(3), Speed(0.0, 0.0)
-        self._anew, self._quiet = anew, False
+        self._is_restart, self._quiet = is_restart, False
 
     def __len__(self) -> int:
         return len(self._sweeps)
@@ -68,14 +68,14 @@ class InertialStart:
     @property
     def at_rest(self) -> bool:
         """Whether the sensor is at rest since the first scan."""
-        return self._quiet and not self._anew and not self._best.by_fixtures
+        return self._quiet and not self._is_restart and not self._best.by_fixtures
 
     def speed(self) -> Speed | None:
         """Return the speed ahead once it is clear or there are enough scans, else None."""
         if len(self._sweeps) < 2:
             return None
         self._best = self._search([ends for *_, ends in self._sweeps], float(self._rate[2]))
-        if self._quiet and not self._anew:
+        if self._quiet and not self._is_restart:
             self._best = _at_rest_unless_fixtures(self._best)
         if len(self._sweeps) < (FEWEST if self._best.clear else MOST):
             return None

@@ -214,12 +214,13 @@ class InertialTrack:
 
     def matched(self, sweep: ThinnedScan, points: np.ndarray, moving: np.ndarray) -> ScanMatch:
         """Return the match of a sweep's (K, 3) points with the map and the prediction."""
-        few = sweep.few[~moving[sweep.few]] if self.drop_dynamic else sweep.few
+        rows = sweep.matched_rows
+        rows = rows[~moving[rows]] if self.drop_dynamic else rows
         covariance = self.state.covariance[POSE, POSE]
         doubt_m = self.doubt_m if self.has_samples else 0.0
         return matched_with_prediction(
             self.map.voxels,
-            points[few],
+            points[rows],
             self.state.pose,
             covariance,
             doubt_m=doubt_m,

@@ -128,8 +128,8 @@ class OdometryAdapter:
         taken_s, self._last_taken_s = self._last_taken_s, scan.stamp_s
         if before is None:
             self._first_pose = self._pose
-            anew, self._placed_any = self._placed_any, True
-            return "the library was restarted" if anew else ""
+            is_restart, self._placed_any = self._placed_any, True
+            return "the library was restarted" if is_restart else ""
         return self._moved(before, taken_s, placed, scan.stamp_s)
 
     def _moved(self, before: Placed, taken_s: float, placed: Placed, stamp_s: float) -> str:

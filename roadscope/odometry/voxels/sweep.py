@@ -22,27 +22,27 @@ class ThinnedScan:
     """A scan thinned to one return in each cube.
 
     scan: the whole. rows: (K,) of the selected returns. members: (N,) number of the selected one
-    in the cube of each return, or -1. few: rows of the K that are matched; all are added to the
-    map. close: whether walls are near all around, so that few cubes contain many returns: a room
-    or a corridor.
+    in the cube of each return, or -1. matched_rows: rows of the K that are matched; all are added
+    to the map. close: whether walls are near all around, so that few cubes contain many returns: a
+    room or a corridor.
     """
 
     scan: LidarScan
     rows: np.ndarray
     members: np.ndarray
-    few: np.ndarray
+    matched_rows: np.ndarray
     close: bool
 
     @staticmethod
     def of(scan: LidarScan, insert_m: float, match_m: float) -> ThinnedScan:
         """Return a scan thinned to cubes of two sizes, metres; smaller ones if too few match."""
         rows, members = cubed(scan.points, insert_m, *BOUNDS_M)
-        few = thinned(scan.points[rows], match_m, *BOUNDS_M)
-        close = len(few) < min(ENOUGH, len(rows), len(scan) / CROWDED)
-        while len(few) < min(ENOUGH, len(rows)) and match_m > insert_m:
+        matched_rows = thinned(scan.points[rows], match_m, *BOUNDS_M)
+        close = len(matched_rows) < min(ENOUGH, len(rows), len(scan) / CROWDED)
+        while len(matched_rows) < min(ENOUGH, len(rows)) and match_m > insert_m:
             match_m /= 2
-            few = thinned(scan.points[rows], match_m, *BOUNDS_M)
-        return ThinnedScan(scan, rows, members, few, close)
+            matched_rows = thinned(scan.points[rows], match_m, *BOUNDS_M)
+        return ThinnedScan(scan, rows, members, matched_rows, close)
 
     def at_stamp(self, twist: np.ndarray) -> np.ndarray:
         """Return (K, 3) points in the LiDAR's frame at the stamp, for a (6,) twist."""

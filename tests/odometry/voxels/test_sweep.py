@@ -20,28 +20,28 @@ def shrunk(scan, factor):
 
 def test_on_a_road_one_return_of_each_cube_is_matched(scan):
     sweep = ThinnedScan.of(scan, 0.3, 0.8)
-    assert ENOUGH <= len(sweep.few) < len(sweep.rows)
+    assert ENOUGH <= len(sweep.matched_rows) < len(sweep.rows)
     assert not sweep.close
-    cubes = np.floor(scan.points[sweep.rows[sweep.few]] / 0.8)
-    assert len(np.unique(cubes, axis=0)) == len(sweep.few)
+    cubes = np.floor(scan.points[sweep.rows[sweep.matched_rows]] / 0.8)
+    assert len(np.unique(cubes, axis=0)) == len(sweep.matched_rows)
 
 
 def test_in_a_room_more_of_the_selected_returns_are_matched(scan):
     room = shrunk(scan, 0.1)
     sweep = ThinnedScan.of(room, 0.3, 0.8)
     coarse = len(np.unique(np.floor(room.points[sweep.rows] / 0.8), axis=0))
-    assert coarse < len(sweep.few) <= len(sweep.rows)
+    assert coarse < len(sweep.matched_rows) <= len(sweep.rows)
     assert sweep.close
-    assert len(np.unique(sweep.few)) == len(sweep.few)
+    assert len(np.unique(sweep.matched_rows)) == len(sweep.matched_rows)
 
 
 def test_a_sensor_with_few_beams_is_not_in_a_room(scan):
     sweep = ThinnedScan.of(scan.select(np.arange(len(scan)) % 16 == 0), 0.3, 0.8)
-    assert len(sweep.few) < ENOUGH
+    assert len(sweep.matched_rows) < ENOUGH
     assert not sweep.close
 
 
 def test_few_returns_stay_few(scan):
     poor = scan.select(np.arange(len(scan)) % 400 == 0)
-    assert len(ThinnedScan.of(poor, 0.3, 0.8).few) <= len(poor)
-    assert not len(ThinnedScan.of(emptied(scan), 0.3, 0.8).few)
+    assert len(ThinnedScan.of(poor, 0.3, 0.8).matched_rows) <= len(poor)
+    assert not len(ThinnedScan.of(emptied(scan), 0.3, 0.8).matched_rows)
