@@ -9,6 +9,7 @@ import numpy as np
 
 from roadscope.core import Detections, Pose, Tracks, TrackState
 from roadscope.core.arguments import check_counts, check_not_negative, check_positive
+from roadscope.trackers._assignment import assign_greedily
 from roadscope.trackers._headings import facing_ahead
 from roadscope.trackers._ticks import TrackerTick
 
@@ -159,16 +160,9 @@ def associate_nearest(
     order of targets. Our reading: the pair with the smallest distance of all is taken first. Of
     equal distances that of the earlier filter is taken, then that of the earlier target.
     """
-    distances = np.hypot(*(positions[:, None] - predictions).transpose(2, 0, 1))
-    rows, columns = np.nonzero(distances < gate_m)
-    order = np.lexsort((rows, columns, distances[rows, columns]))
-    pairs: list[tuple[int, int]] = []
-    free_rows, free_columns = np.ones(len(positions), bool), np.ones(len(predictions), bool)
-    for row, column in zip(rows[order].tolist(), columns[order].tolist(), strict=True):
-        if free_rows[row] and free_columns[column]:
-            free_rows[row] = free_columns[column] = False
-            pairs.append((row, column))
-    return pairs
+    distances = np.hypot(*(predictions[:, None] - positions).transpose(2, 0, 1))
+    columns, rows = assign_greedily(distances, gate_m)
+    return list(zip(rows.tolist(), columns.tolist(), strict=True))
 
 
 H = np.array([[1.0, 0.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0]])

@@ -130,7 +130,7 @@ def test_nearest_takes_the_smallest_distance_of_all_again_and_again(detected, pr
         _, j, i = min(left)
         expected.append((i, j))
         left = {pair for pair in left if pair[1] != j and pair[2] != i}
-    assert associate_nearest(detected, predicted, gate) == expected
+    assert dict(associate_nearest(detected, predicted, gate)) == dict(expected)
 
 
 def test_families():
