@@ -16,10 +16,11 @@ from roadscope.benchmarks.metrics.trajectory_errors import Trajectories
 from roadscope.core import Detections, ImageDetections, Tracks, Truth
 from roadscope.core.fused import FusedDetections
 from roadscope.core.record import Record
+from roadscope.core.tables import ArrayTable
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class CallTimes(Record):
+class CallTimes(ArrayTable, Record):
     """The computing times of a plug-in, one value a call.
 
     processor_ms: (T,) float64, processor time of all threads of the plug-in's process.
@@ -40,10 +41,6 @@ class CallTimes(Record):
     def shifted(self, processor_ms: float, wall_ms: float) -> CallTimes:
         """Return the times with a constant added to each."""
         return CallTimes(self.processor_ms + processor_ms, self.wall_ms + wall_ms)
-
-    def select(self, calls: np.ndarray) -> CallTimes:
-        """Return the times of some calls."""
-        return CallTimes(self.processor_ms[calls], self.wall_ms[calls])
 
 
 class EpisodeRecord(Record):

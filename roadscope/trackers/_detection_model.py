@@ -13,8 +13,8 @@ import numpy as np
 
 from roadscope.core import Category
 from roadscope.core.arguments import check_counts, check_not_negative, check_positive, check_shares
+from roadscope.core.tables import ArrayTable
 from roadscope.trackers._motion import ConstantVelocity, PositionFilter
-from roadscope.trackers._tables import ArrayTable
 from roadscope.trackers._ticks import TrackerTick
 from roadscope.trackers._traits import DetectorTraits, TraitsChoice, score_log_odds
 

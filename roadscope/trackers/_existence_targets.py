@@ -9,9 +9,9 @@ import numpy as np
 
 from roadscope.core import Category, Detections
 from roadscope.core.jit import compiled
+from roadscope.core.tables import ArrayTable
 from roadscope.trackers._gating import FAMILIES, boxes_of
 from roadscope.trackers._kalman import Gaussians
-from roadscope.trackers._tables import ArrayTable
 from roadscope.trackers._traits import DetectorTraits, score_log_odds
 
 # Chosen by hand.

@@ -9,6 +9,7 @@ import numpy as np
 from roadscope.core import Detections, Pose, Tracks
 from roadscope.core.arguments import check_not_negative, check_positive, check_shares
 from roadscope.core.jit import compiled
+from roadscope.core.tables import ArrayTable
 from roadscope.trackers._assignment import unassigned
 from roadscope.trackers._gating import chi_square_gate
 from roadscope.trackers._gnn import likeliest_pairs
@@ -20,7 +21,6 @@ from roadscope.trackers._motion import (
     CoordinatedTurn,
     PositionFilter,
 )
-from roadscope.trackers._tables import ArrayTable
 from roadscope.trackers._ticks import TrackerTick
 from roadscope.trackers._tracklets import LifeCycle, Tracklets
 

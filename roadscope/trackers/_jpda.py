@@ -8,6 +8,7 @@ import numpy as np
 
 from roadscope.core import Detections, Pose, Tracks
 from roadscope.core.jit import compiled
+from roadscope.core.tables import ArrayTable
 from roadscope.trackers._assignment import Pairs, assign_optimally, unassigned
 from roadscope.trackers._detection_model import BernoulliSettings, Existence, ScoreCalibration
 from roadscope.trackers._gating import (
@@ -18,7 +19,6 @@ from roadscope.trackers._gating import (
 )
 from roadscope.trackers._jpda_marginals import EXACT_LIMIT, association_marginals
 from roadscope.trackers._kalman import Gaussians
-from roadscope.trackers._tables import ArrayTable
 from roadscope.trackers._ticks import TrackerTick
 from roadscope.trackers._tracklets import Tracklets, track_states
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from roadscope.core.jit import compiled
-from roadscope.trackers._tables import ArrayTable
+from roadscope.core.tables import ArrayTable
 
 
 @dataclass(frozen=True, slots=True, eq=False)

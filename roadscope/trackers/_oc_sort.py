@@ -9,11 +9,11 @@ import numpy as np
 
 from roadscope.core import Detections, Pose, Tracks
 from roadscope.core.arguments import check_counts, check_not_negative, check_shares
+from roadscope.core.tables import ArrayTable
 from roadscope.trackers._assignment import Pairs, assign_optimally, unassigned
 from roadscope.trackers._gating import CandidatePairs, boxes_of, check_overlap, pairs_by_overlap
 from roadscope.trackers._kalman import Gaussians
 from roadscope.trackers._motion import ConstantVelocity, PositionFilter
-from roadscope.trackers._tables import ArrayTable
 from roadscope.trackers._ticks import TrackerTick
 from roadscope.trackers._tracklets import LifeCycle, Tracklets
 

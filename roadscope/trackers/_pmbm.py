@@ -8,6 +8,7 @@ import numpy as np
 
 from roadscope.core import Detections, Pose, Tracks
 from roadscope.core.arguments import check_counts, check_shares
+from roadscope.core.tables import ArrayTable
 from roadscope.trackers._detection_model import BernoulliSettings, Existence, ScoreCalibration
 from roadscope.trackers._gating import chi_square_gate, determinants, pairs_by_likelihood
 from roadscope.trackers._pmbm_hypotheses import (
@@ -18,7 +19,6 @@ from roadscope.trackers._pmbm_hypotheses import (
     Sizes,
     continue_all,
 )
-from roadscope.trackers._tables import ArrayTable
 from roadscope.trackers._ticks import TrackerTick
 from roadscope.trackers._tracklets import Tracklets, track_states
 

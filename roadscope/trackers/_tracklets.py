@@ -8,11 +8,11 @@ import numpy as np
 
 from roadscope.core import Detections, Pose, Tracks, TrackState
 from roadscope.core.arguments import check_counts
+from roadscope.core.tables import ArrayTable
 from roadscope.trackers._assignment import Pairs, unassigned
 from roadscope.trackers._headings import facing_ahead
 from roadscope.trackers._kalman import Gaussians
 from roadscope.trackers._motion import PositionFilter, planar
-from roadscope.trackers._tables import ArrayTable
 from roadscope.trackers._ticks import TrackerTick
 
 TENTATIVE, CONFIRMED, COASTING = (np.int8(state) for state in TrackState)

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from enum import IntEnum
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -20,6 +19,7 @@ from roadscope.benchmarks.formats.tracking_rows import (
 from roadscope.core import Category
 from roadscope.core.checks import settle_arrays
 from roadscope.core.record import Record
+from roadscope.core.tables import ArrayTable
 
 LABEL_COLUMNS = (
     *("frame", "id", "type", "truncated", "occluded", "alpha", "left", "top", "right", "bottom"),
@@ -81,7 +81,7 @@ MAX_OCCLUDED = 3
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class KittiObjects(Record):
+class KittiObjects(ArrayTable, Record):
     """N objects in the order of their file, in KITTI's own conventions.
 
     frames: (N,) int64, from 0.
@@ -129,11 +129,6 @@ class KittiObjects(Record):
 
     def __len__(self) -> int:
         return len(self.frames)
-
-    def select(self, index: np.ndarray) -> KittiObjects:
-        """Return the rows of a mask or an index array."""
-        selected: dict[str, Any] = {f.name: getattr(self, f.name)[index] for f in fields(self)}
-        return KittiObjects(**selected)
 
     @property
     def in_image(self) -> np.ndarray:

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -30,6 +30,7 @@ from roadscope.benchmarks.formats.tracking_rows import (
 from roadscope.core import Category, ImageDetections, Tracks
 from roadscope.core.checks import settle_arrays
 from roadscope.core.record import Record
+from roadscope.core.tables import ArrayTable
 
 COLUMNS = ("frame", "id", "left", "top", "width", "height", "confidence")
 CLASS_COLUMNS = (*COLUMNS, "class", "visibility")
@@ -70,7 +71,7 @@ MAX_SIDE_PX = 1_000_000
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class MotRows(Record):
+class MotRows(ArrayTable, Record):
     """N rows of one file, in its order.
 
     frames: (N,) int64, from 1.
@@ -104,11 +105,6 @@ class MotRows(Record):
 
     def __len__(self) -> int:
         return len(self.frames)
-
-    def select(self, index: np.ndarray) -> MotRows:
-        """Return the rows of a mask or an index array."""
-        selected: dict[str, Any] = {f.name: getattr(self, f.name)[index] for f in fields(self)}
-        return MotRows(**selected)
 
     def by_frame(self, count: int) -> list[MotRows]:
         """Return the rows of each of the frames 1 to count, in the order of the file."""

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from roadscope.core.record import Record
+from roadscope.core.tables import ArrayTable
 from roadscope.envs.traffic.road_maps import RoadMap
 
 SITE_M = 4.0
@@ -19,7 +20,7 @@ SLACK_M = 0.3
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Sites(Record):
+class Sites(ArrayTable, Record):
     """Pieces of lane borders, world frame.
 
     starts, ends: (S, 2) float64, metres, end points of the piece.
@@ -63,10 +64,6 @@ class Sites(Record):
         """(S,) bool, whether the piece turns by less than about 2 degrees: a radius above 100 m."""
         result: np.ndarray = (self.start_normals * self.end_normals).sum(axis=1) > np.cos(0.04)
         return result
-
-    def select(self, index: np.ndarray) -> Sites:
-        """Return the rows of a mask or of an index array."""
-        return Sites(*(getattr(self, name)[index] for name in Sites.__slots__))
 
 
 class LaneDistances:

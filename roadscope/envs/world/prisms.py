@@ -10,6 +10,7 @@ import numpy as np
 
 from roadscope.core.checks import require, settle_arrays
 from roadscope.core.record import Record
+from roadscope.core.tables import ArrayTable
 
 # --------------------------------------------------------------------------------------------------
 # Convex outlines from above.
@@ -87,7 +88,7 @@ class Slab(NamedTuple):
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Prisms(Record):
+class Prisms(ArrayTable, Record):
     """M upright prisms; every body is a stack of them.
 
     footprints: (M, 12, 2) float64, metres, convex, counter-clockwise, the last corner repeated
@@ -195,7 +196,3 @@ class Prisms(Record):
         if not parts:
             return Prisms.empty()
         return Prisms(*(np.concatenate([getattr(p, n) for p in parts]) for n in Prisms.__slots__))
-
-    def select(self, index: np.ndarray) -> Prisms:
-        """Return the rows of a mask or of an index array."""
-        return Prisms(*(getattr(self, name)[index] for name in Prisms.__slots__))

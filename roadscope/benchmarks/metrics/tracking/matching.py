@@ -10,6 +10,7 @@ import numpy as np
 
 from roadscope.benchmarks.metrics.tracking.sequence import TrackedSequence
 from roadscope.core.record import Record
+from roadscope.core.tables import ArrayTable
 
 EPSILON = float(np.finfo(float).eps)
 """Tolerance for rounding: a similarity this little below the threshold still reaches it."""
@@ -18,7 +19,7 @@ CONTINUED = 1000.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class TrackPairs(Record):
+class TrackPairs(ArrayTable, Record):
     """K pairs of an object and a track of a sequence, in order of frames.
 
     pairs: (K,) int64, rows among all pairs of the sequence, ascending.
@@ -41,10 +42,6 @@ class TrackPairs(Record):
         return TrackPairs(
             pairs, frames, rows, columns, sequence.truths[rows], sequence.tracks[columns]
         )
-
-    def select(self, index: np.ndarray) -> TrackPairs:
-        """Return some of the pairs."""
-        return TrackPairs(*(getattr(self, name)[index] for name in self.__dataclass_fields__))
 
 
 def match_tracks(

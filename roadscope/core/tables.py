@@ -1,4 +1,4 @@
-"""Tables of arrays with one row for each track."""
+"""Tables of arrays with one row for each thing."""
 
 from __future__ import annotations
 
