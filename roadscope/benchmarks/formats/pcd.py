@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
+from roadscope.benchmarks.formats.cloud_rows import CloudHeader, ascii_rows, binary_rows
 from roadscope.benchmarks.formats.table import FormatError, read_content, refuse
 
 DTYPES = {
@@ -20,24 +20,6 @@ DTYPES = {
 ENCODINGS = ("ascii", "binary", "binary_compressed")
 MAX_HEADER_LINES = 64
 """No header is longer: it has 11 lines and comments. Chosen by hand."""
-
-
-@dataclass(frozen=True, slots=True)
-class PcdHeader:
-    """What a PCD file says about its points.
-
-    layout: the fields of one point.
-    points: how many points there are.
-    data: how the points are written, one of `ENCODINGS`.
-    offset: the byte at which the points begin.
-    lines: how many lines the header has.
-    """
-
-    layout: np.dtype
-    points: int
-    data: str
-    offset: int
-    lines: int
 
 
 class _Entry(NamedTuple):
@@ -53,12 +35,12 @@ def read_pcd(path: Path | str) -> dict[str, np.ndarray]:
     content = read_content(path)
     header = _read_header(path, content)
     read = {"ascii": _read_ascii, "binary": _read_binary, "binary_compressed": _read_compressed}
-    columns = read[header.data](path, header, content[header.offset :])
+    columns = read[header.encoding](path, header, content[header.offset :])
     names = header.layout.names or ()
     return {name: columns[name] for name in names if not name.startswith("_")}
 
 
-def _read_header(path: Path, content: bytes) -> PcdHeader:
+def _read_header(path: Path, content: bytes) -> CloudHeader:
     entries: dict[str, _Entry] = {}
     offset = 0
     for number in range(1, MAX_HEADER_LINES + 1):
@@ -76,7 +58,7 @@ def _read_header(path: Path, content: bytes) -> PcdHeader:
 
 def _checked_header(
     path: Path, entries: Mapping[str, _Entry], *, offset: int, lines: int
-) -> PcdHeader:
+) -> CloudHeader:
     for key in ("FIELDS", "SIZE", "TYPE", "POINTS"):
         if key not in entries:
             refuse(path, lines, f"a line {key} before DATA", ", ".join(entries))
@@ -87,7 +69,7 @@ def _checked_header(
         refuse(path, data.line, f"DATA {', '.join(ENCODINGS)}", encoding)
     count = entries["POINTS"]
     points = _whole_number(path, count.line, " ".join(count.words))
-    return PcdHeader(layout, points, encoding, offset, lines)
+    return CloudHeader(layout, points, encoding, offset, lines)
 
 
 def _point_layout(path: Path, entries: Mapping[str, _Entry]) -> np.dtype:
@@ -126,55 +108,35 @@ def _columns(rows: np.ndarray) -> dict[str, np.ndarray]:
     return {name: rows[name] for name in rows.dtype.names or ()}
 
 
-def _read_compressed(path: Path, header: PcdHeader, body: bytes) -> dict[str, np.ndarray]:
+def _read_compressed(path: Path, header: CloudHeader, body: bytes) -> dict[str, np.ndarray]:
     """Read points that are compressed by LZF, one field after the other."""
     # The compiler takes half a second to import.
     from roadscope.benchmarks.formats.lzf import decompress_lzf
 
-    expected = header.points * header.layout.itemsize
+    expected = header.count * header.layout.itemsize
     packed, size = np.frombuffer(body[:8].ljust(8, b"\0"), "<u4").tolist()
     content = decompress_lzf(np.frombuffer(body, np.uint8, offset=min(8, len(body)))[:packed], size)
     if size != expected or len(content) != expected or len(body) < 8 + packed:
         raise FormatError(
-            f"{path}: expected {header.points} compressed points of {header.layout.itemsize} "
+            f"{path}: expected {header.count} compressed points of {header.layout.itemsize} "
             f"bytes, got {len(content)} bytes"
         )
     columns, first = {}, 0
     for name in header.layout.names or ():
         field = header.layout[name]
-        length = header.points * field.itemsize
+        length = header.count * field.itemsize
         columns[name] = np.frombuffer(content[first : first + length].tobytes(), field)
         first += length
     return columns
 
 
-def _read_binary(path: Path, header: PcdHeader, body: bytes) -> dict[str, np.ndarray]:
-    size = header.points * header.layout.itemsize
-    if len(body) < size:
-        raise FormatError(
-            f"{path}: expected {size} bytes after the header, {header.points} points of "
-            f"{header.layout.itemsize}, got {len(body)}"
-        )
-    return _columns(np.frombuffer(body, header.layout, header.points))
+def _read_binary(path: Path, header: CloudHeader, body: bytes) -> dict[str, np.ndarray]:
+    return _columns(binary_rows(path, header, body))
 
 
-def _read_ascii(path: Path, header: PcdHeader, body: bytes) -> dict[str, np.ndarray]:
+def _read_ascii(path: Path, header: CloudHeader, body: bytes) -> dict[str, np.ndarray]:
     lines = [(n, row) for n, row in enumerate(body.splitlines(), header.lines + 1) if row.strip()]
-    if len(lines) != header.points:
+    if len(lines) != header.count:
         last = lines[-1][0] if lines else header.lines
-        refuse(path, last, f"{header.points} points", f"{len(lines)} points")
-    names = header.layout.names or ()
-    columns = sum(int(np.prod(header.layout[name].shape)) for name in names)
-    values = np.empty((len(lines), columns))
-    for row, (number, line) in enumerate(lines):
-        try:
-            values[row] = [float(word) for word in line.split()]
-        except ValueError:
-            refuse(path, number, f"{columns} numbers", line.decode("ascii", "replace"))
-    rows, first = np.empty(len(lines), header.layout), 0
-    for name in names:
-        shape = header.layout[name].shape
-        width = int(np.prod(shape))
-        rows[name] = values[:, first : first + width].reshape(len(lines), *shape)
-        first += width
-    return _columns(rows)
+        refuse(path, last, f"{header.count} points", f"{len(lines)} points")
+    return _columns(ascii_rows(path, header, lines))

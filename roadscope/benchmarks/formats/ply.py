@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
+from roadscope.benchmarks.formats.cloud_rows import CloudHeader, ascii_rows, binary_rows
 from roadscope.benchmarks.formats.table import FormatError, read_content, refuse
 
 DTYPES = {
@@ -24,27 +23,12 @@ MAX_HEADER_BYTES = 1 << 16
 """No header is longer. Chosen by hand."""
 
 
-@dataclass(frozen=True, slots=True)
-class PlyHeader:
-    """What a PLY file says about its vertices, which have to be its first element.
-
-    layout: the properties of one vertex.
-    offset: the byte at which the vertices begin. lines: how many lines the header has.
-    """
-
-    encoding: str
-    count: int
-    layout: np.dtype
-    offset: int
-    lines: int
-
-
 def read_ply(path: Path | str) -> dict[str, np.ndarray]:
     """Return the properties of all vertices by name, each (N,); x, y and z are among them."""
     path = Path(path)
     content = read_content(path)
     header = _read_header(path, content)
-    read = _read_ascii if header.encoding == "ascii" else _read_binary
+    read = _read_ascii if header.encoding == "ascii" else binary_rows
     rows = read(path, header, content[header.offset :])
     return {_plain(name): rows[name] for name in header.layout.names or ()}
 
@@ -53,7 +37,7 @@ def _plain(name: str) -> str:
     return name.removeprefix(SCALAR_PREFIX).lower() if name.startswith(SCALAR_PREFIX) else name
 
 
-def _read_header(path: Path, content: bytes) -> PlyHeader:
+def _read_header(path: Path, content: bytes) -> CloudHeader:
     head, end, _ = content[:MAX_HEADER_BYTES].partition(b"end_header")
     if not content.startswith(b"ply") or not end:
         raise FormatError(f"{path}: expected a PLY header, from ply to end_header, got none")
@@ -81,31 +65,11 @@ def _read_header(path: Path, content: bytes) -> PlyHeader:
             f"{path}: expected properties x, y and z, each name once, got {' '.join(names)}"
         )
     offset = content.find(b"\n", len(head)) + 1 or len(content)
-    return PlyHeader(encoding, elements[0][1], np.dtype(properties), offset, len(lines) + 1)
+    return CloudHeader(np.dtype(properties), elements[0][1], encoding, offset, len(lines) + 1)
 
 
-def _read_binary(path: Path, header: PlyHeader, body: bytes) -> np.ndarray:
-    size = header.count * header.layout.itemsize
-    if len(body) < size:
-        raise FormatError(
-            f"{path}: expected {size} bytes after the header, {header.count} vertices of "
-            f"{header.layout.itemsize}, got {len(body)}"
-        )
-    return np.frombuffer(body, header.layout, header.count)
-
-
-def _read_ascii(path: Path, header: PlyHeader, body: bytes) -> np.ndarray:
-    lines = body.decode("ascii", "replace").splitlines()[: header.count]
+def _read_ascii(path: Path, header: CloudHeader, body: bytes) -> np.ndarray:
+    lines = body.splitlines()[: header.count]
     if len(lines) < header.count:
         refuse(path, header.lines + len(lines), f"{header.count} vertices", f"{len(lines)}")
-    names: Sequence[str] = header.layout.names or ()
-    rows = np.empty(header.count, header.layout)
-    values = np.empty((header.count, len(names)))
-    for row, line in enumerate(lines):
-        try:
-            values[row] = [float(word) for word in line.split()]
-        except ValueError:
-            refuse(path, header.lines + row + 1, f"{len(names)} numbers", line)
-    for column, name in enumerate(names):
-        rows[name] = values[:, column]
-    return rows
+    return ascii_rows(path, header, enumerate(lines, header.lines + 1))

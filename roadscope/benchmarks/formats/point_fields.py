@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TypeGuard
+from typing import TypeGuard, TypeVar
 
 import numpy as np
 
@@ -31,6 +31,8 @@ FEWEST_COLUMNS, MOST_COLUMNS = 3, 10
 LASPY = Requirement("laspy", "pip install 'roadscope[bags]'")
 LAS_FIELDS = ("intensity", "gps_time")
 """The fields of points of LAS files that tell something about a scan."""
+
+F, T = TypeVar("F", bound=Source), TypeVar("T")
 
 
 @dataclass(frozen=True, slots=True)
@@ -96,6 +98,24 @@ def read_floats(path: Path) -> np.ndarray:
         raise FormatError(f"{path}: cannot be read: {error.strerror}") from error
 
 
+def readable(read: Callable[[F], T], files: Iterable[F]) -> Iterator[T]:
+    """Yield what `read` returns of those files that can be read.
+
+    Raises the first error if there are only errors.
+    """
+    first_error, any_read = None, False
+    for file in files:
+        try:
+            content = read(file)
+        except FormatError as error:
+            first_error = first_error or error
+        else:
+            any_read = True
+            yield content
+    if first_error and not any_read:
+        raise first_error
+
+
 def _read_bin(path: Path, columns: tuple[str, ...]) -> PointFields:
     floats, width = read_floats(path), len(columns)
     if len(floats) % width:
@@ -119,7 +139,8 @@ def _read_npy(path: Path, columns: tuple[str, ...]) -> PointFields:
     except (OSError, ValueError, EOFError) as error:
         raise FormatError(f"{path}: expected an array saved by numpy, got: {error}") from error
     if isinstance(array, np.ndarray) and array.dtype.names:
-        return _of_named(path, array.ravel(), columns)
+        rows = array.ravel()
+        return _named({name: rows[name] for name in array.dtype.names}, str(path), columns)
     if isinstance(array, np.ndarray) and array.ndim == 3:  # rows and columns of a range image
         array = array.reshape(-1, array.shape[-1])
     shape: tuple[int, ...] = getattr(array, "shape", ())
@@ -139,16 +160,6 @@ def _read_npy(path: Path, columns: tuple[str, ...]) -> PointFields:
     return _of_rows(array.astype(np.float64), columns or unnamed(shape[1]))
 
 
-def _of_named(path: Path, rows: np.ndarray, columns: tuple[str, ...]) -> PointFields:
-    """Return the fields of a structured array, which has names as `.pcd` files have."""
-    names = rows.dtype.names or ()
-    if columns or not set(PLACE) <= set(names):
-        raise FormatError(f"{path}: its fields have names: {', '.join(names)}; {NAMED}")
-    fields = {name: rows[name].astype(np.float64) for name in names if rows[name].ndim == 1}
-    points = np.column_stack([fields.pop(name) for name in PLACE])
-    return PointFields(points, fields)
-
-
 def _with_names(
     read: Callable[[Path], Mapping[str, np.ndarray]],
 ) -> Callable[[Path, tuple[str, ...]], PointFields]:
@@ -157,9 +168,10 @@ def _with_names(
 
 
 def _named(fields: Mapping[str, np.ndarray], source: str, columns: tuple[str, ...]) -> PointFields:
-    if columns:
-        raise FormatError(f"{source}: its fields have names; {NAMED}")
-    numbers = {n: values.astype(np.float64) for n, values in fields.items() if values.ndim == 1}
+    single = {name: values for name, values in fields.items() if values.ndim == 1}
+    if columns or not set(PLACE) <= set(single):
+        raise FormatError(f"{source}: its fields have names: {', '.join(single)}; {NAMED}")
+    numbers = {name: values.astype(np.float64) for name, values in single.items()}
     points = np.column_stack([numbers.pop(name) for name in PLACE])
     return PointFields(points, numbers)
 
@@ -207,9 +219,9 @@ def _point_times_path(path: Path) -> Path:
 
 
 def _point_times(path: Path, count: int) -> np.ndarray:
-    if path.stat().st_size != FLOAT_BYTES * count:
+    times = read_floats(path)
+    if len(times) != count:
         raise FormatError(
-            f"{path}: expected float32, one for each of {count} points, "
-            f"got {path.stat().st_size} bytes"
+            f"{path}: expected float32, one for each of {count} points, got {len(times)}"
         )
-    return np.fromfile(path, "<f4").astype(np.float64)
+    return times.astype(np.float64)

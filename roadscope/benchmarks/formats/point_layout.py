@@ -29,6 +29,7 @@ from roadscope.benchmarks.formats.point_fields import (
     column_name,
     is_raw,
     read_fields,
+    readable,
     unnamed,
 )
 from roadscope.benchmarks.formats.raw_width import width_of
@@ -287,7 +288,9 @@ def layout_of(samples: Sequence[Source], columns: Sequence[str] = ()) -> PointLa
         width = width_of(raw)
         chosen = unnamed(width)
         notes.append(f"points of {width} floats are read: {' '.join(chosen)}")
-    files = [each for each in _readable(samples, chosen) if len(each)]
+    files = [
+        each for each in readable(lambda file: read_fields(file, chosen), samples) if len(each)
+    ]
     if not files:
         return PointLayout(chosen, notes=("the scans looked at have no points",))
     layout = _named_layout(files, trusted=bool(columns))
@@ -304,7 +307,7 @@ def layout_of(samples: Sequence[Source], columns: Sequence[str] = ()) -> PointLa
             f"{np.rad2deg(MAX_BEAM_HEIGHT_RAD):g} degrees each"
         )
     layout = replace(layout, columns=chosen, notes=tuple(notes))
-    _check_readable(layout, samples)
+    next(readable(lambda file: layout.read(file, 0.0), samples), None)
     return layout
 
 
@@ -318,33 +321,6 @@ def _uses(layout: PointLayout, file: PointFields) -> list[str]:
     }
     uses = [f"{name} as {what}" for what, name in named.items() if name]
     return [f"used of the points besides x y z: {', '.join(uses)}"] if uses else []
-
-
-def _check_readable(layout: PointLayout, samples: Sequence[Source]) -> None:
-    """Raise the first error of some files if none can be read."""
-    first = None
-    for path in samples:
-        try:
-            layout.read(path, 0.0)
-        except FormatError as error:
-            first = first or error
-        else:
-            return
-    if first is not None:
-        raise first
-
-
-def _readable(samples: Sequence[Source], columns: tuple[str, ...]) -> list[PointFields]:
-    """Return the fields of those files that can be read; raise the first error if none can."""
-    files, errors = [], []
-    for path in samples:
-        try:
-            files.append(read_fields(path, columns))
-        except FormatError as error:
-            errors.append(error)
-    if not files:
-        raise errors[0]
-    return files
 
 
 def _chosen(candidates: Sequence[FieldCandidate], files: Sequence[PointFields]) -> Choice:

@@ -13,6 +13,7 @@ from roadscope.benchmarks.formats.point_fields import (
     FLOAT_BYTES,
     MOST_COLUMNS,
     read_floats,
+    readable,
 )
 from roadscope.benchmarks.formats.table import FormatError
 
@@ -41,15 +42,7 @@ SAME_DIRECTION_RAD = 0.1
 
 def width_of(samples: Sequence[Path]) -> int:
     """Return how many floats a point has; ambiguous and unknown widths are refused."""
-    floats, errors = [], []
-    for path in samples:
-        try:
-            floats.append(read_floats(path))
-        except FormatError as error:
-            errors.append(error)
-    arrays = [each for each in floats if len(each)]
-    if not floats:
-        raise errors[0]
+    arrays = [each for each in readable(read_floats, samples) if len(each)]
     if not arrays:
         return USUAL_WIDTH
     fitting = [w for w in range(FEWEST_COLUMNS, WIDEST + 1) if _fits(arrays, w)]
