@@ -188,11 +188,11 @@ class Bag:
             for _ in range(message.earlier):
                 next(raws, None)
             cursor = _Cursor(raws, message.order)
-        found = next(self._guarded(cursor.messages, str(message)), None)
-        if found is None:
+        raw_message = next(self._guarded(cursor.messages, str(message)), None)
+        if raw_message is None:
             raise FormatError(f"{message}: cannot be read: the bag ends before it")
         self._cursors[message.topic] = cursor._replace(order=message.order + 1)
-        connection, _, raw = found
+        connection, _, raw = raw_message
         try:
             return self._types.deserialize_cdr(raw, connection.msgtype)
         except Exception as error:

@@ -68,8 +68,8 @@ class ImageFolder:
             within += [root.parent / name for name in IMAGE_FOLDERS]
         if root.parent.name == SCANS:
             within += [root.parent.parent / name / root.name for name in IMAGE_FOLDERS]
-        found = ([path for path in visible(each) if _is_image(path)] for each in within)
-        files = next((each for each in found if each), None)
+        files_by_folder = ([path for path in visible(each) if _is_image(path)] for each in within)
+        files = next((each for each in files_by_folder if each), None)
         if files is not None:
             ordered = in_order(files, IMAGE_ENDINGS)
             return ImageFolder(ordered.files, ordered)

@@ -68,8 +68,8 @@ class KittiCameras:
             whole.parent.parent / sequence,
             *(each / RAW_CAMERAS for each in (whole.parent, whole.parent.parent.parent)),
         )
-        found = next((path for path in places if path.exists()), None)
-        return None if found is None else KittiCameras(found)
+        calibration_path = next((path for path in places if path.exists()), None)
+        return None if calibration_path is None else KittiCameras(calibration_path)
 
     def of(self, name: str) -> KittiCamera:
         """Return the camera of a scan by its name, without ending."""

@@ -81,13 +81,13 @@ class ReadingLosses:
         return tuple(notes)
 
 
+def _scans_are(count: int) -> str:
+    return "1 scan is" if count == 1 else f"{count} scans are"
+
+
 def _counted(count: int, what: str, first: str) -> str:
     """Return how many scans are such, and the first of them."""
-    return (
-        f"1 scan is {what}: {first}"
-        if count == 1
-        else f"{count} scans are {what}: the first: {first}"
-    )
+    return f"{_scans_are(count)} {what}: {'the first: ' if count > 1 else ''}{first}"
 
 
 @dataclass(frozen=True, slots=True)
@@ -196,8 +196,8 @@ class ScanFolder:
 def scan_files(root: Path) -> list[Path]:
     """Return the files of scans in a folder or in one of `SCAN_FOLDERS` in it."""
     within = (root, *(root / name for name in SCAN_FOLDERS))
-    found = ([path for path in visible(each) if ending_of(path)] for each in within)
-    return next((each for each in found if each), [])
+    files_by_folder = ([path for path in visible(each) if ending_of(path)] for each in within)
+    return next((files for files in files_by_folder if files), [])
 
 
 def _samples(files: Sequence[Source]) -> list[Source]:
@@ -227,8 +227,8 @@ def _scans_of_bag(bag: Bag, columns: Sequence[str], topics: Sequence[str]) -> Sc
     )
     notes = (f"scans are those of {topic}", moved, *stamps.notes, *layout.notes)
     if left_out:
-        scans = "1 scan is" if left_out == 1 else f"{left_out} scans are"
-        notes += (f"{scans} left out: stamps more than a day from those of the others",)
+        why = "stamps more than a day from those of the others"
+        notes += (f"{_scans_are(left_out)} left out: {why}",)
     return ScanFolder(messages, stamps.stamps_s, None, layout, notes, measured=True)
 
 
