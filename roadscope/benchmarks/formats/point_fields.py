@@ -32,7 +32,8 @@ LASPY = Requirement("laspy", "pip install 'roadscope[bags]'")
 LAS_FIELDS = ("intensity", "gps_time")
 """The fields of points of LAS files that tell something about a scan."""
 
-F, T = TypeVar("F", bound=Source), TypeVar("T")
+F = TypeVar("F", bound=Source)
+T = TypeVar("T")
 
 
 @dataclass(frozen=True, slots=True)
