@@ -142,7 +142,7 @@ def test_malformed_pcd_is_refused(tmp_path, name):
 @pytest.mark.parametrize(
     ("name", "content", "message"),
     [
-        ("0.bin", b"\0" * 17, "expected float32 numbers, 16 bytes a point for x y z"),
+        ("0.bin", b"\0" * 17, "expected float32 numbers of 4 bytes"),
         ("0.bin", b"\0" * 52, "got 52 bytes, in which no such points are recognised: name the"),
         ("0.npy", b"nothing", "expected an array saved by numpy"),
         ("0.txt", b"", "expected files .bin, .pcd, .npy, .ply"),
