@@ -11,7 +11,9 @@ from roadscope.commands.terminal import print_json, progress_bars, say, show
 
 def speed(
     parts: list[str] | None = argument(
-        "PART...", "casting, detectors, trackers, odometry, camera; else all", default=None
+        "PART...",
+        "casting, detectors, trackers, odometry, camera, environments; else all",
+        default=None,
     ),
     out: Path | None = option("DIR", "Write speed.json there"),
     quiet: bool = options.QUIET,

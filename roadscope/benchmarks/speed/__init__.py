@@ -6,6 +6,7 @@ _PARTS = {
     "camera": "measure_camera",
     "casting": "TILTS casting_steps parked_scene sensor_poses",
     "detectors": "FRAMES LEAD SCENES detector_steps driven_frames measure_detectors timed_frames",
+    "environments": "RIGS measure_environment",
     "measure": "PARTS measure_speed run_steps write_speed",
     "odometry": "LEAD_SCANS RIG measure_odometries own_odometries timed_scans",
     "rows": "SpeedRow SpeedStep",

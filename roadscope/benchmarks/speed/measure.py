@@ -1,4 +1,4 @@
-"""Measures casting, detectors, trackers, odometries and cameras."""
+"""Measures casting, detectors, trackers, odometries, cameras and environments."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ from pathlib import Path
 from roadscope.benchmarks.progress import Progress, silent
 from roadscope.benchmarks.speed.casting import casting_steps
 from roadscope.benchmarks.speed.detectors import detector_steps
+from roadscope.benchmarks.speed.environments import environment_steps
 from roadscope.benchmarks.speed.odometry import odometry_steps
 from roadscope.benchmarks.speed.rows import SpeedRow, SpeedStep
 from roadscope.benchmarks.speed.trackers import measure_trackers
@@ -33,6 +34,7 @@ PARTS: dict[str, Callable[[], list[SpeedStep]]] = {
     "trackers": lambda: [SpeedStep("trackers", measure_trackers)],
     "odometry": odometry_steps,
     "camera": _camera_steps,
+    "environments": environment_steps,
 }
 """What can be measured, and its steps."""
 
@@ -47,7 +49,8 @@ def measure_speed(
     `trackers`: every registered one that needs no other package, with 10, 50, 200 and 500 targets,
     and with 12 crowded ones, all within one another's gates, which JPDA has to weigh together.
     `odometry`: every installed one on the same scans of a VLP-16, those that need no other package
-    also on larger LiDARs. `camera`: drawing of images, and detection in them.
+    also on larger LiDARs. `camera`: drawing of images, and detection in them. `environments`:
+    resets and steps of an agent's motorway.
     """
     for part in parts:
         if part not in PARTS:
