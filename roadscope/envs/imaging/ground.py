@@ -24,6 +24,8 @@ TILE = 128
 TILES = SIDE // TILE
 CELLS_M = (0.0625, 0.25, 1.0)
 """Edge of a cell by level of detail."""
+MOST_CELLS = 1.6
+"""A level is used where the footprint of a pixel is shorter than this many of its cells."""
 LINE_M, DASH_M, GAP_M = 0.14, 4.0, 6.0
 """Width of lines, length of dashes and of the gaps between them."""
 KERB_M = 0.16
@@ -213,10 +215,19 @@ def _level(lens: Lens, tables: ShadingTables, base: Point, x: float, y: float, d
         half = (SIDE // 2 - 2) * CELLS_M[level]
         away_x = abs(base.x + x - tables.middles[level, 0])
         inside = away_x < half and abs(base.y + y - tables.middles[level, 1]) < half
-        if inside and (footprint < 1.6 * CELLS_M[level] or level == len(CELLS_M) - 1):
+        fine = footprint < MOST_CELLS * CELLS_M[level] or level == len(CELLS_M) - 1
+        if inside and fine:
             break
         level += 1
     return level
+
+
+def _deepest_m(lens: Lens, level: int) -> float:
+    """Return the depth up to which `_level` may choose a level."""
+    if level == len(CELLS_M) - 1:
+        return np.inf
+    size, double_height = MOST_CELLS * CELLS_M[level] * lens.focal[0], 2 * max(0.3, lens.origin[2])
+    return float(size if size <= double_height else np.cbrt(size * size * double_height))
 
 
 @compiled(forceinline=True, borrowing=True)
@@ -492,8 +503,26 @@ CONCRETE = (0.24, 0.23, 0.215)
 GRASS = (0.060, 0.082, 0.028)
 PAINT = (0.62, 0.62, 0.60)
 KERB = (0.36, 0.35, 0.33)
+TILE_MARGIN = 2
+"""Cells around a tile that pixels beside it may need."""
+_STEPS = np.arange(-TILES // 2, TILES // 2)
+_TILES = np.stack(np.meshgrid(_STEPS, _STEPS, indexing="ij"), axis=-1).reshape(-1, 2)
+"""Columns and rows of all tiles of a square from its middle on."""
 AHEAD = 0.3
 """The middles of the squares lie this share of a side ahead of the camera."""
+
+
+def _half_angle(lens: Lens, ahead: np.ndarray, shape: tuple[int, int]) -> float:
+    """Return the largest horizontal angle between a ray and the view's direction, radians.
+
+    It is pi if a corner of the image looks to the side or back.
+    """
+    height, width = shape
+    u, v = np.meshgrid((0.0, width), (0.0, height))
+    x, y = (u - lens.centre[0]) / lens.focal[0], (v - lens.centre[1]) / lens.focal[1]
+    rays = np.stack([x.ravel(), y.ravel(), np.ones(4)], axis=-1) @ lens.rotation
+    along, across = rays[:, :2] @ ahead, np.abs(rays[:, :2] @ (-ahead[1], ahead[0]))
+    return np.pi if along.min() <= 1e-3 else float(np.arctan2(across, along).max())
 
 
 class Ground:
@@ -516,19 +545,31 @@ class Ground:
         self.middles = np.zeros((len(CELLS_M), 2))
         self._painted: list[dict[tuple[int, int], tuple[int, int]]] = [{} for _ in CELLS_M]
 
-    def around(self, place: np.ndarray, ahead: np.ndarray) -> np.ndarray:
-        """Return (3, SIDE, SIDE + PADDING) uint32 cells around a place, most of them ahead, (x, y).
+    def seen_by(self, lens: Lens, shape: tuple[int, int]) -> np.ndarray:
+        """Return (3, SIDE, SIDE + PADDING) uint32 cells around a camera, most of them ahead.
 
-        `middles` (3, 2) then holds the middles of the squares, metres.
+        Only tiles that an image of this shape (height, width) may show are painted. `middles`
+        (3, 2) then holds the middles of the squares, metres.
         """
-        ahead = np.asarray(ahead)[:2] / max(float(np.linalg.norm(ahead[:2])), 1e-9)
+        forward = lens.rotation[2, :2]
+        level_share = max(float(np.linalg.norm(forward)), 1e-9)
+        ahead = forward / level_share
+        half_angle = _half_angle(lens, ahead, shape)
         for level, cell_m in enumerate(CELLS_M):
-            aim = np.asarray(place)[:2] + AHEAD * SIDE * cell_m * ahead
+            aim = lens.origin[:2] + AHEAD * SIDE * cell_m * ahead
             middle = np.rint(aim / (TILE * cell_m)).astype(int)
             self.middles[level] = middle * TILE * cell_m
-            for dx in range(-TILES // 2, TILES // 2):
-                for dy in range(-TILES // 2, TILES // 2):
-                    self._paint(level, int(middle[0]) + dx, int(middle[1]) + dy)
+            tiles = middle + _TILES
+            reach = (TILE / np.sqrt(2.0) + TILE_MARGIN) * cell_m
+            arms = (tiles + 0.5) * TILE * cell_m - lens.origin[:2]
+            along = arms @ ahead
+            across = np.abs(arms @ (-ahead[1], ahead[0]))
+            visible = across * np.cos(half_angle) - along * np.sin(half_angle) <= reach
+            visible |= half_angle >= np.pi / 2
+            depths = (along - reach) * level_share - lens.origin[2] * lens.rotation[2, 2]
+            visible &= depths <= _deepest_m(lens, level) * (1.0 + 1e-9)
+            for column, row in tiles[visible].tolist():
+                self._paint(level, column, row)
         return self.cells
 
     def _paint(self, level: int, column: int, row: int) -> None:
