@@ -2,6 +2,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from roadscope.core import Category, Pose
 from roadscope.envs.imaging import (
@@ -37,12 +39,20 @@ def wall(x: float, y: float, material: int) -> Prisms:
     return Prisms.of(corners, 0.0, 0.3 * x, owner=-2 - int(x), material=material)
 
 
-def shaded(scene: Scene, pose: Pose = AHEAD, light: Light = LEVEL, **air: float) -> np.ndarray:
+def shaded(
+    scene: Scene,
+    pose: Pose = AHEAD,
+    light: Light = LEVEL,
+    *,
+    ground: Ground | None = None,
+    pinhole: Pinhole = PINHOLE,
+    **air: float,
+) -> np.ndarray:
     solids = solids_of(scene, 0.0)
-    raster = rasterise(scene, PINHOLE, pose, 0.0, solids=solids)
+    raster = rasterise(scene, pinhole, pose, 0.0, solids=solids)
     categories = np.zeros(len(scene.present), np.int8)
-    view = CameraView(raster, scene, solids, PINHOLE, pose, 0.0, categories)
-    return shade(view, bare(), light, **air).copy()
+    view = CameraView(raster, scene, solids, pinhole, pose, 0.0, categories)
+    return shade(view, ground or bare(), light, **air).copy()
 
 
 @pytest.mark.sampled(1)
@@ -162,14 +172,34 @@ def test_only_lamps_are_bright_at_night() -> None:
     assert lit[62, 80].mean() < 2 * unlit[62, 80].mean() + 0.01
 
 
-def test_cells_do_not_depend_on_the_path_of_the_camera() -> None:
+def looking(x: float, *, yaw: float = 0.0, pitch: float = 0.0, roll: float = 0.0) -> Pose:
+    return Pose.from_euler(x, 3.0, 1.4, yaw=yaw, pitch=pitch, roll=roll) @ mounted(0, 0, 0)
+
+
+def test_images_do_not_depend_on_the_path_of_the_camera() -> None:
     surface = surface_of(straight())
-    one, other = Ground(surface, "urban"), Ground(surface, "urban")
+    ground, empty = Ground(surface, "urban"), Scene.still(Prisms.empty(), Prisms.empty(), NONE)
     for x in (-200.0, 0.0, 90.0, 40.0):
-        one.around(np.array([x, 3.0]), np.array([1.0, 0.0]))
-    other.around(np.array([40.0, 3.0]), np.array([1.0, 0.0]))
-    # Rows end in cells that are never used.
-    assert np.array_equal(one.cells[..., :1024], other.cells[..., :1024])
+        image = shaded(empty, looking(x), ground=ground)
+    assert np.array_equal(image, shaded(empty, looking(40.0), ground=Ground(surface, "urban")))
+
+
+@given(
+    yaw=st.floats(-3.0, 3.0),
+    pitch=st.floats(-0.6, 1.5),
+    roll=st.floats(-1.0, 1.0),
+    focal=st.sampled_from([40.0, 120.0, 400.0]),
+)
+@settings(max_examples=25, deadline=None)
+def test_no_ground_is_shown_that_was_not_painted(
+    yaw: float, pitch: float, roll: float, focal: float
+) -> None:
+    pose, pinhole = looking(0.0, yaw=yaw, pitch=pitch, roll=roll), Pinhole.centred(160, 120, focal)
+    empty = Scene.still(Prisms.empty(), Prisms.empty(), NONE)
+    black, white = (Ground(surface_of(straight()), "urban") for _ in range(2))
+    white.cells[:] = 0xFFFFFF
+    images = [shaded(empty, pose, ground=each, pinhole=pinhole) for each in (black, white)]
+    assert np.array_equal(*images)
 
 
 def test_an_unknown_light_is_refused_by_name() -> None:
