@@ -9,6 +9,7 @@ import numpy as np
 from roadscope.core.jit import compiled
 from roadscope.envs.imaging.lighting import Air, ShadingTables, own_beam, pools_at, transmitted
 from roadscope.envs.imaging.noise import NOISE_SIDE, blend_of, cell_of, grain, noise_tile
+from roadscope.envs.imaging.pinhole import Pinhole
 from roadscope.envs.imaging.raster import Lens, Point
 from roadscope.envs.world.ground import PAVED, SHOULDERS_M, Surface
 
@@ -512,13 +513,12 @@ AHEAD = 0.3
 """The middles of the squares lie this share of a side ahead of the camera."""
 
 
-def _half_angle(lens: Lens, ahead: np.ndarray, shape: tuple[int, int]) -> float:
+def _half_angle(lens: Lens, ahead: np.ndarray, pinhole: Pinhole) -> float:
     """Return the largest horizontal angle between a ray and the view's direction, radians.
 
     It is pi if a corner of the image looks to the side or back.
     """
-    height, width = shape
-    u, v = np.meshgrid((0.0, width), (0.0, height))
+    u, v = np.meshgrid((0.0, pinhole.width), (0.0, pinhole.height))
     x, y = (u - lens.centre[0]) / lens.focal[0], (v - lens.centre[1]) / lens.focal[1]
     rays = np.stack([x.ravel(), y.ravel(), np.ones(4)], axis=-1) @ lens.rotation
     along, across = rays[:, :2] @ ahead, np.abs(rays[:, :2] @ (-ahead[1], ahead[0]))
@@ -545,16 +545,16 @@ class Ground:
         self.middles = np.zeros((len(CELLS_M), 2))
         self._painted: list[dict[tuple[int, int], tuple[int, int]]] = [{} for _ in CELLS_M]
 
-    def seen_by(self, lens: Lens, shape: tuple[int, int]) -> np.ndarray:
+    def seen_by(self, lens: Lens, pinhole: Pinhole) -> np.ndarray:
         """Return (3, SIDE, SIDE + PADDING) uint32 cells around a camera, most of them ahead.
 
-        Only tiles that an image of this shape (height, width) may show are painted. `middles`
-        (3, 2) then holds the middles of the squares, metres.
+        Only tiles that the image may show are painted. pinhole: of the lens. `middles` (3, 2) then
+        holds the middles of the squares, metres.
         """
         forward = lens.rotation[2, :2]
         level_share = max(float(np.linalg.norm(forward)), 1e-9)
         ahead = forward / level_share
-        half_angle = _half_angle(lens, ahead, shape)
+        half_angle = _half_angle(lens, ahead, pinhole)
         for level, cell_m in enumerate(CELLS_M):
             aim = lens.origin[:2] + AHEAD * SIDE * cell_m * ahead
             middle = np.rint(aim / (TILE * cell_m)).astype(int)

@@ -487,7 +487,7 @@ def shade(
     lit, open_sky = thread_buffer("shadows", (2, *raster.faces.shape), np.uint8)
     cast_shadows(lens, solids, raster.faces, air.towards, lit, open_sky)
     sunlit(solids, air.towards, lens, appearance.lit)
-    tables = _tables(lens, solids, appearance, air, ground, lit, open_sky, raster.faces.shape)
+    tables = _tables(lens, solids, appearance, air, ground, lit, open_sky, view.pinhole)
     linear = thread_buffer("light", (*raster.faces.shape, 3), np.float32)
     shade_all(lens, raster.q, raster.faces, appearance, tables, air, linear)
     return linear
@@ -498,7 +498,7 @@ def shade_plain(view: CameraView, ground: Ground, light: Light) -> np.ndarray:
     lens, air = view.lens, air_of(light, 0.0, 0.0)
     raster, solids, appearance = view.raster, view.solids, view.appearance
     none = np.empty((0, 0), np.uint8)
-    tables = _tables(lens, solids, appearance, air, ground, none, none, raster.faces.shape)
+    tables = _tables(lens, solids, appearance, air, ground, none, none, view.pinhole)
     faces = np.zeros((len(solids.corners), FACES, 3), np.float32)
     faces[:, : tables.glow.shape[1]] = tables.glow * appearance.colours[:, None]
     steps = (np.clip(faces, 0.0, 1.0) * (SRGB_STEPS - 1)).astype(np.int64)
@@ -551,16 +551,13 @@ def _tables(
     ground: Ground,
     lit: np.ndarray,
     open_sky: np.ndarray,
-    view_shape: tuple[int, int],
+    pinhole: Pinhole,
 ) -> ShadingTables:
-    """Return the tables that the kernels read, with the light on all faces.
-
-    view_shape: height and width of the image.
-    """
+    """Return the tables that the kernels read, with the light on all faces."""
     shape = (len(solids.corners), 14, 3)
     normals, glow = np.zeros(shape), np.zeros(shape, np.float32)
     light_faces(solids.footprints, solids.corners, appearance.lit, air, normals, glow)
-    cells = ground.seen_by(lens, view_shape)
+    cells = ground.seen_by(lens, pinhole)
     height, width = lit.shape
     blocks = thread_buffer("sky", (height // BLOCK + 2, width // BLOCK + 2, 3), np.float32)
     heights = np.empty(width)
