@@ -34,7 +34,7 @@ from roadscope.benchmarks.formats.trajectories import read_any_trajectory
 from roadscope.benchmarks.metrics import METRIC_VERSION
 from roadscope.benchmarks.metrics.odometry import by_distance, score_odometry, score_standing
 from roadscope.benchmarks.metrics.score import Score
-from roadscope.benchmarks.metrics.tracking import score_alphas, score_tracks
+from roadscope.benchmarks.metrics.tracking import score_each_alpha
 from roadscope.benchmarks.metrics.trajectory_errors import Trajectories
 from roadscope.benchmarks.nodes.images import ImageNode
 from roadscope.benchmarks.parked import parked_among
@@ -356,9 +356,8 @@ def _detection_scores(folder: Path, true: TrueSequence) -> dict[str, Score]:
 def _tracking_scores(path: Path, true: TrueSequence) -> dict[str, Score]:
     tracks, parked = read_tracks(path, true), parked_among(true.episode, true.truths)
     pairings = true.manifest.eligibility.pairings(tracks, true.truths, parked)
-    every = score_tracks(tracks, true.truths, pairings).named()
-    scores = {name: score for name, score in every.items() if name not in NOT_IN_FILES}
-    return {**scores, **score_alphas(tracks, true.truths, pairings)}
+    every = score_each_alpha(tracks, true.truths, pairings)
+    return {name: score for name, score in every.items() if name not in NOT_IN_FILES}
 
 
 def _odometry_scores(path: Path, true: TrueSequence) -> dict[str, Score]:

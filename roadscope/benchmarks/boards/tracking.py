@@ -31,7 +31,7 @@ from roadscope.benchmarks.kinds import TRACKER, traits_of
 from roadscope.benchmarks.loop import RunOptions
 from roadscope.benchmarks.metrics.matching import Pairing
 from roadscope.benchmarks.metrics.score import Score
-from roadscope.benchmarks.metrics.tracking import score_alphas, score_tracks
+from roadscope.benchmarks.metrics.tracking import score_each_alpha, score_tracks
 from roadscope.benchmarks.metrics.tracking.scores import BY_ALPHA
 from roadscope.benchmarks.nodes.fusions import detection_node
 from roadscope.benchmarks.nodes.poses import PoseNode
@@ -239,9 +239,9 @@ class TrackingBoard(Board):
         """Return the scores of a job's answers."""
         assert isinstance(job.answers, TrackNode | TunedNode)
         inputs: EpisodeDetections = job.answers.detections.read(options)
-        scores = tracking_scores(answers, inputs, job.settings)
         pairings = job.settings.pairings(answers.tracks, inputs.truths, inputs.parked)
-        scores |= score_alphas(answers.tracks, inputs.truths, pairings)
+        scores = score_each_alpha(answers.tracks, inputs.truths, pairings)
+        scores |= call_cost(answers.times)
         if is_offline(job.answers.tracker):
             scores |= offline_score(len(answers.tracks))
         return scores

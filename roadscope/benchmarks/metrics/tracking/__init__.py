@@ -1,10 +1,14 @@
 """Tracking metrics, and all scores of a tracker on an episode."""
 
 from roadscope._lazy import lazy_names
-from roadscope.benchmarks.metrics.tracking.scores import TrackingScores, score_alphas, score_tracks
+from roadscope.benchmarks.metrics.tracking.scores import (
+    TrackingScores,
+    score_each_alpha,
+    score_tracks,
+)
 from roadscope.benchmarks.metrics.tracking.sequence import GATE_M
 
-__all__ = ["GATE_M", "TrackingScores", "score_alphas", "score_tracks"]
+__all__ = ["GATE_M", "TrackingScores", "score_each_alpha", "score_tracks"]
 
 _PARTS = {
     "amota": "NUSCENES_RECALLS RECALLS least_scores",

@@ -34,6 +34,9 @@ from roadscope.benchmarks.metrics.tracking.state_accuracy import (
 from roadscope.core import Tracks, Truth
 from roadscope.core.record import Record
 
+THRESHOLD = 0.5
+"""Similarity from which on an object and a track can match."""
+
 
 @dataclass(frozen=True, slots=True)
 class TrackingScores(ScoreFamily):
@@ -116,7 +119,7 @@ def score_tracks(
     pairings: Sequence[Pairing],
     *,
     similarity: Similarity | str = "centre",
-    threshold: float = 0.5,
+    threshold: float = THRESHOLD,
 ) -> TrackingScores:
     """Return the scores of an episode.
 
@@ -129,6 +132,16 @@ def score_tracks(
     """
     counted = counted_rows(pairings)
     sequence = counted_sequence(tracks, truths, pairings, counted, similarity=similarity)
+    return _scores(tracks, truths, counted, sequence, threshold)
+
+
+def _scores(
+    tracks: Sequence[Tracks],
+    truths: Sequence[Truth],
+    counted: Sequence[FrameRows],
+    sequence: TrackedSequence,
+    threshold: float,
+) -> TrackingScores:
     matched = match_tracks(sequence, threshold)
     errors = state_errors(tracks, truths, matched_rows(sequence, matched, counted))
     return TrackingScores(
@@ -389,17 +402,18 @@ ALPHA_BANDS = tuple(f"{alpha:.2f}" for alpha in ALPHAS)
 CURVES = ("det_a", "ass_a", "loc_a")
 
 
-def score_alphas(
+def score_each_alpha(
     tracks: Sequence[Tracks], truths: Sequence[Truth], pairings: Sequence[Pairing]
 ) -> dict[str, Score]:
-    """Return HOTA, DetA, AssA and LocA of an episode at each alpha, by `part_name`.
+    """Return what `score_tracks` returns, and HOTA, DetA, AssA and LocA at each alpha.
 
-    Weighted by the episode's objects, as in `score_tracks`: of pooled episodes, too, the mean over
-    alphas is the figure that `score_tracks` returns.
+    The latter are named by `part_name` and weighted by the episode's objects: of pooled episodes,
+    too, the mean over alphas is the figure that `score_tracks` returns.
     """
-    sequence = counted_sequence(tracks, truths, pairings, counted_rows(pairings))
+    counted = counted_rows(pairings)
+    sequence = counted_sequence(tracks, truths, pairings, counted)
     curves, objects = hota(sequence), len(sequence.truths)
-    return {
+    return _scores(tracks, truths, counted, sequence, THRESHOLD).named() | {
         part_name(name, BY_ALPHA, band): averaged(float(value), objects)
         for name in ("hota", *CURVES)
         for band, value in zip(ALPHA_BANDS, getattr(curves, name), strict=True)

@@ -11,7 +11,7 @@ from roadscope.benchmarks.metrics.tracking import (
     ALPHA_BANDS,
     BY_ALPHA,
     CURVES,
-    score_alphas,
+    score_each_alpha,
     score_tracks,
 )
 from roadscope.benchmarks.report import breakdown_tables
@@ -32,8 +32,9 @@ def scored(seed, objects):
         near = places[found] + rng.uniform(-1, 1, (len(found), 2))
         followed.append(tracks(list(near), [int(i) + 50 for i in found]))
     pairings = RULE.pairings(followed, truths)
-    whole = score_tracks(followed, truths, pairings).named()
-    return whole | score_alphas(followed, truths, pairings)
+    scores = score_each_alpha(followed, truths, pairings)
+    assert scores.items() >= score_tracks(followed, truths, pairings).named().items()
+    return scores
 
 
 def test_the_mean_over_alphas_is_the_figure_of_the_episode():
@@ -47,8 +48,9 @@ def test_the_mean_over_alphas_is_the_figure_of_the_episode():
 
 def test_without_objects_there_is_none():
     pairings = RULE.pairings([tracks([], [])], [truth([], ids=[])])
-    scores = score_alphas([tracks([], [])], [truth([], ids=[])], pairings)
-    assert all(np.isnan(score.value) and score.n == 0 for score in scores.values())
+    scores = score_each_alpha([tracks([], [])], [truth([], ids=[])], pairings)
+    curves = [scores[part_name(name, BY_ALPHA, band)] for name in NAMES for band in ALPHA_BANDS]
+    assert all(np.isnan(score.value) and score.n == 0 for score in curves)
 
 
 @pytest.mark.slow
