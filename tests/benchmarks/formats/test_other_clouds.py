@@ -3,7 +3,6 @@
 import laspy
 import numpy as np
 import pytest
-import trimesh
 
 from roadscope.formats import FormatError, ScanFolder, read_scan
 
@@ -20,6 +19,8 @@ def ply(encoding="ascii 1.0", count=50, properties=PLACE, rest="", body=b""):
 
 @pytest.mark.parametrize("encoding", ["ascii", "binary"])
 def test_files_of_trimesh_are_read(tmp_path, encoding):
+    import trimesh  # half a second, that only this test needs
+
     cloud = trimesh.PointCloud(POINTS)
     (tmp_path / "0.ply").write_bytes(cloud.export(file_type="ply", encoding=encoding))
     assert read_scan(tmp_path / "0.ply", 0.0).points == pytest.approx(POINTS, abs=1e-5)
