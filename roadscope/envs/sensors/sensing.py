@@ -47,12 +47,14 @@ class _Placed(NamedTuple):
     """Where all bodies are during a sweep or an image.
 
     scene: without the ego's body. knots: states at the knots of the scene. around: states
-    `VELOCITY_S` before the middle, in the middle, and after it.
+    `VELOCITY_S` before the middle, in the middle, and after it. before: states at an earlier
+    instant.
     """
 
     scene: Scene
     knots: States
     around: States
+    before: States
 
 
 def truth_of_sweep(timeline: Timeline, around: States, sweep_truth: SweepTruth) -> Truth:
@@ -274,7 +276,11 @@ class Sensing:
         stamp_s = mount.stamp_s(index)
         rng = np.random.default_rng([self._noise_seed, index])
         placed = self._place_bodies(
-            timeline, self._sweep_knots_s(stamp_s), stamp_s, mount.spec.range_max_m
+            timeline,
+            self._sweep_knots_s(stamp_s),
+            stamp_s,
+            mount.spec.range_max_m,
+            before_s=mount.stamp_s(index - 1),
         )
         scan, sweep_truth = sweep(
             placed.scene,
@@ -287,7 +293,7 @@ class Sensing:
             weather_seed=self._weather_seed,
         )
         truth = truth_of_sweep(timeline, placed.around, sweep_truth)
-        motion = self._motion(timeline, index, truth.world_from_ego)
+        motion = self._motion(timeline, index, placed.before, truth.world_from_ego)
         frame = Frame(stamp_s, self.calibration, lidar=scan, previous_from_ego=motion)
         if self.rig.inertial:
             frame = self._inertial.with_samples(frame, self.rig, self._ego_motion(timeline), index)
@@ -405,19 +411,27 @@ class Sensing:
             raise RecordError(f"rig '{self.rig.name}' has no camera")
         return self.rig.camera
 
-    def _motion(self, timeline: Timeline, index: int, world_from_ego: Pose) -> Pose | None:
-        """Return the estimated ego motion since the previous sweep; None for the first one."""
+    def _motion(
+        self, timeline: Timeline, index: int, before: States, world_from_ego: Pose
+    ) -> Pose | None:
+        """Return the estimated ego motion since the previous sweep; None for the first one.
+
+        before: states in the middle of that sweep. world_from_ego: pose in the middle of this one.
+        """
         if index == 0:
             return None
         mount = self.rig.lidar
-        ego_at = timeline.world_from_ego
         if timeline.raw and self.rig.inertial:
             # The states may jump where the sensors did not.
             ego_at = self._ego_motion(timeline).world_from_ego
-            world_from_ego = ego_at(mount.stamp_s(index))
-        before = ego_at(mount.stamp_s(index - 1)).inverse()
+            previous, world_from_ego = ego_at(before.stamps_s[0]), ego_at(mount.stamp_s(index))
+        else:
+            (previous,) = timeline.ego_poses(before)
         return self.rig.dead_reckoning.estimate(
-            before @ world_from_ego, mount.spec.period_s, seed=self._motion_seed, index=index
+            previous.inverse() @ world_from_ego,
+            mount.spec.period_s,
+            seed=self._motion_seed,
+            index=index,
         )
 
     def _sweep_knots_s(self, stamp_s: float) -> np.ndarray:
@@ -426,17 +440,24 @@ class Sensing:
         return np.linspace(stamp_s - half, stamp_s + half, int(np.ceil(2 * half / KNOT_S)) + 1)
 
     def _place_bodies(
-        self, timeline: Timeline, knots_s: np.ndarray, middle_s: float, radius_m: float
+        self,
+        timeline: Timeline,
+        knots_s: np.ndarray,
+        middle_s: float,
+        radius_m: float,
+        *,
+        before_s: float = 0.0,
     ) -> _Placed:
         """Return the scene, and the states of all actors.
 
         knots_s: (K,) between which bodies move. The actors present and the scenery are those of
             the middle.
-        radius_m: of the scenery around the ego.
+        radius_m: of the scenery around the ego. before_s: see `_Placed.before`.
         """
         around_s = (middle_s - VELOCITY_S, middle_s, middle_s + VELOCITY_S)
-        states = timeline.at(np.append(knots_s, around_s))
-        knots, around = states.select(slice(len(knots_s))), states.select(slice(len(knots_s), None))
+        states = timeline.at(np.concatenate([knots_s, around_s, [before_s]]))
+        parts = slice(len(knots_s)), slice(len(knots_s), -1), slice(-1, None)
+        knots, around, before = map(states.select, parts)
         present = around.present[1].copy()
         present[0] = False
         poses = np.concatenate([timeline.centres(knots), knots.yaws[..., None]], axis=-1)
@@ -446,7 +467,7 @@ class Sensing:
         if timeline.terrain is not None:
             stances = timeline.stances(knots)
             scene = replace(scene, terrain=timeline.terrain, stances=stances)
-        return _Placed(scene, knots, around)
+        return _Placed(scene, knots, around, before)
 
     def _world_of(self, timeline: Timeline) -> World:
         if self._world is None:
