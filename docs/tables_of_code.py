@@ -22,6 +22,7 @@ from sphinx.pycode import ModuleAnalyzer
 
 from roadscope import CAMERA_DETECTORS, DETECTORS, FUSIONS, ODOMETRIES, TRACKERS
 from roadscope.benchmarks import names_of
+from roadscope.core.tables import ArrayTable
 from roadscope.envs import env_ids, find_rig
 from roadscope.envs.sensors import CAMERAS, IMUS, SPECS
 
@@ -270,6 +271,7 @@ def public(module: str) -> str:
             elsewhere.append(f":py:obj:`~{first}.{name}`")
         elif inspect.isclass(value):
             members = ["   :members:", *["   :undoc-members:"] * issubclass(value, Enum)]
+            members += ["   :inherited-members:"] * issubclass(value, ArrayTable)
             lines += [f".. autoclass:: {module}.{name}", *members, ""]
         elif callable(value):
             lines += [f".. autofunction:: {module}.{name}", ""]

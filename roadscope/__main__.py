@@ -107,7 +107,9 @@ COMMANDS: Mapping[str, CommandEntry] = {
         ),
     ),
     "speed": CommandEntry(
-        "Measure how long methods, ray casting and cameras take", HERE, ("roadscope speed casting",)
+        "Measure how long methods, sensors and environments take",
+        HERE,
+        ("roadscope speed casting",),
     ),
     "doctor": CommandEntry(
         "Show versions, extras, cache, and what does not work", HERE, ("roadscope doctor",)

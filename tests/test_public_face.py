@@ -10,6 +10,7 @@ import re
 import textwrap
 from collections.abc import Iterator
 from enum import Enum
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -31,6 +32,12 @@ LAZY = ("roadscope", *(f"roadscope.{name}" for name in ROOMS))
 
 def offered(module: str) -> list[str]:
     return list(importlib.import_module(module).__all__)
+
+
+@cache
+def offered_types() -> set[type]:
+    values = (getattr(importlib.import_module(m), name) for m in OFFERING for name in offered(m))
+    return {value for value in values if inspect.isclass(value)}
 
 
 def recorded() -> str:
@@ -76,7 +83,14 @@ def described(name: str, value: Any) -> Iterator[str]:
 
 
 def methods_of(kind: type) -> Iterator[str]:
-    for name, member in sorted(vars(kind).items()):
+    """Describe the methods of a class, with those of bases that are not offered themselves."""
+    bases = [base for base in kind.__mro__[1:] if base.__module__.startswith("roadscope.")]
+    members = {
+        name: member
+        for each in [*(base for base in reversed(bases) if base not in offered_types()), kind]
+        for name, member in vars(each).items()
+    }
+    for name, member in sorted(members.items()):
         if not name.startswith("_"):
             yield from (f"  .{line}" for line in of_class(name, member))
 

@@ -19,7 +19,7 @@ def speed(
     quiet: bool = options.QUIET,
     json: bool = options.JSON,
 ) -> None:
-    """Measure how long methods, ray casting, cameras and environments take."""
+    """Measure how long methods, sensors and environments take."""
     from dataclasses import asdict
 
     from roadscope.benchmarks.cache import usable_folder

@@ -8,11 +8,13 @@ import numpy as np
 
 from roadscope.core.checks import require, settle_arrays
 from roadscope.core.record import Record
+from roadscope.core.tables import rows_of
 
 FARTHEST_M = 5000.0
 """Farther than any LiDAR on the road measures: refuses numbers that stand for `no return`."""
 MOST_RINGS, MOST_COLUMNS = 1024, 1 << 16
-ARRAYS = ("points", "intensity", "ring", "column", "time_offset_s")
+RETURN_ARRAYS = ("points", "intensity", "ring", "column", "time_offset_s")
+"""Fields with one row for each return."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -61,5 +63,5 @@ class LidarScan(Record):
 
     def select(self, index: np.ndarray) -> LidarScan:
         """Return the scan with the returns that a mask or an index array selects."""
-        rows = np.flatnonzero(index) if index.dtype == np.bool_ else index
-        return self._trusted(**{name: getattr(self, name).take(rows, 0) for name in ARRAYS})
+        rows = rows_of(index, len(self))
+        return self._trusted(**{name: getattr(self, name).take(rows, 0) for name in RETURN_ARRAYS})

@@ -1,10 +1,20 @@
-"""Tables of arrays with one row for each thing."""
+"""Tables whose columns are arrays with equal numbers of rows."""
 
 from __future__ import annotations
 
 from typing import Any, ClassVar, Self
 
 import numpy as np
+
+
+def rows_of(index: np.ndarray, count: int) -> np.ndarray:
+    """Return the rows that a mask or an index array selects; `IndexError` for any other mask."""
+    index = np.asarray(index)
+    if index.dtype != np.bool_:
+        return index
+    if index.shape != (count,):
+        raise IndexError(f"a mask of shape {index.shape} does not fit {count} rows")
+    return np.flatnonzero(index)
 
 
 class ArrayTable:
@@ -15,10 +25,9 @@ class ArrayTable:
 
     def select(self, index: np.ndarray) -> Self:
         """Return the rows that a mask or an index array selects."""
-        if index.dtype == bool:
-            index = np.flatnonzero(index)
+        rows = rows_of(index, self._row_count())
         columns = [
-            column.select(index) if isinstance(column, ArrayTable) else column.take(index, axis=0)
+            column.select(rows) if isinstance(column, ArrayTable) else column.take(rows, axis=0)
             for column in self._columns()
         ]
         return type(self)(*columns)
@@ -44,6 +53,10 @@ class ArrayTable:
             changed[rows] = new
             columns.append(changed)
         return type(self)(*columns)
+
+    def _row_count(self) -> int:
+        first = self._columns()[0]
+        return first._row_count() if isinstance(first, ArrayTable) else len(first)
 
     def _columns(self) -> list[Any]:
         return [getattr(self, name) for name in self.__dataclass_fields__]

@@ -72,9 +72,8 @@ class PerceptionWrapper(gym.Wrapper[np.ndarray, Any, Any, Any], RecordConstructo
         RecordConstructorArgs.__init__(self, perception=perception, rig=rig, **sensing)
         self._stack: Perception | None = None
         refuse_multi_agent(env)
-        self._observation: dict[str, Any] = env.unwrapped.config["observation"]  # type: ignore[attr-defined]
         if perception != TRUTH:
-            check_observation(self._observation)
+            check_observation(_observation_of(env))
         if perception in (TRUTH, BLIND):
             gym.Wrapper.__init__(self, env)
         else:
@@ -84,6 +83,7 @@ class PerceptionWrapper(gym.Wrapper[np.ndarray, Any, Any, Any], RecordConstructo
         self.observation_space = env.observation_space
         self._perception = perception
         self._belief: BelievedObservation | None = None
+        self._believed_type: dict[str, Any] | None = None
         self._constants: Constants = {}
         self._steps = 0
 
@@ -104,7 +104,7 @@ class PerceptionWrapper(gym.Wrapper[np.ndarray, Any, Any, Any], RecordConstructo
         with original_constants(self._constants) if self._stack is None else nullcontext():
             observation, info = self.env.reset(seed=seed, options=options)
         if self._perception != TRUTH:
-            self._belief = BelievedObservation(self.env.unwrapped, seed or 0, self._observation)
+            self._belief = BelievedObservation(self.env.unwrapped, seed or 0, self._believed_type)
         if self._stack is not None:
             self._stack.reset()
         self._steps = 0
@@ -120,6 +120,11 @@ class PerceptionWrapper(gym.Wrapper[np.ndarray, Any, Any, Any], RecordConstructo
         believed, info = self._observed(observation, info)
         return believed, reward, terminated, truncated, info
 
+    def _observe_tracks_only(self) -> None:
+        """Let the environment make no observations of its own, which nobody reads."""
+        self._believed_type = dict(_observation_of(self.env))
+        observe_nothing(self.env)
+
     def _observed(
         self, observation: np.ndarray, info: dict[str, Any]
     ) -> tuple[np.ndarray, dict[str, Any]]:
@@ -133,6 +138,12 @@ class PerceptionWrapper(gym.Wrapper[np.ndarray, Any, Any, Any], RecordConstructo
         else:
             tracks = self._stack.tracks(info["time_s"])
         return self._belief.observe(tracks), {**info, "tracks": tracks}
+
+
+def _observation_of(env: gym.Env[Any, Any]) -> dict[str, Any]:
+    """Return the settings of the observation of an environment of highway-env."""
+    settings: dict[str, Any] = env.unwrapped.config["observation"]  # type: ignore[attr-defined]
+    return settings
 
 
 WITHOUT_EFFECT = {"records": True, "pixel_truth": False}
@@ -161,8 +172,9 @@ class PerceivedEnv(ScenarioEnv):
         for name in WITHOUT_EFFECT:
             del sensing[name]
         perceived = PerceptionWrapper(traffic, self._perception, rig, **sensing)
-        if self._perception != TRUTH:
-            observe_nothing(traffic)
+        # The order of vehicles in an observation may be drawn with the numbers of the traffic.
+        if self._perception != TRUTH and _observation_of(traffic).get("order") != "shuffled":
+            perceived._observe_tracks_only()
         return perceived
 
 

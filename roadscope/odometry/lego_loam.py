@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 
 from roadscope.core import ImuSamples, LidarScan, Pose
-from roadscope.core.arguments import check_counts, check_positive
+from roadscope.core.arguments import check_counts, check_positive_or_infinite
 from roadscope.odometry.clock import Clock
 from roadscope.odometry.lego.mapping import (
     REACH_M,
@@ -42,7 +42,7 @@ class LegoLoamOdometry(MappedOdometry):
         loop: bool = False,
     ) -> None:
         check_counts(1, min_points=min_points, map_every=map_every)
-        check_positive(reach_m=reach_m)
+        check_positive_or_infinite(reach_m=reach_m)
         self.min_points, self.map_every = min_points, map_every
         self.reach_m, self.loop = reach_m, loop
         self.reset()

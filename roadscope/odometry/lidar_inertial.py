@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from roadscope.core import ImuSamples, LidarScan, OdometryEstimate, Pose, WheelSamples
-from roadscope.core.arguments import check_positive
+from roadscope.core.arguments import check_positive, check_positive_or_infinite
 from roadscope.core.names import unknown
 from roadscope.envs.sensors.imu_spec import IMUS
 from roadscope.odometry.clock import Clock, ScanTick
@@ -83,7 +83,8 @@ class LidarInertialOdometry:
         imu: the unit whose noise is expected, a name of `envs.sensors.imu_spec.IMUS`.
         wheels: whether wheel speeds are used, if there are any.
         """
-        check_positive(match_m=match_m, insert_m=insert_m, reach_m=reach_m)
+        check_positive(match_m=match_m, insert_m=insert_m)
+        check_positive_or_infinite(reach_m=reach_m)
         self.match_m, self.insert_m, self.reach_m = match_m, insert_m, reach_m
         if imu not in IMUS:
             raise ValueError(unknown("inertial unit", imu, IMUS))

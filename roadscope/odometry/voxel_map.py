@@ -8,7 +8,7 @@ from typing import Literal
 import numpy as np
 
 from roadscope.core import ImuSamples, LidarScan, OdometryEstimate, Pose
-from roadscope.core.arguments import check_positive
+from roadscope.core.arguments import check_positive, check_positive_or_infinite
 from roadscope.odometry.clock import Clock, ScanTick
 from roadscope.odometry.cloud_kernels import deskewed, placed, thinned
 from roadscope.odometry.estimates import (
@@ -77,7 +77,8 @@ class VoxelMapOdometry:
     ) -> None:
         if memory not in ("map", "scan"):
             raise ValueError(f"memory is 'map' or 'scan', got {memory!r}")
-        check_positive(match_m=match_m, insert_m=insert_m, reach_m=reach_m)
+        check_positive(match_m=match_m, insert_m=insert_m)
+        check_positive_or_infinite(reach_m=reach_m)
         self.memory, self.match_m, self.insert_m = memory, match_m, insert_m
         self._map = VoxelMap(reach_m=reach_m)
         self.reset()
@@ -139,7 +140,7 @@ class VoxelMapOdometry:
         self._first = None
         motion = inverse(self._pose) @ scan_match.map_from_sensor
         uncertain = covariance_of(scan_match.map_from_sensor, scan_match.information)
-        problem = misfit_of(scan_match) or _reason_of_weakness(uncertain)
+        problem = misfit_of(scan_match) or _reason_of_uncertainty(uncertain)
         if problem:
             self._predict_only(twist, tick)
             self._misfits += 1
@@ -219,7 +220,7 @@ def _around(twist: np.ndarray, tick: ScanTick) -> list[np.ndarray]:
     return [twist + np.array([c, 0, 0, 0, 0, 0]) for c in sorted(changes, key=abs)]
 
 
-def _reason_of_weakness(uncertain: np.ndarray) -> str:
+def _reason_of_uncertainty(uncertain: np.ndarray) -> str:
     """Return a reason if a position is uncertain in some direction, else an empty text."""
     weakest_m = float(np.sqrt(np.linalg.eigvalsh(uncertain[:3, :3])[-1]))
     if weakest_m > WEAKEST_M:

@@ -156,9 +156,10 @@ def associate_nearest(
 ) -> list[tuple[int, int]]:
     """Return pairs of (N, 2) detected positions and (M, 2) predictions within a gate (eq. 5).
 
-    In the paper each target in turn takes its nearest free filter, so the result depends on the
-    order of targets. Our reading: the pair with the smallest distance of all is taken first. Of
-    equal distances that of the earlier filter is taken, then that of the earlier target.
+    They are in the order of predictions. In the paper each target in turn takes its nearest free
+    filter, so the result depends on the order of targets. Our reading: the pair with the smallest
+    distance of all is taken first. Of equal distances that of the earlier filter is taken, then
+    that of the earlier target.
     """
     distances = np.hypot(*(predictions[:, None] - positions).transpose(2, 0, 1))
     columns, rows = assign_greedily(distances, gate_m)

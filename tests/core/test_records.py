@@ -176,6 +176,17 @@ def test_empty_records_select_and_families() -> None:
         Calibration((("lux", Pose.identity()),)).pose("roof")
 
 
+@pytest.mark.parametrize("mask", [[True, False], [[True] * 3] * 3])
+def test_a_mask_of_another_shape_selects_no_returns(mask: object) -> None:
+    sweep = LidarScan(
+        np.zeros((3, 3)), np.zeros(3), np.arange(3), np.arange(3), np.zeros(3), 0.0, "lidar"
+    )
+    assert sweep.select([2, 0]).ring.tolist() == [2, 0]
+    assert sweep.select(sweep.ring > 0).ring.tolist() == [1, 2]
+    with pytest.raises(IndexError, match="does not fit 3 rows"):
+        sweep.select(np.array(mask))
+
+
 def test_image_detections_are_selected_row_by_row() -> None:
     boxes = np.arange(12.0).reshape(3, 4)
     masses = np.array([[0.9, 0.0, 0.0, 0.1], [0.0, 0.5, 0.0, 0.5], [0.0, 0.0, 0.2, 0.8]])

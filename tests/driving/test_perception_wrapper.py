@@ -78,6 +78,33 @@ def test_an_intersection_does_not_change_the_traffic_of_other_environments(perce
     np.testing.assert_array_equal(drive(), before)
 
 
+def test_the_traffic_is_the_same_whatever_is_observed() -> None:
+    config = {"observation": {"type": "Kinematics", "order": "shuffled"}}
+
+    def positions(perception: str) -> list[Any]:
+        env = gym.make("roadscope:roadscope/Intersection-v0", perception=perception, config=config)
+        env.reset(seed=3)
+        for _ in range(3):
+            env.step(1)
+        traffic: Any = env.unwrapped
+        return [each.position.tolist() for each in traffic._inner.unwrapped.road.vehicles]
+
+    assert positions("truth") == positions("blind")
+
+
+def test_the_observation_may_be_another_from_a_reset_on() -> None:
+    env = PerceptionWrapper(highway(), "blind")
+    settings = {"type": "Kinematics", "vehicles_count": 3}
+    observed, _ = env.reset(seed=0, options={"config": {"observation": settings}})
+    assert observed.shape == (3, 5)
+    with pytest.raises(ForeignEnvError, match="cannot be made of tracks"):
+        env.reset(
+            options={
+                "config": {"observation": {"type": "AttributesObservation", "attributes": ["road"]}}
+            }
+        )
+
+
 @pytest.mark.parametrize("kind", KINDS)
 def test_truth_is_the_own_observation_to_the_bit(kind: str) -> None:
     plain, wrapped = highway(kind), PerceptionWrapper(highway(kind), "truth")

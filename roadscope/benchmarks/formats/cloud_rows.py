@@ -45,7 +45,10 @@ def ascii_rows(path: Path, header: CloudHeader, lines: Iterable[tuple[int, bytes
     values = np.empty((header.count, sum(widths)))
     for row, (number, line) in enumerate(lines):
         try:
-            values[row] = np.array(line.split(), np.float64).reshape(sum(widths))
+            numbers = [float(word) for word in line.split()]
+            if len(numbers) != sum(widths):
+                raise ValueError
+            values[row] = numbers
         except ValueError:
             refuse(path, number, f"{sum(widths)} numbers", line.decode("ascii", "replace"))
     rows = np.empty(header.count, header.layout)

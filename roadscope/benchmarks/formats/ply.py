@@ -71,5 +71,5 @@ def _read_header(path: Path, content: bytes) -> CloudHeader:
 def _read_ascii(path: Path, header: CloudHeader, body: bytes) -> np.ndarray:
     lines = body.splitlines()[: header.count]
     if len(lines) < header.count:
-        refuse(path, header.lines + len(lines), f"{header.count} vertices", f"{len(lines)}")
+        refuse(path, header.lines + len(lines), f"{header.count} points", f"{len(lines)}")
     return ascii_rows(path, header, enumerate(lines, header.lines + 1))

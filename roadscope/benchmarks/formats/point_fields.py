@@ -91,8 +91,7 @@ def read_floats(path: Path) -> np.ndarray:
         size = path.stat().st_size
         if size % FLOAT_BYTES:
             raise FormatError(
-                f"{path}: expected float32 numbers of {FLOAT_BYTES} bytes, such as 16 bytes a "
-                f"point for x y z intensity, got {size} bytes"
+                f"{path}: expected float32 numbers of {FLOAT_BYTES} bytes, got {size} bytes"
             )
         return np.fromfile(path, "<f4")
     except OSError as error:

@@ -114,7 +114,7 @@ def returns_of_targets(sensed: SensedExperiment, k: int) -> np.ndarray:
 
 
 def nearest_pairs(positions: np.ndarray, targets: np.ndarray) -> list[tuple[int, int]]:
-    """Pair (N, 2) positions with (G, 2) targets one to one, the nearest pair first."""
+    """Pair (N, 2) positions with (G, 2) targets one to one; nearest pairs are taken first."""
     return associate_nearest(positions, targets, GATE_M)
 
 

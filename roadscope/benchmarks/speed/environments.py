@@ -14,10 +14,10 @@ from roadscope.benchmarks.speed.rows import SpeedRow, SpeedStep
 from roadscope.envs.gym.highway import ScenarioEnv
 
 RIGS = ("vlp16-imu", "hdl32e-imu", "wide")
-"""LiDARs at 10 Hz with an IMU of 400 Hz; `wide` has a camera of 640 x 480 pixels at 20 Hz."""
+"""LiDARs at 10 Hz: two with an IMU of 400 Hz, `wide` with a camera of 640 x 480 pixels at 20 Hz."""
 SCENARIO, VEHICLES = "motorway", 50
 SEEDS = range(18, 23)
-"""Of the training seeds; those of the episodes that are timed, after one that is not."""
+"""Seeds of the timed episodes, training seeds; an untimed episode comes first."""
 STEPS, IDLE = 5, 1
 """Steps of a second in each episode, and the action that changes nothing."""
 
@@ -41,7 +41,7 @@ def measure_environment(rig: str) -> list[SpeedRow]:
 
 
 def drive_episode(env: ScenarioEnv, seed: int) -> tuple[float, float]:
-    """Return the seconds that a reset takes, and simulated seconds for one of steps."""
+    """Return the seconds of a reset, and how many are simulated in one of processor time."""
     begin_s = process_time()
     env.reset(seed=seed)
     reset_s = process_time()

@@ -18,7 +18,6 @@ from roadscope.benchmarks.train.loss_functions import losses
 from roadscope.benchmarks.train.pictures import Pictures
 from roadscope.benchmarks.train.recipe import Recipe
 from roadscope.detectors.camera.network import CentreNetwork, channels_last
-from roadscope.detectors.camera.precision import fastest
 
 CHECKPOINT_EVERY = 100
 """Steps from one checkpoint to the next."""
@@ -103,7 +102,7 @@ class Trainer:
         self.optimiser.zero_grad()
         crops = crops.to(self.device)
         kind = self.device.type
-        with torch.autocast(kind, torch.bfloat16, enabled=fastest(kind) == "bfloat16"):
+        with torch.autocast(kind, torch.bfloat16, enabled=kind == "cuda"):
             maps = self.network(crops.pixels)
         loss = losses(maps, crops.targets).total
         loss.backward()  # type: ignore[no-untyped-call]

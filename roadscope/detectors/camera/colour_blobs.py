@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from roadscope.core import CameraImage, Category, Frame, ImageDetections, RecordError
-from roadscope.core.arguments import check_positive
+from roadscope.core.arguments import check_positive_or_infinite
 from roadscope.detectors.camera.detector import no_detections
 
 # All constants are chosen by hand.
@@ -32,7 +32,7 @@ class ColourBlobs:
         contrast: least distance to the row's median colour, all colours in 0 to 1.
         horizon: share of the image, from the top, that is ignored.
         """
-        check_positive(contrast=contrast)
+        check_positive_or_infinite(contrast=contrast)
         if not 0 <= horizon < 1:
             raise ValueError(f"horizon must be at least 0 and below 1, got {horizon!r}")
         self.contrast = contrast

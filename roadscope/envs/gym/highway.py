@@ -74,7 +74,7 @@ class ScenarioEnv(gym.Env[Observation, Any]):
         highway-env's own environment. `idm`: a recorded scenario is played whose ego drives
         itself, and the only action is to continue. None: `agent` if the scenario has a task.
     rig, style, weather, light, faults, records, pixel_truth: as in `SensorWrapper`.
-    vehicles: number of other vehicles on an agent's motorway; None for highway-env's 50.
+    vehicles: number of other vehicles on an agent's motorway; None for that of `config`, else 50.
     config: settings of highway-env that an agent's environment should have.
     duration_s: the episode is truncated after this time at the latest.
     step_s: time from step to step of a played scenario; None for the period of the LiDAR.

@@ -224,7 +224,7 @@ def _level(lens: Lens, tables: ShadingTables, base: Point, x: float, y: float, d
 
 
 def _deepest_m(lens: Lens, level: int) -> float:
-    """Return the depth up to which `_level` may choose a level."""
+    """Return the greatest depth at which `_level` chooses a level."""
     if level == len(CELLS_M) - 1:
         return np.inf
     size, double_height = MOST_CELLS * CELLS_M[level] * lens.focal[0], 2 * max(0.3, lens.origin[2])
@@ -505,7 +505,7 @@ GRASS = (0.060, 0.082, 0.028)
 PAINT = (0.62, 0.62, 0.60)
 KERB = (0.36, 0.35, 0.33)
 TILE_MARGIN = 2
-"""Cells around a tile that pixels beside it may need."""
+"""A pixel reads cells up to this many beyond its own: a tile counts as that much larger."""
 _STEPS = np.arange(-TILES // 2, TILES // 2)
 _TILES = np.stack(np.meshgrid(_STEPS, _STEPS, indexing="ij"), axis=-1).reshape(-1, 2)
 """Columns and rows of all tiles of a square from its middle on."""
@@ -552,8 +552,8 @@ class Ground:
         holds the middles of the squares, metres.
         """
         forward = lens.rotation[2, :2]
-        level_share = max(float(np.linalg.norm(forward)), 1e-9)
-        ahead = forward / level_share
+        horizontal_length = max(float(np.linalg.norm(forward)), 1e-9)
+        ahead = forward / horizontal_length
         half_angle = _half_angle(lens, ahead, pinhole)
         for level, cell_m in enumerate(CELLS_M):
             aim = lens.origin[:2] + AHEAD * SIDE * cell_m * ahead
@@ -566,7 +566,7 @@ class Ground:
             across = np.abs(arms @ (-ahead[1], ahead[0]))
             visible = across * np.cos(half_angle) - along * np.sin(half_angle) <= reach
             visible |= half_angle >= np.pi / 2
-            depths = (along - reach) * level_share - lens.origin[2] * lens.rotation[2, 2]
+            depths = (along - reach) * horizontal_length - lens.origin[2] * lens.rotation[2, 2]
             visible &= depths <= _deepest_m(lens, level) * (1.0 + 1e-9)
             for column, row in tiles[visible].tolist():
                 self._paint(level, column, row)

@@ -41,7 +41,7 @@ class AgentRoad(Road):  # type: ignore[misc]
 
     @property
     def vehicles(self) -> list[Any]:
-        """All vehicles as objects. Changes of others than the agent's have no effect."""
+        """All vehicles as objects. Only changes of the agent have an effect."""
         if self._is_outdated:
             self._is_outdated = False
             for vehicle, car in zip(self._vehicles, self.cars, strict=True):
@@ -150,7 +150,7 @@ def _describe(car: Any, vehicle: Any, lanes: dict[Any, int]) -> None:
 
 
 def _describe_state(car: Any, vehicle: Any) -> None:
-    """Write what may change from step to step; `ContinuousAction` sets the limits of the speed."""
+    """Write what may be set between steps: `ContinuousAction` sets the limits of the speed."""
     car["x"], car["y"] = vehicle.position
     car["speed"], car["crashed"] = vehicle.speed, vehicle.crashed
     car["slowest"], car["fastest"] = vehicle.MIN_SPEED, vehicle.MAX_SPEED

@@ -178,7 +178,7 @@ class Flow:
         return flow
 
     def bodies_changed(self) -> None:
-        """Say that headings or places of bodies were changed from outside."""
+        """Forget what was computed of the bodies; call it after changing headings or places."""
         self._angles = None
 
     def decide(self, dt: float) -> np.ndarray:

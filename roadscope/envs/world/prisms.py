@@ -170,7 +170,9 @@ class Prisms(ArrayTable, Record):
     @staticmethod
     def stacked(slabs: Sequence[Slab]) -> Prisms:
         """Return a prism for each slab."""
-        outlines, bottoms, tops, owners, extinctions, reflectivities, kinds = zip(
+        if not slabs:
+            return Prisms.empty()
+        outlines, bottoms, tops, owners, extinctions, reflectivities, materials = zip(
             *slabs, strict=True
         )
         footprints = np.empty((len(slabs), MAX_EDGES, 2))
@@ -186,7 +188,7 @@ class Prisms(ArrayTable, Record):
             np.array(owners, np.int32),
             np.array(extinctions, np.float64),
             np.array(reflectivities, np.float32),
-            np.array(kinds, np.int16),
+            np.array(materials, np.int16),
             np.zeros(len(slabs)),
         )
 

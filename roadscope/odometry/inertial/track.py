@@ -30,8 +30,8 @@ from roadscope.odometry.voxels.matching import (
     PosePrior,
     ScanMatch,
     contradicts,
-    move_by_step,
     normal_equations,
+    take_gauss_newton_step,
 )
 from roadscope.odometry.voxels.surfaces import FLOOR_M, VoxelMap, Voxels
 from roadscope.odometry.voxels.sweep import ThinnedScan
@@ -41,7 +41,7 @@ from roadscope.odometry.voxels.sweep import ThinnedScan
 
 STEPS = 8
 """Greatest number of Gauss-Newton steps."""
-SIMILAR = 20.0
+SIMILAR_ON_SURFACE = 20.0
 """Number of returns that count as one: errors of neighbours on one surface are correlated."""
 NARROW, WIDEST, NARROWING = 3.0, 12.0, 0.6
 """Robust scale in standard deviations: in the last steps, at first with a vague prediction, and its
@@ -69,21 +69,21 @@ def matched_with_prediction(
     deviation of a point from a surface. The match has no information in directions in which the
     surfaces do not constrain the scan.
     """
-    prior = PosePrior(pose, np.linalg.inv(covariance + 1e-12 * np.eye(6)) * SIMILAR)
+    prior = PosePrior(pose, np.linalg.inv(covariance + 1e-12 * np.eye(6)) * SIMILAR_ON_SURFACE)
     vague_m = float(np.sqrt(np.trace(covariance[:3, :3])))
     scale = min(NARROW + vague_m / SURFACE_M, WIDEST)
     estimate = pose.copy()
     for _ in range(STEPS):
         H, b, _ = normal_equations(voxels, points, estimate, scale, floor_m)
         H, b = _with_common_error(*_without_unreal(H, b), doubt_m)
-        small = move_by_step(estimate, prior, H + prior.information, b)
+        small = take_gauss_newton_step(estimate, prior, H + prior.information, b)
         if small and scale == NARROW:
             break
         scale = max(NARROW, NARROWING * scale)
     estimate = orthonormal(estimate)
     H, b, sums = normal_equations(voxels, points, estimate, NARROW, floor_m)
     H, _ = _with_common_error(*_without_unreal(H, b), doubt_m)
-    return ScanMatch(estimate, H / SIMILAR, len(points), int(sums[0]), float(sums[1]))
+    return ScanMatch(estimate, H / SIMILAR_ON_SURFACE, len(points), int(sums[0]), float(sums[1]))
 
 
 def _without_unreal(H: np.ndarray, b: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -104,7 +104,7 @@ def _with_common_error(
     if not doubt_m:
         return H, b
     error = np.zeros((6, 6))
-    error[0, 0] = error[1, 1] = doubt_m**2 / SIMILAR
+    error[0, 0] = error[1, 1] = doubt_m**2 / SIMILAR_ON_SURFACE
     shares = np.linalg.inv(np.eye(6) + H @ error)
     return shares @ H, shares @ b
 

@@ -282,7 +282,7 @@ def with_prediction(predicted: np.ndarray, feature_match: FeatureMatch) -> np.nd
 def misfit_of(feature_match: FeatureMatch) -> str:
     """Return why a motion is rejected; empty if it is accepted.
 
-    Vertically, where only the ground is informative, the prediction is used instead.
+    Only horizontal directions count: vertically `with_prediction` uses the prediction.
     """
     if feature_match.pair_count < LEAST_PAIRS:
         return f"only {feature_match.pair_count} features match"

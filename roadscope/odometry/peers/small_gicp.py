@@ -7,7 +7,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from roadscope.core import Requirement
-from roadscope.core.arguments import check_counts, check_positive
+from roadscope.core.arguments import check_counts, check_positive, check_positive_or_infinite
 from roadscope.odometry.cloud_kernels import deskewed
 from roadscope.odometry.peers.adapter import OdometryAdapter
 from roadscope.odometry.peers.interface import BOUNDS_M, LibraryScan, Placed
@@ -71,7 +71,8 @@ class SmallGicpScanOdometry(OdometryAdapter):
 
 
 def _checked(downsample_m: float, neighbours: int, gate_m: float, deskew: bool) -> dict[str, Any]:
-    check_positive(downsample_m=downsample_m, gate_m=gate_m)
+    check_positive(downsample_m=downsample_m)
+    check_positive_or_infinite(gate_m=gate_m)
     check_counts(5, neighbours=neighbours)
     return {"size_m": downsample_m, "neighbours": neighbours, "gate_m": gate_m, "deskew": deskew}
 

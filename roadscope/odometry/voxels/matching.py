@@ -270,7 +270,9 @@ class ScanMatch:
         return self.fits / max(self.matched_points, 1)
 
 
-def move_by_step(pose: np.ndarray, prior: PosePrior, H: np.ndarray, b: np.ndarray) -> bool:
+def take_gauss_newton_step(
+    pose: np.ndarray, prior: PosePrior, H: np.ndarray, b: np.ndarray
+) -> bool:
     """Move a (4, 4) pose by a Gauss-Newton step; return whether the step was small.
 
     H: (6, 6) information of points and prior. b: (6,) gradient of the points alone.
@@ -305,7 +307,7 @@ def match(
     for step in range(steps):
         scale = scales[min(step, len(scales) - 1)]
         H, b, _ = normal_equations(voxels, points, pose, scale, FLOOR_M)
-        small = move_by_step(pose, prior, H + prior.information + FLOOR * np.eye(6), b)
+        small = take_gauss_newton_step(pose, prior, H + prior.information + FLOOR * np.eye(6), b)
         if small and step + 1 >= len(scales):
             break
     pose = orthonormal(pose)

@@ -51,7 +51,7 @@ def test_fields_of_vertices_are_used_and_faces_are_not(tmp_path, order):
         (ply("ebcdic 1.0"), "line 2: expected a format"),
         (ply(properties="property float x\nproperty float y\n"), "expected properties x, y and z"),
         (ply(properties=PLACE + "property half w\n"), "property, a type of number"),
-        (ply(count=3, body=b"1 2 3\n4 5 6\n"), "expected 3 vertices"),
+        (ply(count=3, body=b"1 2 3\n4 5 6\n"), "expected 3 points"),
         (ply(count=1, body=b"1 2 a\n"), "line 9: expected 3 numbers"),
         (ply(count=1, body=b"1\n"), "line 9: expected 3 numbers, got .1"),
         (ply("binary_little_endian 1.0", body=b"12"), "expected 600 bytes after the header"),

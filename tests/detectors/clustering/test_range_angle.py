@@ -138,5 +138,5 @@ def test_printed_distance_links_no_two_beams():
 
 @pytest.mark.parametrize("name", ["eps_m", "angle_deg", "min_points"])
 def test_bad_options_are_named(name):
-    with pytest.raises(ValueError, match=f"{name} must be positive, got -1"):
+    with pytest.raises(ValueError, match=f"{name} must be positive and finite, got -1"):
         cluster_range_angle(cloud([]), **{name: -1})

@@ -112,7 +112,7 @@ def test_a_missing_package_is_named(name, monkeypatch):
     [
         ("kiss-icp?voxel_m=0", "voxel_m must be positive"),
         ("small-gicp?voxel_m=-1", "voxel_m must be positive"),
-        ("small-gicp-scan?neighbours=2", "neighbours must be 5 or more, got 2"),
+        ("small-gicp-scan?neighbours=2", "neighbours must be a whole number from 5 up, got 2"),
         ("genz-icp?points=0", "points must be positive"),
         ("rko-lio?voxel_m=-2", "voxel_m must be positive"),
     ],

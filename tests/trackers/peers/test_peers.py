@@ -161,13 +161,13 @@ def test_a_missing_library_ends_no_run(tmp_path):
     ("spec", "message"),
     [
         ("norfair?vehicle_gate_m=0", "vehicle_gate_m must be positive"),
-        ("norfair?confirm_hits=0", "confirm_hits must be 1 or more"),
+        ("norfair?confirm_hits=0", "confirm_hits must be a whole number from 1"),
         ("stonesoup-gnn?gate_share=1.0", "gate_share must lie between 0 and 1"),
         ("stonesoup-jpda?clutter_m2=0", "clutter_m2 must be positive"),
         ("roboflow-sort?pixels_per_m=0", "pixels_per_m must be positive"),
         ("roboflow-bytetrack?high_score=2", "high_score must lie in 0 to 1"),
         ("roboflow-oc-sort?least_overlap=0", "least_overlap must be positive"),
-        ("roboflow-oc-sort?shown_misses=-1", "shown_misses must be 0 or more"),
+        ("roboflow-oc-sort?shown_misses=-1", "shown_misses must be a whole number from 0"),
     ],
 )
 def test_settings_that_make_no_sense_are_refused(spec, message):
