@@ -182,8 +182,8 @@ def main() -> None:
     if terminated:
         status = TERMINATED
     elif status == INTERRUPTED:
-        kept = sys.argv[1:2] == ["leaderboard"]
-        complain(f"interrupted{'; finished results are kept, run again to go on' * kept}")
+        resumable = sys.argv[1:2] == ["leaderboard"]
+        complain(f"interrupted{'; finished results are kept, run again to go on' * resumable}")
     sys.exit(status)
 
 

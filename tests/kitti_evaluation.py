@@ -26,14 +26,14 @@ def clipped(corners, start, end):
     def side(p):
         return (end[0] - start[0]) * (p[1] - start[1]) - (end[1] - start[1]) * (p[0] - start[0])
 
-    kept = []
+    polygon = []
     for p, q in zip(corners, corners[1:] + corners[:1], strict=True):
         if side(p) >= 0:
-            kept.append(p)
+            polygon.append(p)
         if side(p) * side(q) < 0:
             share = side(p) / (side(p) - side(q))
-            kept.append((p[0] + share * (q[0] - p[0]), p[1] + share * (q[1] - p[1])))
-    return kept
+            polygon.append((p[0] + share * (q[0] - p[0]), p[1] + share * (q[1] - p[1])))
+    return polygon
 
 
 def ground_corners(box):
@@ -207,8 +207,8 @@ def odometry_errors(truth, estimate):
                 continue
             last = far[0]
             true = product(inverse(truth[first]), truth[last])
-            found = product(inverse(estimate[first]), estimate[last])
-            error = product(inverse(found), true)
+            estimated_motion = product(inverse(estimate[first]), estimate[last])
+            error = product(inverse(estimated_motion), true)
             trace = sum(error[i][i] for i in range(3))
             angle = math.acos(max(min(0.5 * (trace - 1), 1.0), -1.0))
             errors.append((length, math.hypot(*(r[3] for r in error[:3])) / length, angle / length))

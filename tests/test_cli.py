@@ -289,16 +289,16 @@ def test_the_width_is_that_which_is_asked_for(answer, tmp_path, suite) -> None:
 @pytest.mark.slow
 def test_texts_fit_the_seeds_and_entries_of_the_run(answer) -> None:
     entry = "nearest?gate_m=3"
-    given = ["--entry", entry, "--only", "--detections", "oracle"]
-    status, out, _ = answer("leaderboard", "tracking", *given, "--seeds", 1, "--jobs", 1)
+    options = ["--entry", entry, "--only", "--detections", "oracle"]
+    status, out, _ = answer("leaderboard", "tracking", *options, "--seeds", 1, "--jobs", 1)
     assert status == 0
     assert "1 seed." in out
     assert "no intervals" in out
     assert not re.search("three|seeds|on oracle", out)
     hint = shlex.split(out.splitlines()[-1])
-    assert hint[-len(given) - 5 :] == [
+    assert hint[-len(options) - 5 :] == [
         *("roadscope", "leaderboard", "tracking", "--suite", "tracking"),
-        *given,
+        *options,
     ]
 
 

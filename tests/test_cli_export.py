@@ -20,7 +20,7 @@ detectors = ["distance-l-shape"]
 def test_export_submit_compare(tmp_path, answer) -> None:
     suite, folder = tmp_path / "tiny.toml", tmp_path / "exported"
     suite.write_text(SUITE)
-    asked = (
+    compare_command = (
         "export",
         suite,
         folder,
@@ -30,12 +30,12 @@ def test_export_submit_compare(tmp_path, answer) -> None:
         "lu2018-occlusion",
         "--with-truth",
     )
-    status, out, _ = answer(*asked)
+    status, out, _ = answer(*compare_command)
     assert status == 0
     assert "at most" in out
     assert (folder / "README.md").is_file()
     assert sorted(p.stem for p in (folder / "calib").iterdir()) == ["0000"]
-    record = json.loads(answer(*asked, "--json")[1])
+    record = json.loads(answer(*compare_command, "--json")[1])
     assert record["folder"] == str(folder)
     (sequence,) = record["sequences"]
     assert (sequence["name"], sequence["scenario"]) == ("0000", "lu2018-occlusion")

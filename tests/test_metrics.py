@@ -30,11 +30,11 @@ def test_drift_of_a_wrong_scale_is_the_scale() -> None:
 
 
 def test_poses_may_be_arrays_or_records() -> None:
-    told = np.array([pose.matrix for pose in straight(1.1, 11)])
-    by_array = metrics.ate(told, straight(count=11), alignment="origin")
+    estimate = np.array([pose.matrix for pose in straight(1.1, 11)])
+    by_array = metrics.ate(estimate, straight(count=11), alignment="origin")
     assert by_array == metrics.ate(straight(1.1, 11), straight(count=11), alignment="origin")
     assert by_array.end_m == pytest.approx(1.0)
-    assert metrics.rpe(told, straight(count=11), step=2).rmse_m == pytest.approx(0.2)
+    assert metrics.rpe(estimate, straight(count=11), step=2).rmse_m == pytest.approx(0.2)
 
 
 def test_a_shifted_trajectory_has_no_error_once_it_is_aligned() -> None:
@@ -52,25 +52,25 @@ def test_precision_of_detections() -> None:
     assert metrics.average_precision([boxes([0.5], [0.9])], [true], gate_m=0.4).value == 0.0
 
 
-def test_objects_that_are_not_required_count_neither_way() -> None:
+def test_objects_that_are_not_required_are_neither_right_nor_wrong() -> None:
     true, required = objects([0.0, 10.0]), [np.array([True, False])]
-    found = [boxes([0.0, 10.0], [0.8, 0.9])]
-    assert metrics.average_precision(found, [true], required=required).value == 1.0
+    detected = [boxes([0.0, 10.0], [0.8, 0.9])]
+    assert metrics.average_precision(detected, [true], required=required).value == 1.0
     missed = [boxes([0.0], [0.8])]
     assert metrics.average_precision(missed, [true], required=required).value == 1.0
 
 
 def test_precision_of_image_boxes() -> None:
     true = np.array([[0.0, 0.0, 10.0, 10.0]])
-    found = ImageDetections(
+    image_detections = ImageDetections(
         np.array([[0.0, 0.0, 10.0, 8.0], [50.0, 50.0, 60.0, 60.0]]),
         np.zeros(2, int),
         np.array([0.9, 0.3]),
         0.0,
     )
-    assert metrics.image_average_precision([found], [true]).ap == 1.0
-    assert metrics.image_average_precision([found], [true], least_iou=0.9).ap == 0.0
-    assert metrics.image_average_precision([found], [[]]).objects == 0
+    assert metrics.image_average_precision([image_detections], [true]).ap == 1.0
+    assert metrics.image_average_precision([image_detections], [true], least_iou=0.9).ap == 0.0
+    assert metrics.image_average_precision([image_detections], [[]]).objects == 0
 
 
 def test_scores_that_promise_too_much() -> None:

@@ -38,7 +38,7 @@ def loaded_by(*arguments: str) -> set[str]:
 def loaded_beyond(one: list[str], other: list[str]) -> tuple[set[str], set[str]]:
     """Return what one Python process imports and another does not: our modules, those of others.
 
-    The standard library's modules count as nobody's, as most of them cost little.
+    The standard library's modules are not counted, as most of them cost little.
     """
     beyond = loaded_by(*one) - loaded_by(*other)
     ours = {name for name in beyond if name.split(".")[0] == "roadscope"}

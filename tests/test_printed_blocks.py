@@ -26,22 +26,22 @@ BLOCKS = {
 def values(block: str) -> list[Any]:
     """Run a block in a module of its own; return what its bare expressions are worth."""
     names: dict[str, Any] = {"__name__": "printed"}
-    found = []
+    results = []
     for statement in ast.parse(block).body:
         if isinstance(statement, ast.Expr):
             code = compile(ast.Expression(statement.value), "printed", "eval")
-            found.append(eval(code, names))
+            results.append(eval(code, names))
         else:
             exec(compile(ast.Module([statement], []), "printed", "exec"), names)
     for made in names.values():
         if isinstance(made, gym.Env):
             made.close()
-    return found
+    return results
 
 
 def block(word: str) -> str:
-    (found,) = [each for each in BLOCKS if word in each]
-    return found
+    (matching_block,) = [each for each in BLOCKS if word in each]
+    return matching_block
 
 
 def test_all_blocks_are_found() -> None:
@@ -58,7 +58,7 @@ def test_it_runs(printed: str, monkeypatch: pytest.MonkeyPatch) -> None:
     values(printed)
 
 
-def test_the_environment_tells_what_is_said() -> None:
+def test_the_environment_shows_what_is_printed() -> None:
     ranges, (frames, truths), truth = values(block('observation["lidar_range"]'))
     assert ranges.dtype == "float32"
     assert ranges.shape[0] == 16
@@ -73,9 +73,9 @@ def test_a_batch_has_the_shape_that_is_said() -> None:
 
 def test_the_pose_is_the_one_that_is_said() -> None:
     (pose,) = values(block("fit_single"))
-    said = re.search(r"# x ([\d.]+), y ([\d.]+), yaw ([\d.]+)$", block("fit_single"), re.MULTILINE)
-    assert said is not None
-    assert (*pose.centre, pose.yaw) == pytest.approx(tuple(map(float, said.groups())), abs=0.05)
+    match = re.search(r"# x ([\d.]+), y ([\d.]+), yaw ([\d.]+)$", block("fit_single"), re.MULTILINE)
+    assert match is not None
+    assert (*pose.centre, pose.yaw) == pytest.approx(tuple(map(float, match.groups())), abs=0.05)
 
 
 @pytest.mark.slow

@@ -24,8 +24,8 @@ NAMES = {
 
 
 def printed(kind: str) -> str:
-    (found,) = (text for name, text in PRINTED.findall(PAGE.read_text()) if name == kind)
-    return str(found)
+    (matching_text,) = (text for name, text in PRINTED.findall(PAGE.read_text()) if name == kind)
+    return str(matching_text)
 
 
 def saved(folder: Path, kind: str) -> str:

@@ -106,10 +106,10 @@ def of_class(name: str, member: Any) -> Iterator[str]:
 
 def test_names_and_signatures_are_the_recorded_ones() -> None:
     now, before = recorded().splitlines(), NAMES.read_text("utf-8").splitlines()
-    gone = [line.strip() for line in before if line not in now]
+    lost = [line.strip() for line in before if line not in now]
     new = [line.strip() for line in now if line not in before]
     assert now == before, (
-        f"no longer there: {gone}; new: {new}. If that is wanted: python tests/test_public_face.py"
+        f"no longer there: {lost}; new: {new}. If that is wanted: python tests/test_public_face.py"
     )
 
 
@@ -159,21 +159,23 @@ def test_names_are_listed_and_others_refused(module: str) -> None:
 
 def private_imports(source: str) -> list[str]:
     """Return what a text imports or takes from the package that is not public."""
-    found = []
+    private_names = []
     for node in ast.walk(ast.parse(source)):
         if isinstance(node, ast.Import):
             named = [alias.name for alias in node.names]
-            found += [n for n in named if n.split(".")[0] == "roadscope" and n not in OFFERING]
+            private_names += [
+                n for n in named if n.split(".")[0] == "roadscope" and n not in OFFERING
+            ]
         elif isinstance(node, ast.ImportFrom) and str(node.module).split(".")[0] == "roadscope":
             public = node.module in OFFERING
             names = importlib.import_module(str(node.module)).__all__ if public else []
-            found += [f"{node.module}:{a.name}" for a in node.names if a.name not in names]
+            private_names += [f"{node.module}:{a.name}" for a in node.names if a.name not in names]
         elif isinstance(node, ast.Attribute):
             module, name = ast.unparse(node.value), node.attr
             if module in OFFERING and not name.startswith("__"):
                 public = name in importlib.import_module(module).__all__
-                found += [] if public else [f"{module}.{name}"]
-    return found
+                private_names += [] if public else [f"{module}.{name}"]
+    return private_names
 
 
 def texts() -> Iterator[tuple[str, str]]:
@@ -241,7 +243,7 @@ def test_tests_import_folders_not_files() -> None:
     assert imported == PUBLIC_FILES
 
 
-def test_every_way_to_a_file_is_noticed() -> None:
+def test_every_access_to_a_file_is_noticed() -> None:
     for source in (
         "import roadscope.core.jit",
         "from roadscope.core.jit import compiled",

@@ -11,11 +11,11 @@ CAR_SIZE = (4.5, 1.8, 1.5)
 
 def _centres(positions) -> np.ndarray:
     """Return (N, 3) centres: as given, or those of cars at (N, 2) places on the ground."""
-    given = np.asarray(positions, float)
-    if given.ndim == 2 and given.shape[1] == 3:
-        return given
-    given = given.reshape(-1, 2)
-    return np.column_stack([given, np.full(len(given), CAR_SIZE[2] / 2)])
+    places = np.asarray(positions, float)
+    if places.ndim == 2 and places.shape[1] == 3:
+        return places
+    places = places.reshape(-1, 2)
+    return np.column_stack([places, np.full(len(places), CAR_SIZE[2] / 2)])
 
 
 def truth(positions, *, ids=None, returns=100, stamp_s=0.0, velocities=None, **changes) -> Truth:

@@ -55,7 +55,7 @@ def beams(azimuths, ring):
     )
 
 
-class Drive:
+class ToyDrive:
     """Constant speed and turn rate; every scan a full turn of 16 beams around its stamp.
 
     Both may grow from nothing during the first `ramp_s` seconds. A real VLP-16 has 1800 columns.
@@ -92,10 +92,10 @@ class Drive:
         )[column]
         reach = ranges(origins, beams((azimuths + yaws)[column], ring))
         reach = reach + self.noise_m * rng.standard_normal(len(reach))
-        seen = reach < 80
-        n = int(seen.sum())
-        ring, column = ring[seen].astype(np.int16), column[seen].astype(np.int32)
-        points = (reach[seen, None] * beams(azimuths[column], ring)).astype(np.float32)
+        in_range = reach < 80
+        n = int(in_range.sum())
+        ring, column = ring[in_range].astype(np.int16), column[in_range].astype(np.int32)
+        points = (reach[in_range, None] * beams(azimuths[column], ring)).astype(np.float32)
         return LidarScan(points, np.full(n, 0.5), ring, column, offsets[column], stamp_s, "lidar")
 
     def imu(self, k, bias=(0.0, 0.0, 0.0)):
@@ -118,13 +118,13 @@ def columns_for(name):
 
 @cache
 def moment(speed_m_s, k, columns=COLUMNS):
-    drive = Drive(speed_m_s, columns=columns)
+    drive = ToyDrive(speed_m_s, columns=columns)
     return drive.scan(k), drive.imu(k)
 
 
 def driven(scans=12, speed_m_s=8.0, columns=COLUMNS):
     """A drive with its scans and IMU blocks, which are kept: tests leave them alone."""
-    drive = Drive(speed_m_s, columns=columns)
+    drive = ToyDrive(speed_m_s, columns=columns)
     return drive, [moment(speed_m_s, k, columns) for k in range(scans)]
 
 
@@ -137,3 +137,16 @@ def offset(estimate, truth):
     rest = np.linalg.inv(truth) @ estimate.start_from_lidar.matrix
     turn = np.arccos(np.clip((np.trace(rest[:3, :3]) - 1) / 2, -1, 1))
     return float(np.linalg.norm(rest[:3, 3])), float(turn)
+
+
+class ScansInMemory:
+    """Scans that are not in files."""
+
+    def __init__(self, scans: list[LidarScan]) -> None:
+        self.scans, self.stamps_s = scans, [scan.stamp_s for scan in scans]
+
+    def __len__(self) -> int:
+        return len(self.scans)
+
+    def part(self, first: int, end: int):
+        return iter(self.scans[first:end])

@@ -35,19 +35,19 @@ def write_kitti(folder: Path, sequences: tuple[str, ...] = ("0000", "0001")) -> 
     """Write labels, calibration, ego poses and detections of `det_toy`; return the folder."""
     for number, sequence in enumerate(sequences):
         rng = np.random.default_rng(number)
-        labels, found = [], {name: [] for name in CLASS_ID}
+        labels, detections = [], {name: [] for name in CLASS_ID}
         for frame in range(FRAMES):
             labels.append(
                 f"{frame} -1 DontCare -1 -1 -10 10 10 60 60 -1000 -1000 -1000 -10 -1 -1 -1"
             )
             for kind, number_of, x, z, speed in ACTORS:
                 place = np.array([[x, 1.7, z + (speed - EGO_SPEED_M_S) * frame * 0.1]])
-                _add(labels, found, (frame, kind, number_of), place, rng)
+                _add(labels, detections, (frame, kind, number_of), place, rng)
         _write(folder / "label_02" / f"{sequence}.txt", labels)
         _write(folder / "calib" / f"{sequence}.txt", [CALIBRATION.strip()])
         poses = [f"1 0 0 0 0 1 0 0 0 0 1 {EGO_SPEED_M_S * 0.1 * t}" for t in range(FRAMES)]
         _write(folder / "ego_pose" / f"{sequence}.txt", poses)
-        for name, rows in found.items():
+        for name, rows in detections.items():
             _write(folder / "det_toy" / name / f"{sequence}.txt", rows)
     return folder
 
@@ -60,11 +60,20 @@ def _add(labels, detections, what, place, rng) -> None:
         return
     alpha = observation_angles(place, np.array([turned]))[0]
     labels.append(_text(frame, number, kind, 0, 0, alpha, *box, *size, *place[0], turned))
-    seen = place + rng.normal(0, 0.1, 3) * (1, 0.3, 1)
-    box = _image_box(seen, size, turned)
+    detected_centre = place + rng.normal(0, 0.1, 3) * (1, 0.3, 1)
+    box = _image_box(detected_centre, size, turned)
     if box is not None and rng.random() > 0.05:
         name = CLASS_OF[kind]
-        values = (frame, CLASS_ID[name], *box, rng.normal(4, 2), *size, *seen[0], turned, alpha)
+        values = (
+            frame,
+            CLASS_ID[name],
+            *box,
+            rng.normal(4, 2),
+            *size,
+            *detected_centre[0],
+            turned,
+            alpha,
+        )
         detections[name].append(_text(*values, separator=","))
 
 

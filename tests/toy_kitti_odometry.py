@@ -54,9 +54,11 @@ def write_odometry(
         (place / "velodyne").mkdir(parents=True)
         poses = [lidar_pose(k, bend_rad) for k in range(count)]
         for k, pose in enumerate(poses):
-            told = np.array([[*(10 + pose.translation / 100), 0.9], [5 + k * bend_rad, 1, 1, 0.8]])
+            fixed_points = np.array(
+                [[*(10 + pose.translation / 100), 0.9], [5 + k * bend_rad, 1, 1, 0.8]]
+            )
             scan = scan_of(0)[:-16]
-            scan = np.concatenate([scan, told.astype("<f4")])
+            scan = np.concatenate([scan, fixed_points.astype("<f4")])
             scan.tofile(place / "velodyne" / f"{k:06d}.bin")
         (place / "times.txt").write_text("".join(f"{0.1037 * k:.6e}\n" for k in range(count)))
         rows = {f"P{k}": np.eye(3, 4) for k in range(4)} | {"Tr": VELO}

@@ -56,11 +56,11 @@ class Corners:
             # Corners come in pairs along the length, rear first.
             along = corners[1] - corners[0]
             boxes.append([*corners.mean(axis=0), np.arctan2(along[1], along[0])])
-        found = np.array(boxes).reshape(-1, 4)
+        box_rows = np.array(boxes).reshape(-1, 4)
         return detections(
-            found[:, :3] + [self.shift_m, 0, 0],
+            box_rows[:, :3] + [self.shift_m, 0, 0],
             sizes=CAR,
-            yaws=found[:, 3],
+            yaws=box_rows[:, 3],
             scores=self.score,
             frame="ego",
             stamp_s=scan.stamp_s,

@@ -22,17 +22,23 @@ def scan(boxes, *, noise_m=0.0, seed=0, elevations=LUX_DEG, azimuths=None, groun
         hit = _hit(azimuth, box)
         inside = HEIGHT_M + np.where(np.isfinite(hit), hit, 0.0) * slope
         reach = np.where((inside > 0.15) & (inside < box[4]), np.minimum(reach, hit), reach)
-    seen = reach < 200.0
+    in_range = reach < 200.0
     reach = reach + noise_m * rng.standard_normal(reach.shape)
     points = np.stack([reach * np.cos(azimuth), reach * np.sin(azimuth), reach * slope], axis=-1)
-    count = int(seen.sum())
+    count = int(in_range.sum())
     return LidarScan(
-        points[seen], np.ones(count), ring[seen], column[seen], np.zeros(count), 1.0, "lux"
+        points[in_range],
+        np.ones(count),
+        ring[in_range],
+        column[in_range],
+        np.zeros(count),
+        1.0,
+        "lux",
     )
 
 
 def scan_of(points, ring=None, column=None, stamp_s=1.0, sensor="lux", intensity=1.0):
-    """Make a scan of (N, 3) points in the lidar frame, one column each unless told."""
+    """Make a scan of (N, 3) points in the lidar frame, one column each by default."""
     points, n = np.reshape(points, (-1, 3)), len(points)
     intensity = np.broadcast_to(intensity, n)
     ring = np.zeros(n, int) if ring is None else ring

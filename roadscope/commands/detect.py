@@ -88,12 +88,12 @@ def detect(
         complain(note)
     result_folder(out, job)
     views = None if pictures is None else picture_folder(pictures, job)
-    found: dict[int, DetectedFrame] = {}
+    frames_by_row: dict[int, DetectedFrame] = {}
     with progress_bars(quiet=quiet) as progress:
         try:
-            found.update(job.frames(progress))
+            frames_by_row.update(job.frames(progress))
         finally:
-            frames = [found[row] for row in sorted(found)]
+            frames = [frames_by_row[row] for row in sorted(frames_by_row)]
             about = _about(job)
             if frames:
                 write_results(out, job, frames, about)

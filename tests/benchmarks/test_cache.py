@@ -54,7 +54,7 @@ class Text(str):
         return Text(file.read().decode())
 
 
-def test_what_is_kept_is_made_once_and_again_on_request(tmp_path: Path) -> None:
+def test_cached_files_are_made_once_and_again_on_request(tmp_path: Path) -> None:
     path, made = tmp_path / "sub" / "file.cache", iter(map(Text, ("one", "two", "three")))
     assert read_or_make(path, Text.load, lambda: next(made)) == "one"
     first = digest_of(path)
@@ -170,7 +170,7 @@ def _write(path: Path, text: str) -> None:
     path.write_text(text)
 
 
-def test_what_is_written_can_be_read_by_whoever_may_read_other_files(tmp_path: Path) -> None:
+def test_written_files_have_the_usual_read_permissions(tmp_path: Path) -> None:
     usual = tmp_path / "usual"
     usual.write_text("x")
     write_atomically(tmp_path / "kept", lambda p: _write(p, "x"))

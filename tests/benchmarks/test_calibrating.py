@@ -56,18 +56,20 @@ def test_corners_without_errors_give_the_truth() -> None:
     assert last.rotation_deg < 1e-3
 
 
-def test_more_poses_are_told_to_be_better() -> None:
+def test_more_poses_are_reported_to_be_better() -> None:
     rows = calibrated(20).rows
     assert [row.poses for row in rows] == [4, 6, 8, 10, 12, 16, 20]
     assert rows[0].held_out_px > rows[-1].held_out_px
 
 
 def test_the_progress_of_both_stages_is_reported() -> None:
-    told = []
-    found = calibrate_rig("wide", poses=6, scans=2, progress=lambda *t: told.append(t))
-    assert [row.poses for row in found.rows] == [4, 6]
-    assert told[:7] == [("poses", done, 6) for done in range(7)]
-    assert told[7:] == [("solving", done, 2) for done in range(3)]
+    reported_steps = []
+    calibration = calibrate_rig(
+        "wide", poses=6, scans=2, progress=lambda *t: reported_steps.append(t)
+    )
+    assert [row.poses for row in calibration.rows] == [4, 6]
+    assert reported_steps[:7] == [("poses", done, 6) for done in range(7)]
+    assert reported_steps[7:] == [("solving", done, 2) for done in range(3)]
 
 
 def test_known_intrinsics_leave_less_to_be_wrong() -> None:
@@ -86,7 +88,7 @@ def test_misread_corners_are_left_out() -> None:
 
 
 @pytest.mark.slow
-def test_the_joint_way_beats_corners_alone_which_stay_callable() -> None:
+def test_the_joint_calibration_beats_corners_alone_which_stay_callable() -> None:
     joint = calibrate_rig("li2021", poses=8, seed=3).rows[-1]
     corners = calibrate_rig("li2021", poses=8, seed=3, corners_only=True).rows[-1]
     assert corners.held_out_px == corners.corners_px == joint.corners_px
@@ -106,11 +108,13 @@ def test_how_many_are_enough() -> None:
 
 
 def test_what_is_written_is_what_fusion_reads(tmp_path: Path) -> None:
-    found = calibrated(6)
+    calibration = calibrated(6)
     for name in ("rig.json", "rig.toml"):
-        save_rig_calibration(found, tmp_path / name, "a target")
+        save_rig_calibration(calibration, tmp_path / name, "a target")
         assert np.allclose(
-            read_calibration(tmp_path / name).matrix, found.result.projection.matrix, rtol=1e-12
+            read_calibration(tmp_path / name).matrix,
+            calibration.result.projection.matrix,
+            rtol=1e-12,
         )
     assert json.loads((tmp_path / "rig.json").read_text())["width"] == 640
     assert sorted(p.name for p in tmp_path.iterdir()) == ["rig.json", "rig.toml"]
@@ -130,14 +134,14 @@ def test_what_cannot_be_calibrated_is_named() -> None:
         target_views(carrier, 5, np.random.default_rng(0), target=tiny, scans=1)
 
 
-def test_the_command_tells_errors_and_a_table(tmp_path: Path) -> None:
+def test_the_command_prints_errors_and_a_table(tmp_path: Path) -> None:
     out = tmp_path / "calibration.json"
-    said = CliRunner().invoke(
+    result = CliRunner().invoke(
         app, ["calibrate", "--rig", "wide", "--poses", "8", "--scans", "2", "--out", str(out)]
     )
-    assert said.exit_code == 0, said.output
+    assert result.exit_code == 0, result.output
     for words in ("reprojection error", "camera's pose", "poses", f"written: {out}"):
-        assert words in said.output
+        assert words in result.output
     assert read_calibration(out).width == 640
 
 
@@ -158,9 +162,9 @@ def test_the_command_prints_json_alone(tmp_path: Path) -> None:
     ],
 )
 def test_bad_input_is_one_error(arguments, words) -> None:
-    said = CliRunner().invoke(app, ["calibrate", *arguments])
-    assert said.exit_code != 0
-    assert words in str(said.exception)
+    result = CliRunner().invoke(app, ["calibrate", *arguments])
+    assert result.exit_code != 0
+    assert words in str(result.exception)
 
 
 @pytest.mark.slow

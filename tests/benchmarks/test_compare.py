@@ -24,15 +24,15 @@ def jobs_of(entry, values, **fields):
 
 def test_a_difference_is_that_of_paired_blocks() -> None:
     a, b = [0.5, 0.7, 0.6, 0.9, 0.4], [0.45, 0.68, 0.5, 0.84, 0.37]
-    found = compare(run(jobs_of("mine", a)), run(jobs_of("mine", b)))
-    (d,) = found.differences
+    comparison = compare(run(jobs_of("mine", a)), run(jobs_of("mine", b)))
+    (d,) = comparison.differences
     wanted = paired_interval([score(v) for v in b], [score(v) for v in a], ["motorway"] * 5)
     assert (d.difference, d.low, d.high) == (wanted.mean, wanted.low, wanted.high)
     assert (d.a, d.b) == (pytest.approx(np.mean(a)), pytest.approx(np.mean(b)))
     assert d.p == pytest.approx(ttest_rel(b, a).pvalue)
     assert d.q == d.p
     assert d.verdict == "worse"
-    assert found.regressed
+    assert comparison.regressed
 
 
 def test_where_lower_is_better_less_is_better() -> None:
@@ -84,22 +84,22 @@ def test_equal_runs_are_the_same_and_cost_others_nothing() -> None:
     a = rng.random((6, METRICS))
     b = a.copy()
     b[:, 0] -= 0.01 + 0.004 * rng.random(6)
-    found = by_metric(compare(run_of(a), run_of(b)))
-    assert found["m0"].q == found["m0"].p
-    assert {d.verdict for name, d in found.items() if name != "m0"} == {"same"}
+    differences = by_metric(compare(run_of(a), run_of(b)))
+    assert differences["m0"].q == differences["m0"].p
+    assert {d.verdict for name, d in differences.items() if name != "m0"} == {"same"}
 
 
 def test_p_values_are_adjusted_to_their_number() -> None:
     rng = np.random.default_rng(3)
     a, b = rng.random((2, 6, METRICS))
-    found = compare(run_of(a), run_of(b)).differences
-    p = np.array([d.p for d in found])
+    differences = compare(run_of(a), run_of(b)).differences
+    p = np.array([d.p for d in differences])
     order = np.argsort(p)
     q = np.minimum.accumulate((p[order] * len(p) / np.arange(1, len(p) + 1))[::-1])[::-1]
-    np.testing.assert_allclose(np.array([d.q for d in found])[order], np.minimum(q, 1))
+    np.testing.assert_allclose(np.array([d.q for d in differences])[order], np.minimum(q, 1))
 
 
-def test_one_seed_does_not_tell() -> None:
+def test_one_seed_does_not_decide() -> None:
     (d,) = compare(run_of(np.array([[0.2]])), run_of(np.array([[0.1]]))).differences
     assert d.verdict == "unknown"
     assert d.difference == pytest.approx(-0.1)
@@ -142,19 +142,19 @@ def test_times_fail_only_if_asked(name) -> None:
         )
         for factor in (1, 2)
     ]
-    found = compare(*runs)
-    assert [d.verdict for d in found.differences] == ["worse"]
-    assert not found.regressed
+    comparison = compare(*runs)
+    assert [d.verdict for d in comparison.differences] == ["worse"]
+    assert not comparison.regressed
     assert compare(*runs, times=True).regressed
 
 
 def test_a_failure_in_b_alone_is_a_regression() -> None:
     a = jobs_of("mine", [0.5, 0.6, 0.7])
     b = [*jobs_of("mine", [0.5, 0.6]), job("mine", 2, {}, reason="mine: KeyError: 3")]
-    found = compare(run(a), run(b))
-    assert found.regressed
-    assert [(f.name.seed, f.reason) for f in found.new_failures] == [(2, "mine: KeyError: 3")]
-    assert found.differences[0].n == 2
+    comparison = compare(run(a), run(b))
+    assert comparison.regressed
+    assert [(f.name.seed, f.reason) for f in comparison.new_failures] == [(2, "mine: KeyError: 3")]
+    assert comparison.differences[0].n == 2
     back = compare(run(b), run(a))
     assert not back.regressed
     assert len(back.failures) == 1
@@ -166,16 +166,16 @@ def test_a_failure_in_b_alone_is_a_regression() -> None:
 def test_a_failure_everywhere_is_still_a_regression() -> None:
     a = jobs_of("mine", [0.5, 0.6])
     b = [job("mine", seed, {}, reason="segmentation fault") for seed in (0, 1)]
-    found = compare(run(a), run(b))
-    assert len(found.new_failures) == 2
-    assert found.differences == ()
+    comparison = compare(run(a), run(b))
+    assert len(comparison.new_failures) == 2
+    assert comparison.differences == ()
 
 
 def test_what_one_side_has_alone_is_named() -> None:
     a = [*jobs_of("mine", [0.5, 0.6, 0.7]), *jobs_of("gone", [0.1, 0.2])]
     b = [*(job("mine", s, {"hota": 0.5, "new": 1.0}) for s in (0, 1)), *jobs_of("fresh", [0.3])]
-    found = {(u.side, u.entry, u.metric): u.jobs for u in compare(run(a), run(b)).unpaired}
-    assert found == {
+    unpaired_jobs = {(u.side, u.entry, u.metric): u.jobs for u in compare(run(a), run(b)).unpaired}
+    assert unpaired_jobs == {
         ("a", "mine", ""): 1,
         ("b", "mine", "new"): 2,
         ("a", "gone", ""): 2,
@@ -245,14 +245,14 @@ def test_bad_arguments_are_refused(tmp_path) -> None:
 
 def test_what_is_written_can_be_read() -> None:
     a = [*jobs_of("mine", [0.5]), job("mine", 1, {}, reason="late")]
-    found = json.loads(compare(run(a), run(jobs_of("mine", [0.4, 0.5]))).to_json())
-    assert found["differences"][0]["difference"] == pytest.approx(-0.1)
-    assert found["differences"][0]["low"] is None
-    assert found["failures"][0]["name"]["seed"] == 1
-    assert found["regressed"] is False
+    document = json.loads(compare(run(a), run(jobs_of("mine", [0.4, 0.5]))).to_json())
+    assert document["differences"][0]["difference"] == pytest.approx(-0.1)
+    assert document["differences"][0]["low"] is None
+    assert document["failures"][0]["name"]["seed"] == 1
+    assert document["regressed"] is False
 
 
-def two_alike(kind: str, seeds: int, rng: np.random.Generator) -> list[np.ndarray]:
+def equal_pair(kind: str, seeds: int, rng: np.random.Generator) -> list[np.ndarray]:
     """Return the scores of two runs with no true difference, (seeds, metrics) each."""
     hard = rng.standard_normal((seeds, METRICS))
     runs = []
@@ -268,7 +268,7 @@ def two_alike(kind: str, seeds: int, rng: np.random.Generator) -> list[np.ndarra
 def alarms(kinds, seeds, runs: int) -> tuple[int, int]:
     """Return in how many runs the comparison fires, and how many there are."""
     rng = np.random.default_rng(7)
-    pairs = [two_alike(k, n, rng) for k in kinds for n in seeds for _ in range(runs)]
+    pairs = [equal_pair(k, n, rng) for k in kinds for n in seeds for _ in range(runs)]
     return sum(compare(run_of(a), run_of(b)).regressed for a, b in pairs), len(pairs)
 
 
@@ -285,21 +285,21 @@ def test_false_alarms_of_many_runs_are_under_5_percent() -> None:
     assert beta.ppf(0.95, fired + 1, total - fired) < 0.05
 
 
-def found_share(runs: int) -> float:
+def detected_share(runs: int) -> float:
     """Return how often a loss of one standard deviation in one of the metrics is found.
 
     Ten seeds; of what makes a seed hard nine tenths of the variance are common to both runs.
     """
     rng = np.random.default_rng(8)
-    found = 0
+    hits = 0
     for _ in range(runs):
         hard = np.sqrt(0.9) * rng.standard_normal((10, METRICS))
         a, b = hard + np.sqrt(0.1) * rng.standard_normal((2, 10, METRICS))
         b[:, 7] -= 1
-        found += "m7" in {d.metric for d in compare(run_of(a), run_of(b)).regressions}
-    return found / runs
+        hits += "m7" in {d.metric for d in compare(run_of(a), run_of(b)).regressions}
+    return hits / runs
 
 
 @pytest.mark.slow
 def test_a_loss_of_one_standard_deviation_is_found_in_most_runs() -> None:
-    assert found_share(40) > 0.9
+    assert detected_share(40) > 0.9

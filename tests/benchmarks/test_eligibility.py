@@ -7,7 +7,7 @@ from roadscope.benchmarks.nodes import oracle_detections
 from roadscope.core import Pose, RecordError
 
 
-def test_range_is_measured_from_the_ego_seen_from_above() -> None:
+def test_range_is_the_horizontal_distance_from_the_ego() -> None:
     rule = Eligibility(range_m=(5.0, 20.0), min_returns=1)
     there = truth(
         [[104, 50], [105, 50], [120, 50], [121, 50]],
@@ -34,9 +34,9 @@ def test_parked_cars_come_after_the_objects_and_are_not_eligible() -> None:
 
 
 def test_the_oracle_finds_what_is_eligible() -> None:
-    found = oracle_detections(truth([[10, 0], [20, 0]], returns=[50, 3]), Eligibility())
-    assert found.centres[:, 0].tolist() == [10.0]
-    assert found.frame == "world"
+    oracle = oracle_detections(truth([[10, 0], [20, 0]], returns=[50, 3]), Eligibility())
+    assert oracle.centres[:, 0].tolist() == [10.0]
+    assert oracle.frame == "world"
 
 
 @pytest.mark.parametrize(

@@ -98,9 +98,9 @@ def test_scans_come_back_as_they_were(exported, episode) -> None:
         np.testing.assert_allclose(scan.intensity, frame.lidar.intensity)
         assert scan.stamp_s == pytest.approx(frame.stamp_s, abs=1e-9)
         # About the middle of what was seen, where the record has the middle of the sweep.
-        apart = scan.time_offset_s - frame.lidar.time_offset_s
-        assert np.ptp(apart) < 1e-6
-        assert abs(apart).max() < 5e-3
+        offset_differences = scan.time_offset_s - frame.lidar.time_offset_s
+        assert np.ptp(offset_differences) < 1e-6
+        assert abs(offset_differences).max() < 5e-3
     times = np.fromfile(exported / "velodyne_times" / "0000" / "000003.bin", "<f4")
     np.testing.assert_array_equal(times, frames[3].lidar.time_offset_s)
 
@@ -154,8 +154,8 @@ def test_our_tracker_runs_on_the_exported_detections(exported) -> None:
     sequence = read_kitti_sequence(exported, "0000", Category.CAR, detector=DETECTOR)
     tracker = TRACKERS.make("nearest")
     tracker.reset()
-    for found, pose in zip(sequence.detections, sequence.world_from_ego, strict=True):
-        tracks = tracker.update(found, pose)
+    for frame_detections, pose in zip(sequence.detections, sequence.world_from_ego, strict=True):
+        tracks = tracker.update(frame_detections, pose)
     assert len(tracks) > 0
 
 
@@ -239,13 +239,13 @@ def test_a_stopped_export_goes_on(tmp_path, exported) -> None:
     content = json.loads(path.read_text())
     content["sequences"][1] |= {"digest": "", "frames": 0}
     path.write_text(json.dumps(content))
-    kept, lost = folder / "calib" / "0000.txt", folder / "calib" / "0001.txt"
-    kept.write_text("mine")
+    unchanged_file, lost = folder / "calib" / "0000.txt", folder / "calib" / "0001.txt"
+    unchanged_file.write_text("mine")
     lost.unlink()
     plan = plan_export(suite_of(), folder, with_truth=True)
     assert plan.done == 1
     export_suite(plan)
-    assert kept.read_text() == "mine"
+    assert unchanged_file.read_text() == "mine"
     assert lost.is_file()
     assert read_manifest(folder) == read_manifest(exported)
 
@@ -301,10 +301,10 @@ P2 = np.array([[358.5, 0, 621, 0], [0, 358.5, 187.5, 0], [0, 0, 1, 0]])
 
 
 def test_perfect_results_are_perfect(exported, tmp_path) -> None:
-    found = submit(perfect(exported, tmp_path / "mine"), suite=exported)
-    assert found.name == "mine"
-    assert found.boards() == ["tracking", "odometry"]
-    for e in found.episodes:
+    results = submit(perfect(exported, tmp_path / "mine"), suite=exported)
+    assert results.name == "mine"
+    assert results.boards() == ["tracking", "odometry"]
+    for e in results.episodes:
         assert e.reason is None
         if e.board == "tracking":
             assert e.scores["hota"].value == pytest.approx(1, abs=1e-4)
@@ -328,9 +328,9 @@ def test_the_oracle_gets_its_own_scores_back(exported, tmp_path, episode) -> Non
         write_kitti_results(path, [rows])
         lines = [line.split(" ", 2)[2] for line in path.read_text().splitlines()]
         path.write_text("".join(f"{line}\n" for line in lines))
-    found = submit(tmp_path / "mine", suite=exported)
-    assert found.boards() == ["detection"]
-    (own, missing) = found.episodes
+    results = submit(tmp_path / "mine", suite=exported)
+    assert results.boards() == ["detection"]
+    (own, missing) = results.episodes
     assert missing.reason == "no result file detection/0001"
     wanted = {**detection_scores(oracle, rule, timed=False), **detection_parts(oracle, rule)}
     assert set(own.scores) == set(wanted)
@@ -405,12 +405,14 @@ def test_results_on_exported_images_have_the_scores_of_an_entry(exported_images,
     detector, numbers = CAMERA_DETECTORS.make("colour-blobs"), []
     for sequence in ("0000", "0001"):
         detector.reset()
-        found = {}
+        detections_by_frame = {}
         for path in sorted((exported_images / "camera_images" / sequence).glob("*.png")):
             image = CameraImage(read_image(path), np.eye(3), 0.0, "camera")
-            found[int(path.stem)] = detector.detect(Frame(0.0, Calibration(), camera=image))
-        write_image_results(tmp_path / "camera" / sequence, found)
-        numbers.append(list(found))
+            detections_by_frame[int(path.stem)] = detector.detect(
+                Frame(0.0, Calibration(), camera=image)
+            )
+        write_image_results(tmp_path / "camera" / sequence, detections_by_frame)
+        numbers.append(list(detections_by_frame))
     # Of 20 images a second, every fourth is used. The second sequence lost some.
     assert numbers[0] == [0, 4, 8, 12]
     assert 0 < len(numbers[1]) < 4
@@ -434,9 +436,9 @@ def test_scores_of_results_in_images_are_mapped_to_0_to_1(exported_images, tmp_p
     expected = []
     for sequence, (answers, wanted) in enumerate(camera_answers("noisy-camera")):
         rows = zip(answers.rows.tolist(), answers.detections, strict=True)
-        found = {row: boxes for row, boxes in rows if boxes is not None}
+        boxes_by_row = {row: boxes for row, boxes in rows if boxes is not None}
         for name, gain in (("mine", 1.0), ("unscaled", 9.0)):
-            write_image_results(tmp_path / name / "camera" / f"{sequence:04d}", found, gain)
+            write_image_results(tmp_path / name / "camera" / f"{sequence:04d}", boxes_by_row, gain)
         expected.append(wanted)
     mine, unscaled = (
         submit(tmp_path / name, suite=exported_images).episodes for name in ("mine", "unscaled")
@@ -485,8 +487,10 @@ def test_results_of_fusions_are_refused(exported_images, tmp_path) -> None:
 
 def test_scores_are_those_of_the_metrics(exported, tmp_path, episode) -> None:
     out = perfect(exported, tmp_path / "mine", off_m=0.5)
-    found = submit(out, suite=exported, name="off", inputs=DETECTOR)
-    (own,) = [e for e in found.episodes if (e.board, e.scenario) == ("tracking", episode.scenario)]
+    results = submit(out, suite=exported, name="off", inputs=DETECTOR)
+    (own,) = [
+        e for e in results.episodes if (e.board, e.scenario) == ("tracking", episode.scenario)
+    ]
     truths = truths_of(episode)
     boxes = [detections_of(t, off_m=0.5, scores=0.9) for t in truths]
     tracks = [Tracks.of(b, t.ids) for b, t in zip(boxes, truths, strict=True)]
@@ -497,7 +501,7 @@ def test_scores_are_those_of_the_metrics(exported, tmp_path, episode) -> None:
         assert own.scores[metric].value == pytest.approx(wanted[metric].value, abs=1e-4)
     assert own.scores["position_rmse_m"].value == pytest.approx(0.5, abs=1e-4)
     assert own.inputs == DETECTOR
-    for job in found.episodes:
+    for job in results.episodes:
         assert (job.entry, job.seed) == ("off", SEED)
         assert JobScores.from_json(json.loads(json.dumps(job.to_json()))).name == job.name
 
@@ -525,15 +529,15 @@ def test_scores_of_poses_are_those_of_the_metrics(exported, tmp_path) -> None:
 def test_submissions_are_compared_with_one_another(exported, tmp_path) -> None:
     good = submit(perfect(exported, tmp_path / "good"), suite=exported, name="mine")
     bad = submit(perfect(exported, tmp_path / "bad", off_m=0.7), suite=exported, name="mine")
-    found = {d.metric: d for d in compare(good, bad).differences if d.board == "tracking"}
-    assert found["position_rmse_m"].difference == pytest.approx(0.7, abs=1e-3)
+    differences = {d.metric: d for d in compare(good, bad).differences if d.board == "tracking"}
+    assert differences["position_rmse_m"].difference == pytest.approx(0.7, abs=1e-3)
 
 
 def test_a_sequence_without_results_has_failed(exported, tmp_path) -> None:
     out = perfect(exported, tmp_path / "mine", sequences=("0000",))
-    found = submit(out, suite=exported)
-    assert [e.reason is None for e in found.episodes] == [True, True, False, False]
-    assert compare(found, found).failures
+    results = submit(out, suite=exported)
+    assert [e.reason is None for e in results.episodes] == [True, True, False, False]
+    assert compare(results, results).failures
 
 
 def test_a_submission_is_one_more_row_of_a_board(exported, tmp_path) -> None:
@@ -611,13 +615,13 @@ def test_results_on_kitti(tmp_path) -> None:
     (out / "0000.txt").write_text(
         "\n".join(f"{line} 0.9" for line in labels if "DontCare" not in line) + "\n"
     )
-    found = submit_kitti(out, kitti)
-    assert found.boards() == ["kitti car", "kitti pedestrian"]
-    first, second = [e for e in found.episodes if e.board == "kitti car"]
+    results = submit_kitti(out, kitti)
+    assert results.boards() == ["kitti car", "kitti pedestrian"]
+    first, second = [e for e in results.episodes if e.board == "kitti car"]
     for metric in ("hota", "hota_3d", "hota_centre", "mota"):
         assert first.scores[metric].value == pytest.approx(1)
     assert second.reason is not None
-    assert not compare(found, found).regressed
+    assert not compare(results, results).regressed
 
 
 def test_results_on_motchallenge(tmp_path) -> None:

@@ -41,9 +41,9 @@ EPISODE = Episode("lu2018-occlusion", 10_004, "lux", 0.8)
 def test_a_suite_runs_every_episode_with_every_set_of_faults() -> None:
     suite = parse_suite(TINY, "x")
     assert suite.faults == ((), ("fog:4",), ("night:1", "dropped-scans:5"))
-    told = ["clear", "fog:4", "night:1 + dropped-scans:5"]
-    assert manifest(suite, 1)["faults"] == told
-    assert [episode.condition for episode in episodes(suite)] == told
+    conditions = ["clear", "fog:4", "night:1 + dropped-scans:5"]
+    assert manifest(suite, 1)["faults"] == conditions
+    assert [episode.condition for episode in episodes(suite)] == conditions
     jobs = [job for job in plan(suite, [], boards=["detection"]).jobs if job.entry == "pag"]
     assert len({job.key for job in jobs}) == 3
     assert len({timeline_path(job.episode) for job in jobs}) == 1

@@ -82,7 +82,7 @@ def test_fingerprints_do_not_depend_on_the_process() -> None:
     assert runs[0] == runs[1]
 
 
-def test_arguments_and_class_tell_plug_ins_apart() -> None:
+def test_arguments_and_class_distinguish_plug_ins() -> None:
     specs = ["pag", "distance", "distance?distance_m=0.7", "distance?split_m=0.2"]
     assert len({plugin_hash(DETECTORS.resolve(spec)) for spec in specs}) == len(specs)
 

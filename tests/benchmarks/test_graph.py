@@ -31,7 +31,7 @@ class Text(str):
 
 
 @dataclass(frozen=True)
-class Step(Node):
+class ToyNode(Node):
     """Writes its name to a log, waits, and joins the texts of its sources.
 
     fault: `plug-in` or `ours`, what goes wrong.
@@ -39,7 +39,7 @@ class Step(Node):
 
     name: str
     log: Path
-    parts: tuple["Step", ...] = ()
+    parts: tuple["ToyNode", ...] = ()
     fault: str = ""
     wait_s: float = 0.0
 
@@ -66,14 +66,14 @@ class Step(Node):
 
 
 @dataclass(frozen=True)
-class Deep(Step):
+class Deep(ToyNode):
     """A step that is the same each time."""
 
     recomputed_if_fresh = False
 
 
 @dataclass(frozen=True)
-class Foreign(Step):
+class Foreign(ToyNode):
     """A step that a plug-in of somebody else computes."""
 
     def plugins(self) -> Iterator[Spec]:
@@ -94,13 +94,13 @@ class Lengths:
 
 
 def note(log: Path, line: str) -> None:
-    """Append a line, whole, whoever else does so too."""
+    """Append a whole line, also while other processes append."""
     handle = os.open(log, os.O_WRONLY | os.O_APPEND | os.O_CREAT)
     os.write(handle, f"{line}\n".encode())
     os.close(handle)
 
 
-def job(answers: Step, **fields: Any) -> Job:
+def job(answers: ToyNode, **fields: Any) -> Job:
     return Job(Lengths(), answers.name, Episode("motorway", 1, "lux", 1.0), answers, **fields)
 
 
@@ -126,37 +126,37 @@ def begun(log: Path) -> Counter[str]:
     return Counter(line for line in lines if not line.endswith("done"))
 
 
-def diamond(log: Path, **fields: Any) -> list[Step]:
+def diamond(log: Path, **fields: Any) -> list[ToyNode]:
     """Return three answers that share two steps; the one step is computed from the other."""
     deep = Deep("deep", log)
-    shared = Step("shared", log, (deep,), **fields)
-    return [Step(name, log, (shared, deep)) for name in ("a", "b", "c")]
+    shared = ToyNode("shared", log, (deep,), **fields)
+    return [ToyNode(name, log, (shared, deep)) for name in ("a", "b", "c")]
 
 
 @pytest.mark.parametrize("workers", [1, 2])
-def test_a_node_is_computed_once_after_its_sources_and_kept(log: Path, workers: int) -> None:
+def test_a_node_is_computed_once_after_its_sources_and_stored(log: Path, workers: int) -> None:
     jobs = [job(step) for step in diamond(log)]
-    found = outcomes(jobs, workers)
-    assert {name: o.scores["length"].value for name, o in found.items()} == {
+    outcome_of = outcomes(jobs, workers)
+    assert {name: o.scores["length"].value for name, o in outcome_of.items()} == {
         name: len(f"{name}+shared+deep+deep") for name in "abc"
     }
     assert begun(log) == dict.fromkeys(["deep", "shared", "a", "b", "c"], 1)
     lines = log.read_text().splitlines()
     assert lines[:4] == ["deep", "deep done", "shared", "shared done"]
-    assert outcomes(jobs, workers) == found
+    assert outcomes(jobs, workers) == outcome_of
     assert log.read_text().splitlines() == lines
 
 
-def test_nodes_are_kept_by_what_they_depend_on(log: Path) -> None:
-    one, same, other = Step("x", log), Step("x", log / "elsewhere"), Step("y", log)
+def test_nodes_are_stored_by_what_they_depend_on(log: Path) -> None:
+    one, same, other = ToyNode("x", log), ToyNode("x", log / "elsewhere"), ToyNode("y", log)
     assert one.key == same.key != other.key
-    assert Step("z", log, (one,)).key != Step("z", log, (other,)).key
+    assert ToyNode("z", log, (one,)).key != ToyNode("z", log, (other,)).key
     assert one.path == same.path
     assert one.path.is_relative_to(Path(os.environ["ROADSCOPE_CACHE"]))
 
 
 def test_fresh_computes_again_all_but_what_is_the_same_each_time(log: Path) -> None:
-    jobs = [job(step) for step in (*diamond(log), Step("source", log))]
+    jobs = [job(step) for step in (*diamond(log), ToyNode("source", log))]
     outcomes(jobs)
     outcomes(jobs, fresh=True)
     assert begun(log) == {"deep": 1, "shared": 2, "a": 2, "b": 2, "c": 2, "source": 2}
@@ -166,11 +166,11 @@ def test_fresh_computes_again_all_but_what_is_the_same_each_time(log: Path) -> N
 def test_answers_of_several_jobs_are_computed_once_in_a_run(
     log: Path, workers: int, fresh: bool
 ) -> None:
-    answers = Step("answers", log, wait_s=0.1)
+    answers = ToyNode("answers", log, wait_s=0.1)
     jobs = [replace(job(answers, settings=name), entry=name) for name in "abcd"]
     for runs in (1, 2):
-        found = outcomes(jobs, workers, fresh=fresh)
-        assert {name: o.scores["length"].value for name, o in found.items()} == dict.fromkeys(
+        outcome_of = outcomes(jobs, workers, fresh=fresh)
+        assert {name: o.scores["length"].value for name, o in outcome_of.items()} == dict.fromkeys(
             "abcd", len("answers")
         )
         assert begun(log) == {"answers": runs if fresh else 1}
@@ -178,11 +178,11 @@ def test_answers_of_several_jobs_are_computed_once_in_a_run(
 
 @pytest.mark.parametrize("workers", [1, 2])
 def test_answers_of_several_jobs_that_fail_are_tried_once(log: Path, workers: int) -> None:
-    answers = Step("answers", log, fault="plug-in")
-    found = outcomes([replace(job(answers), entry=name) for name in "ab"], workers)
+    answers = ToyNode("answers", log, fault="plug-in")
+    outcome_of = outcomes([replace(job(answers), entry=name) for name in "ab"], workers)
     assert begun(log) == {"answers": 1}
-    assert {outcome.reason for outcome in found.values()} == {"answers: it broke"}
-    assert {outcome.log for outcome in found.values()} == {"its last words"}
+    assert {outcome.reason for outcome in outcome_of.values()} == {"answers: it broke"}
+    assert {outcome.log for outcome in outcome_of.values()} == {"its last words"}
 
 
 @pytest.mark.slow
@@ -193,8 +193,8 @@ def test_answers_that_others_need_too_are_computed_once_in_a_fresh_run(
     first, *others = diamond(log)
     jobs = [job(first.parts[0]), job(first), *map(job, others)]
     outcomes(jobs, workers)
-    found = outcomes(jobs, workers, fresh=True)
-    assert all(outcome.reason is None for outcome in found.values())
+    outcome_of = outcomes(jobs, workers, fresh=True)
+    assert all(outcome.reason is None for outcome in outcome_of.values())
     assert begun(log) == {"deep": 1, "shared": 2, "a": 2, "b": 2, "c": 2}
 
 
@@ -204,29 +204,29 @@ def test_a_damaged_node_is_computed_again_and_named(log: Path) -> None:
     before = first.path.read_bytes()
     first.path.write_bytes(before[:-3])
     with pytest.warns(UserWarning, match=first.path.name):
-        found = outcomes([job(first)])
-    assert found["a"].reason is None
+        outcome_of = outcomes([job(first)])
+    assert outcome_of["a"].reason is None
     assert first.path.read_bytes() == before
     assert begun(log) == {"deep": 1, "shared": 1, "a": 2}
 
 
 def test_a_file_that_another_program_changed_meanwhile_is_not_left_to_later_runs(log: Path) -> None:
-    victim, other = job(Foreign("victim", log)), job(Step("other", log))
-    found = {}
+    victim, other = job(Foreign("victim", log)), job(ToyNode("other", log))
+    outcome_of = {}
 
     def spoil(done: Job, outcome: Outcome) -> None:
-        found[done.entry] = outcome
+        outcome_of[done.entry] = outcome
         if done == other:
             victim.answers.path.write_bytes(other.answers.path.read_bytes())
 
     with pytest.warns(UserWarning, match=victim.answers.path.name):
         run_jobs([victim, other], spoil)
-    assert outcomes([victim, other]) == found
+    assert outcomes([victim, other]) == outcome_of
     assert begun(log) == {"victim": 2, "other": 1}
 
 
 def test_a_run_of_our_own_plug_ins_leaves_what_another_run_wrote_meanwhile(log: Path) -> None:
-    first, last = job(Step("first", log)), job(Step("last", log))
+    first, last = job(ToyNode("first", log)), job(ToyNode("last", log))
 
     def write(done: Job, outcome: Outcome) -> None:
         if done == last:
@@ -244,7 +244,7 @@ def test_a_changed_file_that_cannot_be_removed_ends_no_run(
         if path.suffix == ".cache":
             raise PermissionError(13, "Permission denied", str(path))
 
-    victim, other = job(Foreign("victim", log)), job(Step("other", log))
+    victim, other = job(Foreign("victim", log)), job(ToyNode("other", log))
 
     def spoil(done: Job, outcome: Outcome) -> None:
         if done == other:
@@ -259,7 +259,7 @@ def test_a_changed_file_that_cannot_be_removed_ends_no_run(
 
 
 def test_an_interrupted_run_does_not_say_that_another_program_changed_its_files(log: Path) -> None:
-    done, stopped = job(Foreign("done", log)), job(Step("stopped", log), settings="interrupted")
+    done, stopped = job(Foreign("done", log)), job(ToyNode("stopped", log), settings="interrupted")
     with pytest.raises(KeyboardInterrupt):
         outcomes([done, stopped])
     assert done.answers.path.exists()
@@ -270,18 +270,18 @@ def test_an_interrupted_run_does_not_say_that_another_program_changed_its_files(
 def test_what_a_source_does_wrong_is_named_by_each_dependent_and_tried_once(
     log: Path, workers: int
 ) -> None:
-    other = Step("other", log)
+    other = ToyNode("other", log)
     jobs = [job(step) for step in (*diamond(log, fault="plug-in"), other)]
-    found = outcomes(jobs, workers)
+    outcome_of = outcomes(jobs, workers)
     assert begun(log) == {"deep": 1, "shared": 1, "other": 1}
     for name in "abc":
-        assert found[name].reason == "shared: it broke"
-        assert found[name].log == "its last words"
-        assert found[name].scores == {}
-    assert found["other"].reason is None
+        assert outcome_of[name].reason == "shared: it broke"
+        assert outcome_of[name].log == "its last words"
+        assert outcome_of[name].scores == {}
+    assert outcome_of["other"].reason is None
 
 
-def test_failures_are_not_kept(log: Path) -> None:
+def test_failures_are_not_stored(log: Path) -> None:
     assert outcomes([job(diamond(log, fault="plug-in")[0])])["a"].reason
     assert outcomes([job(diamond(log)[0])])["a"].reason is None
     assert begun(log) == {"deep": 1, "shared": 2, "a": 1}
@@ -293,10 +293,10 @@ def test_failures_are_not_kept(log: Path) -> None:
 def test_what_is_no_plug_ins_fault_is_said_to_be_ours(
     log: Path, fault: str, settings: str | None
 ) -> None:
-    broken = job(Step("broken", log, fault=fault), settings=settings)
-    found = outcomes([broken, job(Step("sound", log))])
-    assert found["sound"].reason is None
-    reason = found["broken"].reason or ""
+    broken = job(ToyNode("broken", log, fault=fault), settings=settings)
+    outcome_of = outcomes([broken, job(ToyNode("sound", log))])
+    assert outcome_of["sound"].reason is None
+    reason = outcome_of["broken"].reason or ""
     assert "not the entry's fault" in reason
     assert "test_graph.py:" in reason
     assert len(reason.splitlines()) == 1
@@ -305,9 +305,9 @@ def test_what_is_no_plug_ins_fault_is_said_to_be_ours(
 def test_an_entry_that_is_not_installed_is_not_computed_and_neither_is_what_it_needs(
     log: Path,
 ) -> None:
-    absent = job(Step("absent", log, (Step("only", log),)), missing="x is not installed")
-    found = outcomes([absent, job(Step("sound", log))])
-    assert found["absent"].reason == "absent: x is not installed"
+    absent = job(ToyNode("absent", log, (ToyNode("only", log),)), missing="x is not installed")
+    outcome_of = outcomes([absent, job(ToyNode("sound", log))])
+    assert outcome_of["absent"].reason == "absent: x is not installed"
     assert begun(log) == {"sound": 1}
 
 
@@ -328,10 +328,10 @@ def test_first_calls_leave_no_outcome_whatever_happens_in_them(log: Path) -> Non
     taken: dict[str, Outcome] = {}
     first = [
         Deep("traffic", log),
-        job(Step("short", log, (Deep("source", log),))),
-        Step("broken", log, fault="ours"),
-        job(Step("plug-in", log, fault="plug-in")),
-        job(Step("unscored", log), settings="no score"),
+        job(ToyNode("short", log, (Deep("source", log),))),
+        ToyNode("broken", log, fault="ours"),
+        job(ToyNode("plug-in", log, fault="plug-in")),
+        job(ToyNode("unscored", log), settings="no score"),
     ]
     run_jobs(
         [job(step) for step in diamond(log)],
@@ -357,9 +357,9 @@ for name, outcome in outcomes(many(Path(sys.argv[2])), int(sys.argv[3])).items()
 
 def many(log: Path) -> list[Job]:
     """Return twelve jobs of a tenth of a second on four sources."""
-    sources = [Step(f"source-{k}", log, wait_s=0.1) for k in range(4)]
+    sources = [ToyNode(f"source-{k}", log, wait_s=0.1) for k in range(4)]
     return [
-        job(Step(f"answer-{k}", log, (sources[k % 4], sources[(k + 1) % 4]), wait_s=0.1))
+        job(ToyNode(f"answer-{k}", log, (sources[k % 4], sources[(k + 1) % 4]), wait_s=0.1))
         for k in range(12)
     ]
 
@@ -377,8 +377,8 @@ def test_a_run_that_was_killed_goes_on_where_it_was(log: Path, workers: int) -> 
         child.send_signal(signal.SIGKILL)
         child.wait()
         time.sleep(1.5 if workers > 1 else 0.0)
-    kept = [line for line in log.read_text().splitlines() if line.endswith("done")]
-    assert 0 < len(kept) < 16
+    finished_lines = [line for line in log.read_text().splitlines() if line.endswith("done")]
+    assert 0 < len(finished_lines) < 16
     last = subprocess.run(command, capture_output=True, text=True, check=True).stdout
     lines = dict(line.split() for line in last.splitlines())
     assert lines == {

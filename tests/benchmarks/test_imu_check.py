@@ -1,10 +1,10 @@
-"""An IMU whose motion contradicts that of the scans is told, a right one never."""
+"""An IMU whose motion contradicts that of the scans is reported, a right one never."""
 
 from pathlib import Path
 
 import numpy as np
 import pytest
-from toy_drive import driven
+from toy_drive import ScansInMemory, driven
 
 from roadscope.benchmarks import (
     Episode,
@@ -19,22 +19,9 @@ from roadscope.benchmarks import (
     drive,
     imu_mounting,
 )
-from roadscope.core import ImuSamples, LidarScan, Pose, WheelSamples
+from roadscope.core import ImuSamples, Pose, WheelSamples
 
 STILL = np.zeros(3)
-
-
-class Recording:
-    """Scans that are not in files."""
-
-    def __init__(self, scans: list[LidarScan]) -> None:
-        self.scans, self.stamps_s = scans, [scan.stamp_s for scan in scans]
-
-    def __len__(self) -> int:
-        return len(self.scans)
-
-    def part(self, first: int, end: int):
-        return iter(self.scans[first:end])
 
 
 def turned(by_imu_deg, by_scans_deg) -> MotionWindow:
@@ -43,7 +30,7 @@ def turned(by_imu_deg, by_scans_deg) -> MotionWindow:
 
 
 @pytest.mark.parametrize(
-    ("by_imu_deg", "by_scans_deg", "said"),
+    ("by_imu_deg", "by_scans_deg", "message"),
     [
         (10.0, 10.4, ""),
         (-30.0, -29.0, ""),
@@ -54,9 +41,9 @@ def turned(by_imu_deg, by_scans_deg) -> MotionWindow:
         (25.0, 10.0, "are its rates in rad/s"),
     ],
 )
-def test_turns_are_compared(by_imu_deg, by_scans_deg, said) -> None:
+def test_turns_are_compared(by_imu_deg, by_scans_deg, message) -> None:
     doubt = doubt_of_turns([turned(by_imu_deg, by_scans_deg)] * 2)
-    assert (said in doubt) if said else not doubt
+    assert (message in doubt) if message else not doubt
     assert doubt_of_turns([]) == ""
 
 
@@ -75,7 +62,7 @@ def test_accelerations_are_compared(by_imu, by_scans, degrees) -> None:
     assert (f"accelerates {degrees} degrees away" in doubt) if degrees else not doubt
 
 
-def test_wrong_mountings_and_units_are_told_of_drives() -> None:
+def test_wrong_mountings_and_units_are_reported_for_drives() -> None:
     episode = Episode("racetrack-loop", 10000, "vlp16-imu", 10.0)
     steps = list(drive(episode))
     blocks = [step.imu for step in steps if step.imu is not None]
@@ -89,7 +76,7 @@ def test_wrong_mountings_and_units_are_told_of_drives() -> None:
     def doubt(wrong: Pose, unit: float = 1.0) -> str:
         samples = ImuSamples(stamps_s, unit * rates, forces)
         imu = RecordedImu(samples, Path("imu.csv"), lidar_from_imu=mounted @ wrong)
-        return doubt_of_imu(Recording([step.scan for step in steps]), imu)  # type: ignore[arg-type]
+        return doubt_of_imu(ScansInMemory([step.scan for step in steps]), imu)  # type: ignore[arg-type]
 
     assert doubt(Pose.identity()) == ""
     assert "is --mounting right?" in doubt(Pose.from_euler(0, 0, 0, yaw=np.pi))
@@ -97,12 +84,12 @@ def test_wrong_mountings_and_units_are_told_of_drives() -> None:
     assert "degrees per second" in doubt(Pose.identity(), unit=180 / np.pi)
 
 
-@pytest.mark.parametrize(("factor", "said"), [(1.0, ""), (3.6, "not in km/h"), (0.3, "in m/s")])
-def test_speeds_of_wheels_in_other_units_are_told(factor, said) -> None:
+@pytest.mark.parametrize(("factor", "message"), [(1.0, ""), (3.6, "not in km/h"), (0.3, "in m/s")])
+def test_speeds_of_wheels_in_other_units_are_reported(factor, message) -> None:
     scans = [scan for scan, _ in driven(24)[1]]
     stamps_s = np.arange(0, 2.4, 0.02)
     wheels = RecordedWheels(
         WheelSamples(stamps_s, np.full(len(stamps_s), factor * 8.0)), Path("wheels.csv")
     )
-    doubt = doubt_of_wheels(Recording(scans), wheels)  # type: ignore[arg-type]
-    assert (said in doubt) if said else not doubt
+    doubt = doubt_of_wheels(ScansInMemory(scans), wheels)  # type: ignore[arg-type]
+    assert (message in doubt) if message else not doubt

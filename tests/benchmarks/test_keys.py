@@ -76,11 +76,11 @@ def copy(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Copy, list[
 def test_what_decides_a_result_is_in_its_key(
     copy: tuple[Copy, list[list[str]]], file: str, changed: list[bool]
 ) -> None:
-    made, given = copy
+    made, keys_of_copies = copy
     made.edit(file)
-    given.append(made.keys())
-    assert len(given[-1]) == 2
-    assert [a != b for a, b in zip(*given[-2:], strict=True)] == changed
+    keys_of_copies.append(made.keys())
+    assert len(keys_of_copies[-1]) == 2
+    assert [a != b for a, b in zip(*keys_of_copies[-2:], strict=True)] == changed
 
 
 @pytest.mark.slow

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from toy_drive import Drive, driven
+from toy_drive import ToyDrive, driven
 from typer.testing import CliRunner
 
 from roadscope.__main__ import app
@@ -48,8 +48,8 @@ def sequence(tmp_path_factory) -> Path:
     (folder / "times.txt").write_text("".join(f"{s:.6e}\n" for s in STAMPS_S))
     (folder / "calib.txt").write_text(f"Tr: {text_of(CAMERA_FROM_LIDAR.matrix[:3])}\n")
     mount = CAMERA_FROM_LIDAR
-    first = Pose(Drive().pose(STAMPS_S[0])).inverse()
-    poses = [mount @ first @ Pose(Drive().pose(s)) @ mount.inverse() for s in STAMPS_S]
+    first = Pose(ToyDrive().pose(STAMPS_S[0])).inverse()
+    poses = [mount @ first @ Pose(ToyDrive().pose(s)) @ mount.inverse() for s in STAMPS_S]
     (root / "00.txt").write_text(trajectory_text("kitti", poses, ()))
     return folder
 
@@ -59,10 +59,10 @@ def test_a_sequence_is_found_and_poses_of_its_camera_are_brought_to_the_lidar(
     sequence, below, tmp_path
 ):
     truth = str(sequence.parent.parent / "00.txt")
-    done, told = run(sequence / below, tmp_path / "poses.txt", "--truth", truth)
+    done, report = run(sequence / below, tmp_path / "poses.txt", "--truth", truth)
     assert done.exit_code == 0, done.output
-    assert told["scans"] == SCANS
-    assert told["errors"]["end_m"] < 0.25
+    assert report["scans"] == SCANS
+    assert report["errors"]["end_m"] < 0.25
     assert "no times.txt" not in done.stderr
 
 
@@ -111,14 +111,14 @@ def raw_drive(tmp_path_factory) -> Path:
 
 @pytest.mark.parametrize("below", ["", "velodyne_points/data"])
 def test_a_raw_drive_has_dates_and_an_imu_with_its_mounting(raw_drive, below, tmp_path):
-    found = ScanFolder.find(raw_drive / below)
-    assert np.diff(found.stamps_s) == pytest.approx([0.1] * (SCANS - 1), abs=1e-6)
-    done, told = run(raw_drive / below, tmp_path / "poses.txt")
+    scans = ScanFolder.find(raw_drive / below)
+    assert np.diff(scans.stamps_s) == pytest.approx([0.1] * (SCANS - 1), abs=1e-6)
+    done, report = run(raw_drive / below, tmp_path / "poses.txt")
     assert done.exit_code == 0, done.output
     assert "with 240 inertial samples of" in done.stderr
     assert "--mounting" not in done.stderr
-    truth = np.linalg.inv(Drive().pose(STAMPS_S[0])) @ Drive().pose(STAMPS_S[-1])
-    assert told["last_position_m"] == pytest.approx(truth[:3, 3], abs=0.25)
+    truth = np.linalg.inv(ToyDrive().pose(STAMPS_S[0])) @ ToyDrive().pose(STAMPS_S[-1])
+    assert report["last_position_m"] == pytest.approx(truth[:3, 3], abs=0.25)
 
 
 def test_dates_are_refused_by_line(raw_drive, tmp_path):

@@ -70,17 +70,17 @@ def test_everything_is_described(kind):
 
 
 @pytest.mark.parametrize(
-    ("kind", "known", "name", "said"),
+    ("kind", "known", "name", "message"),
     [
         ("weathers", WEATHERS, "fog-3", "visibility 120 m"),
         ("weathers", WEATHERS, "rain-2", "10 mm/h"),
         ("faults", FAULTS, "clock-offset", "clock-offset:5 are 5, 10, 25, 50, 100 ms"),
     ],
 )
-def test_every_weather_and_fault_is_listed_with_its_numbers(kind, known, name, said):
+def test_every_weather_and_fault_is_listed_with_its_numbers(kind, known, name, message):
     listed = dict(names_of(kind))
     assert list(listed) == list(known)
-    assert said in listed[name]
+    assert message in listed[name]
 
 
 def test_stages_say_nothing_of_the_shapes_of_their_answers():
@@ -88,10 +88,10 @@ def test_stages_say_nothing_of_the_shapes_of_their_answers():
 
 
 def test_suites_of_recorded_data_say_what_they_need():
-    told = dict(names_of("suites"))
-    assert {*SUITES, KITTI, MOT} == set(told)
-    assert "--kitti DIR" in told[KITTI]
-    assert "--mot DIR" in told[MOT]
+    suite_descriptions = dict(names_of("suites"))
+    assert {*SUITES, KITTI, MOT} == set(suite_descriptions)
+    assert "--kitti DIR" in suite_descriptions[KITTI]
+    assert "--mot DIR" in suite_descriptions[MOT]
 
 
 THEIRS = """
@@ -122,7 +122,7 @@ def test_a_plug_in_of_another_package_is_described_by_its_class(tmp_path):
         text=True,
         check=True,
     )
-    told = json.loads(done.stdout)["detectors"]
-    assert told["whole"] == "Finds nothing."
-    assert told["set"] == "Finds nothing. (gate_m=2)"
-    assert told["broken"].startswith("cannot be loaded: no class 'Nobody'")
+    descriptions = json.loads(done.stdout)["detectors"]
+    assert descriptions["whole"] == "Finds nothing."
+    assert descriptions["set"] == "Finds nothing. (gate_m=2)"
+    assert descriptions["broken"].startswith("cannot be loaded: no class 'Nobody'")

@@ -68,11 +68,11 @@ def detect(spec: str, frames: list[Truth], episode: Episode = EPISODE) -> list[D
 
 def detected(reported: list[Detections], frames: list[Truth]) -> np.ndarray:
     """(T, N) bool, which objects have a detection; without noise of position."""
-    apart = [
+    box_differences = [
         f.centres[:, None, :2] - t.centres[None, :, :2]
         for f, t in zip(reported, frames, strict=True)
     ]
-    return np.array([(np.abs(a).max(axis=-1) < 1e-9).any(axis=0) for a in apart])
+    return np.array([(np.abs(a).max(axis=-1) < 1e-9).any(axis=0) for a in box_differences])
 
 
 def test_without_errors_it_is_the_oracle() -> None:
@@ -85,7 +85,7 @@ def test_without_errors_it_is_the_oracle() -> None:
         assert (noisy.frame, noisy.stamp_s) == ("world", true.stamp_s)
 
 
-def test_who_is_not_eligible_is_not_detected() -> None:
+def test_objects_that_are_not_eligible_are_not_detected() -> None:
     assert sum(map(len, detect(quiet(), truths(5, returns=4)))) == 0
 
 
@@ -115,12 +115,12 @@ def test_the_hidden_are_missed_as_far_as_they_are_hidden_and_all_the_time() -> N
     rates = []
     for hidden in (0.2, 0.8):
         frames = truths(2, hidden=hidden)
-        found = [
+        detected_pairs = [
             detected(detect(quiet(occlusion=0.5), frames, Episode("merge", seed, "lux")), frames)
             for seed in range(60)
         ]
-        rates.append(1 - np.mean(found))
-        assert all((two[0] == two[1]).all() for two in found)
+        rates.append(1 - np.mean(detected_pairs))
+        assert all((two[0] == two[1]).all() for two in detected_pairs)
     assert rates[0] == pytest.approx(0.1, abs=0.035)
     assert rates[1] == pytest.approx(0.4, abs=0.05)
 
@@ -130,9 +130,9 @@ def test_clutter_is_poisson_and_uniform_over_the_range_band() -> None:
     frames = truths(3000, objects=1)
     spec = "noisy?miss=0.999999&miss_run=none&clutter=3&size_m=0"
     counts, radii, angles = [], [], []
-    for found, truth in zip(detect(spec, frames), frames, strict=True):
-        offset = found.centres[:, :2] - truth.world_from_ego.translation[:2]
-        counts.append(len(found))
+    for clutter, truth in zip(detect(spec, frames), frames, strict=True):
+        offset = clutter.centres[:, :2] - truth.world_from_ego.translation[:2]
+        counts.append(len(clutter))
         radii += np.hypot(*offset.T).tolist()
         angles += np.arctan2(offset[:, 1], offset[:, 0]).tolist()
     assert np.mean(counts) == pytest.approx(3.0, abs=0.16)
@@ -141,7 +141,7 @@ def test_clutter_is_poisson_and_uniform_over_the_range_band() -> None:
     areas = (np.array(radii) ** 2 - near**2) / (far**2 - near**2)
     for values in (areas, np.array(angles) / (2 * np.pi) + 0.5):
         assert largest_gap(values) < 1.95 / np.sqrt(len(values))
-    np.testing.assert_allclose(found.sizes, np.tile(CLUTTER_SIZE_M, (len(found), 1)))
+    np.testing.assert_allclose(clutter.sizes, np.tile(CLUTTER_SIZE_M, (len(clutter), 1)))
 
 
 def largest_gap(values: np.ndarray) -> float:
@@ -151,18 +151,22 @@ def largest_gap(values: np.ndarray) -> float:
     return float(max((steps[1:] - ordered).max(), (ordered - steps[:-1]).max()))
 
 
-def test_boxes_err_as_told() -> None:
+def test_boxes_err_as_much_as_the_options_say() -> None:
     frames = truths()
     spec = "noisy?miss=0&clutter=0&position_m=0.3&size_m=0.1&yaw_deg=5&flip=0.2"
-    found = detect(spec, frames)
-    shift = np.concatenate([f.centres - t.centres for f, t in zip(found, frames, strict=True)])
+    frame_detections = detect(spec, frames)
+    shift = np.concatenate(
+        [f.centres - t.centres for f, t in zip(frame_detections, frames, strict=True)]
+    )
     assert shift.std(axis=0) == pytest.approx([0.3, 0.3, 0.0], rel=0.03)
     assert shift.mean(axis=0) == pytest.approx([0.0] * 3, abs=0.012)
     assert np.corrcoef(shift[:, 0], shift[:, 1])[0, 1] == pytest.approx(0.0, abs=0.04)
-    sizes = np.concatenate([f.sizes - t.sizes for f, t in zip(found, frames, strict=True)])
+    sizes = np.concatenate(
+        [f.sizes - t.sizes for f, t in zip(frame_detections, frames, strict=True)]
+    )
     assert sizes.std(axis=0) == pytest.approx([0.1] * 3, rel=0.03)
     turns = np.concatenate(
-        [wrap_angle(f.yaws - t.yaws) for f, t in zip(found, frames, strict=True)]
+        [wrap_angle(f.yaws - t.yaws) for f, t in zip(frame_detections, frames, strict=True)]
     )
     flipped = np.abs(turns) > np.pi / 2
     assert flipped.mean() == pytest.approx(0.2, abs=0.016)
@@ -171,9 +175,9 @@ def test_boxes_err_as_told() -> None:
 
 def test_scores_rank_and_are_probabilities_where_both_are_as_many() -> None:
     frames = truths(300)
-    found = detect(quiet(clutter=40, score_gap=1.5), frames)
-    true = np.concatenate([f.scores[:OBJECTS] for f in found])
-    false = np.concatenate([f.scores[OBJECTS:] for f in found])
+    frame_detections = detect(quiet(clutter=40, score_gap=1.5), frames)
+    true = np.concatenate([f.scores[:OBJECTS] for f in frame_detections])
+    false = np.concatenate([f.scores[OBJECTS:] for f in frame_detections])
     assert len(false) == pytest.approx(len(true), rel=0.05)
     above = np.searchsorted(np.sort(false), true) / len(false)
     assert above.mean() == pytest.approx(0.5 + 0.5 * erf(1.5 / 2), abs=0.01)
@@ -194,17 +198,17 @@ def test_whatever_the_options_detections_are_proper_and_repeat(
     episode, frames = Episode("merge", seed, "lux"), truths(3, objects=9)
     one, other = (NoisyDetections(model, episode, RULE) for _ in range(2))
     for truth in frames:
-        found = one.of(truth)
-        assert found == other.of(truth)
-        assert (found.sizes > 0).all()
+        detections = one.of(truth)
+        assert detections == other.of(truth)
+        assert (detections.sizes > 0).all()
 
 
 def test_one_slider_leaves_the_others_errors_alone() -> None:
     frames = truths(20)
     few, many = (detect(f"noisy?clutter=0&miss={miss}", frames) for miss in (0.1, 0.4))
     for some, more in zip(many, few, strict=True):
-        kept = {tuple(row) for row in more.centres.tolist()}
-        assert all(tuple(row) in kept for row in some.centres.tolist())
+        centres = {tuple(row) for row in more.centres.tolist()}
+        assert all(tuple(row) in centres for row in some.centres.tolist())
 
 
 def test_episodes_differ() -> None:
@@ -216,9 +220,9 @@ def test_episodes_differ() -> None:
 
 
 def digest() -> str:
-    found = detect("noisy-misses", truths(20))
+    frame_detections = detect("noisy-misses", truths(20))
     return hashlib.sha256(
-        b"".join(f.centres.tobytes() + f.scores.tobytes() for f in found)
+        b"".join(f.centres.tobytes() + f.scores.tobytes() for f in frame_detections)
     ).hexdigest()
 
 

@@ -34,8 +34,8 @@ def truth(
 
 
 def share(model: CameraNoise, scene: Truth, **air: object) -> float:
-    found = NoisyCamera(model, 3, **air).of(scene, LONG)  # type: ignore[arg-type]
-    return len(found) / len(scene)
+    detections = NoisyCamera(model, 3, **air).of(scene, LONG)  # type: ignore[arg-type]
+    return len(detections) / len(scene)
 
 
 QUIET = CameraNoise(clutter=0.0)
@@ -52,21 +52,21 @@ def test_small_hidden_and_foggy_ones_are_missed_more() -> None:
     assert share(QUIET, dark, night=True) < share(QUIET, cars, night=True) - 0.2
 
 
-def test_scores_tell_what_is_likely_from_what_is_not() -> None:
+def test_scores_separate_objects_from_false_alarms() -> None:
     model = CameraNoise(clutter=50.0)
-    found = NoisyCamera(model, 1).of(truth([120.0], copies=50), LONG)
-    real = np.abs(found.boxes[:, 0] - 300) < 20
+    detections = NoisyCamera(model, 1).of(truth([120.0], copies=50), LONG)
+    real = np.abs(detections.boxes[:, 0] - 300) < 20
     assert real.sum() >= 40
-    assert np.median(found.scores[real]) > np.median(found.scores[~real]) + 0.4
-    assert (found.boxes[:, :2] >= 0).all()
-    assert (found.boxes[:, 2] <= 1280).all()
+    assert np.median(detections.scores[real]) > np.median(detections.scores[~real]) + 0.4
+    assert (detections.boxes[:, :2] >= 0).all()
+    assert (detections.boxes[:, 2] <= 1280).all()
 
 
 def test_wrong_families_grow_with_smallness() -> None:
     wrong = {}
     for tall in (30.0, 150.0):
-        found = NoisyCamera(QUIET, 2).of(truth([tall]), LONG)
-        wrong[tall] = float((found.categories != Category.PEDESTRIAN).mean())
+        detections = NoisyCamera(QUIET, 2).of(truth([tall]), LONG)
+        wrong[tall] = float((detections.categories != Category.PEDESTRIAN).mean())
     assert wrong[30.0] > 3 * wrong[150.0]
 
 
@@ -79,14 +79,14 @@ def test_the_same_seed_brings_the_same_and_names_take_options() -> None:
             CAMERA_NOISES.make(f"noisy-camera?{text}")
 
 
-def test_the_worse_the_light_the_less_is_found() -> None:
+def test_the_worse_the_light_the_fewer_objects_are_detected() -> None:
     for kind in LIT:
         conditions = [(f"{kind}:{severity}",) for severity in range(1, 6)]
         left = [lit_share(Episode("street", 0, "wide", faults=each)) for each in conditions]
         assert left == sorted(left, reverse=True)
         assert left[0] < 1.0
-        found = [share(QUIET, truth([120.0]), lit=each) for each in left]
-        assert found[0] > found[2] > found[4]
+        shares = [share(QUIET, truth([120.0]), lit=each) for each in left]
+        assert shares[0] > shares[2] > shares[4]
     both = lit_share(Episode("street", 0, "wide", faults=("night:2", "glare:4")))
     assert both == pytest.approx(LIT["night"][1] * LIT["glare"][3])
     assert lit_share(Episode("street", 0, "wide", faults=("fog:3",))) == 1.0

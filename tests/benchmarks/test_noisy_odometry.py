@@ -40,13 +40,13 @@ def scored(truth, estimate):
 
 def test_without_errors_poses_are_true():
     truth = bends()
-    told = noisy_poses(EgoNoise(**NONE), truth, 0)
+    poses = noisy_poses(EgoNoise(**NONE), truth, 0)
     start = truth[0].inverse()
-    assert np.allclose([p.matrix for p in told], [(start @ p).matrix for p in truth])
+    assert np.allclose([p.matrix for p in poses], [(start @ p).matrix for p in truth])
 
 
 @given(st.floats(-0.5, 0.5))
-def test_scale_is_the_drift_of_a_straight_way(scale):
+def test_scale_is_the_drift_of_a_straight_path(scale):
     truth = bends(yaw_rad=0.0)
     score = scored(truth, noisy_poses(EgoNoise(**(NONE | {"scale": scale})), truth, 0))
     assert score.t_rel.value == pytest.approx(100 * abs(scale) * 21 / 20, abs=1e-6)
@@ -61,15 +61,15 @@ def test_turn_is_the_drift_of_the_heading():
 
 def test_noise_has_the_spread_that_is_asked_for():
     truth = bends(4000, 0.0, 0.0)
-    told = noisy_poses(EgoNoise(**(NONE | {"shift_m": 0.03})), truth, 1)
-    steps = np.diff([p.translation for p in told], axis=0)
+    poses = noisy_poses(EgoNoise(**(NONE | {"shift_m": 0.03})), truth, 1)
+    steps = np.diff([p.translation for p in poses], axis=0)
     assert steps.std(axis=0) == pytest.approx(0.03, rel=0.05)
 
 
 def test_jumps_come_as_often_as_asked_and_stay():
     truth = bends(2000, 0.0, 0.0)
-    told = noisy_poses(EgoNoise(**(NONE | {"jump": 0.05, "jump_m": 3.0})), truth, 2)
-    steps = np.diff([p.translation for p in told], axis=0)
+    poses = noisy_poses(EgoNoise(**(NONE | {"jump": 0.05, "jump_m": 3.0})), truth, 2)
+    steps = np.diff([p.translation for p in poses], axis=0)
     jumped = np.abs(steps).max(axis=1) > 0
     assert jumped.mean() == pytest.approx(0.05, abs=0.015)
     assert steps[jumped, :2].std() == pytest.approx(3.0, rel=0.2)

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from interrupts import heed_interrupts
 from toy_bags import cloud, imu, write_bag
-from toy_drive import Drive, driven
+from toy_drive import ToyDrive, driven
 from typer.testing import CliRunner
 
 from roadscope.__main__ import app
@@ -31,19 +31,19 @@ def folder(tmp_path):
     return tmp_path
 
 
-def follow(folder, *options):
+def run_odometry(folder, *options):
     out = folder / "poses.txt"
     return RUNNER.invoke(app, ["run-odometry", str(folder), "--out", str(out), *options]), out
 
 
 @pytest.mark.parametrize("form", ["kitti", "tum"])
 def test_poses_are_written(folder, form):
-    done, out = follow(folder, "--format", form)
+    done, out = run_odometry(folder, "--format", form)
     assert done.exit_code == 0, done.output
     assert f"written: {out}" in done.stdout
-    found = read_trajectory(out, form)
+    trajectory = read_trajectory(out, form)
     truth = driven(6)[0].pose(0.55)
-    assert np.linalg.norm(found.poses[-1].translation - truth[:3, 3]) < 0.1
+    assert np.linalg.norm(trajectory.poses[-1].translation - truth[:3, 3]) < 0.1
 
 
 @pytest.mark.parametrize("mcap", [False, True])
@@ -59,17 +59,17 @@ def test_a_bag_of_ros_has_scans_and_imu(folder, mcap):
         )
         messages += [(s, "/imu", imu(s, rate, force)) for s, rate, force in samples]
     bag = write_bag(folder / "bag", messages, mcap=mcap)
-    done, out = follow(bag, "--format", "tum")
+    done, out = run_odometry(bag, "--format", "tum")
     assert done.exit_code == 0, done.output
     assert f"with {40 * 6} inertial samples of {bag}" in done.stderr
-    found = read_trajectory(out, "tum")
-    assert np.diff(found.stamps_s) == pytest.approx(np.full(5, 0.1), abs=1e-3)
+    trajectory = read_trajectory(out, "tum")
+    assert np.diff(trajectory.stamps_s) == pytest.approx(np.full(5, 0.1), abs=1e-3)
     truth = driven(6)[0].pose(0.55)
-    assert np.linalg.norm(found.poses[-1].translation - truth[:3, 3]) < 0.1
-    done, _ = follow(bag, "--imu", "none", "--odometry", "still")
+    assert np.linalg.norm(trajectory.poses[-1].translation - truth[:3, 3]) < 0.1
+    done, _ = run_odometry(bag, "--imu", "none", "--odometry", "still")
     assert done.exit_code == 0, done.output
     assert "inertial samples" not in done.stderr
-    done, _ = follow(bag, "--topic", "/odom")
+    done, _ = run_odometry(bag, "--topic", "/odom")
     assert "no topic '/odom'" in str(done.exception)
 
 
@@ -84,15 +84,15 @@ def test_after_an_interrupt_poses_are_kept(folder, monkeypatch):
         return update(self, scan, imu)
 
     monkeypatch.setattr(StillOdometry, "update", interrupted)
-    done, out = follow(folder, "--odometry", "still")
+    done, out = run_odometry(folder, "--odometry", "still")
     assert done.exit_code != 0
     assert "3 of 6 poses are kept" in done.stderr
     assert len(read_trajectory(out, "kitti").poses) == 3
 
 
-def test_a_scan_that_cannot_be_read_is_empty_and_told(folder):
+def test_a_scan_that_cannot_be_read_is_empty_and_reported(folder):
     (folder / "4.npy").write_bytes(b"nothing")
-    done, out = follow(folder, "--odometry", "still")
+    done, out = run_odometry(folder, "--odometry", "still")
     assert done.exit_code == 0, done.output
     assert "1 scan is taken as empty: " in done.stderr
     assert "4.npy: expected an array saved by numpy" in done.stderr
@@ -108,7 +108,7 @@ def test_a_scan_that_cannot_be_read_is_empty_and_told(folder):
     ],
 )
 def test_what_is_wrong_is_said_and_nothing_written(folder, options, message):
-    done, out = follow(folder, *options)
+    done, out = run_odometry(folder, *options)
     assert done.exit_code != 0
     assert message in str(done.exception)
     assert not out.exists()
@@ -133,14 +133,14 @@ def recording(folder):
     np.savetxt(
         folder / "imu.csv", rows, delimiter=",", header="stamp,wx,wy,wz,ax,ay,az", comments=""
     )
-    truth = [Pose(Drive().pose(s)) for s in np.arange(0, 0.7, 0.05)]
+    truth = [Pose(ToyDrive().pose(s)) for s in np.arange(0, 0.7, 0.05)]
     times = np.arange(0, 0.7, 0.05).tolist()
     (folder / "truth.tum").write_text(trajectory_text("tum", truth, times))
     (folder / "truth.kitti").write_text(trajectory_text("kitti", truth[1:12:2], stamps))
     return folder
 
 
-def command(folder, *options, **kept):
+def command(folder, *options, **environment):
     """Run the command in a process of its own, 80 columns wide."""
     line = [sys.executable, "-m", "roadscope", "run-odometry", str(folder), *options]
     return subprocess.run(
@@ -149,25 +149,27 @@ def command(folder, *options, **kept):
         text=True,
         cwd=folder,
         timeout=120,
-        env=os.environ | {"COLUMNS": "80"} | kept,
+        env=os.environ | {"COLUMNS": "80"} | environment,
     )
 
 
 def test_json_has_what_is_printed(recording):
     truth = str(recording / "truth.tum")
-    done, out = follow(recording, "--mounting", "0,0,0,0,0,90", "--truth", truth, "--json")
-    found, poses = json.loads(done.stdout), read_trajectory(out, "kitti").poses
-    assert (found["odometry"], found["scans"]) == ("lidar-inertial", 6)
-    assert 0 < sum(found["degraded"].values()) < 6
-    assert found["last_position_m"] == pytest.approx(poses[-1].translation, abs=1e-6)
-    assert 0 < found["errors"]["end_m"] < 0.2
-    done, _ = follow(recording, "--mounting", "0,0,0,0,0,90", "--truth", truth, "--quiet")
+    done, out = run_odometry(recording, "--mounting", "0,0,0,0,0,90", "--truth", truth, "--json")
+    report, poses = json.loads(done.stdout), read_trajectory(out, "kitti").poses
+    assert (report["odometry"], report["scans"]) == ("lidar-inertial", 6)
+    assert 0 < sum(report["degraded"].values()) < 6
+    assert report["last_position_m"] == pytest.approx(poses[-1].translation, abs=1e-6)
+    assert 0 < report["errors"]["end_m"] < 0.2
+    done, _ = run_odometry(recording, "--mounting", "0,0,0,0,0,90", "--truth", truth, "--quiet")
     assert done.stdout == ""
 
 
 @pytest.mark.parametrize("name", ["truth.tum", "truth.kitti"])
 def test_imu_mounting_and_truth(recording, name):
-    done, _ = follow(recording, "--mounting", "0,0,0,0,0,90", "--truth", str(recording / name))
+    done, _ = run_odometry(
+        recording, "--mounting", "0,0,0,0,0,90", "--truth", str(recording / name)
+    )
     assert done.exit_code == 0, done.output
     assert f"with 240 inertial samples of {recording / 'imu.csv'}" in done.stderr
     assert f"compared with {recording / name}: 4.0 m: ATE 0.0" in done.stdout
@@ -206,7 +208,7 @@ ROLLING = (
 def rolled(folder, *options):
     plugin = folder / "rolling.py"
     plugin.write_text(ROLLING)
-    done, out = follow(folder, "--imu", "none", "--odometry", f"{plugin}:Telling", *options)
+    done, out = run_odometry(folder, "--imu", "none", "--odometry", f"{plugin}:Telling", *options)
     assert done.exit_code == 0, done.output
     return [round(p.translation[0]) for p in read_trajectory(out, "kitti").poses], done.stderr
 
@@ -220,18 +222,18 @@ def test_wheel_speeds_are_handed_on_up_to_the_end_of_each_sweep(recording):
         header="stamp,speed",
         comments="",
     )
-    counts, told = rolled(recording)
+    counts, printed = rolled(recording)
     assert counts == [(540 - 1) * k for k in range(1, 7)]
-    assert f"with 30 wheel speeds of {recording / 'wheels.csv'}" in told
-    counts, told = rolled(recording, "--wheels", "none")
+    assert f"with 30 wheel speeds of {recording / 'wheels.csv'}" in printed
+    counts, printed = rolled(recording, "--wheels", "none")
     assert counts == [-1, -2, -3, -4, -5, -6]
-    assert "wheel" not in told
+    assert "wheel" not in printed
 
 
 @pytest.mark.slow
-def test_wheels_are_for_those_who_take_them(recording):
+def test_wheels_are_for_odometries_that_take_them(recording):
     np.savetxt(recording / "rolled.txt", [[0.0, 8.0], [0.5, 8.0]])
-    done, _ = follow(
+    done, _ = run_odometry(
         recording,
         "--odometry",
         "lidar-inertial?wheels=true",
@@ -250,13 +252,13 @@ def test_wheels_are_for_those_who_take_them(recording):
 
 def test_what_is_not_used_is_said(recording):
     np.savetxt(recording / "wheels.csv", [[0.0, 8.0], [0.5, 8.0]], delimiter=",")
-    done, _ = follow(recording, "--odometry", "still")
+    done, _ = run_odometry(recording, "--odometry", "still")
     assert "imu.csv is not used: still has no use for an IMU; lidar-inertial does" in done.stderr
     assert "wheels.csv is not used: still has no use for wheel speeds" in done.stderr
 
 
-def test_what_is_missing_is_told(folder, recording):
-    done, _ = follow(recording)
+def test_what_is_missing_is_reported(folder, recording):
+    done, _ = run_odometry(recording)
     assert "no IMU" not in done.stderr
     assert "no times.txt" not in done.stderr
     assert "points without times" not in done.stderr
@@ -264,25 +266,25 @@ def test_what_is_missing_is_told(folder, recording):
     (folder / "times.txt").unlink()
     for file in folder.glob("*.npy"):
         np.save(file, np.load(file)[:, :4])
-    done, _ = follow(recording)
+    done, _ = run_odometry(recording)
     assert done.exit_code == 0, done.output
     assert f"no IMU: imu.csv or imu.txt in or beside {folder}, or --imu FILE" in done.stderr
     assert "no times.txt: scans are taken to be 10 a second" in done.stderr
     assert "points without times: each scan is taken to be seen at once" in done.stderr
     assert "lidar-inertial: 6 scans" in done.stdout
-    assert "no IMU" not in follow(recording, "--imu", "none")[0].stderr
+    assert "no IMU" not in run_odometry(recording, "--imu", "none")[0].stderr
 
 
-def test_samples_too_far_apart_are_told(recording):
+def test_samples_with_too_large_steps_are_reported(recording):
     lines = (recording / "imu.csv").read_text().splitlines()
     (recording / "imu.csv").write_text("\n".join(lines[1::20]))
-    done, out = follow(recording)
+    done, out = run_odometry(recording)
     assert "samples 0.05 s apart are too few: they are not used" in done.stderr
     assert "with 12 inertial samples" not in done.stderr
     without = out.read_bytes()
-    follow(recording, "--imu", "none")
+    run_odometry(recording, "--imu", "none")
     assert out.read_bytes() == without
-    done, _ = follow(recording, "--imu", str(recording / "imu.csv"))
+    done, _ = run_odometry(recording, "--imu", str(recording / "imu.csv"))
     assert "samples 0.05 s apart are too few: they are used where" in done.stderr
     assert "with 12 inertial samples" in done.stderr
 
@@ -292,7 +294,7 @@ def test_if_no_scan_can_be_read_the_file_stays_as_it_is(folder):
     out.write_text("mine")
     for path in folder.glob("*.npy"):
         path.write_bytes(b"nothing")
-    done, _ = follow(folder)
+    done, _ = run_odometry(folder)
     assert done.exit_code != 0
     assert "0.npy: expected an array saved by numpy" in str(done.exception)
     assert out.read_text() == "mine"
@@ -328,9 +330,9 @@ class Answers(StillOdometry):
         ("Answers", "update returned Pose, not OdometryEstimate"),
     ],
 )
-def test_what_a_plug_in_does_wrong_is_told_in_a_line(folder, name, message):
+def test_what_a_plug_in_does_wrong_is_reported_in_a_line(folder, name, message):
     (folder / "broken.py").write_text(BROKEN)
-    done, out = follow(folder, "--odometry", f"{folder / 'broken.py'}:{name}")
+    done, out = run_odometry(folder, "--odometry", f"{folder / 'broken.py'}:{name}")
     assert done.exit_code != 0
     assert isinstance(done.exception, PluginError)
     assert f"broken.py:{name}: " in str(done.exception)
@@ -338,12 +340,12 @@ def test_what_a_plug_in_does_wrong_is_told_in_a_line(folder, name, message):
     assert not out.exists()
 
 
-def test_lines_that_tell_nothing_are_left_out_and_told(recording):
+def test_lines_without_information_are_left_out_and_reported(recording):
     lines = (recording / "imu.csv").read_text().splitlines()
     lines[40] = ",".join([lines[40].split(",")[0], *["nan"] * 6])
     lines[80] = "1e9" + lines[80][lines[80].index(",") :]
     (recording / "imu.csv").write_text("\n".join(lines))
-    done, out = follow(recording, "--mounting", "0,0,0,0,0,90")
+    done, out = run_odometry(recording, "--mounting", "0,0,0,0,0,90")
     assert "with 238 inertial samples" in done.stderr
     assert "(2 left out: no numbers, or stamps that do not rise)" in done.stderr
     truth = driven(6)[0].pose(0.55)
@@ -359,16 +361,16 @@ from roadscope.odometry.still import StillOdometry
 class Doubtful(StillOdometry):
     def update(self, scan, imu=None):
         foggy = scan.stamp_s > 0.3
-        told = super().update(scan, imu)
+        estimate = super().update(scan, imu)
         doubt = {"status": OdometryStatus.DEGRADED, "reason": "[fog] of [/x]"}
-        return replace(told, **doubt) if foggy else told
+        return replace(estimate, **doubt) if foggy else estimate
 """
 
 
 def test_many_degraded_scans_are_warned_of(recording):
     plugin = recording / "doubtful.py"
     plugin.write_text(DOUBTFUL)
-    done, _ = follow(recording, "--odometry", f"{plugin}:Doubtful")
+    done, _ = run_odometry(recording, "--odometry", f"{plugin}:Doubtful")
     assert "degraded in 3 of 6 scans, mostly: [fog] of [/x]" in done.stdout
     assert "check the poses before you use them" in done.stderr
 
@@ -378,7 +380,7 @@ def test_samples_and_mounting_are_handed_on(recording):
     plugin.write_text(TELLING)
 
     def positions_and_yaw(*options):
-        done, out = follow(recording, "--odometry", f"{plugin}:Telling", *options)
+        done, out = run_odometry(recording, "--odometry", f"{plugin}:Telling", *options)
         assert done.exit_code == 0, done.output
         poses = read_trajectory(out, "kitti").poses
         return [round(p.translation[0]) for p in poses], poses[-1].yaw
@@ -428,7 +430,7 @@ def test_what_is_read_is_not_written_over(recording, name):
     np.savetxt(recording / "wheels.csv", [[0.0, 8.0], [0.5, 8.0]], delimiter=",")
     before = (recording / name).read_bytes()
     out = str(recording / name)
-    done, _ = follow(recording, "--truth", str(recording / "truth.tum"), "--out", out)
+    done, _ = run_odometry(recording, "--truth", str(recording / "truth.tum"), "--out", out)
     assert f"{out} is an input of this run" in str(done.exception)
     assert (recording / name).read_bytes() == before
 
@@ -443,9 +445,9 @@ def test_as_a_stranger_runs_it(recording):
     done = command(recording / "empty")
     assert done.returncode != 0
     assert "expected files .bin, .pcd, .npy" in done.stderr
-    told = command(recording, "--help").stdout
-    assert "--mounting" in told
-    assert max(map(len, told.splitlines())) <= 80
+    printed = command(recording, "--help").stdout
+    assert "--mounting" in printed
+    assert max(map(len, printed.splitlines())) <= 80
 
 
 SLOW = """
@@ -471,10 +473,10 @@ def test_ctrl_c_keeps_poses(recording):
             assert running.poll() is None
             time.sleep(0.05)
         running.send_signal(signal.SIGINT)
-        _, told = running.communicate(timeout=60)
+        _, printed = running.communicate(timeout=60)
     finally:
         running.kill()
     assert running.returncode == 130
-    assert "2 of 6 poses are kept in poses.txt" in told
-    assert "Traceback" not in told
+    assert "2 of 6 poses are kept in poses.txt" in printed
+    assert "Traceback" not in printed
     assert len(read_trajectory(out, "kitti").poses) == 2

@@ -65,11 +65,11 @@ def test_both_boards_have_their_entries(results) -> None:
 def test_a_run_keeps_its_worst_moments_and_shows_them_on_a_page(suite, tmp_path) -> None:
     page = tmp_path / "pages" / "mine.html"
     arguments = {"boards": ["detection"], "page": page}
-    found = leaderboard(suite, [plugin("Scribbles")], out_dir=tmp_path / "out", **arguments)
+    board_results = leaderboard(suite, [plugin("Scribbles")], out_dir=tmp_path / "out", **arguments)
     (run,) = read_runs(tmp_path / "out")
-    assert run.results.rows == found.rows
+    assert run.results.rows == board_results.rows
     assert {moment.board for moment in run.moments} == {"detection"}
-    assert {moment.entry for moment in run.moments} <= set(found.entries("detection"))
+    assert {moment.entry for moment in run.moments} <= set(board_results.entries("detection"))
     assert "pag" in {moment.entry for moment in run.moments}
     assert page.is_file()
     page.unlink()
@@ -86,7 +86,7 @@ def test_the_first_run_on_an_installation_compiles_before_it_begins(
     boards = []
     for compiled in (False, True):
         calls: list[tuple[str, int, int]] = []
-        found = leaderboard(
+        board_results = leaderboard(
             short,
             [plugin("EgoFrame")],
             boards=["tracking"],
@@ -98,8 +98,8 @@ def test_the_first_run_on_an_installation_compiles_before_it_begins(
         of_first = [call for call in calls if call[0] == FIRST_CALLS]
         assert of_first == ([] if compiled else [(FIRST_CALLS, 0, 1), (FIRST_CALLS, 1, 1)])
         assert calls[: len(of_first)] == of_first
-        assert found.failures == ()
-        boards.append(without_times(found))
+        assert board_results.failures == ()
+        boards.append(without_times(board_results))
     assert boards[0] == boards[1]
 
 
@@ -128,8 +128,8 @@ def test_what_is_broken_down_adds_up(results) -> None:
             if (row.entry, row.metric) == ("pag", "detection_rate")
         ]
         assert sum(row.samples for row in rows) == whole.samples
-        found = sum(row.value * row.samples for row in rows)
-        assert found == pytest.approx(whole.value * whole.samples)
+        total = sum(row.value * row.samples for row in rows)
+        assert total == pytest.approx(whole.value * whole.samples)
     assert {row.band for row in results.breakdown("weather", "tracking")} == {"clear"}
     assert {row.band for row in results.breakdown("detector", "tracking")} == {"pag", "oracle"}
 
@@ -237,10 +237,10 @@ def test_what_plug_ins_print_is_no_result_and_stands_in_the_log_of_a_failure(
     )
     bad = [f"{own}:{name}" for name in ("Wrong", "Raises", "Dies")]
     options = {"boards": ["detection"], "only": True, "out_dir": tmp_path, "fresh": True}
-    found = leaderboard(suite, [plugin("Prints"), *bad], **options)
+    board_results = leaderboard(suite, [plugin("Prints"), *bad], **options)
     assert "hello" not in capfd.readouterr().out
-    assert found.failed_entries == bad
-    assert all("hello from mine" in failure.log for failure in found.failures)
+    assert board_results.failed_entries == bad
+    assert all("hello from mine" in failure.log for failure in board_results.failures)
 
 
 def test_failures_are_tried_again(suite, tmp_path) -> None:
@@ -259,17 +259,17 @@ def test_failures_are_tried_again(suite, tmp_path) -> None:
 
 def test_a_failing_public_detector_is_named_by_its_trackers(tmp_path) -> None:
     text = TINY.replace('detectors = ["pag", "oracle"]', f"detectors = ['{plugin('Raises')}']")
-    found = leaderboard(parse_suite(text, "x"), boards=["tracking"], out_dir=tmp_path)
-    assert found.row("tracking", "nearest", "hota") is None
-    assert len(found.failures) == EPISODES
-    assert all(f"{plugin('Raises')}: KeyError" in f.reason for f in found.failures)
+    board_results = leaderboard(parse_suite(text, "x"), boards=["tracking"], out_dir=tmp_path)
+    assert board_results.row("tracking", "nearest", "hota") is None
+    assert len(board_results.failures) == EPISODES
+    assert all(f"{plugin('Raises')}: KeyError" in f.reason for f in board_results.failures)
 
 
 def test_a_plug_in_cannot_change_what_others_get(suite, results, tmp_path) -> None:
-    found = leaderboard(
+    board_results = leaderboard(
         suite, [plugin("Scribbles")], boards=["detection"], out_dir=tmp_path, fresh=True
     )
-    assert untimed(found, "detection", "pag", "oracle") == untimed(
+    assert untimed(board_results, "detection", "pag", "oracle") == untimed(
         results, "detection", "pag", "oracle"
     )
 
@@ -284,9 +284,9 @@ def test_parallel_jobs_give_the_same(suite, results, tmp_path) -> None:
 @pytest.mark.slow
 def test_velocities_in_the_ego_frame_are_relative_to_the_ego(suite, tmp_path) -> None:
     """A tracker that says 0 in the ego frame claims that all move as the ego does."""
-    given = [plugin("EgoFrame")]
-    found = leaderboard(suite, given, boards=["tracking"], only=True, out_dir=tmp_path)
-    row = found.row("tracking", f"{plugin('EgoFrame')} on oracle", "velocity_rmse_m_s")
+    entries = [plugin("EgoFrame")]
+    board_results = leaderboard(suite, entries, boards=["tracking"], only=True, out_dir=tmp_path)
+    row = board_results.row("tracking", f"{plugin('EgoFrame')} on oracle", "velocity_rmse_m_s")
     episode = plan(suite, [], boards=["detection"]).jobs[0].episode
     truths = [truth for _, truth in sensed(episode)]
     motions = ego_motions([t.stamp_s for t in truths], [t.world_from_ego for t in truths])
@@ -331,7 +331,7 @@ def test_bad_settings_are_refused(suite, tmp_path) -> None:
 @pytest.mark.parametrize(
     "entry", ["oracle", "noisy?miss=0.2", "cluster-boxes", "fused?lidar=cluster-boxes"]
 )
-def test_a_source_of_detections_that_is_not_ranked_is_told_from_an_unknown_name(suite, entry):
+def test_an_unranked_source_of_detections_is_distinguished_from_an_unknown_name(suite, entry):
     with pytest.raises(SpecError) as error:
         leaderboard(suite, [entry], boards=["detection"])
     assert f"--detections '{entry}'" in str(error.value)
@@ -378,13 +378,15 @@ def test_a_suite_that_names_what_there_is_not_is_refused_by_its_name(tmp_path) -
 
 @pytest.mark.slow
 def test_only_leaves_the_suites_entries_and_the_marks_out(suite, tmp_path) -> None:
-    found = leaderboard(suite, ["distance"], boards=["detection"], only=True, out_dir=tmp_path)
-    assert found.entries("detection") == ["distance"]
-    assert found.boards() == ["detection"]
+    board_results = leaderboard(
+        suite, ["distance"], boards=["detection"], only=True, out_dir=tmp_path
+    )
+    assert board_results.entries("detection") == ["distance"]
+    assert board_results.boards() == ["detection"]
     beside = leaderboard(suite, ["distance"], boards=["detection"], out_dir=tmp_path)
     assert set(beside.entries("detection")) == {"distance", "pag", "oracle", "one-cluster"}
     assert untimed(beside, "detection", "distance") == [
-        row for row in untimed(found, "detection") if row.metric
+        row for row in untimed(board_results, "detection") if row.metric
     ]
 
 
@@ -397,14 +399,14 @@ def test_a_strangers_tracker_and_detector_stand_on_their_boards(suite, tmp_path)
         "class Blind:\n    def reset(self): pass\n"
         "    def detect(self, frame): return Detections.empty(frame.stamp_s)\n"
     )
-    found = leaderboard(suite, [f"{own}:Tracker", f"{own}:Blind"], out_dir=tmp_path / "out")
-    assert found.failures == ()
-    ours = untimed(found, "tracking", "nearest")
-    same = untimed(found, "tracking", f"{own}:Tracker")
+    board_results = leaderboard(suite, [f"{own}:Tracker", f"{own}:Blind"], out_dir=tmp_path / "out")
+    assert board_results.failures == ()
+    ours = untimed(board_results, "tracking", "nearest")
+    same = untimed(board_results, "tracking", f"{own}:Tracker")
     assert [row.value for row in ours] == [row.value for row in same]
-    assert found.row("detection", f"{own}:Blind", "detection_rate").value == 0.0
-    assert found.row("detection", f"{own}:Blind", "call_p50_ms").value > 0
-    assert found.row("detection", f"{own}:Blind", "wall_p50_ms").value > 0
+    assert board_results.row("detection", f"{own}:Blind", "detection_rate").value == 0.0
+    assert board_results.row("detection", f"{own}:Blind", "call_p50_ms").value > 0
+    assert board_results.row("detection", f"{own}:Blind", "wall_p50_ms").value > 0
 
 
 def test_what_is_not_installed_is_named_before_anything_runs(suite, tmp_path) -> None:
@@ -415,7 +417,7 @@ def test_what_is_not_installed_is_named_before_anything_runs(suite, tmp_path) ->
         "class Needy(NearestTracker):\n    kind = 'tracker'\n"
         "    requires = Requirement('no-such-library', 'pip install no-such-library')\n"
     )
-    found = leaderboard(
+    board_results = leaderboard(
         suite,
         [f"{own}:Needy"],
         boards=["tracking"],
@@ -426,6 +428,6 @@ def test_what_is_not_installed_is_named_before_anything_runs(suite, tmp_path) ->
     assert isinstance(events[0], str)
     assert f"{own}:Needy" in events[0]
     assert "pip install no-such-library" in events[0]
-    assert found.not_installed(f"{own}:Needy")
-    assert found.failed_entries == []
-    assert found.row("tracking", "nearest", "hota").n == EPISODES
+    assert board_results.not_installed(f"{own}:Needy")
+    assert board_results.failed_entries == []
+    assert board_results.row("tracking", "nearest", "hota").n == EPISODES

@@ -69,8 +69,8 @@ def test_parts_add_up_to_the_whole(results) -> None:
             ]
             whole = results.row(board, entry, metric)
             assert sum(r.samples for r in rows) == whole.samples
-            found = sum(r.value * r.samples for r in rows)
-            assert found == pytest.approx(whole.value * whole.samples)
+            total = sum(r.value * r.samples for r in rows)
+            assert total == pytest.approx(whole.value * whole.samples)
 
 
 @pytest.mark.slow
@@ -97,17 +97,22 @@ def test_a_strangers_fusion_costs_only_its_own_row(suite, out, capfd) -> None:
     small = replace(suite, seeds=suite.seeds[1:])
     small = small.with_settings("fusion", lidar=("cluster-boxes",))
     good, bad = f"{SENSORS}:MyUnion", f"{SENSORS}:NeedsBoth"
-    found = leaderboard(small, [good, bad, "union"], boards=["fusion"], only=True, out_dir=out)
-    assert found.row("fusion", good, "ap").value == found.row("fusion", "union", "ap").value
-    assert found.row("fusion", bad, "failed_episodes").value > 0
-    assert found.failures
-    assert {failure.entry for failure in found.failures} == {bad}
-    assert all("AttributeError" in failure.reason for failure in found.failures)
-    assert {f.condition for f in found.failures} <= {e.condition for e in episodes(small)}
+    board_results = leaderboard(
+        small, [good, bad, "union"], boards=["fusion"], only=True, out_dir=out
+    )
+    assert (
+        board_results.row("fusion", good, "ap").value
+        == board_results.row("fusion", "union", "ap").value
+    )
+    assert board_results.row("fusion", bad, "failed_episodes").value > 0
+    assert board_results.failures
+    assert {failure.entry for failure in board_results.failures} == {bad}
+    assert all("AttributeError" in failure.reason for failure in board_results.failures)
+    assert {f.condition for f in board_results.failures} <= {e.condition for e in episodes(small)}
     assert "Warning" not in capfd.readouterr().err
 
 
-def test_detections_are_kept_as_they_were(suite, tmp_path) -> None:
+def test_detections_are_stored_unchanged(suite, tmp_path) -> None:
     answers = images_of("noisy-camera", episodes(suite)[3], 0.2)
     assert any(d is None for d in answers.detections)
     with (tmp_path / "kept.npz").open("wb") as file:
@@ -118,8 +123,8 @@ def test_detections_are_kept_as_they_were(suite, tmp_path) -> None:
 
 
 def test_fused_detections_are_a_detector_for_trackers(suite, out) -> None:
-    found = leaderboard(suite, boards=["tracking"], out_dir=out)
-    assert found.row("tracking", "nearest", "hota").value > 0
+    board_results = leaderboard(suite, boards=["tracking"], out_dir=out)
+    assert board_results.row("tracking", "nearest", "hota").value > 0
     spec, episode = suite.boards["tracking"].detectors[0], episodes(suite)[0]
     detections = fused_detections_of(spec, episode, suite.eligibility)
     fusions = fusions_of(spec, episode, suite.eligibility)
@@ -234,11 +239,11 @@ def test_detections_on_the_command_line_replace_the_suites(tmp_path) -> None:
     path = tmp_path / "tiny.toml"
     path.write_text(TINY)
     arguments = ["leaderboard", "tracking", "--suite", str(path), "--jobs", "1", "--detections"]
-    said = CliRunner().invoke(app, [*arguments, "cluster-boxes"])
-    assert said.exit_code == 0, said.output
-    assert "detections of cluster-boxes" in " ".join(said.output.split())
-    said = CliRunner().invoke(app, [*arguments, "fused?fusion=nobody"])
-    assert "no fusion 'nobody'" in str(said.exception)
+    result = CliRunner().invoke(app, [*arguments, "cluster-boxes"])
+    assert result.exit_code == 0, result.output
+    assert "detections of cluster-boxes" in " ".join(result.output.split())
+    result = CliRunner().invoke(app, [*arguments, "fused?fusion=nobody"])
+    assert "no fusion 'nobody'" in str(result.exception)
 
 
 @pytest.mark.parametrize(
@@ -253,5 +258,5 @@ def test_detections_on_the_command_line_replace_the_suites(tmp_path) -> None:
     ],
 )
 def test_options_that_a_board_does_not_heed_are_refused(board, option, words) -> None:
-    said = CliRunner().invoke(app, ["leaderboard", board, option, "cluster-boxes"])
-    assert words in str(said.exception)
+    result = CliRunner().invoke(app, ["leaderboard", board, option, "cluster-boxes"])
+    assert words in str(result.exception)

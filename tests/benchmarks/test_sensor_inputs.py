@@ -39,7 +39,7 @@ def test_images_of_scans_are_the_nearest_of_all(suite) -> None:
         )
 
 
-def test_where_an_image_is_lost_the_nearest_that_arrives_is_looked_at(suite) -> None:
+def test_where_an_image_is_lost_the_nearest_that_arrives_is_used(suite) -> None:
     instead = 0
     for severity, seed in product(range(1, 6), suite.seeds):
         episode = Episode("street", seed, "li2021", 1.2, faults=(f"blackout:{severity}",))
@@ -77,9 +77,9 @@ def test_a_scan_or_an_image_that_is_lost_leaves_the_other_sensor(suite) -> None:
     for episode in episodes(lossy):
         moments = fusions_of("fused?camera=noisy-camera&fusion=union", episode, suite.eligibility)
         lost = [sensing_of(episode).scan_lost(row) for row in moments.rows.tolist()]
-        for gone, fused, targets in zip(lost, moments.fused, moments.targets, strict=True):
+        for is_lost, fused, targets in zip(lost, moments.fused, moments.targets, strict=True):
             sensors.add((bool(fused.by_lidar.any()), bool(fused.by_camera.any())))
-            assert not (gone and fused.by_lidar.any())
+            assert not (is_lost and fused.by_lidar.any())
             # What was to be found does not depend on what failed.
             assert targets.eligible.any()
     assert {(False, True), (True, False), (True, True)} <= sensors
@@ -119,6 +119,6 @@ def test_an_error_of_the_calibration_is_believed(suite) -> None:
         matrices.append(sensing.calibration.pose("camera").matrix)
         moments = fusions_of("fused?camera=oracle&fusion=image-first", episode, suite.eligibility)
         matrices.append(np.array([f.by_lidar.sum() for f in moments.fused]).sum())
-    true, joined, off, apart = matrices
+    true, joined, off, separate = matrices
     assert not np.allclose(true, off)
-    assert apart < joined
+    assert separate < joined

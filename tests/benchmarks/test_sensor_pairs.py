@@ -27,21 +27,21 @@ def truths() -> tuple[Truth, Truth]:
         "world_from_ego": Pose.planar(100.0, 5.0, 0.0),
     }
     scan = truth(**shared, returns=returns)
-    seen = {"visible_pixels": np.array(pixels), "image_boxes": np.array(boxes)}
-    return scan, truth(**shared, returns=0, **seen)
+    image_columns = {"visible_pixels": np.array(pixels), "image_boxes": np.array(boxes)}
+    return scan, truth(**shared, returns=0, **image_columns)
 
 
-def test_who_is_to_be_found() -> None:
-    found = targets_of(*truths(), np.empty((0, 2)), LOOK)
-    said = dict(zip(ROWS, found.eligible.tolist(), strict=True))
-    assert said == {name: row[-1] for name, row in ROWS.items()}
-    assert np.allclose(found.centres[0], [20.0, 0.0, 1.0])
+def test_which_objects_are_to_be_detected() -> None:
+    targets = targets_of(*truths(), np.empty((0, 2)), LOOK)
+    eligible_by_name = dict(zip(ROWS, targets.eligible.tolist(), strict=True))
+    assert eligible_by_name == {name: row[-1] for name, row in ROWS.items()}
+    assert np.allclose(targets.centres[0], [20.0, 0.0, 1.0])
 
 
 def test_parked_cars_are_neither_missed_nor_made_up() -> None:
     scan, image = truths()
-    found = targets_of(scan, image, np.array([[112.0, 3.0]]), LOOK)
-    assert len(found) == len(ROWS) + 1
-    assert not found.eligible[-1]
-    assert np.allclose(found.centres[-1], [12.0, -2.0, 0.75])
-    assert (found.image_boxes[-1, 2:] > found.image_boxes[-1, :2]).all()
+    targets = targets_of(scan, image, np.array([[112.0, 3.0]]), LOOK)
+    assert len(targets) == len(ROWS) + 1
+    assert not targets.eligible[-1]
+    assert np.allclose(targets.centres[-1], [12.0, -2.0, 0.75])
+    assert (targets.image_boxes[-1, 2:] > targets.image_boxes[-1, :2]).all()

@@ -19,20 +19,20 @@ def job(key: str) -> StoredJob:
     return StoredJob(key, "detection", "mine", "motorway", 1, "{}")
 
 
-def test_what_is_put_is_found_again_by_another_reader(tmp_path) -> None:
+def test_another_reader_finds_stored_outcomes(tmp_path) -> None:
     path = tmp_path / "results.sqlite"
     with Store(path) as store:
         number = store.begin({"a": 1})
         store.put(job("k1"), Outcome(SCORES), number)
         store.put(job("k2"), Outcome({}, "it broke"), number)
         with Store(path) as reader:
-            found = reader.outcomes(["k1", "k2", "k3"])
-    assert set(found) == {"k1", "k2"}
-    assert found["k2"].reason == "it broke"
-    assert found["k1"].scores["rate"] == SCORES["rate"]
-    assert found["k1"].scores["error"] == SCORES["error"]
-    assert math.isnan(found["k1"].scores["none"].value)
-    assert found["k1"].scores["none"].least == -math.inf
+            stored = reader.outcomes(["k1", "k2", "k3"])
+    assert set(stored) == {"k1", "k2"}
+    assert stored["k2"].reason == "it broke"
+    assert stored["k1"].scores["rate"] == SCORES["rate"]
+    assert stored["k1"].scores["error"] == SCORES["error"]
+    assert math.isnan(stored["k1"].scores["none"].value)
+    assert stored["k1"].scores["none"].least == -math.inf
 
 
 def test_a_job_done_again_replaces_its_row(tmp_path) -> None:
@@ -201,9 +201,9 @@ def test_inputs_conditions_and_the_end_of_the_log_are_kept(tmp_path: Path) -> No
         store.put(row, Outcome({}, "it broke", log), store.begin({}))
         assert store.outcomes(["k"])["k"] == Outcome({}, "it broke", log[-LOG_LENGTH:])
     db = sqlite3.connect(path)
-    kept = db.execute("SELECT inputs, condition FROM results").fetchall()
+    stored_rows = db.execute("SELECT inputs, condition FROM results").fetchall()
     db.close()
-    assert kept == [("oracle", "fog:3 + night:2")]
+    assert stored_rows == [("oracle", "fog:3 + night:2")]
 
 
 def test_a_path_that_cannot_be_opened(tmp_path) -> None:

@@ -61,8 +61,8 @@ def test_shipped_suites_name_what_exists(name) -> None:
     assert set(suite.seeds) <= set(SPLITS["test"])
     jobs = Counter(job.board.name for job in plan(suite, []).jobs)
     assert set(jobs) == {board.name for board in boards_of(suite) if board.suite_entries(suite)}
-    seen = len(suite.weathers) + len(suite.lights) + len(suite.faults) - 2
-    episodes = len(suite.scenarios) * len(suite.seeds) * seen
+    conditions = len(suite.weathers) + len(suite.lights) + len(suite.faults) - 2
+    episodes = len(suite.scenarios) * len(suite.seeds) * conditions
     ranked, tracking, camera, fusion = (
         suite.boards[name] for name in ("detection", "tracking", "camera", "fusion")
     )
@@ -361,7 +361,7 @@ def test_a_suite_without_entries_is_for_every_board() -> None:
 
 
 @pytest.mark.slow
-def test_keys_follow_content(tmp_path) -> None:
+def test_keys_depend_on_content(tmp_path) -> None:
     plugin = tmp_path / "mine.py"
     source = "class Mine:\n    def __init__(self, *, a=1): ...\n    def reset(self): ...\n"
     source += "    def update(self): ...\n"
@@ -384,7 +384,7 @@ def test_keys_follow_content(tmp_path) -> None:
     assert not set(keys(f"{plugin}:Mine", TINY.replace("[detection]", far))) & set(first)
 
 
-def test_problems_of_a_suite_survive_the_way_from_another_process() -> None:
+def test_problems_of_a_suite_survive_the_transfer_from_another_process() -> None:
     with pytest.raises(SuiteError) as raised:
         parse_suite(TINY.replace("name =", "nmae ="), "x")
     for error in (raised.value, raised.value.__cause__):

@@ -5,31 +5,18 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from toy_drive import Drive, driven
+from toy_drive import ScansInMemory, ToyDrive, driven
 from typer.testing import CliRunner
 
 from roadscope.__main__ import app
 from roadscope.benchmarks import Episode, drive
 from roadscope.benchmarks.formats import trajectory_text
-from roadscope.core import LidarScan, Pose
+from roadscope.core import Pose
 from roadscope.formats import read_trajectory
 from roadscope.odometry import ODOMETRIES, direction_of_travel, turned_back, turned_scan
 
 SCANS = 30
-TRUTH = [Pose(Drive().pose(0.05 + 0.1 * k)) for k in range(SCANS)]
-
-
-class Recording:
-    """Scans that are not in files."""
-
-    def __init__(self, scans: list[LidarScan]) -> None:
-        self.scans = scans
-
-    def __len__(self) -> int:
-        return len(self.scans)
-
-    def part(self, first: int, end: int):
-        return iter(self.scans[first:end])
+TRUTH = [Pose(ToyDrive().pose(0.05 + 0.1 * k)) for k in range(SCANS)]
 
 
 def lidar_from_ahead(degrees: float) -> Pose:
@@ -72,25 +59,25 @@ def run(folder: Path, *options: str):
 @pytest.mark.parametrize("degrees", [30, 180, -90])
 def test_scans_are_turned_to_where_they_drive_and_poses_are_the_lidars(tmp_path, degrees):
     folder = record(tmp_path, lidar_from_ahead(degrees))
-    found, told = run(folder)
-    assert "the LiDAR drives to" in told
-    assert found["errors"]["end_m"] < 0.3
-    assert sum(found["degraded"].values()) <= 3
+    report, log = run(folder)
+    assert "the LiDAR drives to" in log
+    assert report["errors"]["end_m"] < 0.3
+    assert sum(report["degraded"].values()) <= 3
     last = read_trajectory(folder / "poses.txt", "kitti").poses[-1]
-    way = lidar_from_ahead(degrees) @ TRUTH[-1]
-    assert last.translation == pytest.approx(way.translation, abs=0.3)
+    expected_pose = lidar_from_ahead(degrees) @ TRUTH[-1]
+    assert last.translation == pytest.approx(expected_pose.translation, abs=0.3)
 
 
 def test_a_lidar_with_its_x_axis_ahead_is_left_alone(tmp_path):
     assert "drives to" not in run(record(tmp_path, Pose.identity()))[1]
 
 
-def test_a_direction_that_is_not_shown_is_told(tmp_path):
+def test_an_unobservable_direction_is_reported(tmp_path):
     folder = record(tmp_path, Pose.identity())
     for k in range(1, SCANS):
         (folder / f"{k}.npy").write_bytes((folder / "0.npy").read_bytes())
-    told = run(folder, "--imu", "none")[1]
-    assert "scans do not show where the LiDAR drives to: its x axis is taken to point ahead" in told
+    log = run(folder, "--imu", "none")[1]
+    assert "scans do not show where the LiDAR drives to: its x axis is taken to point ahead" in log
 
 
 def test_a_mounting_that_is_given_is_not_doubted(tmp_path):
@@ -98,14 +85,14 @@ def test_a_mounting_that_is_given_is_not_doubted(tmp_path):
     roll, yaw = 90.0, 40.0
     mount = Pose.from_euler(0, 0, 0, roll=np.deg2rad(roll), yaw=np.deg2rad(yaw))
     folder = record(tmp_path, mount.inverse())
-    found, told = run(folder, "--lidar-mounting", f"0,0,0,{roll},0,{yaw}")
-    assert "drives to" not in told
-    assert found["errors"]["end_m"] < 0.3
+    report, log = run(folder, "--lidar-mounting", f"0,0,0,{roll},0,{yaw}")
+    assert "drives to" not in log
+    assert report["errors"]["end_m"] < 0.3
 
 
-def test_a_mounting_that_scans_contradict_is_told(tmp_path):
-    told = run(record(tmp_path, Pose.identity()), "--lidar-mounting", "0,0,0,0,0,180")[1]
-    assert "is --lidar-mounting right?" in told
+def test_a_mounting_that_scans_contradict_is_reported(tmp_path):
+    log = run(record(tmp_path, Pose.identity()), "--lidar-mounting", "0,0,0,0,0,180")[1]
+    assert "is --lidar-mounting right?" in log
 
 
 @pytest.mark.parametrize("odometry", ["voxel-map"])
@@ -126,5 +113,5 @@ def test_estimates_of_turned_scans_come_back_as_those_of_the_scans(odometry):
 def test_traffic_around_turns_no_lidar(scenario):
     """Matches that moving objects mislead point anywhere."""
     scans = [step.scan for step in drive(Episode(scenario, 10000, "vlp16-imu", 10.0))]
-    azimuth = direction_of_travel(Recording(scans))  # type: ignore[arg-type]
+    azimuth = direction_of_travel(ScansInMemory(scans))  # type: ignore[arg-type]
     assert azimuth is None or abs(azimuth) < np.deg2rad(15)

@@ -103,14 +103,14 @@ def test_the_command(folder: Path, answer) -> None:
     assert answer("cache", "path") == (0, f"{folder}\n", "")
     table = json.loads(answer("cache", "show", "--json")[1])
     assert {kind["kind"]: kind["files"] for kind in table["kinds"]} == dict.fromkeys(OURS, 1)
-    status, said, _ = answer("cache", "clear", "--kind", "poses", "--kind", "timelines")
+    status, output, _ = answer("cache", "clear", "--kind", "poses", "--kind", "timelines")
     assert status == 0
-    assert "poses" in said
-    assert "timelines" in said
-    assert "image-detections" not in said
-    status, said, _ = answer("cache", "clear", "--results")
+    assert "poses" in output
+    assert "timelines" in output
+    assert "image-detections" not in output
+    status, output, _ = answer("cache", "clear", "--results")
     assert status == 0
-    assert "results" in said
+    assert "results" in output
     assert names(folder) == set(FOREIGN)
     assert json.loads(answer("cache", "clear", "--json")[1])["kinds"] == []
     assert answer("cache", "clear", "--quiet") == (0, "", "")

@@ -63,8 +63,8 @@ class Elsewhere(Echo):
 def rows_of(boxes=CARS):
     """A scan of 31 beams all around, x y z intensity, in the LiDAR's own axes."""
     around = np.radians(np.arange(-180, 180, 0.4))
-    seen = scan(boxes, elevations=np.arange(-15.0, 16.0), azimuths=around)
-    return np.column_stack([seen.points, seen.intensity]).astype("<f4")
+    sweep = scan(boxes, elevations=np.arange(-15.0, 16.0), azimuths=around)
+    return np.column_stack([sweep.points, sweep.intensity]).astype("<f4")
 
 
 @pytest.fixture
@@ -92,9 +92,9 @@ def run(folder: Path, *options: str, detector: str | None = "", out: str = "out"
 
 def works(*folder_and_options, **named):
     """The same, of a command that must succeed."""
-    done, found = run(*folder_and_options, **named)
+    done, document = run(*folder_and_options, **named)
     assert done.exit_code == 0, done.output
-    return done, found
+    return done, document
 
 
 def labels(folder: Path, name: str, out: str = "out"):
@@ -102,10 +102,10 @@ def labels(folder: Path, name: str, out: str = "out"):
 
 
 def test_cars_are_where_they_stand(folder):
-    _, found = works(folder)
-    assert found["lidar_height_m"] == pytest.approx(HEIGHT_M, abs=0.03)
-    assert [each["name"] for each in found["frames"]] == ["000000", "000001", "000002"]
-    for frame in found["frames"]:
+    _, written = works(folder)
+    assert written["lidar_height_m"] == pytest.approx(HEIGHT_M, abs=0.03)
+    assert [each["name"] for each in written["frames"]] == ["000000", "000001", "000002"]
+    for frame in written["frames"]:
         boxes = sorted(frame["detections"], key=lambda box: box["centre_m"][0])
         assert [box["category"] for box in boxes] == ["car", "car"]
         for box, (x, y, _, _, height, _) in zip(boxes, CARS, strict=True):
@@ -122,46 +122,46 @@ def test_cars_are_where_they_stand(folder):
 
 
 def test_height_is_named_or_of_the_ground(folder):
-    done, found = works(folder, "--height", "1.25", detector="Echo")
-    assert found["lidar_height_m"] == 1.25
+    done, written = works(folder, "--height", "1.25", detector="Echo")
+    assert written["lidar_height_m"] == 1.25
     assert "1.25 m above the ground, as named" in done.stderr
-    box = found["frames"][0]["detections"][0]
+    box = written["frames"][0]["detections"][0]
     # The plug-in puts a box of 1.25 m at the sensor's height: 0 in the LiDAR's axes.
     assert box["centre_m"] == pytest.approx([10, len(rows_of()) / 1000, 0], abs=1e-9)
     assert labels(folder, "000000").bottoms[0, 1] == pytest.approx(1.5 / 2)
 
 
 def test_boxes_are_in_the_axes_of_a_turned_lidar_and_labels_ahead_of_the_vehicle(folder):
-    _, found = works(folder, "--lidar-mounting", "0,0,0,0,0,90", detector="Echo")
-    box, count = found["frames"][0]["detections"][0], len(rows_of()) / 1000
+    _, written = works(folder, "--lidar-mounting", "0,0,0,0,0,90", detector="Echo")
+    box, count = written["frames"][0]["detections"][0], len(rows_of()) / 1000
     assert box["centre_m"][:2] == pytest.approx([count, -10])
     assert box["yaw_rad"] == pytest.approx(0, abs=1e-9)
     assert labels(folder, "000000").bottoms[0, [0, 2]] == pytest.approx([-count, 10])
 
 
 def test_every_scan_has_a_label_file(folder):
-    _, found = works(folder, detector="Nothing")
+    _, written = works(folder, detector="Nothing")
     assert [len(labels(folder, f"{k:06d}")) for k in range(SCANS)] == [0] * SCANS
-    assert [frame["detections"] for frame in found["frames"]] == [[]] * SCANS
+    assert [frame["detections"] for frame in written["frames"]] == [[]] * SCANS
 
 
 def test_poses_give_the_motion_of_the_ego(folder):
     poses = folder.parent / "poses.txt"
     poses.write_text("".join(f"1 0 0 {0.5 * k} 0 1 0 0 0 0 1 0\n" for k in range(SCANS)))
-    _, found = works(folder, "--poses", str(poses), detector="Echo")
-    ahead = [frame["detections"][0]["centre_m"][0] for frame in found["frames"]]
+    _, written = works(folder, "--poses", str(poses), detector="Echo")
+    ahead = [frame["detections"][0]["centre_m"][0] for frame in written["frames"]]
     assert ahead == pytest.approx([10, 10.5, 10.5])
 
 
-def test_a_detector_of_moving_things_without_poses_is_told(folder):
-    told = "no --poses: the LiDAR is taken to stand still"
-    assert told in works(folder, "--detector", "zhang2017")[0].stderr
-    assert told in works(folder, detector="Echo")[0].stderr
-    assert told not in works(folder)[0].stderr
+def test_a_detector_of_moving_objects_without_poses_brings_a_warning(folder):
+    warning = "no --poses: the LiDAR is taken to stand still"
+    assert warning in works(folder, "--detector", "zhang2017")[0].stderr
+    assert warning in works(folder, detector="Echo")[0].stderr
+    assert warning not in works(folder)[0].stderr
     poses = folder.parent / "poses.txt"
     poses.write_text("1 0 0 0 0 1 0 0 0 0 1 0\n" * SCANS)
-    assert told not in works(folder, "--poses", str(poses), detector="Echo")[0].stderr
-    assert told not in works(folder, "--poses", str(poses), "--detector", "zhang2017")[0].stderr
+    assert warning not in works(folder, "--poses", str(poses), detector="Echo")[0].stderr
+    assert warning not in works(folder, "--poses", str(poses), "--detector", "zhang2017")[0].stderr
     refused, _ = run(folder, "--poses", str(poses))
     assert "distance-l-shape has no use for poses" in str(refused.exception)
 
@@ -169,23 +169,23 @@ def test_a_detector_of_moving_things_without_poses_is_told(folder):
 def test_an_answer_of_a_late_detector_is_put_to_its_scan(folder):
     for k in range(SCANS):
         rows_of()[: -k or None].tofile(folder / f"{k:06d}.bin")
-    _, found = works(folder, detector="Late")
-    counts = [[1000 * b["centre_m"][1] for b in frame["detections"]] for frame in found["frames"]]
+    _, written = works(folder, detector="Late")
+    counts = [[1000 * b["centre_m"][1] for b in frame["detections"]] for frame in written["frames"]]
     assert counts == [pytest.approx([len(rows_of())]), pytest.approx([len(rows_of()) - 1]), []]
 
 
-def test_a_damaged_scan_is_empty_and_told(folder):
+def test_a_damaged_scan_is_empty_and_reported(folder):
     (folder / "000001.bin").write_bytes(b"damaged")
-    done, found = works(folder)
+    done, written = works(folder)
     assert "1 scan is taken as empty" in done.stderr
-    assert [bool(frame.get("problem")) for frame in found["frames"]] == [False, True, False]
-    assert [len(frame["detections"]) for frame in found["frames"]] == [2, 0, 2]
+    assert [bool(frame.get("problem")) for frame in written["frames"]] == [False, True, False]
+    assert [len(frame["detections"]) for frame in written["frames"]] == [2, 0, 2]
 
 
 def test_results_are_kept_when_a_plugin_fails(folder):
-    done, found = run(folder, detector="Falls")
+    done, written = run(folder, detector="Falls")
     assert isinstance(done.exception, PluginError)
-    assert len(found["frames"]) == 2
+    assert len(written["frames"]) == 2
     assert "2 of 3 frames" in done.stderr
 
 
@@ -215,10 +215,10 @@ def test_labels_of_other_scans_are_not_mixed_in(folder):
     ],
 )
 def test_wrong_options_are_refused(folder, options, message):
-    done, found = run(folder, *options)
+    done, written = run(folder, *options)
     assert isinstance(done.exception, ValueError)
     assert message in str(done.exception)
-    assert not found
+    assert not written
 
 
 def test_a_lidar_without_ground_needs_its_height(folder):
@@ -233,18 +233,18 @@ def test_a_lidar_without_ground_needs_its_height(folder):
 def test_flat_beams_do_not_show_the_height(folder):
     # Things 14 m away, which the lowest beam meets at the same height all around.
     posts = [(19.0, y, 0.5, 0.8, 1.7, 0.0) for y in np.arange(-6.0, 7.0, 1.0)]
-    seen = scan(posts)
+    sweep = scan(posts)
     for path in folder.iterdir():
-        np.column_stack([seen.points, seen.intensity]).astype("<f4").tofile(path)
+        np.column_stack([sweep.points, sweep.intensity]).astype("<f4").tofile(path)
     done, _ = run(folder, detector="Nothing")
     assert "--height METRES" in str(done.exception)
 
 
 def test_json_is_the_only_output(folder):
     done, _ = run(folder, "--json", detector="Echo")
-    told = json.loads(done.stdout)
-    assert told["frames"] == SCANS
-    assert told["detections"] == {"car": SCANS}
+    summary = json.loads(done.stdout)
+    assert summary["frames"] == SCANS
+    assert summary["detections"] == {"car": SCANS}
 
 
 # --------------------------------------------------------------------------------------------------
@@ -314,23 +314,23 @@ def fused_spec(folder: Path) -> str:
 
 
 def test_scans_are_kept_when_a_fused_run_is_stopped(both):
-    done, found = run(both, "--detector", fused_spec(both).replace("Echo", "Falls"))
+    done, written = run(both, "--detector", fused_spec(both).replace("Echo", "Falls"))
     assert isinstance(done.exception, PluginError)
-    assert len(found["frames"]) == 2
+    assert len(written["frames"]) == 2
     assert "2 of 3 frames" in done.stderr
-    assert all(frame["problem"] for frame in found["frames"])
-    assert all(frame["detections"][0]["sensors"] == ["lidar"] for frame in found["frames"])
+    assert all(frame["problem"] for frame in written["frames"])
+    assert all(frame["detections"][0]["sensors"] == ["lidar"] for frame in written["frames"])
 
 
 def test_a_fused_run_that_is_stopped_among_images_keeps_all_scans(both):
     write_images(both / "image_2", SCANS - 1)
     pixels = np.zeros((HEIGHT, WIDTH, 3), np.uint8)  # The toy fails on an image without its spot.
     Image.fromarray(pixels).save(both / "image_2" / f"{SCANS - 1:06d}.png")
-    done, found = run(both, "--detector", fused_spec(both))
+    done, written = run(both, "--detector", fused_spec(both))
     assert isinstance(done.exception, PluginError)
-    sensors = [frame["detections"][0]["sensors"] for frame in found["frames"]]
+    sensors = [frame["detections"][0]["sensors"] for frame in written["frames"]]
     assert sensors == [["lidar", "camera"], ["lidar", "camera"], ["lidar"]]
-    assert [bool(frame.get("problem")) for frame in found["frames"]] == [False, False, True]
+    assert [bool(frame.get("problem")) for frame in written["frames"]] == [False, False, True]
     assert "3 of 3 frames" in done.stderr
     assert "the LiDAR alone in 1" in done.stderr
 
@@ -347,24 +347,24 @@ def test_a_fused_run_that_is_stopped_among_images_keeps_all_scans(both):
 )
 def test_options_of_scans_are_refused_for_images_alone(both, option):
     for place in (both, both / "image_2"):
-        done, found = run(place, *option, "--detector", f"{both.parent}/camera.py:Eye")
+        done, written = run(place, *option, "--detector", f"{both.parent}/camera.py:Eye")
         assert isinstance(done.exception, FormatError)
         assert option[0] in str(done.exception)
-        assert not found
+        assert not written
 
 
 def test_images_alone_have_the_calibration_and_the_stamps_of_scans(both):
     eye = ("--detector", f"{both.parent}/camera.py:Eye")
     (both / "velodyne" / "times.txt").write_text("5.0\n5.1\n5.3\n")
-    done, found = works(both, *eye)
+    done, written = works(both, *eye)
     # `Eye` tells the focal length by its score.
-    assert [frame["detections"][0]["score"] for frame in found["frames"]] == [0.5] * SCANS
-    assert [frame["stamp_s"] for frame in found["frames"]] == [5.0, 5.1, 5.3]
+    assert [frame["detections"][0]["score"] for frame in written["frames"]] == [0.5] * SCANS
+    assert [frame["stamp_s"] for frame in written["frames"]] == [5.0, 5.1, 5.3]
     assert "stamps of images are those of the scans" in done.stderr
     other = both.parent / "other.txt"
     other.write_text(CALIBRATION.replace("500.0", "700.0"))
-    done, found = works(both / "image_2", *eye, "--calibration", str(other), out="other")
-    assert [frame["detections"][0]["score"] for frame in found["frames"]] == [0.7] * SCANS
+    done, written = works(both / "image_2", *eye, "--calibration", str(other), out="other")
+    assert [frame["detections"][0]["score"] for frame in written["frames"]] == [0.7] * SCANS
     assert "images are taken to be 10 a second" in done.stderr
     done, _ = run(both, *eye, "--calibration", str(both / "nowhere.txt"))
     assert "nowhere.txt: cannot be read" in str(done.exception)
@@ -377,8 +377,8 @@ def test_images_alone_have_the_calibration_and_the_stamps_of_scans(both):
 def test_a_rate_is_used_or_refused(both, beside, detector):
     place = both / beside
     named = ["--detector", f"{both.parent}/camera.py:{detector}"] if detector else []
-    _, found = works(place, "--rate-hz", "5", *named)
-    assert [frame["stamp_s"] for frame in found["frames"]] == [0.0, 0.2, 0.4]
+    _, written = works(place, "--rate-hz", "5", *named)
+    assert [frame["stamp_s"] for frame in written["frames"]] == [0.0, 0.2, 0.4]
     refused, _ = run(place, "--rate-hz", "0", *named)
     assert "a rate above 0 Hz" in str(refused.exception)
     (place / "times.txt").write_text("0.0\n0.1\n0.2\n")
@@ -403,12 +403,12 @@ def test_images_alone(folder, ending):
     write_images(place, ending=ending)
     (folder.parent / "camera.py").write_text(CAMERA)
     pictures = folder.parent / "pictures"
-    _, found = works(
+    _, written = works(
         place, "--detector", f"{folder.parent}/camera.py:Eye", "--pictures", str(pictures)
     )
-    assert [frame["name"] for frame in found["frames"]] == ["000000", "000001", "000002"]
+    assert [frame["name"] for frame in written["frames"]] == ["000000", "000001", "000002"]
     slack = 0 if ending == "png" else 1
-    for k, frame in enumerate(found["frames"]):
+    for k, frame in enumerate(written["frames"]):
         (box,) = frame["detections"]
         moved = np.add(SPOT, [k, 0, k, 0])
         assert box["image_box_px"] == pytest.approx(moved, abs=slack)
@@ -417,7 +417,7 @@ def test_images_alone(folder, ending):
         rows = labels(folder, frame["name"])
         assert rows.boxes[0] == pytest.approx(moved, abs=slack)
         assert not rows.has_3d_box.any()
-    assert "lidar_height_m" not in found
+    assert "lidar_height_m" not in written
     names = sorted(path.name for path in pictures.iterdir())
     assert names == [f"00000{k}_image.png" for k in range(SCANS)]
 
@@ -425,14 +425,14 @@ def test_images_alone(folder, ending):
 def test_the_shipped_network_is_the_default_for_images(folder):
     place = folder.parent / "images"
     write_images(place, 1)
-    _, found = works(place, detector=None)
-    assert found["detectors"] == {"camera": "network"}
+    _, written = works(place, detector=None)
+    assert written["detectors"] == {"camera": "network"}
 
 
 def test_a_fusion_gets_both_and_the_calibration(both):
     pictures = both.parent / "pictures"
-    _, found = works(both, "--detector", fused_spec(both), "--pictures", str(pictures))
-    for k, frame in enumerate(found["frames"]):
+    _, written = works(both, "--detector", fused_spec(both), "--pictures", str(pictures))
+    for k, frame in enumerate(written["frames"]):
         (target,) = frame["detections"]
         assert target["sensors"] == ["lidar", "camera"]
         assert target["image_box_px"] == [300 + k, 200, 340 + k, 260]
@@ -444,18 +444,20 @@ def test_a_fusion_gets_both_and_the_calibration(both):
 
 
 def test_the_default_for_both_is_a_fusion(both):
-    _, found = works(both, detector=None)
-    assert set(found["detectors"]) == {"lidar", "camera", "fusion"}
-    placed = [box for frame in found["frames"] for box in frame["detections"] if "centre_m" in box]
+    _, written = works(both, detector=None)
+    assert set(written["detectors"]) == {"lidar", "camera", "fusion"}
+    placed = [
+        box for frame in written["frames"] for box in frame["detections"] if "centre_m" in box
+    ]
     ahead = {round(box["centre_m"][0]) for box in placed if box["category"] == "car"}
     assert any(abs(x - (CARS[0][0] - FRONT_M)) <= 1 for x in ahead)
 
 
 def test_labels_of_a_lidar_alone_have_boxes_in_the_image(both):
-    _, found = works(both)
+    _, written = works(both)
     rows = labels(both, "000000")
     assert len(rows) == len(CARS)
-    for box, centre in zip(rows.boxes, found["frames"][0]["detections"], strict=True):
+    for box, centre in zip(rows.boxes, written["frames"][0]["detections"], strict=True):
         x, y, z = CAMERA_FROM_LIDAR @ [*centre["centre_m"], 1]
         middle = [320 + 500 * x / z, 240 + 500 * y / z]
         assert (box[:2] < middle).all()
@@ -464,7 +466,7 @@ def test_labels_of_a_lidar_alone_have_boxes_in_the_image(both):
         assert (box <= [WIDTH, HEIGHT, WIDTH, HEIGHT]).all()
 
 
-def test_without_a_calibration_images_are_not_used_and_that_is_told(both):
+def test_without_a_calibration_images_are_not_used_and_a_note_says_so(both):
     (both / "calib.txt").unlink()
     done, _ = works(both, detector=None)
     assert "the images are not used: no calibration" in done.stderr
@@ -472,7 +474,7 @@ def test_without_a_calibration_images_are_not_used_and_that_is_told(both):
     assert "no calibration" in str(refused.exception)
 
 
-def test_a_calibration_that_cannot_be_read_is_told_or_refused(both):
+def test_a_calibration_that_cannot_be_read_is_reported_or_refused(both):
     (both / "calib.txt").write_text("nothing\n")
     done, _ = works(both, detector="Nothing")
     assert "a calibration is not used" in done.stderr
@@ -486,9 +488,9 @@ def test_each_scan_may_have_a_calibration(both):
     for k in range(SCANS):
         focal = f"P2: {500.0 + k}"
         (both / "calib" / f"00000{k}.txt").write_text(CALIBRATION.replace("P2: 500.0", focal))
-    _, found = works(both, "--detector", fused_spec(both), "--height", "1")
+    _, written = works(both, "--detector", fused_spec(both), "--height", "1")
     # `Eye` tells the focal length by its score, where it is the greater one.
-    scores = [frame["detections"][0]["score"] for frame in found["frames"]]
+    scores = [frame["detections"][0]["score"] for frame in written["frames"]]
     assert scores == [0.5, 0.501, 0.502]
     (both / "calib" / "000002.txt").unlink()
     done, _ = works(both, detector="Nothing")
@@ -497,13 +499,13 @@ def test_each_scan_may_have_a_calibration(both):
     assert "000002.txt" in str(refused.exception)
 
 
-def test_lost_images_and_scans_are_told_and_the_other_sensor_is_used(both):
+def test_lost_images_and_scans_are_reported_and_the_other_sensor_is_used(both):
     (both / "image_2" / "000001.png").write_bytes(b"damaged")
     (both / "velodyne" / "000002.bin").write_bytes(b"damaged")
-    done, found = works(both, "--detector", fused_spec(both))
-    sensors = [[box["sensors"] for box in frame["detections"]] for frame in found["frames"]]
+    done, written = works(both, "--detector", fused_spec(both))
+    sensors = [[box["sensors"] for box in frame["detections"]] for frame in written["frames"]]
     assert sensors == [[["lidar", "camera"]], [["lidar"]], [["camera"]]]
-    assert [bool(frame.get("problem")) for frame in found["frames"]] == [False, True, True]
+    assert [bool(frame.get("problem")) for frame in written["frames"]] == [False, True, True]
     assert "1 image cannot be read" in done.stderr
     assert "1 scan is taken as empty" in done.stderr
 
@@ -515,25 +517,25 @@ def test_images_of_other_names_belong_to_scans_by_time(both):
     assert "nothing says when they were taken" in str(refused.exception)
     (both / "velodyne" / "times.txt").write_text("0.0\n0.1\n0.2\n")
     (both / "image_2" / "times.txt").write_text("0.11\n0.21\n0.9\n")
-    done, found = works(both, "--detector", fused_spec(both))
+    done, written = works(both, "--detector", fused_spec(both))
     left = [
         [box["image_box_px"][0] for box in frame["detections"] if "image_box_px" in box]
-        for frame in found["frames"]
+        for frame in written["frames"]
     ]
     assert left == [[], [300], [301]]
     (both / "image_2" / "times.txt").write_text("7.11\n7.21\n7.9\n")
-    done, found = works(both, detector=None)
+    done, written = works(both, detector=None)
     assert "the images are not used: no scan has an image" in done.stderr
 
 
 def test_images_whose_stamps_contradict_their_names_belong_to_scans_by_time(both):
     (both / "velodyne" / "times.txt").write_text("0.0\n0.3\n0.6\n")
     (both / "image_2" / "times.txt").write_text("0.01\n0.31\n0.61\n")
-    done, found = works(both, "--detector", fused_spec(both))
+    done, written = works(both, "--detector", fused_spec(both))
     assert "by their stamps" not in done.stderr
     (both / "image_2" / "times.txt").write_text("0.1\n0.2\n0.3\n")
-    done, found = works(both, "--detector", fused_spec(both))
-    lefts = [frame["detections"][0].get("image_box_px", [None])[0] for frame in found["frames"]]
+    done, written = works(both, "--detector", fused_spec(both))
+    lefts = [frame["detections"][0].get("image_box_px", [None])[0] for frame in written["frames"]]
     assert lefts == [None, 302, None]
     assert "images belong to scans by their stamps: of the same name they are up to 0.3 s" in (
         done.stderr
@@ -542,9 +544,9 @@ def test_images_whose_stamps_contradict_their_names_belong_to_scans_by_time(both
     refused, _ = run(both, "--detector", fused_spec(both))
     assert "no scan has an image" in str(refused.exception)
     (both / "image_2" / "times.txt").write_text("0.1\n")
-    done, found = works(both, "--detector", fused_spec(both))
+    done, written = works(both, "--detector", fused_spec(both))
     assert "the stamps of images are not used" in done.stderr
-    assert [len(frame["detections"][0]["sensors"]) for frame in found["frames"]] == [2] * SCANS
+    assert [len(frame["detections"][0]["sensors"]) for frame in written["frames"]] == [2] * SCANS
 
 
 def test_pictures_are_not_written_among_the_images(both):
@@ -604,8 +606,8 @@ def test_copies_of_scans_and_images_are_refused(both, copy):
 
 def test_a_name_as_of_a_copy_is_no_copy_if_the_content_differs(folder):
     rows_of()[:-1].tofile(folder / "000000 (1).bin")
-    _, found = works(folder, detector="Nothing")
-    assert len(found["frames"]) == SCANS + 1
+    _, written = works(folder, detector="Nothing")
+    assert len(written["frames"]) == SCANS + 1
 
 
 def test_an_empty_folder_is_refused(tmp_path):
@@ -638,10 +640,10 @@ def test_a_bag_with_both_sensors(folder, monkeypatch):
     (folder.parent / "camera.py").write_text(CAMERA)
     calibration = folder.parent / "mine.txt"
     calibration.write_text(CALIBRATION)
-    _, found = works(bag, "--detector", fused_spec(bag), "--calibration", str(calibration))
+    _, written = works(bag, "--detector", fused_spec(bag), "--calibration", str(calibration))
     assert len(opened) == 1
-    targets = [frame["detections"] for frame in found["frames"]]
+    targets = [frame["detections"] for frame in written["frames"]]
     assert [[box["sensors"] for box in each] for each in targets] == [[["lidar", "camera"]]] * SCANS
     assert [each[0]["image_box_px"] for each in targets] == [[300, 200, 340, 260]] * SCANS
-    _, found = works(bag, out="scans-alone")
-    assert [len(frame["detections"]) for frame in found["frames"]] == [len(CARS)] * SCANS
+    _, written = works(bag, out="scans-alone")
+    assert [len(frame["detections"]) for frame in written["frames"]] == [len(CARS)] * SCANS

@@ -59,10 +59,10 @@ def test_json(diagnose) -> None:
 
 
 def test_text(answer) -> None:
-    status, said, _ = answer("doctor")
+    status, output, _ = answer("doctor")
     assert status == 0
     for words in ("numpy", "cores", "kernels", "bubblewrap"):
-        assert words in said
+        assert words in output
     assert answer("doctor", "--quiet") == (0, "", "")
 
 
@@ -84,7 +84,9 @@ def test_a_damaged_database_is_broken(cache: Path, diagnose) -> None:
     assert "results.sqlite" in reason
 
 
-def test_kernels_go_where_numba_is_told_to_put_them(tmp_path: Path, monkeypatch, diagnose) -> None:
+def test_kernels_are_stored_in_the_folder_set_for_numba(
+    tmp_path: Path, monkeypatch, diagnose
+) -> None:
     place = tmp_path / "kernels"
     monkeypatch.setenv("NUMBA_CACHE_DIR", str(place))
     none = diagnose()

@@ -6,8 +6,8 @@ import pytest
 from roadscope.commands import headline, progress_bars
 
 
-class Clock:
-    """A clock that only goes on when told."""
+class ManualClock:
+    """A clock that only advances by hand."""
 
     now_s = 100.0
 
@@ -17,7 +17,7 @@ class Clock:
 
 @pytest.fixture
 def clock():
-    return Clock()
+    return ManualClock()
 
 
 @pytest.fixture

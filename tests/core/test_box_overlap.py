@@ -35,12 +35,12 @@ def test_as_shapely_has_it(a, b) -> None:
 def test_many_random_boxes_as_shapely_has_them() -> None:
     rng = np.random.default_rng(0)
     boxes = rng.uniform([-4, -4, 0.3, 0.3, -4], [4, 4, 9, 4, 4], (120, 5))
-    found = box_overlaps(boxes[:60], boxes[60:])
+    overlaps = box_overlaps(boxes[:60], boxes[60:])
     outlines = [outline(box) for box in boxes]
     for i, j in np.ndindex(60, 60):
         a, b = outlines[i], outlines[60 + j]
-        assert found[i, j] == pytest.approx(a.intersection(b).area / a.union(b).area, abs=1e-12)
-    assert 0.2 < (found > 0).mean() < 0.9
+        assert overlaps[i, j] == pytest.approx(a.intersection(b).area / a.union(b).area, abs=1e-12)
+    assert 0.2 < (overlaps > 0).mean() < 0.9
 
 
 def test_by_hand() -> None:
@@ -104,9 +104,9 @@ def test_in_space_as_shapely_has_it(a, b) -> None:
     one_row, other_row = np.array([a]), np.array([b])
     expected, generalised = in_space(a, b)
     assert box_overlaps_3d(one_row, other_row)[0, 0] == pytest.approx(expected, abs=1e-9)
-    found = generalised_overlaps_3d(one_row, other_row)[0, 0]
-    assert found == pytest.approx(generalised, abs=1e-9)
-    assert generalised_overlaps_3d(other_row, one_row)[0, 0] == pytest.approx(found, abs=1e-9)
+    overlap = generalised_overlaps_3d(one_row, other_row)[0, 0]
+    assert overlap == pytest.approx(generalised, abs=1e-9)
+    assert generalised_overlaps_3d(other_row, one_row)[0, 0] == pytest.approx(overlap, abs=1e-9)
 
 
 def test_in_space_by_hand() -> None:
@@ -115,9 +115,9 @@ def test_in_space_by_hand() -> None:
     expected = [[1, 0, 1 / 3], [0, 1, 0], [1 / 3, 0, 1]]
     assert box_overlaps_3d(boxes, boxes) == pytest.approx(np.array(expected))
     # Two cubes with one missing between them; then a prism of 3 x 1 x 1.5 around two cubes.
-    found = generalised_overlaps_3d(boxes, boxes)
-    assert found[0] == pytest.approx([1, -1 / 3, 1 / 3])
-    assert found[2, 1] == pytest.approx(-2.5 / 4.5)
+    overlaps = generalised_overlaps_3d(boxes, boxes)
+    assert overlaps[0] == pytest.approx([1, -1 / 3, 1 / 3])
+    assert overlaps[2, 1] == pytest.approx(-2.5 / 4.5)
     assert generalised_overlaps_3d(boxes[:0], boxes).shape == (0, 3)
 
 
@@ -127,8 +127,8 @@ def test_pairs_left_out_lie_below_the_least(seed, least) -> None:
     low, high = [-15, -15, -2, 0.3, 0.3, 0.5, -4], [15, 15, 2, 12, 4, 4, 4]
     one_row, other_row = rng.uniform(low, high, (6, 7)), rng.uniform(low, high, (6, 7))
     whole = generalised_overlaps_3d(one_row, other_row)
-    found = generalised_overlaps_3d(one_row, other_row, least)
-    assert ((found == whole) | ((found == -1) & (whole <= least))).all()
+    overlaps = generalised_overlaps_3d(one_row, other_row, least)
+    assert ((overlaps == whole) | ((overlaps == -1) & (whole <= least))).all()
 
 
 @given(st.integers(0, 10_000), st.booleans(), st.floats(0.0, 0.5))
@@ -144,14 +144,14 @@ def test_pairs_come_in_order_and_are_all_there_are(seed, generalised, least) -> 
     rows, columns, shares = overlapping_pairs(
         one_row, other_row, generalised=generalised, least=least
     )
-    assert rows.tolist() == [i for i, found in enumerate(alone) for _ in found[0]]
-    assert columns.tolist() == [j for found in alone for j in found[1].tolist()]
-    assert np.array_equal(shares, np.concatenate([found[2] for found in alone]))
+    assert rows.tolist() == [i for i, of_one_row in enumerate(alone) for _ in of_one_row[0]]
+    assert columns.tolist() == [j for of_one_row in alone for j in of_one_row[1].tolist()]
+    assert np.array_equal(shares, np.concatenate([of_one_row[2] for of_one_row in alone]))
     assert (np.diff(rows * 30 + columns) > 0).all()
     if not generalised:
         slow = np.array([[in_space(a, b)[0] for b in other_row[:5]] for a in one_row[:5]])
-        found = box_overlaps_3d(one_row[:5], other_row[:5])
-        np.testing.assert_allclose(found, slow, atol=1e-9)
+        overlaps = box_overlaps_3d(one_row[:5], other_row[:5])
+        np.testing.assert_allclose(overlaps, slow, atol=1e-9)
 
 
 def test_far_pairs_are_left_out() -> None:
@@ -168,8 +168,8 @@ def test_overlaps_of_given_pairs_are_those_of_all(seed, generalised, least) -> N
     one_row, other_row = rng.uniform(low, high, (8, 7)), rng.uniform(low, high, (9, 7))
     rows, columns = np.divmod(np.arange(72), 9)
     shares = pair_overlaps(one_row, other_row, rows, columns, generalised, least)
-    kept = shares > least
+    above_least = shares > least
     every = overlapping_pairs(one_row, other_row, generalised=generalised, least=least)
-    assert np.array_equal(rows[kept], every[0])
-    assert np.array_equal(columns[kept], every[1])
-    assert np.array_equal(shares[kept], every[2])
+    assert np.array_equal(rows[above_least], every[0])
+    assert np.array_equal(columns[above_least], every[1])
+    assert np.array_equal(shares[above_least], every[2])

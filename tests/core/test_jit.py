@@ -213,7 +213,7 @@ def _dawdle():
 
 
 @pytest.mark.slow
-def test_a_process_killed_while_it_compiles_holds_up_nobody(script: Path) -> None:
+def test_a_process_killed_while_it_compiles_delays_no_other(script: Path) -> None:
     source = KERNELS.format(constant=0).replace("    return", "    dawdle()\n    return", 1)
     script.write_text(HANG + source)
     first = subprocess.Popen(
@@ -230,7 +230,7 @@ def test_a_process_killed_while_it_compiles_holds_up_nobody(script: Path) -> Non
 
 def _kernels() -> dict[str, set[str]]:
     """By module that compiles anything, what others can use of it in their kernels."""
-    found = {}
+    kernels_of_modules = {}
     for path in HOUSE.rglob("*.py"):
         text = path.read_text("utf-8")
         tree = ast.parse(text if "@compiled(" in text else "")
@@ -241,8 +241,10 @@ def _kernels() -> dict[str, set[str]]:
             and any("compiled(" in ast.unparse(d) for d in node.decorator_list)
         }
         if made:
-            found[".".join(path.relative_to(HOUSE.parent).with_suffix("").parts)] = made
-    return found
+            kernels_of_modules[".".join(path.relative_to(HOUSE.parent).with_suffix("").parts)] = (
+                made
+            )
+    return kernels_of_modules
 
 
 def test_kernels_are_tied_to_the_files_of_all_kernels_and_constants_they_use() -> None:

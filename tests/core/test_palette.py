@@ -57,10 +57,10 @@ def lab(colour: tuple[int, ...], vision: str) -> np.ndarray:
     """Return CIELAB of a colour as readers of that vision see it."""
     share = np.array(colour) / 255
     linear = np.where(share <= 0.04045, share / 12.92, ((share + 0.055) / 1.055) ** 2.4)
-    seen = np.clip(VISION[vision] @ linear, 0, 1)
+    perceived = np.clip(VISION[vision] @ linear, 0, 1)
     xyz = (
         np.array([[0.4124, 0.3576, 0.1805], [0.2126, 0.7152, 0.0722], [0.0193, 0.1192, 0.9505]])
-        @ seen
+        @ perceived
         / (0.9505, 1.0, 1.089)
     )
     x, y, z = np.where(xyz > 0.008856, np.cbrt(xyz), 7.787 * xyz + 16 / 116)
@@ -72,7 +72,7 @@ def rgb(text: str) -> tuple[int, ...]:
 
 
 @pytest.mark.parametrize("vision", VISION)
-def test_colours_of_different_meanings_are_told_apart_by_everybody(vision):
+def test_colours_of_different_meanings_are_distinct_with_every_colour_vision(vision):
     for (first, a), (second, b) in combinations(MEANINGS.items(), 2):
         assert np.linalg.norm(lab(a, vision) - lab(b, vision)) > 11, (first, second)
 
@@ -89,8 +89,8 @@ def test_everything_stands_out_from_the_ground(vision, ground):
 def test_the_page_has_different_colours_for_right_and_wrong(page, vision):
     names = ("right", "missed", "false", "switch", "truth")
     for first, second in combinations(names, 2):
-        apart = lab(rgb(page[first]), vision) - lab(rgb(page[second]), vision)
-        assert np.linalg.norm(apart) > 11, (first, second)
+        lab_difference = lab(rgb(page[first]), vision) - lab(rgb(page[second]), vision)
+        assert np.linalg.norm(lab_difference) > 11, (first, second)
 
 
 def test_the_scale_of_measured_values_gets_lighter_all_along():

@@ -190,12 +190,12 @@ def test_a_mask_of_another_shape_selects_no_returns(mask: object) -> None:
 def test_image_detections_are_selected_row_by_row() -> None:
     boxes = np.arange(12.0).reshape(3, 4)
     masses = np.array([[0.9, 0.0, 0.0, 0.1], [0.0, 0.5, 0.0, 0.5], [0.0, 0.0, 0.2, 0.8]])
-    found = ImageDetections(
+    image_detections = ImageDetections(
         boxes, np.array([0, 5, 6], np.int8), np.array([0.9, 0.5, 0.2]), 1.5, masses, (640, 480)
     )
-    sure = found.select(found.scores >= 0.5)
+    sure = image_detections.select(image_detections.scores >= 0.5)
     assert sure == ImageDetections(
         boxes[:2], np.array([0, 5], np.int8), np.array([0.9, 0.5]), 1.5, masses[:2], (640, 480)
     )
     with pytest.raises(RecordError, match="select: expected a mask or an index array"):
-        found.select(0)  # type: ignore[arg-type]
+        image_detections.select(0)  # type: ignore[arg-type]

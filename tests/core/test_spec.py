@@ -59,7 +59,7 @@ def test_what_is_no_spec_is_refused_by_its_text(text) -> None:
 
 
 @given(NAMES, ARGUMENTS, EGOS)
-def test_a_tracker_and_who_tells_it_the_poses(name, arguments, ego) -> None:
+def test_a_tracker_and_its_pose_source(name, arguments, ego) -> None:
     plain = Spec.parse(text_of(name, arguments))
     assert plain.ego is None
     assert plain.plain == plain

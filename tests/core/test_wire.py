@@ -85,8 +85,14 @@ def test_arrays_of_any_layout(view: Any) -> None:
 
 
 def test_scalars_of_numpy_become_those_of_python() -> None:
-    given = (np.float32(0.5), np.int8(-3), np.uint64(2**64 - 1), np.bool_(True), Category.VAN)
-    decoded = decode(encode(given))
+    numpy_scalars = (
+        np.float32(0.5),
+        np.int8(-3),
+        np.uint64(2**64 - 1),
+        np.bool_(True),
+        Category.VAN,
+    )
+    decoded = decode(encode(numpy_scalars))
     assert decoded == (0.5, -3, 2**64 - 1, True, 1)
     assert [type(value) for value in decoded] == [float, int, int, bool, int]
 

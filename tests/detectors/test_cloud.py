@@ -8,13 +8,13 @@ from roadscope.detectors import Cloud
 
 
 def test_points_come_in_the_ego_frame_in_firing_order():
-    found = scan([(25, 3, 4.6, 1.85, 1.5, 0)], ground=False)
-    cloud = Cloud.of(found, CALIBRATION.pose("lux"))
-    assert np.allclose(cloud.points, found.points + np.array([FRONT_M, 0, HEIGHT_M]), atol=1e-6)
-    assert np.allclose(cloud.ranges, np.hypot(*found.points[:, :2].T), atol=1e-6)
-    assert np.allclose(cloud.azimuths, np.arctan2(found.points[:, 1], found.points[:, 0]))
-    assert np.array_equal(cloud.column, found.column)
-    assert np.array_equal(cloud.select(cloud.ring == 2).rows, np.flatnonzero(found.ring == 2))
+    sweep = scan([(25, 3, 4.6, 1.85, 1.5, 0)], ground=False)
+    cloud = Cloud.of(sweep, CALIBRATION.pose("lux"))
+    assert np.allclose(cloud.points, sweep.points + np.array([FRONT_M, 0, HEIGHT_M]), atol=1e-6)
+    assert np.allclose(cloud.ranges, np.hypot(*sweep.points[:, :2].T), atol=1e-6)
+    assert np.allclose(cloud.azimuths, np.arctan2(sweep.points[:, 1], sweep.points[:, 0]))
+    assert np.array_equal(cloud.column, sweep.column)
+    assert np.array_equal(cloud.select(cloud.ring == 2).rows, np.flatnonzero(sweep.ring == 2))
 
 
 @given(st.integers(0, 2**32 - 1), st.integers(0, 60), st.sampled_from([3, 40, 65536]))
@@ -23,20 +23,22 @@ def test_sorted_by_column_ring_and_place(seed, count, columns):
     rng = np.random.default_rng(seed)
     points = rng.integers(1, 4, (count, 3)).astype(np.float32)
     ring, column = rng.integers(0, 3, count), rng.integers(0, columns, count)
-    found = Cloud.of(scan_of(points, ring, column), Pose.identity())
-    assert np.array_equal(found.rows, np.lexsort((*points.T[::-1], ring, column)))
-    assert np.array_equal(found.points, points[found.rows])
-    assert np.array_equal(found.column, column[found.rows])
-    kept = rng.random(count) < 0.5
-    assert np.array_equal(found.select(kept).rows, found.select(np.flatnonzero(kept)).rows)
+    returns = Cloud.of(scan_of(points, ring, column), Pose.identity())
+    assert np.array_equal(returns.rows, np.lexsort((*points.T[::-1], ring, column)))
+    assert np.array_equal(returns.points, points[returns.rows])
+    assert np.array_equal(returns.column, column[returns.rows])
+    selected = rng.random(count) < 0.5
+    assert np.array_equal(
+        returns.select(selected).rows, returns.select(np.flatnonzero(selected)).rows
+    )
 
 
 @given(*[st.floats(-3, 3)] * 4)
 def test_points_are_mapped_as_poses_map_them(x, yaw, pitch, roll):
-    seen = scan([(25, 3, 4.6, 1.85, 1.5, 0)])
+    sweep = scan([(25, 3, 4.6, 1.85, 1.5, 0)])
     pose = Pose.from_euler(x, -1.0, 1.7, yaw=yaw, pitch=pitch, roll=roll)
-    found = Cloud.of(seen, pose)
-    assert np.array_equal(found.points, pose.apply(seen.points[found.rows].astype(float)))
+    returns = Cloud.of(sweep, pose)
+    assert np.array_equal(returns.points, pose.apply(sweep.points[returns.rows].astype(float)))
 
 
 def test_nothing():

@@ -1,4 +1,4 @@
-"""What is faint and near is taken for drops, whoever asks."""
+"""Every detector takes faint near returns for drops."""
 
 import numpy as np
 import pytest
@@ -17,7 +17,7 @@ def test_faint_returns_go_when_near_and_all_else_stays():
     assert without_faint(scan, 0.0) is scan
 
 
-def test_a_lidar_without_intensities_tells_nothing_of_drops():
+def test_a_lidar_without_intensities_shows_no_drops():
     scan = scan_of([[3.0, 0, 0], [4.0, 1, 0]], intensity=0.0)
     assert without_faint(scan, 0.01) is scan
 
@@ -33,20 +33,20 @@ def test_a_share_of_the_brightness_is_asked_for(detector):
         detector(faint=1.5)
 
 
-def test_what_moves_is_looked_for_without_drops():
+def test_moving_objects_are_searched_without_drops():
     """A cloud of drops that comes nearer is a vehicle unless it is left out."""
     rng = np.random.default_rng(3)
     shape = rng.uniform((-2, -0.9, -1.4), (2, 0.9, 0.1), (200, 3))
     far = np.column_stack([np.full(400, 40.0), np.linspace(-30, 30, 400), np.full(400, -0.5)])
-    found = {}
+    detections_by_limit = {}
     for faint in (0.0, 0.01):
         detector, total = LongRangeDetector(faint=faint), 0
         for k in range(8):
             near = shape + np.array([12.0 - 0.6 * k, 0, 0])
             points = np.concatenate([far, near])
             intensity = np.repeat([0.4, 0.005], [400, 200])
-            seen = scan_of(points, stamp_s=1 + k / 10, intensity=intensity)
-            total += len(detector.detect(Frame(seen.stamp_s, CALIBRATION, seen)))
-        found[faint] = total
-    assert found[0.0] > 0
-    assert found[0.01] == 0
+            sweep = scan_of(points, stamp_s=1 + k / 10, intensity=intensity)
+            total += len(detector.detect(Frame(sweep.stamp_s, CALIBRATION, sweep)))
+        detections_by_limit[faint] = total
+    assert detections_by_limit[0.0] > 0
+    assert detections_by_limit[0.01] == 0

@@ -12,23 +12,23 @@ VIEW = Bounds(np.radians(-55.0), np.radians(55.0))
 NEAR, FAR = (20, 0.5, 4.6, 1.85, 1.5, 0), (40, 0, 4.6, 1.85, 1.5, 0)
 
 
-def look(boxes, **options):
-    found = cloud(boxes, **options)
-    return Horizon.of(found, grid_above_ground(found), VIEW)
+def seen_horizon(boxes, **options):
+    returns = cloud(boxes, **options)
+    return Horizon.of(returns, grid_above_ground(returns), VIEW)
 
 
 def test_field_of_view_and_step():
-    horizon = look([NEAR])
+    horizon = seen_horizon([NEAR])
     assert np.degrees(horizon.view) == pytest.approx((-55, 55))
     assert np.degrees(horizon.step) == pytest.approx(0.25)
     turn = np.radians(np.arange(180, -180, -0.4))
-    horizon = look([NEAR], azimuths=turn)
+    horizon = seen_horizon([NEAR], azimuths=turn)
     assert horizon.view is None
     assert np.degrees(horizon.step) == pytest.approx(0.4)
 
 
 def test_nearest_return_of_each_column():
-    horizon = look([NEAR, FAR], ground=False)
+    horizon = seen_horizon([NEAR, FAR], ground=False)
     assert horizon.ranges[np.abs(horizon.azimuths).argmin()] == pytest.approx(12.7, abs=0.1)
     assert len(horizon.azimuths) == len(np.unique(horizon.azimuths))
 
@@ -55,26 +55,26 @@ def test_equals_sorting_all_returns(seed, count, field_deg):
     reach = rng.integers(3, 9, count)
     points = np.column_stack([reach * np.cos(angle), reach * np.sin(angle), np.zeros(count)])
     row = np.arange(count)
-    found = Cloud(points, row, column, row, np.array([0.5, 0.1]))
+    returns = Cloud(points, row, column, row, np.array([0.5, 0.1]))
     standing = rng.random(count) < 0.7
-    ours, slow = (of(found, standing, VIEW) for of in (Horizon.of, horizon_by_lexsort))
+    ours, slow = (of(returns, standing, VIEW) for of in (Horizon.of, horizon_by_lexsort))
     assert np.array_equal(ours.azimuths, slow.azimuths)
     assert np.array_equal(ours.ranges, slow.ranges)
     assert (ours.step, ours.view) == (slow.step, slow.view)
 
 
 def test_nearer_body_hides_and_farther_does_not():
-    horizon = look([NEAR, FAR])
+    horizon = seen_horizon([NEAR, FAR])
     edge = np.arctan2(-0.425, 12.7)
-    seen_end = np.array([5 + 32.7, 32.7 * np.tan(edge - np.radians(0.2))])
-    assert horizon.hides_beyond(seen_end, 1)
-    assert not horizon.hides_beyond(seen_end, -1)
+    visible_end = np.array([5 + 32.7, 32.7 * np.tan(edge - np.radians(0.2))])
+    assert horizon.hides_beyond(visible_end, 1)
+    assert not horizon.hides_beyond(visible_end, -1)
     near_end = np.array([5 + 12.7, -0.4])
     assert not horizon.hides_beyond(near_end, -1)
 
 
 def test_ends_of_the_view_hide():
-    horizon = look([NEAR])
+    horizon = seen_horizon([NEAR])
     left = np.array([5 + 10 * np.cos(np.radians(54.7)), 10 * np.sin(np.radians(54.7))])
     assert horizon.hides_beyond(left, 1)
     assert not horizon.hides_beyond(left, -1)
@@ -82,7 +82,7 @@ def test_ends_of_the_view_hide():
 
 
 def test_nothing_hides_nothing():
-    assert not look([], ground=False).hides_beyond(np.array([20.0, 0.0]), 1)
+    assert not seen_horizon([], ground=False).hides_beyond(np.array([20.0, 0.0]), 1)
 
 
 def test_what_is_hardly_nearer_hides_nothing():

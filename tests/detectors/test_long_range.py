@@ -20,8 +20,8 @@ SPEED, YAW, STEP_S = 12.0, np.pi - 0.3, 0.1
 
 
 def place(frame_index):
-    way = SPEED * STEP_S * frame_index
-    return np.array([34 + way * np.cos(YAW), 3 + way * np.sin(YAW)])
+    distance_m = SPEED * STEP_S * frame_index
+    return np.array([34 + distance_m * np.cos(YAW), 3 + distance_m * np.sin(YAW)])
 
 
 def frames(count=10, ego_m_s=0.0):
@@ -31,10 +31,10 @@ def frames(count=10, ego_m_s=0.0):
         shift = np.array([ego_m_s * STEP_S * k, 0.0])
         moving = (*(place(k) - shift), *CAR, YAW)
         boxes = [moving, *((b[0] - shift[0], *b[1:]) for b in SCENE)]
-        seen = scan(boxes, noise_m=0.02, seed=k, elevations=BEAMS_DEG)
-        seen = replace(seen, stamp_s=1 + 0.1 * k)
+        sweep = scan(boxes, noise_m=0.02, seed=k, elevations=BEAMS_DEG)
+        sweep = replace(sweep, stamp_s=1 + 0.1 * k)
         motion = Pose.planar(ego_m_s * STEP_S, 0, 0) if k else None
-        drive.append(Frame(seen.stamp_s, CALIBRATION, seen, previous_from_ego=motion))
+        drive.append(Frame(sweep.stamp_s, CALIBRATION, sweep, previous_from_ego=motion))
     return drive
 
 
@@ -43,14 +43,14 @@ def frames(count=10, ego_m_s=0.0):
 def test_the_moving_car_is_found_and_only_it(name, ego_m_s) -> None:
     detector = DETECTORS.make(name)
     for frame in frames(ego_m_s=ego_m_s):
-        found = detector.detect(frame)
-    index = round((found.stamp_s - 1.0) / STEP_S)
+        boxes = detector.detect(frame)
+    index = round((boxes.stamp_s - 1.0) / STEP_S)
     where = place(index) - [ego_m_s * STEP_S * index, 0.0]
-    assert len(found) == 1
-    assert np.hypot(*(found.centres[0, :2] - where)) < 0.5
-    off = (found.yaws[0] - YAW + np.pi / 2) % np.pi - np.pi / 2
+    assert len(boxes) == 1
+    assert np.hypot(*(boxes.centres[0, :2] - where)) < 0.5
+    off = (boxes.yaws[0] - YAW + np.pi / 2) % np.pi - np.pi / 2
     assert abs(np.degrees(off)) < 5
-    assert found.categories[0] == Category.CAR
+    assert boxes.categories[0] == Category.CAR
 
 
 @pytest.mark.parametrize("name", CAUSAL)
@@ -64,7 +64,7 @@ def test_the_papers_multi_frame_fit_answers_one_frame_late() -> None:
     detector, drive = DETECTORS.make("zhang2017-multi"), frames(8)
     first, *rest = [detector.detect(frame) for frame in drive]
     assert (len(first), first.stamp_s) == (0, drive[0].stamp_s)
-    assert [found.stamp_s for found in rest] == [frame.stamp_s for frame in drive[:-1]]
+    assert [boxes.stamp_s for boxes in rest] == [frame.stamp_s for frame in drive[:-1]]
     assert len(rest[-1]) == 1
 
 
@@ -99,6 +99,6 @@ def test_any_clouds_in_a_row_give_proper_boxes(name, seed, count, grid) -> None:
         points = rng.uniform(-20, 20, (count, 3)) * [1, 1, 0.05]
         points = np.round(points) if grid else points
         ring, column = rng.integers(0, 4, count), rng.integers(0, 400, count)
-        seen = scan_of(points, ring, column, stamp_s=1.0 + k / 10)
-        found = detector.detect(Frame(seen.stamp_s, CALIBRATION, seen))
-        assert (np.abs(found.centres[:, :2]) < 60).all()
+        sweep = scan_of(points, ring, column, stamp_s=1.0 + k / 10)
+        boxes = detector.detect(Frame(sweep.stamp_s, CALIBRATION, sweep))
+        assert (np.abs(boxes.centres[:, :2]) < 60).all()

@@ -36,10 +36,10 @@ def test_a_car_is_found_also_at_the_seam_of_the_sweep(x, y, yaw, first_deg):
     assert abs((pose.yaw - yaw + np.pi) % (2 * np.pi) - np.pi) < np.radians(2.5)
 
 
-def test_the_course_decides_which_way_round_a_car_is():
-    seen = seen_car(15.0, 2.0, 0.4)
+def test_the_course_decides_which_end_of_a_car_is_the_front():
+    car_view = seen_car(15.0, 2.0, 0.4)
     ahead, back = (
-        likely_pose(seen, BRICK, KnownCourse(0.0, heading, HEADING_RAD))
+        likely_pose(car_view, BRICK, KnownCourse(0.0, heading, HEADING_RAD))
         for heading in (0.4, 0.4 - np.pi)
     )
     assert np.cos(ahead.yaw - 0.4) > 0.99
@@ -68,7 +68,7 @@ def chain_of(times_s, velocity):
     return chain
 
 
-def test_what_stands_or_was_seen_once_has_no_course():
+def test_a_car_that_stands_or_was_detected_once_has_no_course():
     assert course_of(chain_of([1.0], [20.0, 0.0])).sd == np.inf
     assert course_of(chain_of([1.0, 1.1, 1.2], [0.0, 0.0])).sd == np.inf
     assert course_of(chain_of([1.0, 1.1], [0.05, 0.0])).sd == np.inf

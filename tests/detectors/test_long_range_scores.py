@@ -30,7 +30,7 @@ def valued(made, pose):
     return dict(zip(MOVING_FEATURES, row, strict=True))
 
 
-def test_what_is_seen_and_how_it_goes():
+def test_visible_parts_and_the_course_are_features():
     value = valued(chain(), VehiclePose(5.0, -20.9, 0.0, 4.4, 1.8))
     assert value["log_returns"] == pytest.approx(np.log(9))
     assert (value["levels"], value["sightings"], value["outside"]) == (3, 4, 0)
@@ -41,7 +41,7 @@ def test_what_is_seen_and_how_it_goes():
     assert (value["bottom_m"], value["top_m"]) == pytest.approx((0.3, 1.4))
 
 
-def test_a_box_across_the_way_is_askew_and_leaves_returns_outside():
+def test_a_box_across_the_course_is_askew_and_leaves_returns_outside():
     value = valued(chain(), VehiclePose(5.0, -20.9, np.pi / 2, 4.4, 1.8))
     assert value["askew_deg"] == pytest.approx(90.0)
     assert value["outside"] > 0.3

@@ -44,10 +44,10 @@ def drive(cars, *, ego_m_s=0.0, count=12, with_motion=True, noise_m=0.02):
             for x, y, yaw, v in cars
         ]
         boxes = [(b[0] - shift, *b[1:]) for b in [*places, *STANDING]]
-        seen = scan(boxes, noise_m=noise_m, seed=k, elevations=BEAMS_DEG)
-        seen = replace(seen, stamp_s=1.0 + STEP_S * k)
+        sweep = scan(boxes, noise_m=noise_m, seed=k, elevations=BEAMS_DEG)
+        sweep = replace(sweep, stamp_s=1.0 + STEP_S * k)
         motion = Pose.planar(ego_m_s * STEP_S, 0.0, 0.0) if with_motion and k else None
-        frames.append(Frame(seen.stamp_s, CALIBRATION, seen, previous_from_ego=motion))
+        frames.append(Frame(sweep.stamp_s, CALIBRATION, sweep, previous_from_ego=motion))
     return frames, [(b[0] - shift, b[1]) for b in places]
 
 
@@ -63,10 +63,10 @@ def candidates(frames):
 def test_a_passing_car_is_found_and_the_roadside_is_not(ego_m_s, speed) -> None:
     start = 32 + (ego_m_s - speed) * STEP_S * 11
     frames, [place] = drive([(start, 3.5, 0.0, speed)], ego_m_s=ego_m_s)
-    found = candidates(frames)
-    off = [np.hypot(*(c.points[:, :2].mean(axis=0) - place)) for c in found]
+    moving = candidates(frames)
+    off = [np.hypot(*(c.points[:, :2].mean(axis=0) - place)) for c in moving]
     assert min(off) < 2.6
-    assert len(found) == 1
+    assert len(moving) == 1
 
 
 @pytest.mark.parametrize("ego_m_s", [0.0, 4.0, 8.0])
@@ -78,7 +78,7 @@ def test_where_nothing_moves_nothing_is_found(ego_m_s) -> None:
         assert extract(memory.now, memory.earlier_views()) == []
 
 
-def test_a_moving_sensor_that_is_told_nothing_takes_the_roadside_for_moving() -> None:
+def test_a_moving_sensor_without_its_motion_takes_the_roadside_for_moving() -> None:
     frames, _ = drive([], ego_m_s=12.0, with_motion=False)
     assert len(candidates(frames)) > 0
 
@@ -88,18 +88,18 @@ def test_all_of_the_car_is_gathered_and_nothing_else(yaw) -> None:
     speed = 6.0
     x, y = 28 - speed * 1.1 * np.cos(yaw), 1 - speed * 1.1 * np.sin(yaw)
     frames, [place] = drive([(x, y, yaw, speed)], noise_m=0.01)
-    [found] = candidates(frames)
-    local = found.points[:, :2] - place
+    [car] = candidates(frames)
+    local = car.points[:, :2] - place
     along, across = local @ [np.cos(yaw), np.sin(yaw)], local @ [-np.sin(yaw), np.cos(yaw)]
     assert np.abs(along).max() < 2.4
     assert np.abs(across).max() < 1.05
     own = np.hypot(*(frames[-1].lidar.points[:, :2] + [5, 0] - place).T) < 2.0
     high = frames[-1].lidar.points[:, 2] + 0.55 > 0.2
-    assert set(np.flatnonzero(own & high)) <= set(found.rows)
+    assert set(np.flatnonzero(own & high)) <= set(car.rows)
 
 
 @pytest.mark.parametrize("together", ["abreast", "in a row"])
-def test_cars_close_together_are_kept_apart(together) -> None:
+def test_cars_close_together_stay_separate(together) -> None:
     abreast = [(20, y, 0.0, 10.0) for y in (-3.5, 0, 3.5)]
     in_a_row = [(28 + 8.5 * k, 5.5, np.pi, 10.0) for k in range(2)]
     cars = abreast if together == "abreast" else in_a_row
@@ -110,8 +110,8 @@ def test_cars_close_together_are_kept_apart(together) -> None:
 def test_a_lost_scan_costs_one_frame_only() -> None:
     frames, [place] = drive([(22, 3.5, 0.0, 10.0)], ego_m_s=5.0)
     frames[8] = Frame(frames[8].stamp_s, CALIBRATION, None, None, None, frames[8].previous_from_ego)
-    [found] = candidates(frames)
-    assert np.hypot(*(found.points[:, :2].mean(axis=0) - place)) < 2.6
+    [car] = candidates(frames)
+    assert np.hypot(*(car.points[:, :2].mean(axis=0) - place)) < 2.6
 
 
 @given(
@@ -122,19 +122,19 @@ def test_a_sweep_from_a_moving_sensor_puts_what_stands_where_it_stands(speed, si
     rng = np.random.default_rng(seed)
     fixed = rng.uniform(-40, 40, (50, 3))
     times = rng.uniform(-0.05, 0.05, 50)
-    seen = np.array(
+    measured = np.array(
         [
             Pose.planar(speed * t, side * t, turn * t).inverse().apply(p)
             for p, t in zip(fixed, times, strict=True)
         ]
     )
-    carried = deskewed(seen, np.eye(4), times, np.array([speed, side, turn]))
+    carried = deskewed(measured, np.eye(4), times, np.array([speed, side, turn]))
     assert np.allclose(carried, fixed, atol=1e-9)
 
 
 @given(seed=st.integers(0), count=st.integers(1, 200), grid=st.booleans())
 @settings(max_examples=40)
-def test_one_return_a_voxel_is_kept(seed, count, grid) -> None:
+def test_one_return_a_voxel_remains(seed, count, grid) -> None:
     points = np.random.default_rng(seed).uniform(-3, 3, (count, 3))
     points = np.round(points) if grid else points
     rows, voxels = thinned(points, 0.5, 0.7)
@@ -149,12 +149,12 @@ def test_one_return_a_voxel_is_kept(seed, count, grid) -> None:
 
 @given(seed=st.integers(0), count=st.integers(1, 60), link=st.floats(0.1, 3))
 @settings(max_examples=40)
-def test_what_hangs_together_is_what_a_slow_search_finds(seed, count, link) -> None:
+def test_linked_points_are_those_of_a_slow_search(seed, count, link) -> None:
     points = np.random.default_rng(seed).uniform(-8, 8, (count, 3))
     inside = {0}
-    apart = np.hypot(*(points[:, None, :2] - points[:, :2]).transpose(2, 0, 1))
+    distances_m = np.hypot(*(points[:, None, :2] - points[:, :2]).transpose(2, 0, 1))
     while True:
-        more = {int(k) for row in inside for k in np.flatnonzero(apart[row] <= link)}
+        more = {int(k) for row in inside for k in np.flatnonzero(distances_m[row] <= link)}
         if more <= inside:
             break
         inside |= more
@@ -169,12 +169,12 @@ def test_a_part_of_a_wall_stays_a_part() -> None:
     assert len(whole_body(lorry, np.arange(5))) == 40
 
 
-def test_the_lidar_is_read_off_its_returns() -> None:
-    seen = scan([WALL], elevations=BEAMS_DEG)
-    spec = lidar_of(seen, range_noise_m=0.02, range_max_m=100.0, detection_limit=0.4)
+def test_the_lidar_is_estimated_from_its_returns() -> None:
+    sweep = scan([WALL], elevations=BEAMS_DEG)
+    spec = lidar_of(sweep, range_noise_m=0.02, range_max_m=100.0, detection_limit=0.4)
     assert np.allclose(np.degrees(spec.elevations), BEAMS_DEG[: spec.beams], atol=1e-4)
-    column = seen.column[0]
-    assert np.isclose(spec.azimuths()[column], np.arctan2(*seen.points[0, 1::-1]), atol=1e-5)
+    column = sweep.column[0]
+    assert np.isclose(spec.azimuths()[column], np.arctan2(*sweep.points[0, 1::-1]), atol=1e-5)
     none = scan([], ground=False)
     assert lidar_of(none, range_noise_m=0.02, range_max_m=9.0, detection_limit=0.0) is None
 
@@ -196,13 +196,13 @@ def test_the_range_noise_is_read_off_smooth_faces(noise_m, edges) -> None:
     assert range_noise_of(image.astype(np.float32)) == pytest.approx(noise_m, rel=0.1)
 
 
-def test_few_returns_do_not_tell_the_range_noise() -> None:
+def test_few_returns_do_not_determine_the_range_noise() -> None:
     image = np.full((2, 8), np.float32(9.0))
     assert range_noise_of(image) == NOISE_USUAL_M
     assert range_noise_of(np.full((2, 800), np.float32(9.0))) < NOISE_USUAL_M
 
 
-def test_a_lidar_that_is_read_off_has_the_noise_of_its_returns() -> None:
-    seen = scan([WALL], noise_m=0.08, elevations=BEAMS_DEG)
-    spec = lidar_of(seen, range_noise_m=None, range_max_m=100.0, detection_limit=0.4)
+def test_an_estimated_lidar_has_the_noise_of_its_returns() -> None:
+    sweep = scan([WALL], noise_m=0.08, elevations=BEAMS_DEG)
+    spec = lidar_of(sweep, range_noise_m=None, range_max_m=100.0, detection_limit=0.4)
     assert spec.range_noise_m == pytest.approx(0.08, rel=0.15)

@@ -50,8 +50,8 @@ def slow_score(grid, x, y):
     sight /= np.hypot(*sight)
     off, best = grid.places - [x, y], 0.0
     across, deep = (
-        np.clip((off @ way / BIN_M + BINS / 2).astype(int), 0, BINS - 1)
-        for way in (np.array([-sight[1], sight[0]]), sight)
+        np.clip((off @ axis / BIN_M + BINS / 2).astype(int), 0, BINS - 1)
+        for axis in (np.array([-sight[1], sight[0]]), sight)
     )
     for turn in range(TURNS):
         cos, sin = np.cos(turn * np.pi / TURNS), np.sin(turn * np.pi / TURNS)
@@ -70,8 +70,8 @@ def slow_score(grid, x, y):
 @settings(max_examples=15, deadline=None)
 def test_boxes_are_those_of_the_slow_search(seed) -> None:
     grid = some_grid(seed)
-    found = {(x, y): score for x, y, _, score, *_ in slide(grid, SIDES, LEAST)}
+    score_of = {(x, y): score for x, y, _, score, *_ in slide(grid, SIDES, LEAST)}
     strongest = grid.places[grid.weights > 1.0]
     for x, y in (np.floor(strongest / CELL_M / STRIDE) * STRIDE + 0.5) * CELL_M:
         score = slow_score(grid, x, y)
-        assert abs(found.get((x, y), 0.0) - (score if score >= LEAST else 0.0)) < 1e-9
+        assert abs(score_of.get((x, y), 0.0) - (score if score >= LEAST else 0.0)) < 1e-9

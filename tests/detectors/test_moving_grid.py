@@ -65,11 +65,11 @@ def test_boxes_come_best_first_then_by_place(seed) -> None:
     grid, corner = evidence_grid(points, weights, ORIGIN, RULE)
     boxes = slide(grid, SIDES, LEAST)
     boxes = boxes[np.lexsort((boxes[:, 2], boxes[:, 1], boxes[:, 0], -boxes[:, 3]))]
-    kept = boxes[suppress(boxes, grid, SIDES, LEAST)]
-    kept[:, :2] += corner
-    found = boxes_in(points, weights, ORIGIN, RULE)
-    assert len(found) > 0
-    assert np.array_equal(found, kept)
+    expected_boxes = boxes[suppress(boxes, grid, SIDES, LEAST)]
+    expected_boxes[:, :2] += corner
+    compiled_boxes = boxes_in(points, weights, ORIGIN, RULE)
+    assert len(compiled_boxes) > 0
+    assert np.array_equal(compiled_boxes, expected_boxes)
 
 
 @given(st.integers(0, 2**32 - 1))
@@ -79,12 +79,12 @@ def test_returns_are_shared_out_sorted(seed) -> None:
     rng = np.random.default_rng(seed)
     rows = np.sort(rng.choice(len(points), 50, replace=False))
     owner = rng.integers(-1, 3, 50)
-    found, starts = sorted_by_body(points, rows, owner, 4)
+    sorted_rows, starts = sorted_by_body(points, rows, owner, 4)
     assert starts[-1] == (owner >= 0).sum()
     for body in range(4):
         mine = rows[owner == body]
         mine = mine[np.lexsort(points[mine].T)]
-        assert np.array_equal(found[starts[body] : starts[body + 1]], mine)
+        assert np.array_equal(sorted_rows[starts[body] : starts[body + 1]], mine)
 
 
 @given(st.integers(0, 2**32 - 1))
@@ -103,12 +103,12 @@ def test_an_image_is_that_of_numpy(seed) -> None:
         points, ring - ring.min(), column - column.min(), times_s
     )
     rows = np.argsort(raw_slopes, kind="stable")[: np.isfinite(raw_slopes).sum()]
-    seen = np.flatnonzero(np.isfinite(looks))
+    finite_columns = np.flatnonzero(np.isfinite(looks))
     assert np.array_equal(image, raw[rows], equal_nan=True)
     assert np.array_equal(slopes, raw_slopes[rows])
-    every = np.interp(np.arange(len(looks)), seen, raw_times_s[seen])
+    every = np.interp(np.arange(len(looks)), finite_columns, raw_times_s[finite_columns])
     assert np.allclose(column_times_s, every, rtol=0, atol=1e-15)
-    slow_step = np.median(wrap_angle(np.diff(looks[seen])) / np.diff(seen))
-    off = wrap_angle(looks[seen] - slow_step * seen - looks[seen][0])
+    slow_step = np.median(wrap_angle(np.diff(looks[finite_columns])) / np.diff(finite_columns))
+    off = wrap_angle(looks[finite_columns] - slow_step * finite_columns - looks[finite_columns][0])
     assert step == slow_step
-    assert azimuth == looks[seen][0] + np.median(off)
+    assert azimuth == looks[finite_columns][0] + np.median(off)

@@ -14,14 +14,14 @@ CARS = [(25, 0, 4.6, 1.85, 1.5, 0), (35, 4, 4.6, 1.85, 1.5, 0), (22, -6, 4.6, 1.
 
 
 def test_boxes_of_three_cars():
-    found = DETECTORS.make("distance").detect(frame(CARS, noise_m=0.02))
-    assert len(found) == 3
+    detected = DETECTORS.make("distance").detect(frame(CARS, noise_m=0.02))
+    assert len(detected) == 3
     for x, y, length, width, _, yaw in CARS:
-        row = np.hypot(*(found.centres[:, :2] - [x, y]).T).argmin()
-        assert np.hypot(*(found.centres[row, :2] - [x, y])) < 0.25
-        assert found.sizes[row, :2] == pytest.approx((length, width), abs=0.2)
-        assert np.sin(found.yaws[row] - yaw) == pytest.approx(0, abs=0.06)
-    assert np.allclose(found.centres[:, 2], found.sizes[:, 2] / 2)
+        row = np.hypot(*(detected.centres[:, :2] - [x, y]).T).argmin()
+        assert np.hypot(*(detected.centres[row, :2] - [x, y])) < 0.25
+        assert detected.sizes[row, :2] == pytest.approx((length, width), abs=0.2)
+        assert np.sin(detected.yaws[row] - yaw) == pytest.approx(0, abs=0.06)
+    assert np.allclose(detected.centres[:, 2], detected.sizes[:, 2] / 2)
 
 
 def test_residual_refuses_what_is_not_straight():
@@ -43,8 +43,8 @@ def test_split_counts():
 def test_lone_car_in_an_empty_place():
     """No ground, nothing beside: the field of view is known all the same."""
     for name in ("distance", "breakpoint"):
-        found = DETECTORS.make(name).detect(frame(CARS[:1], ground=False))
-        assert found.centres[0, :2] == pytest.approx((25, 0), abs=0.1)
+        detected = DETECTORS.make(name).detect(frame(CARS[:1], ground=False))
+        assert detected.centres[0, :2] == pytest.approx((25, 0), abs=0.1)
 
 
 @pytest.mark.parametrize(
@@ -128,26 +128,28 @@ def test_options_reach_their_stage():
 
 
 def test_min_score_leaves_out_what_is_less_probable():
-    seen = frame([*CARS, (25, -14, 30, 0.3, 1, 0)], noise_m=0.02)
-    plain = DETECTORS.make("cluster?clustering=distance&shape=l-shape").detect(seen)
+    clear_frame = frame([*CARS, (25, -14, 30, 0.3, 1, 0)], noise_m=0.02)
+    plain = DETECTORS.make("cluster?clustering=distance&shape=l-shape").detect(clear_frame)
     cut = np.sort(plain.scores)[1]
-    some = DETECTORS.make(f"cluster?clustering=distance&shape=l-shape&min_score={cut}").detect(seen)
+    some = DETECTORS.make(f"cluster?clustering=distance&shape=l-shape&min_score={cut}").detect(
+        clear_frame
+    )
     assert len(some) == len(plain) - 1
     assert some.scores.min() == cut
 
 
 @given(seed=st.integers(0, 10**6), count=st.integers(0, 12))
-def test_of_bodies_in_one_place_the_most_probable_is_kept(seed, count):
+def test_of_bodies_in_one_place_the_most_probable_remains(seed, count):
     rng = np.random.default_rng(seed)
     boxes = [
         Vehicle(tuple(rng.uniform(-6, 6, 2)), (4.4, 1.8, 1.5), yaw, Category.CAR, 0.0, 9)
         for yaw in rng.uniform(-3, 3, count)
     ]
     probabilities = rng.random(count)
-    kept = exclusive_rows(boxes, probabilities)
+    kept_rows = exclusive_rows(boxes, probabilities)
     for row, box in enumerate(boxes):
-        rivals = [k for k in kept if k != row and overlap(box, boxes[k])]
-        assert (row in kept) == all(probabilities[k] < probabilities[row] for k in rivals)
+        rivals = [k for k in kept_rows if k != row and overlap(box, boxes[k])]
+        assert (row in kept_rows) == all(probabilities[k] < probabilities[row] for k in rivals)
 
 
 def overlap(one, other):
@@ -162,12 +164,12 @@ def overlap(one, other):
 
 def test_faint_returns_close_by_are_drops():
     """A shell of echoes hides the car from a detector that takes them for walls."""
-    seen = frame(CARS[:1], noise_m=0.02).lidar
-    shell = seen.points * (3.0 / np.linalg.norm(seen.points, axis=1))[:, None]
+    sweep = frame(CARS[:1], noise_m=0.02).lidar
+    shell = sweep.points * (3.0 / np.linalg.norm(sweep.points, axis=1))[:, None]
     both = LidarScan(
-        np.concatenate([seen.points, shell]),
-        np.concatenate([seen.intensity, np.full(len(shell), 0.005)]),
-        *(np.tile(getattr(seen, name), 2) for name in ("ring", "column", "time_offset_s")),
+        np.concatenate([sweep.points, shell]),
+        np.concatenate([sweep.intensity, np.full(len(shell), 0.005)]),
+        *(np.tile(getattr(sweep, name), 2) for name in ("ring", "column", "time_offset_s")),
         stamp_s=1.0,
         sensor="lux",
     )
@@ -179,6 +181,8 @@ def test_faint_returns_close_by_are_drops():
 
 
 def test_unknown_sensor_is_named():
-    seen = frame(CARS)
+    clear_frame = frame(CARS)
     with pytest.raises(KeyError, match="no sensor 'lux' in the calibration; known: roof"):
-        ClusterDetector().detect(Frame(1.0, Calibration((("roof", Pose.identity()),)), seen.lidar))
+        ClusterDetector().detect(
+            Frame(1.0, Calibration((("roof", Pose.identity()),)), clear_frame.lidar)
+        )

@@ -31,14 +31,14 @@ def vehicle(x=22.0, y=0.0, length=4.6, width=1.85, yaw=0.0):
 
 
 def cloud_and_horizon(boxes):
-    found = cloud(boxes, noise_m=0.02, elevations=ELEVATIONS)
-    standing = found.points[:, 2] > 0.3
-    return found, Horizon.of(found, standing, VIEW)
+    returns = cloud(boxes, noise_m=0.02, elevations=ELEVATIONS)
+    standing = returns.points[:, 2] > 0.3
+    return returns, Horizon.of(returns, standing, VIEW)
 
 
 def feature(vehicles, boxes):
-    found, horizon = cloud_and_horizon(boxes)
-    values = features(vehicles, found, horizon, HEIGHT_M)
+    returns, horizon = cloud_and_horizon(boxes)
+    values = features(vehicles, returns, horizon, HEIGHT_M)
     return dict(zip(FEATURES, values.T, strict=True))
 
 
@@ -49,22 +49,22 @@ def counted(boxes, points, ring):
 
 
 def test_a_car_is_more_probable_than_the_gap_beside_it():
-    found, horizon = cloud_and_horizon([CAR])
-    right, wrong = scores([vehicle(), vehicle(y=5.0)], found, horizon, HEIGHT_M)
+    returns, horizon = cloud_and_horizon([CAR])
+    right, wrong = scores([vehicle(), vehicle(y=5.0)], returns, horizon, HEIGHT_M)
     assert 0 < wrong < 0.2 < 0.6 < right < 1
 
 
 def test_copies_of_returns_are_no_evidence():
-    found, horizon = cloud_and_horizon([CAR])
-    twice = found.select(np.repeat(np.arange(len(found)), 2))
+    returns, horizon = cloud_and_horizon([CAR])
+    twice = returns.select(np.repeat(np.arange(len(returns)), 2))
     boxes = [vehicle(), vehicle(y=5.0)]
-    once = scores(boxes, found, horizon, HEIGHT_M)
+    once = scores(boxes, returns, horizon, HEIGHT_M)
     assert np.array_equal(scores(boxes, twice, horizon, HEIGHT_M), once)
 
 
 def test_no_box_no_score():
-    found, horizon = cloud_and_horizon([CAR])
-    assert scores([], found, horizon, HEIGHT_M).shape == (0,)
+    returns, horizon = cloud_and_horizon([CAR])
+    assert scores([], returns, horizon, HEIGHT_M).shape == (0,)
 
 
 def test_what_goes_on_beyond_the_ends_shows():
@@ -83,25 +83,25 @@ def test_rays_that_pass_through_a_box_are_counted():
 
 
 @given(seed=st.integers(0, 10**6), count=st.integers(1, 400))
-def test_counts_are_those_of_a_plain_look(seed, count):
+def test_counts_equal_a_plain_computation(seed, count):
     rng = np.random.default_rng(seed)
     points = rng.uniform((-10, -10, 0), (10, 10, 4), (count, 3))
     ring = rng.integers(0, 8, count)
     x, y, length, width, yaw = box = rng.uniform((-12, -12, 1, 1, -3), (12, 12, 8, 3, 3))
-    found = counted(box[None], points, ring)
+    counts = counted(box[None], points, ring)
     dx, dy = points[:, 0] - x, points[:, 1] - y
     u = np.abs(np.cos(yaw) * dx + np.sin(yaw) * dy) - length / 2
     v = np.abs(np.cos(yaw) * dy - np.sin(yaw) * dx) - width / 2
     z, inside = points[:, 2], (u < 0.25) & (v < 0.25)
     body = inside & (z >= 0.12) & (z <= 2.5)
     near = (u <= 1.5) & (v <= 1.5) & ~inside & (z > 0.3) & (z <= 2.5)
-    assert found["body"] == body.sum()
-    assert found["levels"] == len(np.unique(ring[body]))
-    assert found["above"] == (inside & (z > 2.5)).sum()
-    assert found["ends"] == (near & (v < 0.25)).sum()
-    assert found["sides"] == (near & (u < 0.25)).sum()
-    assert found["ground"] == (inside & (z < 0.12) & (u < -0.5) & (v < -0.5)).sum()
-    assert found["top"] == (z[body].max() if body.any() else 0.0)
+    assert counts["body"] == body.sum()
+    assert counts["levels"] == len(np.unique(ring[body]))
+    assert counts["above"] == (inside & (z > 2.5)).sum()
+    assert counts["ends"] == (near & (v < 0.25)).sum()
+    assert counts["sides"] == (near & (u < 0.25)).sum()
+    assert counts["ground"] == (inside & (z < 0.12) & (u < -0.5) & (v < -0.5)).sum()
+    assert counts["top"] == (z[body].max() if body.any() else 0.0)
 
 
 @given(yaw=st.floats(-3.1, 3.1))

@@ -58,16 +58,16 @@ def users_in(observation):
 
 
 def test_the_values_of_the_ego_and_of_the_road() -> None:
-    seen = observed(scene(gap_m=25.0, leader_speed_m_s=12.0, line_m=30.0))
-    assert seen.dtype == np.float32
-    assert seen[:11] == pytest.approx([20 / 30, 0.8, 0.9, 0.5, -0.8, 1, 0.6, 1, 1, 0, 0])
+    observation = observed(scene(gap_m=25.0, leader_speed_m_s=12.0, line_m=30.0))
+    assert observation.dtype == np.float32
+    assert observation[:11] == pytest.approx([20 / 30, 0.8, 0.9, 0.5, -0.8, 1, 0.6, 1, 1, 0, 0])
     at_line = observed(scene(gap_m=25.0, leader_speed_m_s=12.0, line_m=15.0))
     assert at_line[3:7] == pytest.approx([0.3, -2, 1, 0.3])
     outer = observed(scene(lane=0, target_lane=0, lanes=1))
     assert outer[:11] == pytest.approx([20 / 30, 0.8, 0.9, 2, 0, 0, 2, 0, 0, 0, 0])
 
 
-def test_a_new_target_lane_moves_nobody() -> None:
+def test_a_new_target_lane_moves_no_road_user() -> None:
     """The path is then on another lane, but the others are where they were, relative to the ego."""
     others = tracks([[30.0, 4.0], [-12.0, 0.0]], [[15.0, -1.0], [22.0, 0.0]])
     before = observed(scene(others))
@@ -78,19 +78,19 @@ def test_a_new_target_lane_moves_nobody() -> None:
 
 
 def test_the_values_of_a_track_ahead_on_the_left() -> None:
-    seen = users_in(observed(scene(tracks([[30.0, 4.0]], [[15.0, -1.0]]))))
-    assert seen[0] == pytest.approx([1, 0.6, 1, -0.5, -0.1, 0])
-    assert not seen[1:].any()
+    users = users_in(observed(scene(tracks([[30.0, 4.0]], [[15.0, -1.0]]))))
+    assert users[0] == pytest.approx([1, 0.6, 1, -0.5, -0.1, 0])
+    assert not users[1:].any()
     walking = users_in(observed(scene(tracks([[9.0, -4]], [[0, 1.0]], Category.PEDESTRIAN))))
     assert walking[0] == pytest.approx([1, 0.18, -1, -2, 0.1, 1])
 
 
-def test_the_ten_nearest_are_observed_nearest_first_and_nobody_far_away() -> None:
+def test_the_ten_nearest_are_observed_nearest_first_and_no_distant_one() -> None:
     ahead = np.column_stack([np.linspace(80, 5, 14), np.zeros(14)])
     far = [[-41.0, 0.0], [91.0, 0.0], [10.0, 30.5], [10.0, -30.5]]
     places = np.concatenate([far, ahead])
-    seen = users_in(observed(scene(tracks(places, np.zeros((18, 2))))))
-    assert 50 * seen[:, 1] == pytest.approx(np.sort(ahead[:, 0])[:10], rel=1e-6)
+    users = users_in(observed(scene(tracks(places, np.zeros((18, 2))))))
+    assert 50 * users[:, 1] == pytest.approx(np.sort(ahead[:, 0])[:10], rel=1e-6)
     assert not users_in(observed(scene(tracks(far, np.zeros((4, 2)))))).any()
 
 
@@ -133,8 +133,8 @@ def test_places_are_along_a_bend_and_beside_it(along, left) -> None:
 
 def test_a_path_that_ends_at_once_is_taken_for_straight() -> None:
     northwards = {"path": np.zeros((50, 2)), "world_from_ego": Pose.planar(0.0, -2.25, np.pi / 2)}
-    seen = users_in(observed(scene(tracks([[-4.0, 30.0]], [[0.0, 15.0]]), **northwards)))
-    assert seen[0] == pytest.approx([1, 0.6, 1, -0.5, 0, 0])
+    users = users_in(observed(scene(tracks([[-4.0, 30.0]], [[0.0, 15.0]]), **northwards)))
+    assert users[0] == pytest.approx([1, 0.6, 1, -0.5, 0, 0])
 
 
 def test_actions_accelerate_or_change_lanes() -> None:

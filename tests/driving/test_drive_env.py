@@ -103,7 +103,7 @@ def test_gymnasiums_seed_decides_everything_and_options_overrule_it() -> None:
     assert env.reset(seed=0, options=chosen)[1] == chosen
 
 
-def test_blind_agents_observe_nobody_and_others_those_around() -> None:
+def test_blind_agents_observe_no_road_user_and_others_those_around() -> None:
     env = DriveEnv("dense-motorway", duration_s=1.0)
     blind, _ = env.reset(options={"seed": 0, "perception": "blind"})
     seeing, _ = env.reset(options={"seed": 0, "perception": "truth"})

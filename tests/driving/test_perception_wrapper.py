@@ -151,7 +151,7 @@ def test_a_missed_vehicle_and_a_ghost_are_observed_as_such() -> None:
     assert not observation.observe(ghost)[1:].any(), "beside the road"
 
 
-def test_the_blind_observe_nobody() -> None:
+def test_a_blind_stack_observes_no_road_user() -> None:
     env = PerceptionWrapper(highway(), "blind")
     observation, _ = env.reset(seed=0)
     assert observation[1:].any() == 0
@@ -182,9 +182,11 @@ def test_what_is_near_is_perceived_where_it_is() -> None:
 def test_tracks_stand_where_the_ego_sees_them_whatever_its_poses(ego: str) -> None:
     stack, rig = Perception(f"{STACK}?ego={ego}", find_rig("vlp16-imu")), "vlp16-imu"
     assert stack.text.endswith(ego)
-    told = [PerceptionWrapper(highway(), f"{STACK}{each}", rig=rig) for each in ("", f"?ego={ego}")]
+    environments = [
+        PerceptionWrapper(highway(), f"{STACK}{each}", rig=rig) for each in ("", f"?ego={ego}")
+    ]
     rows = []
-    for env in told:
+    for env in environments:
         env.reset(seed=3)
         for _ in range(2):
             observed, *_ = env.step(1)

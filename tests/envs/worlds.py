@@ -54,7 +54,7 @@ def timeline(stamps, axles, yaws, speeds, *, size=(1.0, 1.0, 1.0), **changes) ->
     axles: (samples, actors, 2). yaws, speeds: (samples, actors).
     """
     samples, actors = np.shape(yaws)
-    given = {
+    fields = {
         "ids": np.arange(actors),
         "categories": np.zeros(actors, np.int8),
         "sizes": np.tile(size, (actors, 1)),
@@ -63,4 +63,4 @@ def timeline(stamps, axles, yaws, speeds, *, size=(1.0, 1.0, 1.0), **changes) ->
         "crashed": np.zeros((samples, actors), bool),
         "road": straight(lanes=1, length_m=20.0),
     }
-    return Timeline(stamps_s=stamps, axles=axles, yaws=yaws, speeds=speeds, **given | changes)
+    return Timeline(stamps_s=stamps, axles=axles, yaws=yaws, speeds=speeds, **fields | changes)

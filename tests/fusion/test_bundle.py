@@ -55,7 +55,7 @@ def corners_at(pose: Pose) -> np.ndarray:
 
 
 def returns(pose: Pose, noise_m: float, rng: np.random.Generator) -> tuple[np.ndarray, ...]:
-    """Points, ring and column of a triangle that is met exactly inside its edges."""
+    """Points, ring and column of a triangle that beams hit exactly inside its edges."""
     ring, column = (x.ravel() for x in np.meshgrid(np.arange(4), np.arange(240), indexing="ij"))
     rays = BEAMS.rays(ring, column)
     normal = pose.rotation[:, 0]
@@ -69,8 +69,8 @@ def returns(pose: Pose, noise_m: float, rng: np.random.Generator) -> tuple[np.nd
 
 
 def project(points: np.ndarray) -> np.ndarray:
-    seen = points @ CAMERA[:, :3].T + CAMERA[:, 3]
-    return seen[:, :2] / seen[:, 2:]
+    homogeneous = points @ CAMERA[:, :3].T + CAMERA[:, 3]
+    return homogeneous[:, :2] / homogeneous[:, 2:]
 
 
 def measured_targets(
@@ -88,7 +88,7 @@ def measured_targets(
 
 
 def linear(corners: np.ndarray, pixels: np.ndarray, known: bool = False) -> np.ndarray:
-    found = calibrate(
+    calibration = calibrate(
         corners.reshape(-1, 3),
         pixels.reshape(-1, 2),
         1280,
@@ -96,7 +96,7 @@ def linear(corners: np.ndarray, pixels: np.ndarray, known: bool = False) -> np.n
         gate_px=25.0,
         intrinsics=INNER if known else None,
     )
-    return found.projection.matrix
+    return calibration.projection.matrix
 
 
 def off_px(matrix: np.ndarray) -> float:
@@ -111,46 +111,46 @@ def test_it_beats_corners_alone(known: bool) -> None:
     for seed in range(5):
         corners, pixels, scanned = measured_targets(8, seed)
         start = linear(corners, pixels, known)
-        found = refine(start, corners, pixels, scanned, TARGET, free_intrinsics=not known)
-        shares.append(off_px(found.matrix) / off_px(start))
+        refined = refine(start, corners, pixels, scanned, TARGET, free_intrinsics=not known)
+        shares.append(off_px(refined.matrix) / off_px(start))
     assert np.median(shares) < 0.7
 
 
 def test_many_targets_leave_less_than_a_pixel() -> None:
     corners, pixels, scanned = measured_targets(20, 7)
-    found = refine(linear(corners, pixels), corners, pixels, scanned, TARGET)
-    assert off_px(found.matrix) < 1.0
+    refined = refine(linear(corners, pixels), corners, pixels, scanned, TARGET)
+    assert off_px(refined.matrix) < 1.0
     true = np.stack([corners_at(pose) for pose in poses(20, 7)])
-    middle = [np.median(np.linalg.norm(c - true, axis=2)) for c in (found.corners, corners)]
+    middle = [np.median(np.linalg.norm(c - true, axis=2)) for c in (refined.corners, corners)]
     assert middle[0] < middle[1]
 
 
 def test_a_refined_target_has_the_sides_of_the_target() -> None:
     corners, pixels, scanned = measured_targets(5, 3)
-    found = refine(linear(corners, pixels), corners, pixels, scanned, TARGET)
+    refined = refine(linear(corners, pixels), corners, pixels, scanned, TARGET)
     flat = TARGET.corners
     for k in range(3):
-        sides = np.linalg.norm(found.corners[:, k] - found.corners[:, k - 1], axis=1)
+        sides = np.linalg.norm(refined.corners[:, k] - refined.corners[:, k - 1], axis=1)
         assert sides == pytest.approx(np.linalg.norm(flat[k] - flat[k - 1]), abs=1e-9)
 
 
 def test_known_intrinsics_are_kept() -> None:
     corners, pixels, scanned = measured_targets(5, 3)
     start = linear(corners, pixels, known=True)
-    found = refine(start, corners, pixels, scanned, TARGET, free_intrinsics=False)
-    assert decompose(found.matrix)[0] == pytest.approx(INNER, abs=1e-6)
+    refined = refine(start, corners, pixels, scanned, TARGET, free_intrinsics=False)
+    assert decompose(refined.matrix)[0] == pytest.approx(INNER, abs=1e-6)
 
 
 def test_the_order_of_targets_is_irrelevant() -> None:
     corners, pixels, scanned = measured_targets(6, 4)
     start = linear(corners, pixels)
-    found = refine(start, corners, pixels, scanned, TARGET)
+    refined = refine(start, corners, pixels, scanned, TARGET)
     turned = refine(start, corners[::-1], pixels[::-1], scanned[::-1], TARGET)
     # Both stop within the same thousandths of a pixel, not at the same bit.
-    assert abs(off_px(found.matrix) - off_px(turned.matrix)) < 0.05
+    assert abs(off_px(refined.matrix) - off_px(turned.matrix)) < 0.05
 
 
-def test_a_beam_that_met_something_else_moves_little() -> None:
+def test_a_beam_that_hits_another_object_changes_little() -> None:
     corners, pixels, scanned = measured_targets(12, 5)
     start = linear(corners, pixels)
     wrong = []
@@ -158,8 +158,8 @@ def test_a_beam_that_met_something_else_moves_little() -> None:
         hit_share = each.hit_share.copy()
         hit_share[0] = 1 - hit_share[0]
         wrong.append(replace(each, hit_share=hit_share))
-    found = refine(start, corners, pixels, wrong, TARGET)
-    assert off_px(found.matrix) < off_px(start)
+    refined = refine(start, corners, pixels, wrong, TARGET)
+    assert off_px(refined.matrix) < off_px(start)
 
 
 def test_the_plane_is_as_sure_as_it_says() -> None:
@@ -214,9 +214,9 @@ def test_the_descent_ends_where_a_dense_one_does() -> None:
     def dense(x: np.ndarray) -> np.ndarray:
         return errors(state.moved(x[:6], x[6:].reshape(-1, 6))).ravel()
 
-    found = descend(image, alone, state, 6)
+    final_state = descend(image, alone, state, 6)
     slow = least_squares(dense, np.zeros(30), xtol=1e-10, ftol=1e-10, gtol=1e-10)
-    assert (errors(found) ** 2).sum() == pytest.approx(2 * slow.cost, rel=1e-3)
+    assert (errors(final_state) ** 2).sum() == pytest.approx(2 * slow.cost, rel=1e-3)
     assert (errors(state) ** 2).sum() > 4 * slow.cost
 
 

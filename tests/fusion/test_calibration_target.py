@@ -35,21 +35,21 @@ def returns(yaw: float, step: float, noise_m: float) -> tuple[np.ndarray, ...]:
     off = rays * ranges[..., None] - foot
     height, aside = off[..., 2], off @ left
     half = TARGET.base_m / 2 * (1 - height / TARGET.height_m)
-    met = (height > 0) & (height < TARGET.height_m) & (np.abs(aside) < half)
+    hit = (height > 0) & (height < TARGET.height_m) & (np.abs(aside) < half)
     parts = []
     for _ in range(10):
-        far = ranges[met] + noise_m * rng.standard_normal(int(met.sum()))
-        parts.append(rays[met] * far[:, None])
-    return np.concatenate(parts), np.tile(rings[met], 10), np.tile(columns[met], 10)
+        far = ranges[hit] + noise_m * rng.standard_normal(int(hit.sum()))
+        parts.append(rays[hit] * far[:, None])
+    return np.concatenate(parts), np.tile(rings[hit], 10), np.tile(columns[hit], 10)
 
 
 @pytest.mark.parametrize("yaw", [0.0, 0.5, -0.4])
 @pytest.mark.parametrize("noise_m", [0.0, 0.03])
 def test_corners_from_returns(yaw: float, noise_m: float) -> None:
     points, ring, column = returns(yaw, np.radians(0.1), noise_m)
-    found = corners_in_scans(points, ring, column, TARGET, np.radians(0.1))
+    corners = corners_in_scans(points, ring, column, TARGET, np.radians(0.1))
     truth, _, _ = placed(yaw)
-    assert np.linalg.norm(found - truth, axis=1).max() < (0.01 if noise_m == 0 else 0.02)
+    assert np.linalg.norm(corners - truth, axis=1).max() < (0.01 if noise_m == 0 else 0.02)
 
 
 @pytest.mark.parametrize("turn_deg", [90.0, 173.0, 180.0])
@@ -57,9 +57,9 @@ def test_corners_turn_with_the_target(turn_deg: float) -> None:
     points, ring, column = returns(0.5, np.radians(0.1), 0.0)
     c, s = np.cos(np.radians(turn_deg)), np.sin(np.radians(turn_deg))
     turned = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
-    found = corners_in_scans(points @ turned.T, ring, column, TARGET, np.radians(0.1))
+    corners = corners_in_scans(points @ turned.T, ring, column, TARGET, np.radians(0.1))
     truth, _, _ = placed(0.5)
-    assert np.linalg.norm(found - truth @ turned.T, axis=1).max() < 0.01
+    assert np.linalg.norm(corners - truth @ turned.T, axis=1).max() < 0.01
 
 
 def test_too_few_rings_are_refused() -> None:

@@ -40,9 +40,9 @@ def test_exact_points_give_the_exact_matrix(seed: int) -> None:
     result = calibrate(points, pixels, 1280, 960)
     assert np.allclose(result.projection.matrix, truth.matrix, rtol=1e-6, atol=1e-5)
     assert result.reprojection_px < 1e-4
-    intrinsics, found = decompose(result.projection.matrix)
+    intrinsics, decomposed_pose = decompose(result.projection.matrix)
     assert np.allclose(intrinsics, INTRINSICS, rtol=1e-5, atol=1e-3)
-    assert np.allclose(found.matrix, pose.matrix, atol=1e-5)
+    assert np.allclose(decomposed_pose.matrix, pose.matrix, atol=1e-5)
 
 
 @pytest.mark.slow
@@ -55,10 +55,10 @@ def test_more_poses_give_a_better_matrix_and_outliers_are_left_out() -> None:
             truth, _ = camera(rng)
             points = board_points(rng, poses)
             pixels = truth.project(points)[0] + rng.normal(0, 0.5, (len(points), 2))
-            seen = points + rng.normal(0, 0.01, points.shape)
+            noisy_points = points + rng.normal(0, 0.01, points.shape)
             wrong = rng.choice(len(points), len(points) // 9, replace=False)
             pixels[wrong] += rng.uniform(60, 200, (len(wrong), 2))
-            result = calibrate(seen, pixels, 1280, 960)
+            result = calibrate(noisy_points, pixels, 1280, 960)
             assert not result.inliers[wrong].any()
             fresh = board_points(np.random.default_rng(99), 30)
             missed.append(

@@ -41,10 +41,10 @@ def test_a_crowd_that_is_one_cluster_shares_its_distance() -> None:
     fused = FUSIONS.make("consistent").fuse(
         crowd, image_boxes_of((15.0, -0.9), (15.0, 0.0), (15.0, 0.9)), LOOK
     )
-    found = fused.by_camera
-    assert found.sum() == 3
-    assert (fused.lidar_rows[found] == 0).sum() >= 2
-    assert np.allclose(fused.distances_m[found], 15.0, atol=1.0)
+    detected = fused.by_camera
+    assert detected.sum() == 3
+    assert (fused.lidar_rows[detected] == 0).sum() >= 2
+    assert np.allclose(fused.distances_m[detected], 15.0, atol=1.0)
 
 
 def test_every_target_has_a_place_even_without_lidar() -> None:

@@ -35,22 +35,22 @@ def moment(k: int, rng: np.random.Generator) -> tuple[Detections, ImageDetection
     return lidar, camera
 
 
-def followed(tracker: str, fusion: str | None) -> list[tuple[set[int], set[int]]]:
+def ids_by_family(tracker: str, fusion: str | None) -> list[tuple[set[int], set[int]]]:
     """Return ids of tracks of pedestrians and of others, frame by frame."""
     rng, plugin = np.random.default_rng(3), TRACKERS.make(tracker)
     joins = FUSIONS.make(fusion) if fusion else None
-    told = []
+    reported_ids = []
     for k in range(FRAMES):
         lidar, camera = moment(k, rng)
-        found = joins.fuse(lidar, camera, LOOK).detections() if joins else lidar
-        tracks = plugin.update(found, Pose.identity())
+        detections = joins.fuse(lidar, camera, LOOK).detections() if joins else lidar
+        tracks = plugin.update(detections, Pose.identity())
         sure = tracks.states != TrackState.TENTATIVE
         people = np.array([Category(c).family is Family.PEDESTRIAN for c in tracks.categories])
         people = people.astype(bool)
-        told.append(
+        reported_ids.append(
             (set(tracks.ids[sure & people].tolist()), set(tracks.ids[sure & ~people].tolist()))
         )
-    return told
+    return reported_ids
 
 
 BY_OVERLAP = ("roboflow-bytetrack", "roboflow-oc-sort")
@@ -61,24 +61,24 @@ ONLINE = [n for n in TRACKERS.installed() if not is_offline(TRACKERS.resolve(n).
 @pytest.mark.slow
 @pytest.mark.parametrize("tracker", ONLINE)
 def test_a_pedestrian_beside_a_car_keeps_its_own_track(tracker: str) -> None:
-    told = followed(tracker, "consistent")
-    people = set().union(*(p for p, _ in told))
-    others = set().union(*(o for _, o in told))
+    reported_ids = ids_by_family(tracker, "consistent")
+    people = set().union(*(p for p, _ in reported_ids))
+    others = set().union(*(o for _, o in reported_ids))
     assert not people & others
     assert len(others) == 1
     assert len(people) == 1 or tracker in BY_OVERLAP
-    seen = [bool(p) for p, _ in told[10:]]
-    assert np.mean(seen) > 0.8
+    reported = [bool(p) for p, _ in reported_ids[10:]]
+    assert np.mean(reported) > 0.8
 
 
 @pytest.mark.parametrize("fusion", FUSED)
 def test_whichever_fusion_names_it(fusion: str) -> None:
-    told = followed("existence", fusion)
-    assert len(set().union(*(p for p, _ in told))) == 1
-    seen = [bool(people) for k, (people, _) in enumerate(told) if k not in MISSED]
-    assert all(seen[5:]), "what is detected again and again is told of"
+    reported_ids = ids_by_family("existence", fusion)
+    assert len(set().union(*(p for p, _ in reported_ids))) == 1
+    reported = [bool(people) for k, (people, _) in enumerate(reported_ids) if k not in MISSED]
+    assert all(reported[5:]), "what is detected again and again is told of"
 
 
 @pytest.mark.parametrize("tracker", ["existence", "gnn"])
-def test_without_a_camera_nobody_knows_the_pedestrian(tracker: str) -> None:
-    assert not set().union(*(p for p, _ in followed(tracker, None)))
+def test_without_a_camera_the_pedestrian_is_not_recognized(tracker: str) -> None:
+    assert not set().union(*(p for p, _ in ids_by_family(tracker, None)))

@@ -49,7 +49,7 @@ def test_outputs_are_sound_and_repeatable(name: str, seed: int) -> None:
 
 
 @pytest.mark.parametrize("name", list(FUSIONS))
-def test_nothing_seen_is_nothing_found(name: str) -> None:
+def test_no_detections_give_no_targets(name: str) -> None:
     fusion, none = FUSIONS.make(name), ImageDetections.empty(2.02)
     assert len(fusion.fuse(Detections.empty(2.0), none, LOOK)) == 0
     alone = fusion.fuse(None, none, LOOK)
@@ -90,7 +90,7 @@ def test_what_does_not_belong_together_is_refused(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", list(FUSIONS))
-def test_who_is_wholly_sure_of_the_wrong_class_spoils_his_own_target_alone(name: str) -> None:
+def test_a_detection_wholly_sure_of_the_wrong_class_spoils_its_own_target_alone(name: str) -> None:
     lidar, camera = scene(5)
     boxes, inside = projected_boxes(lidar, LOOK)
     camera = replace(camera, boxes=np.where(inside[:, None], boxes, camera.boxes))

@@ -103,13 +103,13 @@ def test_a_crowd_shares_one_number_and_distance() -> None:
 
 def test_a_box_beside_the_camera_is_cut_at_its_plane() -> None:
     long = lidar((2.0, 2.0), size=(12.0, 1.0, 2.0))
-    boxes, seen = projected_boxes(long, LOOK)
-    assert seen.tolist() == [True]
+    boxes, visible = projected_boxes(long, LOOK)
+    assert visible.tolist() == [True]
     assert boxes[0, 0] == 0.0
     near, _ = LOOK.project(np.array([8.0, 1.5, 2.0]))
     assert boxes[0, 2] == pytest.approx(near[0])
-    _, seen = projected_boxes(lidar((-10, 0)), LOOK)
-    assert seen.tolist() == [False]
+    _, visible = projected_boxes(lidar((-10, 0)), LOOK)
+    assert visible.tolist() == [False]
 
 
 def test_targets_are_ranked_by_their_class_or_by_being_any() -> None:

@@ -21,9 +21,9 @@ Judged = tuple[np.ndarray, np.ndarray]
 
 def test_what_the_score_leaves_open_is_ignorance_and_confusion_shares_the_rest() -> None:
     boxes = np.array([[0.0, 0, 10, 20], [30, 0, 40, 20]])
-    found = ImageDetections(boxes, np.array([0, 6], np.int8), np.array([0.5, 1.0]), 0.0)
+    image_detections = ImageDetections(boxes, np.array([0, 6], np.int8), np.array([0.5, 1.0]), 0.0)
     split = np.array([[0.9, 0.1, 0.0], [0.2, 0.7, 0.1], [0.05, 0.05, 0.9]])
-    masses = masses_of(found, split)
+    masses = masses_of(image_detections, split)
     np.testing.assert_allclose(masses[0], [0.45 * MOST, 0.05 * MOST, 0.0, 1 - 0.5 * MOST])
     np.testing.assert_allclose(masses[1], [*(MOST * split[2]), 1 - MOST])
 
@@ -46,11 +46,11 @@ def in_images(moment: SensorPair) -> Judged:
 
 
 def in_scans(moment: SensorPair) -> Judged:
-    found = ClusterBoxes().detect(moment.scan)
-    apart = np.linalg.norm(
-        found.centres[:, None, :2] - moment.targets.centres[None, :, :2], axis=-1
+    lidar_boxes = ClusterBoxes().detect(moment.scan)
+    distances_m = np.linalg.norm(
+        lidar_boxes.centres[:, None, :2] - moment.targets.centres[None, :, :2], axis=-1
     )
-    return lidar_masses(found), families_among(apart <= 2.0, moment)
+    return lidar_masses(lidar_boxes), families_among(distances_m <= 2.0, moment)
 
 
 def families_among(near: np.ndarray, moment: SensorPair) -> np.ndarray:
@@ -69,15 +69,15 @@ def test_masses_are_the_shares_that_are_right(
     parts = [judged(moment) for moment in moments]
     masses, real = (np.concatenate(column) for column in zip(*parts, strict=True))
     best = masses[:, :3].argmax(axis=1)
-    told, right = (each[np.arange(len(best)), best] for each in (masses, real))
-    bins = np.digitize(told, edges)
+    best_masses, right = (each[np.arange(len(best)), best] for each in (masses, real))
+    bins = np.digitize(best_masses, edges)
     for number in range(len(edges) + 1):
         inside = bins == number
         assert inside.sum() >= FEWEST
-        assert right[inside].mean() == pytest.approx(told[inside].mean(), abs=0.12)
+        assert right[inside].mean() == pytest.approx(best_masses[inside].mean(), abs=0.12)
 
 
 def test_own_masses_go_before_scores() -> None:
     own = np.array([[0.1, 0.2, 0.3, 0.4]])
-    found = replace(detections([[0.0, 0.0]], frame="ego"), masses=own)
-    np.testing.assert_array_equal(lidar_masses(found), own)
+    with_masses = replace(detections([[0.0, 0.0]], frame="ego"), masses=own)
+    np.testing.assert_array_equal(lidar_masses(with_masses), own)

@@ -27,12 +27,14 @@ def test_clocks_that_disagree_are_named() -> None:
 
 
 def test_what_stands_still_is_projected_where_a_later_image_shows_it() -> None:
-    look = Projection(np.array([[320.0, -500, 0, 0], [240, 0, -500, 700], [1, 0, 0, 0]]), 640, 480)
+    projection = Projection(
+        np.array([[320.0, -500, 0, 0], [240, 0, -500, 700], [1, 0, 0, 0]]), 640, 480
+    )
     # 20 m/s ahead for 0.08 s between scans; the image comes 0.03 s after the scan.
     previous_from_ego = Pose.planar(1.6, 0.0, 0.0)
-    moved = moved_projection(look, previous_from_ego, 0.08, 0.03)
+    moved = moved_projection(projection, previous_from_ego, 0.08, 0.03)
     pixels, depth = moved.project(np.array([20.0, 2.0, 1.0]))
-    expected, nearer = look.project(np.array([20.0 - 0.6, 2.0, 1.0]))
+    expected, nearer = projection.project(np.array([20.0 - 0.6, 2.0, 1.0]))
     assert np.allclose(pixels, expected)
     assert depth == pytest.approx(nearer)
-    assert moved_projection(look, None, 0.08, 0.03) is look
+    assert moved_projection(projection, None, 0.08, 0.03) is projection

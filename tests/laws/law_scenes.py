@@ -19,7 +19,7 @@ DECIDED = (
     (14.0, -9.0, 4.6, 1.85, 1.5, 0.5),
     (-13.0, 5.0, 4.5, 1.8, 1.5, -0.2),
 )
-"""Cars, ahead and behind, that show a flank: front and side are told apart by what is seen."""
+"""Cars, ahead and behind, that show a flank: the visible returns distinguish front and side."""
 
 
 def look_around(boxes=DECIDED, *, seed: int = 0, **options) -> Frame:
@@ -43,16 +43,16 @@ def film(*, count: int = 7, seed: int = 0, start_s: float = 1.0, speed_m_s: floa
     frames, before = [], None
     for k in range(count):
         world_from_ego = Pose.planar(0.1 * speed_m_s * k, 0.0, 0.002 * speed_m_s * k)
-        seen = scan(
-            [_seen_from(world_from_ego, b) for b in (_oncoming(count - 1 - k), *DECIDED[1:3])],
+        sweep = scan(
+            [_in_ego_frame(world_from_ego, b) for b in (_oncoming(count - 1 - k), *DECIDED[1:3])],
             seed=seed + k,
             azimuths=LIMITED,
             noise_m=0.02,
         )
         stamp_s = start_s + 0.1 * k
         own = before.inverse() @ world_from_ego if before is not None and speed_m_s else None
-        seen = replace(seen, stamp_s=stamp_s)
-        frames.append(Frame(stamp_s, CALIBRATION, seen, previous_from_ego=own))
+        sweep = replace(sweep, stamp_s=stamp_s)
+        frames.append(Frame(stamp_s, CALIBRATION, sweep, previous_from_ego=own))
         before = world_from_ego
     return frames
 
@@ -61,7 +61,7 @@ def _oncoming(to_come_m: float):
     return (22.0 + to_come_m, 1.0, 4.6, 1.85, 1.5, 0.1)
 
 
-def _seen_from(world_from_ego: Pose, box):
+def _in_ego_frame(world_from_ego: Pose, box):
     x, y, _ = world_from_ego.inverse().apply(np.array([[box[0], box[1], 0.0]]))[0]
     return (x, y, *box[2:5], box[5] - world_from_ego.yaw)
 
@@ -81,21 +81,21 @@ def carried(frame: Frame, motion: Pose) -> Frame:
 
 def turned_sensor(frame: Frame, inside: Pose) -> Frame:
     """Mount the sensor otherwise; every return stays where it is in the ego frame."""
-    seen = frame.lidar
-    points = inside.inverse().apply(seen.points)
-    there = replace(frame, lidar=replace(seen, points=points))
-    return mounted(there, frame.calibration.pose(seen.sensor) @ inside)
+    sweep = frame.lidar
+    points = inside.inverse().apply(sweep.points)
+    there = replace(frame, lidar=replace(sweep, points=points))
+    return mounted(there, frame.calibration.pose(sweep.sensor) @ inside)
 
 
 def mirrored(frame: Frame) -> Frame:
-    """Swap left and right, and with them the way that the sensor turns."""
-    seen = frame.lidar
-    points = seen.points * np.array([1, -1, 1], np.float32)
-    column = seen.column.max(initial=0) - seen.column
+    """Swap left and right, and with them the direction in which the sensor turns."""
+    sweep = frame.lidar
+    points = sweep.points * np.array([1, -1, 1], np.float32)
+    column = sweep.column.max(initial=0) - sweep.column
     own = frame.previous_from_ego
     if own is not None:
         own = Pose.planar(own.translation[0], -own.translation[1], -own.yaw)
-    there = replace(seen, points=points, column=column)
+    there = replace(sweep, points=points, column=column)
     return replace(frame, lidar=there, previous_from_ego=own)
 
 

@@ -53,9 +53,9 @@ def film(scene=(), *, shuffled_by=None, count=6, **options) -> list[Frame]:
     frames = []
     for k in range(count):
         boxes = [(22 + count - 1 - k, 0, 4.6, 1.85, 1.5, 0), *scene]
-        seen = replace(scan(boxes, seed=k, **options), stamp_s=1.0 + 0.1 * k)
-        seen = seen if shuffled_by is None else shuffled(seen, shuffled_by)
-        frames.append(Frame(seen.stamp_s, CALIBRATION, seen))
+        sweep = replace(scan(boxes, seed=k, **options), stamp_s=1.0 + 0.1 * k)
+        sweep = sweep if shuffled_by is None else shuffled(sweep, shuffled_by)
+        frames.append(Frame(sweep.stamp_s, CALIBRATION, sweep))
     return frames
 
 
@@ -76,13 +76,13 @@ def test_contract(item):
 @pytest.mark.sampled(3)
 def test_finds_one_vehicle_among_ground(any_detector):
     frames = film([SCENE[3]], noise_m=0.03)
-    found = [any_detector.detect(f) for f in frames][-1]
-    x = 22 + (frames[-1].stamp_s - found.stamp_s) / 0.1
-    off = np.hypot(*(found.centres[:, :2] - [x, 0]).T)
+    boxes = [any_detector.detect(f) for f in frames][-1]
+    x = 22 + (frames[-1].stamp_s - boxes.stamp_s) / 0.1
+    off = np.hypot(*(boxes.centres[:, :2] - [x, 0]).T)
     assert off.min() < 0.25
-    assert abs(np.sin(found.yaws[off.argmin()])) < np.sin(np.radians(2))
+    assert abs(np.sin(boxes.yaws[off.argmin()])) < np.sin(np.radians(2))
     # Its length is not seen, and usual cars differ by as much.
-    assert found.sizes[off.argmin()] == pytest.approx([4.6, 1.85, 1.5], abs=0.4)
+    assert boxes.sizes[off.argmin()] == pytest.approx([4.6, 1.85, 1.5], abs=0.4)
 
 
 @pytest.mark.sampled(4)
@@ -100,9 +100,9 @@ def test_a_full_turn_of_a_scanner_on_the_roof(detector):
     those who tell what moves alone."""
     behind = (-12, 0.3, 4.6, 1.85, 1.5, 0)
     frames = film([*SCENE[1:], behind], azimuths=AROUND, elevations=np.linspace(-15, 5, 16))
-    found = [detector.detect(f) for f in frames][-1]
-    x = 22 + (frames[-1].stamp_s - found.stamp_s) / 0.1
-    off_m = [np.hypot(*(found.centres[:, :2] - p).T) for p in ((x, 0), behind[:2], SCENE[2][:2])]
+    boxes = [detector.detect(f) for f in frames][-1]
+    x = 22 + (frames[-1].stamp_s - boxes.stamp_s) / 0.1
+    off_m = [np.hypot(*(boxes.centres[:, :2] - p).T) for p in ((x, 0), behind[:2], SCENE[2][:2])]
     moving, seam, standing = (d[d < 4] for d in off_m)
     assert len(moving) == 1
     assert moving[0] < 0.5
@@ -118,16 +118,16 @@ def test_any_cloud_gives_proper_boxes(name, seed, count, grid):
     rng = np.random.default_rng(seed)
     points = rng.uniform(-30, 30, (count, 3)) * [1, 1, 0.03]
     points = np.round(points) if grid else points
-    seen = scan_of(points, rng.integers(0, 4, count), rng.integers(0, 9, count))
-    found = DETECTORS.make(name).detect(Frame(1.0, CALIBRATION, seen))
-    assert (found.frame, found.stamp_s) == ("ego", 1.0)
-    assert (np.abs(found.centres[:, :2]) < 42).all()
-    assert DETECTORS.make(name).detect(Frame(1.0, CALIBRATION, shuffled(seen, 0))) == found
+    sweep = scan_of(points, rng.integers(0, 4, count), rng.integers(0, 9, count))
+    boxes = DETECTORS.make(name).detect(Frame(1.0, CALIBRATION, sweep))
+    assert (boxes.frame, boxes.stamp_s) == ("ego", 1.0)
+    assert (np.abs(boxes.centres[:, :2]) < 42).all()
+    assert DETECTORS.make(name).detect(Frame(1.0, CALIBRATION, shuffled(sweep, 0))) == boxes
 
 
 def run(detector, frames):
     detector.reset()
-    return [detector.detect(seen) for seen in frames]
+    return [detector.detect(each_frame) for each_frame in frames]
 
 
 def by_cells_of_the_bounding_box(name: str) -> bool:
@@ -153,7 +153,7 @@ TURNING = [name for name in WHOLLY if not by_cells_of_the_bounding_box(name)]
 
 @cache
 def driven(speed_m_s: float) -> tuple[Frame, ...]:
-    """Make the film of the laws that many examples share, once; nobody writes into it."""
+    """Make the film of the laws that many examples share, once; no example writes into it."""
     return tuple(drive(speed_m_s=speed_m_s))
 
 
@@ -165,8 +165,8 @@ def boxes_of(name: str, speed_m_s: float) -> tuple[Detections, ...]:
 
 def off_after(name: str, speed_m_s: float, motion: Pose) -> np.ndarray:
     """Return how far the boxes are from where they were when the scene is moved."""
-    there = run(every_box(name), [carried(seen, motion) for seen in driven(speed_m_s)])
-    before = [found.moved(motion, "ego") for found in boxes_of(name, speed_m_s)]
+    there = run(every_box(name), [carried(each_frame, motion) for each_frame in driven(speed_m_s)])
+    before = [each_boxes.moved(motion, "ego") for each_boxes in boxes_of(name, speed_m_s)]
     return np.max([differences(a, b) for a, b in zip(there, before, strict=True)], axis=0)
 
 
@@ -243,7 +243,7 @@ def test_rigid_motion_moves_the_boxes(name, speed_m_s, turn, x, y):
 @films
 def test_left_and_right_are_alike(name, speed_m_s):
     frames = drive(speed_m_s=speed_m_s)
-    there = [mirrored(seen) for seen in frames]
+    there = [mirrored(each_frame) for each_frame in frames]
     off = worst(every_box(name), frames, there, mirror_boxes)
     assert (off <= allowed(name, fitted=DESCENDED, sampled=SAMPLED)).all()
 
@@ -256,16 +256,16 @@ def test_the_clock_has_no_zero(detector, speed_m_s):
 
 def test_a_sensor_that_stands_may_say_so(detector):
     frames = drive()
-    told = [
+    with_motion = [
         replace(f, previous_from_ego=Pose.identity() if k else None) for k, f in enumerate(frames)
     ]
-    assert (worst(detector, frames, told, lambda boxes: boxes) <= 1e-6).all()
+    assert (worst(detector, frames, with_motion, lambda boxes: boxes) <= 1e-6).all()
 
 
-def test_the_way_the_sensor_is_mounted_changes_nothing(detector):
+def test_the_mounting_of_the_sensor_changes_nothing(detector):
     """The returns stay where they are in the ego frame, to the rounding of the scan's numbers."""
     frames = [replace(f, lidar=behind_too(f.lidar)) for f in drive()]
-    there = [turned_sensor(seen, Pose.planar(0.0, 0.0, 1.0)) for seen in frames]
+    there = [turned_sensor(each_frame, Pose.planar(0.0, 0.0, 1.0)) for each_frame in frames]
     assert (worst(detector, frames, there, lambda boxes: boxes) <= ROUNDED).all()
 
 
@@ -284,8 +284,8 @@ def test_copies_of_returns_give_proper_boxes(detector):
     copied = [
         replace(f, lidar=f.lidar.select(np.repeat(np.arange(len(f.lidar)), 2))) for f in frames
     ]
-    found = run(detector, copied)
-    assert any(len(f) for f in found) == any(len(f) for f in run(detector, frames))
+    boxes_per_frame = run(detector, copied)
+    assert any(len(f) for f in boxes_per_frame) == any(len(f) for f in run(detector, frames))
 
 
 @pytest.mark.parametrize("name", TURNING)
@@ -303,21 +303,21 @@ def test_copies_of_returns_move_no_box(name):
 @pytest.mark.parametrize(
     "place", [(12.0, 0.0, 0.3), (0.0, 0.0, 0.0)], ids=["ahead", "at the sensor"]
 )
-def test_one_and_two_returns_are_nobody(detector, count, place):
+def test_one_and_two_returns_give_no_boxes(detector, count, place):
     """Seen again and again, and moving."""
     for k in range(5):
         points = np.tile(place, (count, 1)) + np.array([0.5 * k * (place[0] > 0), 0, 0])
-        seen = scan_of(points, stamp_s=1.0 + 0.1 * k)
-        assert len(detector.detect(Frame(seen.stamp_s, CALIBRATION, seen))) == 0
+        sweep = scan_of(points, stamp_s=1.0 + 0.1 * k)
+        assert len(detector.detect(Frame(sweep.stamp_s, CALIBRATION, sweep))) == 0
 
 
 def test_returns_on_a_line_give_proper_boxes(detector):
-    for way in ((0.0, 1.0, 0.0), (1.0, 0.0, 0.0), (0.6, 0.8, 0.0), (0.0, 0.0, 0.1)):
+    for direction in ((0.0, 1.0, 0.0), (1.0, 0.0, 0.0), (0.6, 0.8, 0.0), (0.0, 0.0, 0.1)):
         for k in range(4):
-            points = [12.0 - k, 0.0, 0.4] + np.linspace(-2, 2, 30)[:, None] * way
-            seen = scan_of(points, np.arange(30) % 4, stamp_s=1.0 + 0.1 * k)
-            found = detector.detect(Frame(seen.stamp_s, CALIBRATION, seen))
-            assert (np.abs(found.centres[:, :2]) < 25).all()
+            points = [12.0 - k, 0.0, 0.4] + np.linspace(-2, 2, 30)[:, None] * direction
+            sweep = scan_of(points, np.arange(30) % 4, stamp_s=1.0 + 0.1 * k)
+            boxes = detector.detect(Frame(sweep.stamp_s, CALIBRATION, sweep))
+            assert (np.abs(boxes.centres[:, :2]) < 25).all()
         detector.reset()
 
 
@@ -325,8 +325,8 @@ def test_scans_that_are_missing_or_empty_now_and_then(detector):
     frames = drive(count=9)
     frames[3] = replace(frames[3], lidar=None)
     frames[5] = replace(frames[5], lidar=frames[5].lidar.select(np.arange(0)))
-    stamps = {seen.stamp_s for seen in frames}
-    found = run(detector, frames)
-    assert all(f.stamp_s in stamps for f in found)
-    assert len(found[-1]) > 0
-    assert run(detector, frames) == found
+    stamps = {each_frame.stamp_s for each_frame in frames}
+    boxes_per_frame = run(detector, frames)
+    assert all(f.stamp_s in stamps for f in boxes_per_frame)
+    assert len(boxes_per_frame[-1]) > 0
+    assert run(detector, frames) == boxes_per_frame

@@ -55,9 +55,9 @@ def ground() -> Ground:
     return Ground(surface_of(timeline().road), "bare")
 
 
-def fresh(end_s: float, carrier: Rig, seed: int = SEED, **told: Any) -> Pairs:
+def fresh(end_s: float, carrier: Rig, seed: int = SEED, **sensing_options: Any) -> Pairs:
     """Sense anew, but on ground that is painted already: that takes longest."""
-    sensing = Sensing(carrier, seed, "bare", **told)
+    sensing = Sensing(carrier, seed, "bare", **sensing_options)
     sensing._ground = ground()
     return tuple(sensing.advance(timeline(), end_s))
 
@@ -85,8 +85,8 @@ def hit(pairs: Pairs) -> int:
     return sum(int(truth.lidar_returns.sum()) for _, truth in pairs)
 
 
-def away(pairs: Pairs) -> float:
-    """Difference to images without fault."""
+def mean_image_difference(pairs: Pairs) -> float:
+    """Return the mean difference to images without fault."""
     clean = np.array(images(sensed("clear")), np.float64)
     return float(np.abs(np.array(images(pairs)) - clean).mean())
 
@@ -107,7 +107,7 @@ def lateness(pairs: Pairs) -> float:
 
 
 def misplaced(pairs: Pairs) -> float:
-    """How far off the believed place of a point 50 m away is, of the worse sensor."""
+    """Return the error of the assumed place of a point 50 m away, of the worse sensor."""
     believed, true = pairs[0][0].calibration, small().calibration()
     points = 50 * np.eye(3)
     return max(
@@ -117,8 +117,8 @@ def misplaced(pairs: Pairs) -> float:
 
 
 MEASURES: Mapping[str, tuple[tuple[Callable[[Pairs], float], int], ...]] = {
-    "fog": ((hit, -1), (away, 1)),
-    "rain": ((hit, -1), (away, 1)),
+    "fog": ((hit, -1), (mean_image_difference, 1)),
+    "rain": ((hit, -1), (mean_image_difference, 1)),
     "night": ((brightness, -1), (grain, 1)),
     "glare": ((white, 1),),
     "dropped-scans": ((arrived("lidar"), -1),),
@@ -219,15 +219,15 @@ def test_what_is_said_to_be_lost_is_lost(severity: int) -> None:
                 assert sensing.scan_lost(index) == (came is None)
             else:
                 black = came is not None and not came.pixels.any()
-                said = "missing" if came is None else "black" if black else None
-                assert sensing.image_lost(index) == said
+                reason = "missing" if came is None else "black" if black else None
+                assert sensing.image_lost(index) == reason
 
 
 @pytest.mark.parametrize("condition", [f"{kind}:5" for kind in FAULTS] + ["night:5 + fog:5"])
 def test_none_but_a_blackout_leaves_a_blank_image(condition: str) -> None:
-    seen = [frame.camera for frame, _ in sensed(condition) if frame.camera is not None]
-    blank = [image.blank for image in seen]
-    assert blank == [not image.pixels.any() for image in seen]
+    camera_images = [frame.camera for frame, _ in sensed(condition) if frame.camera is not None]
+    blank = [image.blank for image in camera_images]
+    assert blank == [not image.pixels.any() for image in camera_images]
     assert any(blank) == (condition == "blackout:5")
 
 
@@ -307,7 +307,7 @@ def test_seeds_decide_where_a_sensor_slips_to() -> None:
     assert len(views) == 4
 
 
-def test_a_sensor_slips_the_same_way_with_and_without_camera() -> None:
+def test_a_sensor_slips_equally_with_and_without_camera() -> None:
     alone = replace(find_rig("wide"), camera=None)
     both = Sensing(find_rig("wide"), 9, faults="extrinsic-error:4").calibration
     assert both.pose("lidar") == Sensing(alone, 9, faults="extrinsic-error:4").calibration.pose(

@@ -62,13 +62,13 @@ def run(odometry, inputs):
 
 
 def check_finite(estimates):
-    for told in estimates:
-        matrix = told.start_from_lidar.matrix
+    for estimate in estimates:
+        matrix = estimate.start_from_lidar.matrix
         assert np.isfinite(matrix).all()
         assert np.abs(matrix[:3, :3] @ matrix[:3, :3].T - np.eye(3)).max() < 1e-9
         assert np.linalg.det(matrix[:3, :3]) == pytest.approx(1)
-        assert np.isfinite(told.covariance).all()
-        assert np.linalg.eigvalsh(told.covariance)[0] > -1e-9 * (1 + told.covariance.max())
+        assert np.isfinite(estimate.covariance).all()
+        assert np.linalg.eigvalsh(estimate.covariance)[0] > -1e-9 * (1 + estimate.covariance.max())
 
 
 def promised(name):
@@ -76,8 +76,8 @@ def promised(name):
     *items, figure = contract_items(name)
     if name in UNEVEN:
         items = [item for item in items if not {"same", "reset"} & set(item.promise.words.split())]
-    kept = [] if name in SETTINGS else items
-    return kept if name in READ_NO_SCANS | set(SLOW_M_S) else [*kept, figure]
+    promises = [] if name in SETTINGS else items
+    return promises if name in READ_NO_SCANS | set(SLOW_M_S) else [*promises, figure]
 
 
 @pytest.mark.sampled(4)
@@ -96,8 +96,8 @@ def test_reset_forgets_what_is_no_rounding(odometry):
     run(odometry, driven(4, 3.0)[1])
     odometry.reset()
     for one, other in zip(run(odometry, inputs), first, strict=True):
-        apart = one.start_from_lidar.matrix - other.start_from_lidar.matrix
-        assert np.abs(apart).max() < 0.02
+        difference = one.start_from_lidar.matrix - other.start_from_lidar.matrix
+        assert np.abs(difference).max() < 0.02
 
 
 @pytest.mark.parametrize("name", sorted(READ_NO_SCANS))
@@ -111,9 +111,9 @@ def test_follows_a_drive(name, odometry):
     if name not in FOLLOW:
         pytest.skip("does not look at scans")
     drive, inputs = drive_for(name)
-    told = run(odometry, inputs)
-    away_m, turned = offset(told[-1], drive.pose(inputs[-1][0].stamp_s))
-    assert all(each.ok for each in told[KNOWS_SPEED.get(name, 0) :])
+    reported_estimates = run(odometry, inputs)
+    away_m, turned = offset(reported_estimates[-1], drive.pose(inputs[-1][0].stamp_s))
+    assert all(each.ok for each in reported_estimates[KNOWS_SPEED.get(name, 0) :])
     assert away_m < FOLLOW[name][0]
     assert turned < FOLLOW[name][1]
 
@@ -148,10 +148,10 @@ POOR = {"empty": emptied, "few points": lambda scan: scan.select(np.arange(len(s
 @pytest.mark.parametrize("kind", POOR)
 def test_a_poor_first_scan_is_survived(name, odometry, kind):
     _, inputs = drive_for(name, 8)
-    told = run(odometry, [(POOR[kind](inputs[0][0]), inputs[0][1]), *inputs[1:]])
-    check_finite(told)
+    reported_estimates = run(odometry, [(POOR[kind](inputs[0][0]), inputs[0][1]), *inputs[1:]])
+    check_finite(reported_estimates)
     if name not in READ_NO_SCANS:
-        assert [told[0].ok, told[-1].ok] == [False, True]
+        assert [reported_estimates[0].ok, reported_estimates[-1].ok] == [False, True]
 
 
 @pytest.mark.sampled(4)
@@ -167,19 +167,21 @@ def test_points_that_are_no_numbers_are_passed_over(odometry):
 
 
 @pytest.mark.sampled(3)
-def test_a_stamp_that_is_no_number_is_told(name, odometry):
+def test_a_stamp_that_is_no_number_is_reported(name, odometry):
     drive, inputs = drive_for(name)
     again = replace(inputs[5][0], stamp_s=float("nan"))
-    told = run(odometry, [*inputs[:6], (again, None), *inputs[6:]])
-    check_finite(told)
-    assert not told[6].ok
-    assert told[-1].ok
+    reported_estimates = run(odometry, [*inputs[:6], (again, None), *inputs[6:]])
+    check_finite(reported_estimates)
+    assert not reported_estimates[6].ok
+    assert reported_estimates[-1].ok
     if name not in READ_NO_SCANS:
-        assert offset(told[-1], drive.pose(inputs[-1][0].stamp_s))[0] < FOLLOW[name][0]
+        assert (
+            offset(reported_estimates[-1], drive.pose(inputs[-1][0].stamp_s))[0] < FOLLOW[name][0]
+        )
 
 
 def test_a_dropped_second_is_made_up_for():
-    """Others: `test_odometry_recovery.py`, as for scans and samples that are spoilt on the way."""
+    """Others: `test_odometry_recovery.py`, as for scans and samples spoilt in a drive."""
     drive, inputs = drive_for("voxel-map", 26)
-    told = run(ODOMETRIES.make("voxel-map"), inputs[:6] + inputs[16:])
-    assert offset(told[-1], drive.pose(inputs[-1][0].stamp_s))[0] < 0.3
+    reported_estimates = run(ODOMETRIES.make("voxel-map"), inputs[:6] + inputs[16:])
+    assert offset(reported_estimates[-1], drive.pose(inputs[-1][0].stamp_s))[0] < 0.3

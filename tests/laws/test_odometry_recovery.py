@@ -7,7 +7,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from toy_drive import Drive, columns_for, emptied
+from toy_drive import ToyDrive, columns_for, emptied
 
 from roadscope.core import ImuSamples
 from roadscope.odometry import NO_SAMPLES, ODOMETRIES
@@ -20,14 +20,14 @@ FROM_REST_S = {"rko-lio": 3.0}
 MAPPED = {"zhang2022-map", "zhang2022-loop"}
 """Their map corrects at times what steps have gathered: a step towards the truth is no error."""
 UNGUARDED = MAPPED | {"zhang2022"}
-"""The paper's method has nothing against a wrong speed: it tells, but need not follow again."""
+"""The paper's method has no remedy for a wrong speed: it reports it, but need not recover."""
 FIRST, LAST, SCANS, SETTLED = 10, 13, 26, 5
 """Which scans are spoilt, how many there are, how many at the end have to be right."""
 WRONG_M, WRONG_RAD = 0.5, 0.1
-"""A step that is further off than this, of 0.8 m from scan to scan, has to be told."""
+"""A step that is further off than this, of 0.8 m from scan to scan, has to be reported."""
 RIGHT_M, RIGHT_RAD = 0.05, 0.01
 """In the end no step is further off than this, or by more than a quarter more than it ever is
-where nothing is spoilt: these scans are coarse, and who matches few features of them errs."""
+on undisturbed scans: these are coarse, and an odometry that matches few features of them errs."""
 FEEL = {
     "dead-reckoning",
     "lidar-inertial",
@@ -55,7 +55,7 @@ def name(request):
 def drive_of(name):
     """A drive that is at speed from the first spoilt scan on, and the number of that scan."""
     ramp_s = FROM_REST_S.get(name, 0.0)
-    drive = Drive(SPEED_M_S, ramp_s=ramp_s, columns=columns_for(name))
+    drive = ToyDrive(SPEED_M_S, ramp_s=ramp_s, columns=columns_for(name))
     return drive, FIRST + round(10 * ramp_s)
 
 
@@ -67,7 +67,7 @@ def inputs_of(name, scans=SCANS):
 @cache
 def taken(ramp_s, columns, scans):
     """Scans with their samples, which tests leave alone."""
-    drive = Drive(SPEED_M_S, ramp_s=ramp_s, columns=columns)
+    drive = ToyDrive(SPEED_M_S, ramp_s=ramp_s, columns=columns)
     return [(drive.scan(k), drive.imu(k)) for k in range(scans)]
 
 
@@ -118,25 +118,25 @@ def errors_of(estimates, truth):
     return np.column_stack([[np.linalg.norm(m[:3, 3]) for m in rest], turns])
 
 
-def follow(name, inputs):
-    """What is told, and how far each step is off, without scans whose stamps do not advance."""
+def run_with_errors(name, inputs):
+    """Return the estimates and each step's error, without scans whose stamps do not advance."""
     odometry, (drive, _) = ODOMETRIES.make(name), drive_of(name)
-    told = [odometry.update(scan, imu) for scan, imu in inputs]
-    poses = np.array([each.start_from_lidar.matrix for each in told])
+    reported_estimates = [odometry.update(scan, imu) for scan, imu in inputs]
+    poses = np.array([each.start_from_lidar.matrix for each in reported_estimates])
     assert np.isfinite(poses).all()
-    assert all(np.isfinite(each.covariance).all() for each in told)
+    assert all(np.isfinite(each.covariance).all() for each in reported_estimates)
     latest = np.maximum.accumulate([scan.stamp_s for scan, _ in inputs])
     truth = np.array([drive.pose(stamp_s) for stamp_s in latest])
     off = errors_of(poses, truth)
     if name in MAPPED:
         off[np.diff(np.linalg.norm((poses - truth)[:, :3, 3], axis=1)) < 0] = 0.0
-    return told, off
+    return reported_estimates, off
 
 
 @cache
 def unspoilt(name):
     """The most metres and radians that a step is off in a drive without faults."""
-    most = follow(name, inputs_of(name))[1][drive_of(name)[1] // 2 :].max(axis=0)
+    most = run_with_errors(name, inputs_of(name))[1][drive_of(name)[1] // 2 :].max(axis=0)
     assert (most < [0.3, 0.03]).all(), most
     return most
 
@@ -171,30 +171,30 @@ OF_VARIANTS = {"all dynamic", "same stamp"}
     [(n, k) for n in ODOMETRIES.names() for k in SPOILT if n not in VARIANTS or k in OF_VARIANTS],
     indirect=["name"],
 )
-def test_spoilt_scans_are_told_and_left_behind(name, kind):
+def test_spoilt_scans_are_reported_and_recovered_from(name, kind):
     inputs, first = inputs_of(name), drive_of(name)[1]
     last = first + LAST - FIRST
-    given = [
+    disturbed_inputs = [
         (SPOILT[kind](s, inputs[first][0]) if first <= k < last else s, i)
         for k, (s, i) in enumerate(inputs)
     ]
-    told, off = follow(name, given)
+    reported_estimates, off = run_with_errors(name, disturbed_inputs)
     if name in READ_NO_SCANS:
         return
     if kind in TOLD or (kind == "all dynamic" and name in TELL_ALONG):
         # The first of those with the same stamp, or the same view, is the scan itself.
-        untold = first + (kind in ("same stamp", "all dynamic"))
-        assert not any(each.ok for each in told[untold:last])
-    check_reported_and_recovered(name, told, off)
+        first_reported = first + (kind in ("same stamp", "all dynamic"))
+        assert not any(each.ok for each in reported_estimates[first_reported:last])
+    check_reported_and_recovered(name, reported_estimates, off)
 
 
 @pytest.mark.sampled(1)
-def test_a_lost_second_is_told_and_left_behind(name):
+def test_a_lost_second_is_reported_and_recovered_from(name):
     inputs, first = inputs_of(name, SCANS + 10), drive_of(name)[1]
-    told, off = follow(name, inputs[:first] + inputs[first + 10 :])
-    assert not told[first].ok
+    reported_estimates, off = run_with_errors(name, inputs[:first] + inputs[first + 10 :])
+    assert not reported_estimates[first].ok
     if name not in READ_NO_SCANS:
-        check_reported_and_recovered(name, told, off)
+        check_reported_and_recovered(name, reported_estimates, off)
 
 
 NOTHING = ImuSamples(np.empty(0), np.empty((0, 3)), np.empty((0, 3)))
@@ -211,17 +211,17 @@ NOTHING = ImuSamples(np.empty(0), np.empty((0, 3)), np.empty((0, 3)))
     ],
     indirect=["name"],
 )
-def test_a_faulty_imu_is_left_behind(name, kind):
+def test_a_faulty_imu_is_recovered_from(name, kind):
     inputs, first = inputs_of(name), drive_of(name)[1]
     last = first + LAST - FIRST
-    given = [
+    disturbed_inputs = [
         (s, spoilt_imu(i, kind) if first <= k < last else i) for k, (s, i) in enumerate(inputs)
     ]
-    told, off = follow(name, given)
+    reported_estimates, off = run_with_errors(name, disturbed_inputs)
     if name in FEEL and kind != "none":
-        assert any(each.reason == NO_SAMPLES for each in told[first:last])
+        assert any(each.reason == NO_SAMPLES for each in reported_estimates[first:last])
     if name not in READ_NO_SCANS:
-        check_reported_and_recovered(name, told, off)
+        check_reported_and_recovered(name, reported_estimates, off)
 
 
 def spoilt_imu(imu, kind):

@@ -39,16 +39,16 @@ def by_rays(shots):
     """One scan hardly tells the car's front from its rear, so that is said."""
     shot = shots[1]
     fit = BodyFit(spec(), ford_fusion(0.0, 0.0))
-    way = float(shot.truth[2])
-    return fit.fit(shot.scan, shot.target, shot.world_from_lidar, rolling=False, towards=way)
+    heading = float(shot.truth[2])
+    return fit.fit(shot.scan, shot.target, shot.world_from_lidar, rolling=False, towards=heading)
 
 
 def smoothed(shots):
     smoother = Smoother(spec(), ford_fusion(0.0, 0.0), frames=3)
-    return follow(smoother, shots)[-1]
+    return smoothed_poses(smoother, shots)[-1]
 
 
-def follow(smoother, shots):
+def smoothed_poses(smoother, shots):
     return [smoother.update(s.scan, s.target, s.world_from_lidar, rolling=False) for s in shots]
 
 
@@ -117,9 +117,9 @@ def off(name, estimate, expected, motion=None):
 @every
 def test_finds_the_car(name):
     for drive in ("straight", "curve"):
-        found, (x, y, yaw) = ESTIMATORS[name](sweeps_of(drive)), sweeps_of(drive)[1].truth
-        assert np.hypot(found.x - x, found.y - y) < FINDS_M.get(name, 0.1)
-        assert abs(axis_difference(found.yaw, yaw)) < np.radians(1)
+        pose, (x, y, yaw) = ESTIMATORS[name](sweeps_of(drive)), sweeps_of(drive)[1].truth
+        assert np.hypot(pose.x - x, pose.y - y) < FINDS_M.get(name, 0.1)
+        assert abs(axis_difference(pose.yaw, yaw)) < np.radians(1)
 
 
 @every
@@ -159,10 +159,10 @@ def test_copies_of_returns_say_the_same(name):
         return scan.select(np.repeat(np.arange(len(scan)), 2)), np.repeat(target, 2)
 
     shots = sweeps_of()
-    found, here = (ESTIMATORS[name](s) for s in (changed(shots, copy), shots))
+    pose, here = (ESTIMATORS[name](s) for s in (changed(shots, copy), shots))
     # Random pairs of twice the returns are other pairs.
-    assert off(name, found, here) < 1 or (
-        name == "ransac" and np.hypot(*(found.centre - here.centre)) < 0.2
+    assert off(name, pose, here) < 1 or (
+        name == "ransac" and np.hypot(*(pose.centre - here.centre)) < 0.2
     )
 
 
@@ -189,10 +189,10 @@ def test_few_returns_give_a_pose_beside_them(name, count):
         return scan, np.isin(np.arange(len(target)), rows[:: -(-len(rows) // count)][:count])
 
     shots = changed(sweeps_of(), few_of)
-    found = ESTIMATORS[name](shots)
-    nearest = np.hypot(*(shots[1].points_xy - found.centre).T).min()
+    pose = ESTIMATORS[name](shots)
+    nearest = np.hypot(*(shots[1].points_xy - pose.centre).T).min()
     assert nearest < np.hypot(*SIZE.values()) / 2 + 0.3
-    assert found.covariance is None or (np.linalg.eigvalsh(found.covariance) > 0).all()
+    assert pose.covariance is None or (np.linalg.eigvalsh(pose.covariance) > 0).all()
 
 
 @every
@@ -204,8 +204,8 @@ def test_returns_on_a_line_give_a_pose(name):
         return scan, target & (scan.ring == np.bincount(rings).argmax())
 
     shots = changed(sweeps_of(), one_ring)
-    found, truth = ESTIMATORS[name](shots), shots[1].truth
-    assert np.hypot(*(found.centre - truth[:2])) < 0.1
+    pose, truth = ESTIMATORS[name](shots), shots[1].truth
+    assert np.hypot(*(pose.centre - truth[:2])) < 0.1
 
 
 @every
@@ -214,8 +214,8 @@ def test_equal_places_give_a_pose(name):
         rows = np.flatnonzero(target)[:1].repeat(9)
         return scan.select(rows), np.ones(9, bool)
 
-    found = ESTIMATORS[name](changed(sweeps_of(), heap))
-    assert np.isfinite((found.x, found.y, found.yaw)).all()
+    pose = ESTIMATORS[name](changed(sweeps_of(), heap))
+    assert np.isfinite((pose.x, pose.y, pose.yaw)).all()
 
 
 @every
@@ -250,8 +250,8 @@ def test_what_is_no_place_is_refused_by_name(name, bad):
 
 def test_smoother_forgets_on_reset():
     smoother = Smoother(spec(), ford_fusion(0.0, 0.0), frames=3)
-    first = follow(smoother, sweeps_of())
+    first = smoothed_poses(smoother, sweeps_of())
     smoother.reset()
-    follow(smoother, sweeps_of("curve"))
+    smoothed_poses(smoother, sweeps_of("curve"))
     smoother.reset()
-    assert follow(smoother, sweeps_of()) == first
+    assert smoothed_poses(smoother, sweeps_of()) == first

@@ -31,16 +31,18 @@ few = settings(max_examples=10, phases=[Phase.generate])
 cars = st.integers(0, 2)
 
 
-def sensed_car(pose=MOUNT, *, car=0, seed=0, way=1) -> tuple[Cluster, Horizon]:
+def sensed_car(pose=MOUNT, *, car=0, seed=0, side=1) -> tuple[Cluster, Horizon]:
     """Return one car's returns from a sensor at a pose, and what stands around."""
     taken = scan(DECIDED[car : car + 1], seed=seed, azimuths=LIMITED, noise_m=0.02, ground=False)
     cloud = Cloud.of(taken, pose)
-    if way < 0:
+    if side < 0:
         origin = cloud.origin * [1, -1]
         cloud = Cloud(cloud.points * [1, -1, 1], cloud.ring, -cloud.column, cloud.rows, origin)
     standing = np.ones(len(cloud), bool)
     (cluster,) = clusters(cloud, np.zeros(len(cloud), int))
-    return cluster, Horizon.of(cloud, standing, Bounds(way * pose.yaw - 1.0, way * pose.yaw + 1.0))
+    return cluster, Horizon.of(
+        cloud, standing, Bounds(side * pose.yaw - 1.0, side * pose.yaw + 1.0)
+    )
 
 
 def assert_same(
@@ -62,7 +64,7 @@ def assert_same(
 @few
 @given(car=cars, seed=st.integers(0, 99), turn=st.floats(-3.1, 3.1), x=st.floats(-50, 50))
 def test_rigid_motion_moves_the_vehicle(name, car, seed, turn, x):
-    """Flanks are seen, so no shape has to guess which way a body is headed."""
+    """Flanks are seen, so no shape has to guess which end of a body is its front."""
     motion = Pose.planar(x, -0.5 * x, turn)
     here, there = (
         SHAPES[name](*sensed_car(p, car=car, seed=seed)) for p in (MOUNT, motion @ MOUNT)
@@ -78,7 +80,7 @@ def test_rigid_motion_moves_the_vehicle(name, car, seed, turn, x):
 @few
 @given(car=cars, seed=st.integers(0, 99))
 def test_left_and_right_are_alike(name, car, seed):
-    here, there = (SHAPES[name](*sensed_car(car=car, seed=seed, way=way)) for way in (1, -1))
+    here, there = (SHAPES[name](*sensed_car(car=car, seed=seed, side=side)) for side in (1, -1))
     assert_same(there, here, EXACT, lambda centre: centre * [1, -1], lambda yaw: -yaw)
 
 

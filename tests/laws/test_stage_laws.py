@@ -86,13 +86,13 @@ def scene(stages, seed):
     """Bodies, and a ground where it is taken away: patches of it are triangles, whose least
     rectangle may as well lie on any of their sides.
     """
-    return seen_once(look_around, seed, stages[0] != "keep")
+    return cached_scene(look_around, seed, stages[0] != "keep")
 
 
 @cache
-def seen_once(look, seed, ground):
-    """Keep a scene: all pairs are shown the same ones, and none writes into them."""
-    return look(seed=seed, ground=ground)
+def cached_scene(make_scene, seed, ground):
+    """Return a cached scene: all pairs share the same ones, and none writes into them."""
+    return make_scene(seed=seed, ground=ground)
 
 
 every_pair = pytest.mark.parametrize("stages", PAIRS, ids=" ".join)
@@ -108,8 +108,8 @@ def test_finds_the_car_ahead(stages):
     # One cluster for all shows one vehicle at most.
     aside = () if stages[1] == "one" else ((22, -6, 4.6, 1.85, 1.5, 1.57),)
     cars = [(25, 0, 4.6, 1.85, 1.5, 0), *aside]
-    found = make(stages).detect(frame(cars, noise_m=0.02, ground=False))
-    assert np.hypot(*(found.centres[:, :2] - [25, 0]).T).min() < 0.3
+    boxes = make(stages).detect(frame(cars, noise_m=0.02, ground=False))
+    assert np.hypot(*(boxes.centres[:, :2] - [25, 0]).T).min() < 0.3
 
 
 @pytest.mark.sampled(4)
@@ -117,11 +117,11 @@ def test_finds_the_car_ahead(stages):
 @several
 @given(seed=seeds)
 def test_order_of_the_returns_changes_no_bit(stages, seed):
-    seen = scene(stages, seed % 7)
-    order = np.random.default_rng(seed).permutation(len(seen.lidar))
-    mixed = Frame(seen.stamp_s, CALIBRATION, seen.lidar.select(order))
+    scene_frame = scene(stages, seed % 7)
+    order = np.random.default_rng(seed).permutation(len(scene_frame.lidar))
+    mixed = Frame(scene_frame.stamp_s, CALIBRATION, scene_frame.lidar.select(order))
     detector = make(stages)
-    assert detector.detect(mixed) == detector.detect(seen)
+    assert detector.detect(mixed) == detector.detect(scene_frame)
 
 
 @pytest.mark.sampled(4)
@@ -131,9 +131,9 @@ def test_order_of_the_returns_changes_no_bit(stages, seed):
 def test_right_angles_and_whole_cells_move_the_boxes(stages, seed, turn, x, y):
     """What every method owes, cells or not."""
     turn = np.pi if stages[2] in TRAFFIC_RUNS_LIKE_THE_EGO else turn
-    seen, motion, detector = scene(stages, seed), Pose.planar(x, y, turn), make(stages)
-    expected = detector.detect(seen).moved(motion, "ego")
-    assert (differences(detector.detect(carried(seen, motion)), expected) <= EXACT).all()
+    scene_frame, motion, detector = scene(stages, seed), Pose.planar(x, y, turn), make(stages)
+    expected = detector.detect(scene_frame).moved(motion, "ego")
+    assert (differences(detector.detect(carried(scene_frame, motion)), expected) <= EXACT).all()
 
 
 @pytest.mark.sampled(4)
@@ -141,9 +141,9 @@ def test_right_angles_and_whole_cells_move_the_boxes(stages, seed, turn, x, y):
 @several
 @given(seed=st.integers(0, 99))
 def test_left_and_right_are_alike(stages, seed):
-    seen, detector = scene(stages, seed), make(stages)
-    expected = mirror_boxes(detector.detect(seen))
-    difference = differences(detector.detect(mirrored(seen)), expected)
+    scene_frame, detector = scene(stages, seed), make(stages)
+    expected = mirror_boxes(detector.detect(scene_frame))
+    difference = differences(detector.detect(mirrored(scene_frame)), expected)
     assert (difference <= MIRRORED.get(stages[2], EXACT)).all()
 
 
@@ -157,10 +157,10 @@ def test_any_rigid_motion_moves_the_boxes(stages, seed, turn, x, y):
     """Without a ground: cells of height and sectors decide on a body's lowest returns alone."""
     if stages[1] in CELLS_OF_THE_BOUNDING_BOX:
         turn = 0.0
-    seen, motion = seen_once(look_ahead, seed, False), Pose.planar(x, y, turn)
+    scene_frame, motion = cached_scene(look_ahead, seed, False), Pose.planar(x, y, turn)
     detector = make(stages)
-    expected = detector.detect(seen).moved(motion, "ego")
-    difference = differences(detector.detect(carried(seen, motion)), expected)
+    expected = detector.detect(scene_frame).moved(motion, "ego")
+    difference = differences(detector.detect(carried(scene_frame, motion)), expected)
     allowed = TURNED.get(stages[2], CLOSE if stages[0] == "keep" else LOW)
     assert (difference <= allowed).all()
 
@@ -169,40 +169,42 @@ def test_any_rigid_motion_moves_the_boxes(stages, seed, turn, x, y):
 @every_pair
 @several
 @given(turn=st.floats(-3.1, 3.1), seed=st.integers(0, 99))
-def test_the_way_the_sensor_is_mounted_changes_nothing(stages, turn, seed):
+def test_the_mounting_of_the_sensor_changes_nothing(stages, turn, seed):
     """The returns stay where they are in the ego frame, to the rounding of the scan's numbers."""
-    seen, detector = scene(stages, seed), make(stages)
-    there = turned_sensor(seen, Pose.planar(0.0, 0.0, turn))
-    difference = differences(detector.detect(there), detector.detect(seen))
+    scene_frame, detector = scene(stages, seed), make(stages)
+    there = turned_sensor(scene_frame, Pose.planar(0.0, 0.0, turn))
+    difference = differences(detector.detect(there), detector.detect(scene_frame))
     assert (difference <= DESCENDED.get(stages[2], ROUNDED)).all()
 
 
 @pytest.mark.sampled(3)
 def test_height_of_the_sensor_changes_no_box(stages):
-    seen, detector = scene(stages, 0), make(stages)
-    there = turned_sensor(seen, Pose.planar(0.0, 0.0, 0.0, 0.3))
-    difference = differences(detector.detect(there), detector.detect(seen))
+    scene_frame, detector = scene(stages, 0), make(stages)
+    there = turned_sensor(scene_frame, Pose.planar(0.0, 0.0, 0.0, 0.3))
+    difference = differences(detector.detect(there), detector.detect(scene_frame))
     # What a scan could have shown of a box, and so its score, does depend on it.
     assert (difference[:3] <= ROUNDED[:3]).all()
 
 
 def test_copies_of_returns_move_no_box(stages):
-    seen, detector = scene(stages, 0), make(stages)
-    copied = seen.lidar.select(np.repeat(np.arange(len(seen.lidar)), 2))
-    found, before = (detector.detect(Frame(1.0, CALIBRATION, s)) for s in (copied, seen.lidar))
-    proper(found)
+    scene_frame, detector = scene(stages, 0), make(stages)
+    copied = scene_frame.lidar.select(np.repeat(np.arange(len(scene_frame.lidar)), 2))
+    boxes, before = (
+        detector.detect(Frame(1.0, CALIBRATION, s)) for s in (copied, scene_frame.lidar)
+    )
+    proper(boxes)
     if stages[1] not in COUNTING:
-        assert (differences(found, before)[:3] <= EXACT[:3]).all()
+        assert (differences(boxes, before)[:3] <= EXACT[:3]).all()
 
 
-def test_fewer_than_three_places_are_nobody(stages):
+def test_fewer_than_three_places_give_no_boxes(stages):
     two, detector = np.array([[12.0, 1.0, 0.3], [12.0, 2.0, 0.3]]), make(stages)
     for points in (two[:0], two[:1], two, *(np.repeat(two[:k], 40, axis=0) for k in (1, 2))):
-        found = detector.detect(
+        boxes = detector.detect(
             Frame(1.0, CALIBRATION, scan_of(points, column=points[:, 1].astype(int)))
         )
-        assert len(points) > 2 or len(found) == 0
-        proper(found)
+        assert len(points) > 2 or len(boxes) == 0
+        proper(boxes)
 
 
 @pytest.mark.sampled(4)
@@ -222,21 +224,21 @@ def test_places_on_a_line_give_proper_boxes(stages, bearing, along, span, rings,
     places = start + offsets[:, None] * np.array([np.cos(along), np.sin(along)])
     points = np.column_stack([places, np.random.default_rng(seed).uniform(0.0, 0.9, 24)])
     ring, column = np.arange(24) % rings, np.arange(24) // rings
-    seen = Frame(1.0, CALIBRATION, scan_of(points, ring, column))
-    proper(make(stages).detect(seen))
+    scene_frame = Frame(1.0, CALIBRATION, scan_of(points, ring, column))
+    proper(make(stages).detect(scene_frame))
     order = np.random.default_rng(seed).permutation(24)
-    mixed = Frame(1.0, CALIBRATION, seen.lidar.select(order))
-    assert make(stages).detect(mixed) == make(stages).detect(seen)
+    mixed = Frame(1.0, CALIBRATION, scene_frame.lidar.select(order))
+    assert make(stages).detect(mixed) == make(stages).detect(scene_frame)
 
 
-def test_places_at_the_sensor_and_far_away_are_borne(stages):
+def test_places_at_the_sensor_and_far_away_are_tolerated(stages):
     """Some drivers put returns that never came at the sensor itself."""
     detector = make(stages)
     for place in ((0.0, 0.0, 0.0), (0.0, 0.0, -0.55), (4999.0, -4999.0, 1.0)):
         proper(detector.detect(Frame(1.0, CALIBRATION, scan_of(np.tile(place, (9, 1))))))
-        seen = look_ahead().lidar
-        seen.points[::40] = place
-        proper(detector.detect(Frame(1.0, CALIBRATION, seen)))
+        sweep = look_ahead().lidar
+        sweep.points[::40] = place
+        proper(detector.detect(Frame(1.0, CALIBRATION, sweep)))
 
 
 def proper(boxes):

@@ -135,8 +135,8 @@ def test_crossing_paths_keep_their_identities(tracker):
     followers = [set(), set()]
     for k in range(35):
         places = crossing(k)
-        seen = boxes(places + 0.1 * rng.standard_normal((2, 2)), 0.1 * k)
-        tracks = tracker.update(seen, None)
+        frame_boxes = boxes(places + 0.1 * rng.standard_normal((2, 2)), 0.1 * k)
+        tracks = tracker.update(frame_boxes, None)
         for place, ids in zip(places, followers, strict=True):
             distances = np.hypot(*(tracks.centres[:, :2] - place).T)
             assert distances.min() < 1.0
@@ -165,10 +165,12 @@ def test_moving_the_world_moves_the_tracks(tracker, request):
     for one, other in zip(here, there, strict=True):
         assert len(one) == len(other)
         expected = one.moved(world, "world") if one.frame == "world" else one
-        apart = np.linalg.norm(expected.centres[:, None] - other.centres, axis=2)
+        distances_m = np.linalg.norm(expected.centres[:, None] - other.centres, axis=2)
         # Which of two tracks in one place is which can be reports by their ids only.
         same = [[names.get(a, b) == b for b in other.ids.tolist()] for a in one.ids.tolist()]
-        columns = (apart + 1e3 * ~np.array(same, bool).reshape(apart.shape)).argmin(axis=1)
+        columns = (distances_m + 1e3 * ~np.array(same, bool).reshape(distances_m.shape)).argmin(
+            axis=1
+        )
         assert len(set(columns.tolist())) == len(columns)
         names.update(zip(one.ids.tolist(), other.ids[columns].tolist(), strict=True))
         for field in ("centres", "velocities", "covariances", "sizes", "scores", "states"):
@@ -233,18 +235,18 @@ def car_then_pedestrian(k):
 
 def families(tracker):
     """Return the families that each identity went by."""
-    found: dict[int, set[str]] = {}
+    families_of_ids: dict[int, set[str]] = {}
     for tracks in run(tracker, map(car_then_pedestrian, range(20))):
         for identity, category in zip(tracks.ids.tolist(), tracks.categories, strict=True):
-            found.setdefault(identity, set()).add(Category(category).family)
-    return found
+            families_of_ids.setdefault(identity, set()).add(Category(category).family)
+    return families_of_ids
 
 
 @pytest.mark.parametrize("name", [n for n in LAWFUL if n not in KNOW_NO_CATEGORIES])
 def test_a_car_never_becomes_a_pedestrian(name):
-    found = families(TRACKERS.make(name))
-    assert all(len(of_one) == 1 for of_one in found.values())
-    assert len(found) == 2
+    families_of_ids = families(TRACKERS.make(name))
+    assert all(len(of_one) == 1 for of_one in families_of_ids.values())
+    assert len(families_of_ids) == 2
 
 
 def test_without_categories_the_position_decides_alone():

@@ -46,11 +46,11 @@ def test_follows_a_drive_from_rest_wherever_the_imu_sits(lever):
     odometry.reset(Pose.from_euler(*lever))
     odometry.update(empty_scan(0))
     for k in range(1, 46):
-        told = odometry.update(empty_scan(k), samples(k, np.array(lever)))
+        estimate = odometry.update(empty_scan(k), samples(k, np.array(lever)))
         place, yaw, *_ = state(PERIOD_S * k)
-        assert told.ok
-        assert told.start_from_lidar.translation == pytest.approx(place, abs=0.02)
-        assert told.start_from_lidar.yaw == pytest.approx(yaw, abs=1e-3)
+        assert estimate.ok
+        assert estimate.start_from_lidar.translation == pytest.approx(place, abs=0.02)
+        assert estimate.start_from_lidar.yaw == pytest.approx(yaw, abs=1e-3)
     assert np.linalg.norm(place) > 8
 
 
@@ -62,8 +62,8 @@ def test_a_bias_at_rest_is_removed():
         for k in range(1, 31):
             imu = samples(k, np.zeros(3))
             imu = ImuSamples(imu.stamps_s, imu.angular_velocity + bias, imu.specific_force + bias)
-            told = odometry.update(empty_scan(k), imu)
-        ends.append(told.start_from_lidar.translation)
+            estimate = odometry.update(empty_scan(k), imu)
+        ends.append(estimate.start_from_lidar.translation)
     assert ends[0] == pytest.approx(ends[1], abs=0.02)
 
 
@@ -74,6 +74,6 @@ def test_without_samples_the_speed_is_kept_and_the_pose_degraded():
         before = odometry.update(empty_scan(k), samples(k, np.zeros(3)))
     after = odometry.update(empty_scan(31))
     speed = np.array([0.9 * 1.5**2, 0.15 * 1.5**2, 0])
-    way = after.start_from_lidar.translation - before.start_from_lidar.translation
-    assert way == pytest.approx(PERIOD_S * speed, abs=0.01)
+    displacement = after.start_from_lidar.translation - before.start_from_lidar.translation
+    assert displacement == pytest.approx(PERIOD_S * speed, abs=0.01)
     assert not after.ok

@@ -12,15 +12,15 @@ SEEDS = range(10_000, 10_003)
 PEERS = ("kiss-icp", "small-gicp", "rko-lio")
 
 
-def share_of_the_way(poses: EpisodePoses) -> float:
-    """How far an odometry says that the ego came, over how far it came."""
+def share_of_true_distance(poses: EpisodePoses) -> float:
+    """Return the estimated distance from start to end, over the true one."""
     both = poses.trajectories
-    told, true = (
+    estimated_m, true = (
         float(np.linalg.norm(poses[-1, :3, 3] - poses[0, :3, 3]))
         for poses in (both.estimate, both.truth)
     )
     assert true > 80.0
-    return told / true
+    return estimated_m / true
 
 
 @pytest.mark.slow
@@ -35,7 +35,7 @@ def test_in_a_convoy_matchers_stay_behind_and_without_it_they_come_along() -> No
         poses = poses_of_each(specs, Episode("convoy-pull-away", seed, "vlp16-imu", 24.0))
         for peer in left:
             shares[peer].append(
-                tuple(share_of_the_way(poses[s]) for s in (peer, f"oracle?odometry={peer}"))
+                tuple(share_of_true_distance(poses[s]) for s in (peer, f"oracle?odometry={peer}"))
             )
         left = [p for p in left if not (shares[p][-1][0] < 0.5 and shares[p][-1][1] > 0.85)]
         if not left:
@@ -46,5 +46,7 @@ def test_in_a_convoy_matchers_stay_behind_and_without_it_they_come_along() -> No
 @pytest.mark.slow
 def test_ours_comes_along_with_little_drift() -> None:
     """The suite `odometry-convoy` asks the same of twenty other seeds."""
-    ride = poses_of("lidar-inertial", Episode("convoy-pull-away", 10_010, "vlp16-imu", 40.0))
-    assert drift(ride.trajectories, (50.0, 100.0, 200.0), every=1).t_rel < 1.0
+    odometry_poses = poses_of(
+        "lidar-inertial", Episode("convoy-pull-away", 10_010, "vlp16-imu", 40.0)
+    )
+    assert drift(odometry_poses.trajectories, (50.0, 100.0, 200.0), every=1).t_rel < 1.0

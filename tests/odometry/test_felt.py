@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from toy_drive import Drive
+from toy_drive import ToyDrive
 
 from roadscope.odometry import ODOMETRIES
 from roadscope.odometry.inertial import (
@@ -46,9 +46,9 @@ def rested(rng):
 
 @pytest.fixture
 def felt(rng):
-    told = IntegratedSpeed(NOISE)
-    told.start_from_rest(rested(rng))
-    return told
+    integrated = IntegratedSpeed(NOISE)
+    integrated.start_from_rest(rested(rng))
+    return integrated
 
 
 def test_the_gained_speed_is_right_with_any_biases(felt, rng):
@@ -82,7 +82,7 @@ def driven(odometry, drive, scans):
 @pytest.fixture
 def after_a_rest():
     """Return a drive and an odometry that has followed it, and that felt it gain its speed."""
-    drive, odometry = Drive(), ODOMETRIES.make("lidar-inertial")
+    drive, odometry = ToyDrive(), ODOMETRIES.make("lidar-inertial")
     driven(odometry, drive, range(12))
     odometry._integrated_speed.start_from_rest(
         started(GRAVITY, np.array([8.0, 0, 0]), (0.1, 0.1, 0.1), NOISE)
@@ -103,14 +103,14 @@ def test_a_speed_below_the_integrated_one_causes_a_restart(after_a_rest):
     drive, odometry = after_a_rest
     wrong = odometry._track
     wrong.state.velocity = np.zeros(3)
-    told = driven(odometry, drive, range(12, 17))
-    assert {each.reason for each in told} == {"the speed is below the integrated acceleration"}
+    estimates = driven(odometry, drive, range(12, 17))
+    assert {each.reason for each in estimates} == {"the speed is below the integrated acceleration"}
     assert odometry._track is None
     odometry._start = InertialStart(
         NOISE, is_restart=True, search=lambda *_: Speed(0.0, 2.0, by_fixtures=True)
     )
     odometry._check = SpeedCheck(measure=lambda *_: Speed(0.0, 0.0))
-    told = driven(odometry, drive, range(17, 30))
+    estimates = driven(odometry, drive, range(17, 30))
     assert odometry._track is not wrong
     assert odometry._track.twist()[0] == pytest.approx(8.0, abs=0.3)
-    assert not told[-1].ok
+    assert not estimates[-1].ok

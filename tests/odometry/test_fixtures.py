@@ -66,12 +66,12 @@ def test_pairs_in_cells_equal_those_of_the_slow_twin(count):
     ahead, speeds = rng.uniform(-0.1, 0.6, (count, 2)), np.array([-8.0, 0.0, 0.25, 30.0])
     expected = []
     for speed in speeds:
-        met = {}
+        scans_of_cells = {}
         for cell, scan in zip(
             np.floor((points + speed * ahead) / 0.4).tolist(), scans, strict=True
         ):
-            met.setdefault(tuple(cell), set()).add(scan)
-        expected.append(sum(len(each) * (len(each) - 1) // 2 for each in met.values()))
+            scans_of_cells.setdefault(tuple(cell), set()).add(scan)
+        expected.append(sum(len(each) * (len(each) - 1) // 2 for each in scans_of_cells.values()))
     assert gathered(points, ahead, scans, speeds, 0.4).tolist() == expected
     assert count < 700 or min(expected) > 0
 
@@ -102,12 +102,12 @@ ROAD = [(x, y, 4.0) for x in (5, 17, 26, 41) for y in (-6, 7.3)]
 
 @pytest.mark.parametrize("speed_m_s", [0.0, 9.0, 28.0])
 def test_posts_lower_than_lorries_determine_the_speed(speed_m_s):
-    seen = street(speed_m_s, ROAD)
-    assert not any(each.tall.any() for each in seen)
-    found = standing_speed_of(seen, 0.0)
-    assert found.reliable
-    assert found.ahead_m_s == pytest.approx(speed_m_s, abs=0.1)
-    assert found.spread_m_s < 0.2
+    sweep_ends = street(speed_m_s, ROAD)
+    assert not any(each.tall.any() for each in sweep_ends)
+    estimate = standing_speed_of(sweep_ends, 0.0)
+    assert estimate.reliable
+    assert estimate.ahead_m_s == pytest.approx(speed_m_s, abs=0.1)
+    assert estimate.spread_m_s < 0.2
 
 
 def test_the_fine_speed_is_the_least_squares_solution_of_all_pairs():
@@ -117,29 +117,29 @@ def test_the_fine_speed_is_the_least_squares_solution_of_all_pairs():
     ahead = np.column_stack([0.1 * scans + 0.01 * rng.random(60), np.zeros(60)])
     things = 20 * rng.random((12, 2))
     points = np.tile(things, (5, 1)) - 14.0 * ahead + 0.03 * rng.standard_normal((60, 2))
-    apart = scans[:, None] != scans
+    different_scans = scans[:, None] != scans
     turned, moved = points[:, None] - points, ahead[:, None] - ahead
 
     def cost(speed):
         off = turned + speed * moved
-        return -np.exp(-0.5 * (off**2).sum(axis=2) / 0.1**2)[apart].sum()
+        return -np.exp(-0.5 * (off**2).sum(axis=2) / 0.1**2)[different_scans].sum()
 
     speeds = np.arange(13.5, 14.5, 0.001)
     best = speeds[np.argmin([cost(speed) for speed in speeds])]
     order = np.argsort(points[:, 1])
-    found, weight = joined(points[order], ahead[order], scans[order], 14.2, 0.1)
-    assert found == pytest.approx(best, abs=0.005)
-    assert found == pytest.approx(14.0, abs=0.05)
+    estimate, weight = joined(points[order], ahead[order], scans[order], 14.2, 0.1)
+    assert estimate == pytest.approx(best, abs=0.005)
+    assert estimate == pytest.approx(14.0, abs=0.05)
     assert weight > 3
-    apart = np.column_stack([points[:, 0] + 1000.0 * scans, points[:, 1]])[order]
-    assert joined(apart, ahead[order], scans[order], 14.2, 0.1)[1] == 0
+    different_scans = np.column_stack([points[:, 0] + 1000.0 * scans, points[:, 1]])[order]
+    assert joined(different_scans, ahead[order], scans[order], 14.2, 0.1)[1] == 0
 
 
 def test_people_are_not_fixtures():
-    seen = street(9.0, [(x, y, 1.8) for x, y, _ in ROAD], walking_m_s=7.0)
-    assert not any(each.slim.any() for each in seen)
-    assert not standing_speed_of(seen, 0.0).reliable
-    assert not speed_of(seen, 0.0).reliable
+    sweep_ends = street(9.0, [(x, y, 1.8) for x, y, _ in ROAD], walking_m_s=7.0)
+    assert not any(each.slim.any() for each in sweep_ends)
+    assert not standing_speed_of(sweep_ends, 0.0).reliable
+    assert not speed_of(sweep_ends, 0.0).reliable
 
 
 def test_an_object_as_wide_as_a_cab_is_not_a_fixture():
@@ -156,7 +156,9 @@ def test_slim_objects_are_counted_once():
     rng = np.random.default_rng(0)
     post = np.array([4.0, 6.0]) + 0.03 * rng.standard_normal((40, 2))
     assert count_separate(post, 2.0) == 1
-    near, other, third = (post + np.array(way) for way in ((1.0, 0.0), (2.5, 0.0), (0.0, -9.0)))
+    near, other, third = (
+        post + np.array(offset) for offset in ((1.0, 0.0), (2.5, 0.0), (0.0, -9.0))
+    )
     assert count_separate(np.vstack([post, near]), 2.0) == 1
     assert count_separate(np.vstack([post, other, third]), 2.0) == 3
     assert count_separate(np.empty((0, 2)), 2.0) == 0
@@ -180,8 +182,8 @@ def both(tall, slim):
     [(7, 3, None), (8, 3, 8), (7, 4, 4), (8, 4, 12), (8, 9, 17), (40, 10, 10), (0, 10, 10)],
 )
 def test_slim_objects_decide_alone_where_there_are_many(tall, slim, chosen):
-    found = marked_fixtures([both(tall, slim)] * 3)
-    assert (found and [int(each.sum()) for each in found]) == (chosen and [chosen] * 3)
+    fixtures = marked_fixtures([both(tall, slim)] * 3)
+    assert (fixtures and [int(each.sum()) for each in fixtures]) == (chosen and [chosen] * 3)
 
 
 def lorry(columns, low=0.5, high=3.9, open_rad=2 * np.pi):
@@ -193,10 +195,10 @@ def lorry(columns, low=0.5, high=3.9, open_rad=2 * np.pi):
         flat = np.where(up < 0, -1.9 / up, np.inf)
         side = np.where(np.sin(angle) > 0, 5.0 / np.sin(angle), np.inf)
     height = 1.9 + side * up
-    met = (np.abs(side * np.cos(angle)) < 6) & (low < height) & (height < high) & (side < flat)
-    flat = np.where(met, side, flat)
-    seen = flat < 80
-    flat, angle, up = flat[seen], angle[seen], up[seen]
+    on_lorry = (np.abs(side * np.cos(angle)) < 6) & (low < height) & (height < high) & (side < flat)
+    flat = np.where(on_lorry, side, flat)
+    in_range = flat < 80
+    flat, angle, up = flat[in_range], angle[in_range], up[in_range]
     return np.column_stack([flat * np.cos(angle), flat * np.sin(angle), flat * up])
 
 
@@ -207,9 +209,9 @@ def read(points):
 @pytest.mark.parametrize("columns", [400, 512, 720, 900, 1024, 1800, 2048])
 def test_no_step_of_a_sensor_makes_fixtures_of_a_lorry(columns):
     """Columns of scans that are read from files may be finer than the sensor's own steps."""
-    seen = Ends.of(read(lorry(columns)))
-    assert not seen.slim.any()
-    assert not seen.tall.any()
+    sweep_ends = Ends.of(read(lorry(columns)))
+    assert not sweep_ends.slim.any()
+    assert not sweep_ends.tall.any()
 
 
 @pytest.mark.parametrize("columns", [512, 900, 1800])
@@ -257,7 +259,7 @@ def test_without_visible_ground_nothing_counts_as_tall():
     """A sensor near the ground, whose beams meet it far off, among cars."""
     points = lorry(1800)
     high = points[points[:, 2] > -1.0] * [6.0, 6.0, 1.0]
-    seen = Ends.of(read(high))
-    assert seen.upright.any()
-    assert not seen.tall.any()
-    assert not seen.slim.any()
+    sweep_ends = Ends.of(read(high))
+    assert sweep_ends.upright.any()
+    assert not sweep_ends.tall.any()
+    assert not sweep_ends.slim.any()

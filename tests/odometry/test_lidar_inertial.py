@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from node_answers import poses_of
-from toy_drive import Drive, driven, offset
+from toy_drive import ToyDrive, driven, offset
 
 from roadscope.core import ImuSamples, Pose
 from roadscope.envs.sensors import IMUS
@@ -86,14 +86,14 @@ def test_errors_propagate_like_differences(rng):
     samples, step = felt(rng), 1e-5
     still = np.zeros(SIZE)
     base = state_off_by(still)
-    way = integrated(*samples, base.pose[:3, :3].copy(), base.velocity, base.gravity)
-    told = transition(way[3], float(samples[0].sum()))
+    increment = integrated(*samples, base.pose[:3, :3].copy(), base.velocity, base.gravity)
+    predicted = transition(increment[3], float(samples[0].sum()))
     propagate(base, *samples, NOISE)
     for k in range(SIZE):
         other = state_off_by(step * np.eye(SIZE)[k])
         propagate(other, *samples, NOISE)
         # Within a sample the turn is held to be constant.
-        assert difference(other, base) / step == pytest.approx(told[:, k], abs=3e-3)
+        assert difference(other, base) / step == pytest.approx(predicted[:, k], abs=3e-3)
 
 
 def test_integration_equals_that_of_the_slow_twin(rng):
@@ -103,14 +103,14 @@ def test_integration_equals_that_of_the_slow_twin(rng):
         np.ones(3),
         np.array([0, 0, -9.8]),
     )
-    way, velocity, turned, _ = integrated(lengths, rates, forces, rotation, speed, gravity)
+    displacement, velocity, turned, _ = integrated(lengths, rates, forces, rotation, speed, gravity)
     at, fine = np.zeros(3), 50
     for dt, rate, force in zip(lengths, rates, forces, strict=True):
         for _ in range(fine):
             pushed = rotation @ exp_so3(rate * dt / fine / 2) @ force + gravity
             at = at + speed * dt / fine + pushed * (dt / fine) ** 2 / 2
             speed, rotation = speed + pushed * dt / fine, rotation @ exp_so3(rate * dt / fine)
-    assert way == pytest.approx(at, abs=1e-6)
+    assert displacement == pytest.approx(at, abs=1e-6)
     assert velocity == pytest.approx(speed, abs=1e-5)
     assert np.abs(turned - rotation).max() < 1e-9
 
@@ -127,8 +127,8 @@ def test_process_noise_equals_that_of_random_samples(rng):
         propagate(state, samples[0], *noisy, NOISE)
         ends.append(state)
     off = np.array([difference(each, ends[0])[:9] for each in ends]).std(axis=0)
-    told = np.sqrt(np.diag(diffusion(0.2, NOISE))[:9])
-    assert off == pytest.approx(told, rel=0.2)
+    deviations = np.sqrt(np.diag(diffusion(0.2, NOISE))[:9])
+    assert off == pytest.approx(deviations, rel=0.2)
 
 
 def test_an_update_by_a_pose_equals_the_linear_update(rng):
@@ -136,14 +136,14 @@ def test_an_update_by_a_pose_equals_the_linear_update(rng):
     for state in (one, other):
         propagate(state, *felt(np.random.default_rng(1)), NOISE)
     information = np.diag(rng.uniform(1e3, 1e5, 6))
-    seen = 1e-3 * rng.standard_normal(6)
+    residual = 1e-3 * rng.standard_normal(6)
     prior = np.linalg.inv(one.covariance[POSE, POSE] + 1e-12 * np.eye(6))
-    best = np.linalg.solve(prior + information, information @ seen)
+    best = np.linalg.solve(prior + information, information @ residual)
     pose = one.pose.copy()
     pose[:3, 3] += best[:3]
     pose[:3, :3] = exp_so3(best[3:]) @ pose[:3, :3]
     update_pose(one, pose, information)
-    update_linear(other, np.eye(6, SIZE), seen, 1 / np.diag(information))
+    update_linear(other, np.eye(6, SIZE), residual, 1 / np.diag(information))
     assert difference(one, other) == pytest.approx(np.zeros(SIZE), abs=1e-6)
     assert np.abs(one.covariance - other.covariance).max() < 1e-6
 
@@ -164,16 +164,16 @@ def test_gravity_is_found_though_the_start_accelerates():
 
 @pytest.mark.parametrize(("speed_m_s", "rate_rad_s"), [(0.0, 0.0), (8.0, 0.1), (24.0, 0.0)])
 def test_the_speed_of_a_start_is_found(speed_m_s, rate_rad_s):
-    drive = Drive(speed_m_s, rate_rad_s)
+    drive = ToyDrive(speed_m_s, rate_rad_s)
     scans = [drive.scan(k) for k in range(6)]
-    found = speed_of([Ends.of(each) for each in scans], rate_rad_s)
-    assert found.reliable
+    estimate = speed_of([Ends.of(each) for each in scans], rate_rad_s)
+    assert estimate.reliable
     assert not speed_of([Ends.of(low(each)) for each in scans], rate_rad_s).reliable
-    assert found.ahead_m_s == pytest.approx(speed_m_s, abs=0.4)
+    assert estimate.ahead_m_s == pytest.approx(speed_m_s, abs=0.4)
 
 
 def test_the_speed_of_nothing_is_not_clear():
-    drive = Drive(8.0)
+    drive = ToyDrive(8.0)
     bare = [Ends(np.empty((0, 2)), np.empty(0), *np.empty((3, 0), bool))] * 3
     assert not speed_of(bare, 0.0).clear
     assert not speed_of([Ends.of(drive.scan(0))], 0.0).clear
@@ -188,35 +188,36 @@ def test_a_speed_without_fixtures_is_degraded_until_there_are_some():
     """Low things may all be vehicles that drive along."""
     inputs = driven(26)[1]
     odometry = ODOMETRIES.make("lidar-inertial")
-    told = [odometry.update(low(s) if k < 12 else s, i) for k, (s, i) in enumerate(inputs)]
-    assert not any(each.ok for each in told[1:12])
-    assert {"too few fixtures determine the speed"} == {each.reason for each in told[6:12]}
-    assert all(each.ok for each in told[20:])
+    estimates = [odometry.update(low(s) if k < 12 else s, i) for k, (s, i) in enumerate(inputs)]
+    assert not any(each.ok for each in estimates[1:12])
+    assert {"too few fixtures determine the speed"} == {each.reason for each in estimates[6:12]}
+    assert all(each.ok for each in estimates[20:])
     guessed, known = (
-        told[b].covariance[0, 0] - told[a].covariance[0, 0] for a, b in ((5, 11), (19, 25))
+        estimates[b].covariance[0, 0] - estimates[a].covariance[0, 0]
+        for a, b in ((5, 11), (19, 25))
     )
     assert guessed > 100 * known
 
 
-def way_m(*, shake=0.0, selected=low):
-    """How far a start at 24 m/s straight ahead is said to have come in seven scans, metres."""
-    drive, odometry = Drive(24.0, 0.0), ODOMETRIES.make("lidar-inertial")
+def travelled_m(*, shake=0.0, selected=low):
+    """Return the estimated distance of seven scans of a start at 24 m/s straight ahead, metres."""
+    drive, odometry = ToyDrive(24.0, 0.0), ODOMETRIES.make("lidar-inertial")
     for k in range(7):
         imu = drive.imu(k)
         force = imu.specific_force + shake * np.sin(30 * imu.stamps_s)[:, None]
-        told = odometry.update(selected(drive.scan(k)), replace(imu, specific_force=force))
-    return told.start_from_lidar.translation[0]
+        estimate = odometry.update(selected(drive.scan(k)), replace(imu, specific_force=force))
+    return estimate.start_from_lidar.translation[0]
 
 
 def test_constant_samples_mean_rest_unless_fixtures_contradict():
     """Low things may all be traffic that passes."""
-    assert abs(way_m()) < 0.1
-    assert way_m(shake=0.3) == pytest.approx(14.4, abs=0.5)
-    assert way_m(selected=lambda scan: scan) == pytest.approx(14.4, abs=0.5)
+    assert abs(travelled_m()) < 0.1
+    assert travelled_m(shake=0.3) == pytest.approx(14.4, abs=0.5)
+    assert travelled_m(selected=lambda scan: scan) == pytest.approx(14.4, abs=0.5)
 
 
 def test_objects_that_moved_in_are_dynamic_and_static_ones_are_not():
-    space, drive = FreeSpace(), Drive(0.0, 0.0)
+    space, drive = FreeSpace(), ToyDrive(0.0, 0.0)
     scan = drive.scan(0)
     space.add(0.0, scan.points, scan.ring, np.eye(4))
     car = np.column_stack([np.full(40, 8.0), np.linspace(-1, 1, 40), np.full(40, -0.9)])
@@ -232,7 +233,7 @@ def back(at_m):
     return at_m * np.column_stack([np.ones(across.size), across.ravel(), up.ravel()])
 
 
-def looked_behind(driven_m, image):
+def dynamic_behind_lorry(driven_m, image):
     """Return which points are dynamic after two images of a lorry 10 m ahead and a distance."""
     space, rings = FreeSpace(), np.repeat(np.arange(6), 60)
     for stamp_s in (0.0, 0.6):
@@ -243,14 +244,14 @@ def looked_behind(driven_m, image):
 def test_a_vehicle_ahead_is_dynamic_and_what_it_hid_is_not():
     """No beam passed the place of a lorry's rear: the lorry itself hid it."""
     inside = np.abs(back(10.0)[:, 1]) < 1.2
-    assert looked_behind(3.0, back(10.0))[inside].mean() > 0.9
-    assert not looked_behind(3.0, back(14.0)).any()
-    assert not looked_behind(0.0, back(10.0)).any()
+    assert dynamic_behind_lorry(3.0, back(10.0))[inside].mean() > 0.9
+    assert not dynamic_behind_lorry(3.0, back(14.0)).any()
+    assert not dynamic_behind_lorry(0.0, back(10.0)).any()
 
 
 @pytest.mark.parametrize("drop_dynamic", [True, False])
 def test_dynamic_returns_are_neither_matched_nor_mapped(drop_dynamic):
-    drive = Drive()
+    drive = ToyDrive()
     sweep = ThinnedScan.of(drive.scan(0), 0.3, 0.8)
     state = started(np.array([0, 0, 9.81]), np.zeros(3), (0.1, 0.1, 0.1), NOISE)
     track = InertialTrack(state, np.zeros(3), NOISE, reach_m=80.0, drop_dynamic=drop_dynamic)
@@ -291,7 +292,7 @@ def test_rest_is_found_with_a_noisier_unit_of_known_noise(rng):
 
 def test_a_sensor_that_was_just_faster_is_not_at_rest():
     """Even braking is felt as evenly as standing is."""
-    drive, odometry = Drive(0.0, 0.0), LidarInertialOdometry()
+    drive, odometry = ToyDrive(0.0, 0.0), LidarInertialOdometry()
     for k in range(14):
         odometry.update(drive.scan(k), drive.imu(k))
     assert not odometry._rest.is_empty
@@ -321,8 +322,8 @@ def test_a_lever_between_the_sensors_changes_nothing():
     odometry.reset(Pose.from_euler(*at, yaw=0.0, pitch=0.0, roll=0.0))
     pull = np.cross([0, 0, 0.1], np.cross([0, 0, 0.1], at))
     for scan, imu in inputs:
-        told = odometry.update(scan, replace(imu, specific_force=imu.specific_force + pull))
-    assert offset(told, drive.pose(inputs[-1][0].stamp_s))[0] < 0.02
+        estimate = odometry.update(scan, replace(imu, specific_force=imu.specific_force + pull))
+    assert offset(estimate, drive.pose(inputs[-1][0].stamp_s))[0] < 0.02
 
 
 def test_sizes_are_positive():
@@ -345,10 +346,10 @@ def test_traffic_does_not_pull(scenario, least_m, t_rel):
     from roadscope.benchmarks import Episode
     from roadscope.benchmarks.metrics import drift
 
-    found = poses_of("lidar-inertial", Episode(scenario, 10_000, "vlp16-imu"))
-    assert found.trajectories.distances[-1] > least_m
-    assert drift(found.trajectories).t_rel < t_rel
-    assert found.degraded.mean() < 0.2
+    odometry_poses = poses_of("lidar-inertial", Episode(scenario, 10_000, "vlp16-imu"))
+    assert odometry_poses.trajectories.distances[-1] > least_m
+    assert drift(odometry_poses.trajectories).t_rel < t_rel
+    assert odometry_poses.degraded.mean() < 0.2
 
 
 @pytest.mark.slow
@@ -357,5 +358,8 @@ def test_standing_is_standing(scenario):
     from roadscope.benchmarks import Episode
     from roadscope.benchmarks.metrics import score_standing
 
-    found = poses_of("lidar-inertial", Episode(scenario, 10_000, "vlp16-imu", 10.0))
-    assert score_standing(found.trajectories, found.stamps_s).false_motion.value < 0.05
+    odometry_poses = poses_of("lidar-inertial", Episode(scenario, 10_000, "vlp16-imu", 10.0))
+    assert (
+        score_standing(odometry_poses.trajectories, odometry_poses.stamps_s).false_motion.value
+        < 0.05
+    )

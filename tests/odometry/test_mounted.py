@@ -4,13 +4,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from toy_drive import Drive, driven
+from toy_drive import ToyDrive, driven
 
 from roadscope.core import ImuSamples, Pose
 from roadscope.odometry import ODOMETRIES, MountedOdometry, Odometry, turned_scan
 
 SCANS = 30
-TRUTH = [Pose(Drive().pose(0.05 + 0.1 * k)) for k in range(SCANS)]
+TRUTH = [Pose(ToyDrive().pose(0.05 + 0.1 * k)) for k in range(SCANS)]
 
 
 def lidar_from_ahead(degrees: float) -> Pose:

@@ -91,11 +91,11 @@ def test_a_common_motion_adds_to_the_horizontal_error_of_a_match():
     points = rng.uniform(-8, 8, (6000, 3)) * (1, 1, 0.2)
     wall = rng.integers(0, 3, 6000)
     points[np.arange(6000), wall] = np.array([8.3, 8.3, -1.7])[wall]
-    room = VoxelMap(reach_m=50.0)
-    room.add(points + 0.01 * rng.standard_normal(points.shape), np.zeros(3))
+    voxel_map = VoxelMap(reach_m=50.0)
+    voxel_map.add(points + 0.01 * rng.standard_normal(points.shape), np.zeros(3))
     here, prior = points[::20], 0.01 * np.eye(6)
     sure, doubted = (
-        matched_with_prediction(room.voxels, here, np.eye(4), prior, doubt_m=each)
+        matched_with_prediction(voxel_map.voxels, here, np.eye(4), prior, doubt_m=each)
         for each in (0.0, 0.3)
     )
     error = np.linalg.inv(doubted.information) - np.linalg.inv(sure.information)

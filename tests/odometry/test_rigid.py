@@ -35,10 +35,13 @@ def test_logarithm_undoes_exponential(rng, size):
 def test_turns_up_to_half_a_turn_are_scipys(rng, angle):
     for axis in [*np.eye(3), *rng.standard_normal((30, 3))]:
         turn = angle * axis / np.linalg.norm(axis)
-        found, known = log_so3(exp_so3(turn)), Rotation.from_matrix(exp_so3(turn)).as_rotvec()
+        rotation_vector, known = (
+            log_so3(exp_so3(turn)),
+            Rotation.from_matrix(exp_so3(turn)).as_rotvec(),
+        )
         # Half a turn either way is the same.
-        either = found if found @ known >= 0 else -found
-        assert (either if angle > 3.14 else found) == pytest.approx(known, abs=1e-8)
+        either = rotation_vector if rotation_vector @ known >= 0 else -rotation_vector
+        assert (either if angle > 3.14 else rotation_vector) == pytest.approx(known, abs=1e-8)
 
 
 def test_inverse_adjoint_and_repair(rng):

@@ -4,7 +4,7 @@ import copy
 
 import numpy as np
 import pytest
-from toy_drive import Drive
+from toy_drive import ToyDrive
 
 from roadscope.odometry import LARGEST_NOISE_M, LEAST_TRIPLES, excessive_noise, range_noise_m
 
@@ -25,7 +25,7 @@ def in_order(scan, rows):
 
 @pytest.mark.parametrize("sigma_m", [0.05, 0.2, 0.4])
 def test_noise_is_found_in_any_order(sigma_m):
-    scan = louder(Drive(8.0, columns=1800).scan(0), sigma_m)
+    scan = louder(ToyDrive(8.0, columns=1800).scan(0), sigma_m)
     assert range_noise_m(scan) == pytest.approx(sigma_m, rel=0.1)
     by_ring = np.lexsort((scan.column, scan.ring))
     assert range_noise_m(in_order(scan, by_ring)) == pytest.approx(range_noise_m(scan))
@@ -33,7 +33,7 @@ def test_noise_is_found_in_any_order(sigma_m):
 
 
 def test_few_or_invalid_returns_give_no_noise():
-    scan = louder(Drive(8.0, columns=1800).scan(0), 0.3)
+    scan = louder(ToyDrive(8.0, columns=1800).scan(0), 0.3)
     few = copy.deepcopy(scan)
     few.points[LEAST_TRIPLES:] = np.nan
     assert range_noise_m(few) == 0.0

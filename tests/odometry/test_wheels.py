@@ -29,8 +29,8 @@ def test_the_speed_of_an_instant_with_any_acceleration():
     buffer = WheelBuffer()
     buffer.add(block(0.0, 1.0, lambda t: 3 + 2 * t))
     for stamp_s in (0.5, 0.99, 1.0):
-        told, variance = buffer.at(stamp_s)
-        assert told == pytest.approx(3 + 2 * stamp_s, abs=1e-9)
+        speed, variance = buffer.at(stamp_s)
+        assert speed == pytest.approx(3 + 2 * stamp_s, abs=1e-9)
         assert 0 < variance < 0.05**2
     assert buffer.at(2.0) is None
     assert WheelBuffer().at(0.0) is None
@@ -85,25 +85,25 @@ def test_only_odometries_with_wheels_get_wheel_speeds():
 
 
 def rolled(inputs, speed_of, spec="lidar-inertial?wheels=true"):
-    odometry, told = ODOMETRIES.make(spec), []
+    odometry, estimates = ODOMETRIES.make(spec), []
     for scan, imu in inputs:
         wheels = block(scan.stamp_s - 0.05, scan.stamp_s + 0.05, speed_of)
-        told.append(update_with_wheels(odometry, scan, imu, wheels))
-    return told
+        estimates.append(update_with_wheels(odometry, scan, imu, wheels))
+    return estimates
 
 
 def test_wheels_are_off_by_default():
     _, inputs = driven(8)
-    told = rolled(inputs, lambda t: 30.0, "lidar-inertial")
+    estimates = rolled(inputs, lambda t: 30.0, "lidar-inertial")
     without = ODOMETRIES.make("lidar-inertial")
-    assert told == [without.update(scan, imu) for scan, imu in inputs]
+    assert estimates == [without.update(scan, imu) for scan, imu in inputs]
 
 
 def test_with_wheels_the_speed_is_known_from_the_first_scan_on():
     drive_, inputs = driven(12)
-    told = rolled(inputs, lambda t: 8.08)
-    assert all(each.ok for each in told)
-    assert offset(told[-1], drive_.pose(inputs[-1][0].stamp_s))[0] < 0.1
+    estimates = rolled(inputs, lambda t: 8.08)
+    assert all(each.ok for each in estimates)
+    assert offset(estimates[-1], drive_.pose(inputs[-1][0].stamp_s))[0] < 0.1
 
 
 @pytest.mark.slow
@@ -115,22 +115,22 @@ def test_bad_wheels_leave_finite_poses_and_pass(spoilt):
     def speed_of(t):
         return speeds.get(spoilt, 8.0) if 1.5 < t < 2.2 else 8.0
 
-    odometry, told = ODOMETRIES.make("lidar-inertial?wheels=true"), []
+    odometry, estimates = ODOMETRIES.make("lidar-inertial?wheels=true"), []
     for scan, imu in inputs:
         silent = spoilt == "silent" and 1.5 < scan.stamp_s < 2.2
         wheels = None if silent else block(scan.stamp_s - 0.05, scan.stamp_s + 0.05, speed_of)
-        told.append(update_with_wheels(odometry, scan, imu, wheels))
-    assert all(np.isfinite(each.start_from_lidar.matrix).all() for each in told)
-    assert told[-1].ok
-    assert offset(told[-1], drive_.pose(inputs[-1][0].stamp_s))[0] < 0.5
+        estimates.append(update_with_wheels(odometry, scan, imu, wheels))
+    assert all(np.isfinite(each.start_from_lidar.matrix).all() for each in estimates)
+    assert estimates[-1].ok
+    assert offset(estimates[-1], drive_.pose(inputs[-1][0].stamp_s))[0] < 0.5
 
 
 def test_wheels_are_used_without_scans():
     drive_, inputs = driven(20)
     blind = [(emptied(scan) if 8 <= k < 13 else scan, imu) for k, (scan, imu) in enumerate(inputs)]
-    told = rolled(blind, lambda t: 8.0)
-    assert not told[10].ok
-    assert offset(told[-1], drive_.pose(inputs[-1][0].stamp_s))[0] < 0.2
+    estimates = rolled(blind, lambda t: 8.0)
+    assert not estimates[10].ok
+    assert offset(estimates[-1], drive_.pose(inputs[-1][0].stamp_s))[0] < 0.2
 
 
 def test_every_sample_comes_with_a_scan_once():
@@ -151,8 +151,8 @@ def test_wheels_give_the_speed_between_bare_walls_and_lamps_in_a_tunnel(scenario
     for spec in ("lidar-inertial", "lidar-inertial?wheels=true"):
         both = poses_of(spec, episode).trajectories
         ends = [p[-1, :3, 3] - p[0, :3, 3] for p in (both.estimate, both.truth)]
-        way_m = np.linalg.norm(ends[1])
-        errors[spec] = abs(np.linalg.norm(ends[0]) - way_m) / way_m
+        true_distance_m = np.linalg.norm(ends[1])
+        errors[spec] = abs(np.linalg.norm(ends[0]) - true_distance_m) / true_distance_m
     assert errors["lidar-inertial?wheels=true"] < 0.03
     assert (errors["lidar-inertial"] < 0.03) == is_sufficient, errors
     assert is_sufficient or errors["lidar-inertial"] > 0.3, errors

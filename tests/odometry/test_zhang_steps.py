@@ -47,10 +47,10 @@ def test_centres_are_means():
 def test_a_cluster_that_moved_and_one_without_partner_are_dynamic():
     before = np.array([[5.0, 0, 0], [0, 5, 0]])
     now = np.array([[4.0, 0, 0], [-1, 5.4, 0], [20, 0, 0]])
-    found = match_clusters(now, before, AHEAD, 0.3)
-    assert found.partners.tolist() == [0, 1, NO_PARTNER]
-    assert found.moved_m[:2] == pytest.approx([0.0, 0.4])
-    assert found.dynamic.tolist() == [False, True, True]
+    matches = match_clusters(now, before, AHEAD, 0.3)
+    assert matches.partners.tolist() == [0, 1, NO_PARTNER]
+    assert matches.moved_m[:2] == pytest.approx([0.0, 0.4])
+    assert matches.dynamic.tolist() == [False, True, True]
 
 
 def test_a_displacement_has_three_dimensions_as_in_equation_4_or_two():
@@ -61,7 +61,7 @@ def test_a_displacement_has_three_dimensions_as_in_equation_4_or_two():
     assert not seen_from_above.dynamic.any()
 
 
-def test_epsilon_as_printed_links_only_what_is_2_cm_apart():
+def test_epsilon_as_printed_links_only_points_within_2_cm():
     scan = driven(1, columns=1800)[1][0][0]
     taken, printed = (segments_of(scan, Clustering(spacings=k)) for k in (2.0, 0.0))
     assert len(printed.sizes) < len(taken.sizes)
@@ -69,8 +69,8 @@ def test_epsilon_as_printed_links_only_what_is_2_cm_apart():
 
 def test_partners_are_one_to_one_and_the_nearest_pair_comes_first():
     before = np.array([[0.0, 0, 0]])
-    found = match_clusters(np.array([[0.5, 0, 0], [0.1, 0, 0]]), before, np.eye(4), 1.0)
-    assert found.partners.tolist() == [NO_PARTNER, 0]
+    matches = match_clusters(np.array([[0.5, 0, 0], [0.1, 0, 0]]), before, np.eye(4), 1.0)
+    assert matches.partners.tolist() == [NO_PARTNER, 0]
     assert match_clusters(np.empty((0, 3)), before, np.eye(4), 1.0).dynamic.shape == (0,)
 
 
@@ -81,13 +81,13 @@ def test_partners_equal_those_of_the_slow_twin(seed):
     before, now = (rng.integers(-6, 6, (n, 3)).astype(float) for n in (9, 7))
     now[0] = np.nan if seed % 2 else now[0]
     moved = now @ AHEAD[:3, :3].T + AHEAD[:3, 3]
-    apart = np.linalg.norm(moved[:, None] - before, axis=2)
-    apart[np.isnan(apart)] = np.inf
+    distances_m = np.linalg.norm(moved[:, None] - before, axis=2)
+    distances_m[np.isnan(distances_m)] = np.inf
     partners = np.full(7, NO_PARTNER)
-    while np.isfinite(apart).any() and apart.min() <= REACH_M:
-        row, column = np.unravel_index(np.argmin(apart), apart.shape)
+    while np.isfinite(distances_m).any() and distances_m.min() <= REACH_M:
+        row, column = np.unravel_index(np.argmin(distances_m), distances_m.shape)
         partners[row] = column
-        apart[row], apart[:, column] = np.inf, np.inf
+        distances_m[row], distances_m[:, column] = np.inf, np.inf
     assert np.array_equal(match_clusters(now, before, AHEAD, 0.1).partners, partners)
 
 
@@ -113,8 +113,8 @@ def test_deskewing_applies_the_share_of_turn_and_displacement(seed):
     still = deskewed_between(points, np.zeros(4), motion, 0.1)
     assert still == pytest.approx(points)
     whole = deskewed_between(points, np.full(4, 0.1), motion, 0.1)
-    way = motion[:3, :3].T @ motion[:3, 3]
-    assert whole == pytest.approx(points @ motion[:3, :3].T + way)
+    displacement = motion[:3, :3].T @ motion[:3, 3]
+    assert whole == pytest.approx(points @ motion[:3, :3].T + displacement)
 
 
 def test_imu_predicts_a_bend_at_known_speed():
@@ -124,10 +124,10 @@ def test_imu_predicts_a_bend_at_known_speed():
         imu.add(samples)
     imu.velocity = drive.twist[:3]
     start_s, end_s = inputs[1][0].stamp_s, inputs[2][0].stamp_s
-    found = imu.motion(start_s, end_s)
-    assert found[:3, :3] == pytest.approx(exp_se3(drive.twist * 0.1)[:3, :3], abs=1e-6)
+    predicted = imu.motion(start_s, end_s)
+    assert predicted[:3, :3] == pytest.approx(exp_se3(drive.twist * 0.1)[:3, :3], abs=1e-6)
     # The pull of the bend is taken for a part of gravity at the start: v w t^2 / 2.
-    assert found[:3, 3] == pytest.approx(exp_se3(drive.twist * 0.1)[:3, 3], abs=0.005)
+    assert predicted[:3, 3] == pytest.approx(exp_se3(drive.twist * 0.1)[:3, 3], abs=0.005)
 
 
 def test_without_samples_the_velocity_is_constant():
@@ -143,32 +143,32 @@ def test_sensor_height_of_a_level_ground():
     assert np.isnan(sensor_height(ground + np.array([0, 0, 5])))
 
 
-def match_of(deviations_m, way):
+def match_of(deviations_m, displacement):
     information = np.diag([50 / np.square(d) for d in deviations_m] + [1e6] * 3)
     motion = np.eye(4)
-    motion[:3, 3] = way
+    motion[:3, 3] = displacement
     return FeatureMatch(motion, information, 0.01, 100)
 
 
 def test_unobservable_directions_stay_as_predicted():
-    found = match_of((0.01, 0.02, 1.0), (1.0, 0.2, 3.0))
-    assert with_prediction(AHEAD, found)[:3, 3] == pytest.approx([1.0, 0.2, 0.0])
-    assert misfit_of(found) == ""
+    feature_match = match_of((0.01, 0.02, 1.0), (1.0, 0.2, 3.0))
+    assert with_prediction(AHEAD, feature_match)[:3, 3] == pytest.approx([1.0, 0.2, 0.0])
+    assert misfit_of(feature_match) == ""
     assert "in one direction" in misfit_of(match_of((1.0, 0.02, 0.02), (1.0, 0, 0)))
 
 
 def test_segments_stand_above_the_ground_and_are_large():
     scan = driven(1)[1][0][0]
-    found = segments_of(scan, Clustering())
-    assert found.points[:, 2].min() > -1.9 + 0.1
-    assert found.sizes.min() >= 30
-    assert np.array_equal(found.points, scan.points[found.rows].astype(float)) or np.allclose(
-        found.points, scan.points[found.rows], atol=1e-6
-    )
+    above_ground = segments_of(scan, Clustering())
+    assert above_ground.points[:, 2].min() > -1.9 + 0.1
+    assert above_ground.sizes.min() >= 30
+    assert np.array_equal(
+        above_ground.points, scan.points[above_ground.rows].astype(float)
+    ) or np.allclose(above_ground.points, scan.points[above_ground.rows], atol=1e-6)
 
 
 @pytest.mark.parametrize(
-    ("settings", "said"),
+    ("settings", "message"),
     [
         ({"roughness": "box"}, "roughness is 'ring' or 'cluster', got 'box'"),
         ({"map_every": -1}, "map_every must be 0 or more, got -1"),
@@ -176,13 +176,13 @@ def test_segments_stand_above_the_ground_and_are_large():
         ({"loop": True}, "loop asks for map_every of 1 or more"),
     ],
 )
-def test_settings_that_make_no_sense_are_refused(settings, said):
-    with pytest.raises(ValueError, match=said):
+def test_settings_that_make_no_sense_are_refused(settings, message):
+    with pytest.raises(ValueError, match=message):
         construct(ZhangOdometry, settings)
 
 
 @pytest.fixture
-def under_way():
+def moving_start():
     """An odometry after six scans of a drive at 8 m/s, the drive, and all its inputs."""
     drive, inputs = driven(10, columns=1800)
     odometry = ZhangOdometry(GUARDED)
@@ -202,16 +202,16 @@ def test_a_start_at_speed_does_not_make_everything_dynamic():
     """At 8 m/s all that stands has moved 0.8 m by the second scan."""
     drive, inputs = driven(6, columns=1800)
     odometry = ZhangOdometry(GUARDED)
-    told = [odometry.update(*each) for each in inputs]
-    assert max(away(t, drive, s) for t, (s, _) in zip(told, inputs, strict=True)) < 0.1
+    estimates = [odometry.update(*each) for each in inputs]
+    assert max(away(t, drive, s) for t, (s, _) in zip(estimates, inputs, strict=True)) < 0.1
 
 
-def test_static_clusters_are_not_dynamic(under_way):
+def test_static_clusters_are_not_dynamic(moving_start):
     """It is, where clusters are cut as each scan sees them, or features keep old numbers."""
-    odometry, drive, inputs = under_way
-    told = [odometry.update(*each) for each in inputs[6:]]
-    assert max(t.dynamic.mean() for t in told) < 0.1
-    assert away(told[-1], drive, inputs[-1][0]) < 0.1
+    odometry, drive, inputs = moving_start
+    estimates = [odometry.update(*each) for each in inputs[6:]]
+    assert max(t.dynamic.mean() for t in estimates) < 0.1
+    assert away(estimates[-1], drive, inputs[-1][0]) < 0.1
     before = odometry._before
     own = odometry.cut(before.segments, np.eye(4))
     assert np.array_equal(before.segments.labels, own.labels)
@@ -220,9 +220,9 @@ def test_static_clusters_are_not_dynamic(under_way):
 
 
 @pytest.mark.parametrize("away_share", [0.9, 1.1])
-def test_nothing_is_dropped_if_too_many_clusters_are_dynamic(under_way, away_share):
+def test_nothing_is_dropped_if_too_many_clusters_are_dynamic(moving_start, away_share):
     """The prediction is then wrong rather than the street."""
-    odometry, _, _ = under_way
+    odometry, _, _ = moving_start
     before = odometry._before
     count = len(before.segments.sizes)
     sizes, dynamic = (
@@ -234,19 +234,19 @@ def test_nothing_is_dropped_if_too_many_clusters_are_dynamic(under_way, away_sha
     assert dropped.tolist() == (dynamic if away_share < 1 else np.zeros(count, bool)).tolist()
 
 
-def test_a_wrong_speed_is_found_again(under_way):
-    odometry, drive, inputs = under_way
+def test_a_wrong_speed_is_corrected(moving_start):
+    odometry, drive, inputs = moving_start
     odometry._imu.velocity = odometry._imu.velocity + np.array([0.0, 4.0, 0.0])
-    told = [odometry.update(*each) for each in inputs[6:]]
-    assert not told[0].dynamic.any()
-    assert away(told[-1], drive, inputs[-1][0]) < 0.6
+    estimates = [odometry.update(*each) for each in inputs[6:]]
+    assert not estimates[0].dynamic.any()
+    assert away(estimates[-1], drive, inputs[-1][0]) < 0.6
     assert odometry._imu.velocity[1] == pytest.approx(0.0, abs=0.3)
 
 
 def test_columns_of_a_degree_have_too_few_features():
     odometry = ZhangOdometry()
-    told = [odometry.update(*each) for each in driven(10)[1]]
-    assert sum(not each.ok for each in told) >= 5
+    estimates = [odometry.update(*each) for each in driven(10)[1]]
+    assert sum(not each.ok for each in estimates) >= 5
 
 
 @pytest.mark.parametrize(("sampled", "dynamic"), [(0.01, False), (0.0, True)])
@@ -259,8 +259,8 @@ def test_the_threshold_of_dynamic_clusters_grows_with_range(sampled, dynamic):
         return Segments(there, row, row, np.zeros(1), row, row, there, row + 1, row)
 
     rule = ZhangOdometry(ZhangSettings(threshold=DynamicThreshold(sampled=sampled)))
-    found = rule.compared(cluster_at(0.3), cluster_at(0.0), np.eye(4), 0.1)
-    assert found.dynamic.tolist() == [dynamic]
+    matches = rule.compared(cluster_at(0.3), cluster_at(0.0), np.eye(4), 0.1)
+    assert matches.dynamic.tolist() == [dynamic]
 
 
 def test_a_map_uses_every_nth_scan_and_zero_uses_none():

@@ -53,12 +53,12 @@ def judged(run, frames):
 @pytest.mark.parametrize(("drive", "body"), PASSES)
 def test_stays_within_twice_the_floor(drive, body, frames):
     run = run_of(drive, body, 0, BESIDE)
-    found, scores = judged(run, frames)
+    pose_errors, scores = judged(run, frames)
     least = floor(run, frames, draws=DRAWS)
     used = np.isfinite(scores) & (least.shares > 0)
     assert used.sum() > BESIDE / 2
-    place = np.sqrt((found[used, :2] ** 2).sum(axis=1).mean())
-    heading = np.sqrt((found[used, 2] ** 2).mean())
+    place = np.sqrt((pose_errors[used, :2] ** 2).sum(axis=1).mean())
+    heading = np.sqrt((pose_errors[used, 2] ** 2).mean())
     assert place < 2 * np.sqrt((least.position_m[used] ** 2).mean())
     assert heading < 2 * np.sqrt((least.heading_rad[used] ** 2).mean())
 
@@ -75,18 +75,18 @@ def test_covariance_is_consistent_and_nothing_is_turned(drive, body, frames):
     pairs = [judged(run_of(drive, body, seed), frames) for seed in SEEDS]
     means = [float(np.nanmean(scores)) for _, scores in pairs]
     used = np.isfinite(np.concatenate([scores for _, scores in pairs]))
-    found = np.concatenate([found for found, _ in pairs])[used]
-    assert np.abs(found[:, 2]).max() < np.radians(20.0)
+    pose_errors = np.concatenate([frame_errors for frame_errors, _ in pairs])[used]
+    assert np.abs(pose_errors[:, 2]).max() < np.radians(20.0)
     may_well = consistent(means, used.sum() / len(SEEDS), frames)
     assert may_well or 0.75 * POSE_UNKNOWNS < np.mean(means) < POSE_UNKNOWNS, means
     if frames == 7 and drive in PAPER:
         place, heading = PAPER[drive]
-        assert np.sqrt((found[:, :2] ** 2).sum(axis=1).mean()) < place
-        assert np.degrees(np.sqrt((found[:, 2] ** 2).mean())) < heading
+        assert np.sqrt((pose_errors[:, :2] ** 2).sum(axis=1).mean()) < place
+        assert np.degrees(np.sqrt((pose_errors[:, 2] ** 2).mean())) < heading
 
 
 @pytest.mark.parametrize("seed", [5000, 5004, 5007])
-def test_samples_on_the_way_to_a_posterior_do_not_run_away(seed):
+def test_intermediate_samples_of_a_posterior_do_not_diverge(seed):
     """From 1.9 m above the road the first scan has few returns; a wide start ended anywhere."""
     run = sense_drive("straight", seed, sensor_height_m=1.9, frames=2)
     poses, _ = estimate(METHODS[FITS[1]], run)
@@ -95,7 +95,7 @@ def test_samples_on_the_way_to_a_posterior_do_not_run_away(seed):
 
 
 @pytest.mark.slow
-def test_who_knows_the_body_knows_which_corners_a_far_one_does_not_show():
+def test_a_known_body_shows_which_corners_of_a_far_one_are_hidden():
     """Beyond 78 m the rounded corners of this car send too little back, its tail enough.
 
     Were paints as different as on any car, those corners might be anywhere: the deviation of the

@@ -6,13 +6,13 @@ from research.fusion_weights import logistic_weights, multinomial_weights, sourc
 from roadscope.fusion import OddsModel, SecondOrderModel, second_order, table
 
 
-def test_logistic_weights_are_found_again() -> None:
+def test_logistic_weights_are_recovered() -> None:
     rng = np.random.default_rng(0)
     values = rng.standard_normal((20_000, 2))
     truth = np.array([-0.5, 1.5, -1.0])
     chances = 1 / (1 + np.exp(-OddsModel(truth).odds(values)))
-    found = logistic_weights(values, rng.random(len(values)) < chances)
-    assert np.abs(found - truth).max() < 0.08
+    weights = logistic_weights(values, rng.random(len(values)) < chances)
+    assert np.abs(weights - truth).max() < 0.08
 
 
 def test_class_chances_follow_the_shares() -> None:

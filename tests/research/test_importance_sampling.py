@@ -12,8 +12,8 @@ def test_a_normal_posterior_comes_back():
     def log_density(x):
         return -0.5 * np.einsum("ni,ij,nj->n", x - mean, information, x - mean)
 
-    found, spread, share = sampled_posterior(log_density, np.zeros(3), 4.0 * np.eye(3))
-    assert found == pytest.approx(mean, abs=0.05)
+    posterior_mean, spread, share = sampled_posterior(log_density, np.zeros(3), 4.0 * np.eye(3))
+    assert posterior_mean == pytest.approx(mean, abs=0.05)
     assert np.diag(spread) == pytest.approx(np.diag(covariance), rel=0.15)
     assert share > 0.3
 
@@ -25,8 +25,8 @@ def test_bounds_count_as_information():
         beyond = np.maximum(np.abs(x - (0.3, 0.0)) - (0.05, 1.0), 0.0).max(axis=1)
         return np.where(beyond > 0, -60.0 - 100.0 * beyond, 0.0)
 
-    found, spread, _ = sampled_posterior(log_density, np.zeros(2), np.eye(2), draws=4096)
-    assert found == pytest.approx([0.3, 0.0], abs=0.05)
+    posterior_mean, spread, _ = sampled_posterior(log_density, np.zeros(2), np.eye(2), draws=4096)
+    assert posterior_mean == pytest.approx([0.3, 0.0], abs=0.05)
     assert np.sqrt(np.diag(spread)) == pytest.approx([0.1 / 12**0.5, 2 / 12**0.5], rel=0.1)
 
 

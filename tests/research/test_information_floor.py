@@ -47,11 +47,16 @@ def test_few_samples_do_not_make_a_posterior_too_sure():
     drawn, truth = rng.normal(size=(4000, 26, 3)), rng.normal(size=(4000, 3))
     covariances = np.stack([np.cov(samples.T) for samples in drawn])
     count = np.full(4000, 26.0)
-    found = InformationFloor(drawn.mean(axis=1) - truth, covariances, count / 85, count)
-    raw = np.einsum("ki,kij,kj->k", found.errors, np.linalg.inv(covariances), found.errors)
+    information_floor = InformationFloor(drawn.mean(axis=1) - truth, covariances, count / 85, count)
+    raw = np.einsum(
+        "ki,kij,kj->k",
+        information_floor.errors,
+        np.linalg.inv(covariances),
+        information_floor.errors,
+    )
     assert raw.mean() > 3.4
-    assert found.nees.mean() == pytest.approx(3.0, abs=0.15)
-    assert np.isnan(replace(found, counts=0 * count).nees).all()
+    assert information_floor.nees.mean() == pytest.approx(3.0, abs=0.15)
+    assert np.isnan(replace(information_floor, counts=0 * count).nees).all()
 
 
 @pytest.mark.slow
@@ -86,11 +91,11 @@ def by_ray_caster(run, k, offset, body) -> float:
         flat,
     )
     scene = Scene.still(Prisms.empty(), body, np.array([offset]))
-    seen = cast(scene, columns, rays.slopes, max_range_m=1000.0)
-    signal = seen.cosines * seen.reflectivity
-    echoes = (seen.ranges > 0) & (seen.ranges < spec.range_max_m)
-    echoes &= signal * spec.range_max_m**2 >= spec.detection_limit * seen.ranges**2
-    off = (rays.observed_m - seen.ranges) / spec.range_noise_m
+    cast_rays = cast(scene, columns, rays.slopes, max_range_m=1000.0)
+    signal = cast_rays.cosines * cast_rays.reflectivity
+    echoes = (cast_rays.ranges > 0) & (cast_rays.ranges < spec.range_max_m)
+    echoes &= signal * spec.range_max_m**2 >= spec.detection_limit * cast_rays.ranges**2
+    off = (rays.observed_m - cast_rays.ranges) / spec.range_noise_m
     returned = np.maximum(np.log1p(-spec.dropout) - 0.5 * off**2, IMPOSSIBLE)
     logs = np.where(echoes, returned, IMPOSSIBLE)
     nothing = np.where(echoes, np.log(spec.dropout) if spec.dropout else IMPOSSIBLE, 0.0)
@@ -167,15 +172,15 @@ def test_lag_says_which_frames_are_used():
 
 def test_frames_with_too_few_returns_have_no_floor():
     run = sense_drive("straight", SEED)
-    found = floor(run, draws=256)
+    information_floor = floor(run, draws=256)
     few = np.array([shot.target.sum() < 3 for shot in run.sweeps])
     assert few[-1]
-    assert np.array_equal(np.isnan(found.position_m), few)
+    assert np.array_equal(np.isnan(information_floor.position_m), few)
     empty = replace(run, sweeps=run.sweeps[-2:])
     assert np.isnan(floor(empty, 3).position_m).all()
 
 
-def test_a_speed_that_may_change_raises_the_floor_along_the_way():
+def test_a_speed_that_may_change_raises_the_floor_along_the_path():
     run = sense_drive("straight", SEED, frames=9)
     steady, gaining = (
         floor(run, 7, draws=512, knowledge=Knowledge(acceleration=known)) for known in (True, False)
@@ -185,7 +190,7 @@ def test_a_speed_that_may_change_raises_the_floor_along_the_way():
     assert np.array_equal(alone.covariances, floor(run, 1, draws=512).covariances, equal_nan=True)
 
 
-def test_the_acceleration_is_that_of_the_way():
+def test_the_acceleration_is_that_of_the_path():
     run = sense_drive("following-10", SEED, frames=4)
     speeds = [motion_of(run, k).speed_m_s for k in (1, 3)]
     assert acceleration_of(run, 2) == pytest.approx((speeds[1] - speeds[0]) / 0.2, abs=1e-3)

@@ -20,12 +20,12 @@ def test_samples_of_an_episode_are_fitted_and_written():
 
 
 def test_two_rigs_of_every_scenario_and_seed_and_all_in_all_weathers():
-    given = scores.moving_episodes()
-    assert len(given) == len(scores.cluster_episodes(scores.MOVING.seeds)) / 2
+    episodes = scores.moving_episodes()
+    assert len(episodes) == len(scores.cluster_episodes(scores.MOVING.seeds)) / 2
     for rig in scores.RIGS:
-        seen = [episode for episode in given if episode.rig == rig]
-        assert {episode.weather for episode in seen} == {"clear", "rain", "fog"}
-        assert {episode.scenario for episode in seen} == set(scores.SCENARIOS)
+        of_rig = [episode for episode in episodes if episode.rig == rig]
+        assert {episode.weather for episode in of_rig} == {"clear", "rain", "fog"}
+        assert {episode.scenario for episode in of_rig} == set(scores.SCENARIOS)
 
 
 def test_only_detectors_of_moving_vehicles():

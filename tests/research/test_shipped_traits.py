@@ -27,9 +27,9 @@ SENSED = {
         CONSISTENT,
     ],
 }
-"""Files, and what the command is told."""
+"""The arguments of the command for each shipped file."""
 ALIKE = ("along_m", "across_m", "yaw_rad", "lasting", "yaw_lasting", "surplus")
-"""Traits that a single seed tells well enough of what it has many of."""
+"""Traits that a single seed determines well enough, of classes with many objects."""
 MOST = 0.15
 """By how much they may differ: the first of the four seeds differs by 0.11."""
 
@@ -59,14 +59,14 @@ def test_every_file_says_where_it_comes_from():
 
 
 @pytest.mark.slow
-def test_what_was_learned_of_kitti_is_learned_again(tmp_path):
+def test_shipped_kitti_traits_can_be_learned_again(tmp_path):
     folder = os.environ.get("ROADSCOPE_KITTI")
     if not folder:
         pytest.skip("ROADSCOPE_KITTI names no folder of KITTI tracking data")
-    found = re.findall(r"\b\d{4}\b", tomllib.loads(shipped(KITTI))["origin"])
-    if not all((Path(folder) / "label_02" / f"{name}.txt").is_file() for name in found):
+    sequence_names = re.findall(r"\b\d{4}\b", tomllib.loads(shipped(KITTI))["origin"])
+    if not all((Path(folder) / "label_02" / f"{name}.txt").is_file() for name in sequence_names):
         pytest.skip("not all sequences that it was learned from are there")
-    fit([str(tmp_path / KITTI), "--kitti", folder, "--sequences", ",".join(found)])
+    fit([str(tmp_path / KITTI), "--kitti", folder, "--sequences", ",".join(sequence_names)])
     assert (tmp_path / KITTI).read_text("utf-8") == shipped(KITTI)
 
 

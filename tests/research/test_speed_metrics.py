@@ -25,7 +25,7 @@ def test_ours_beside_theirs_on_the_same_sequence() -> None:
     assert rows["largest difference to Stone Soup's GOSPA"].value < 1e-9
 
 
-def test_who_misses_a_goal_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_row_that_misses_its_goal_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     name = "GOSPA over Stone Soup's"
     monkeypatch.setattr(metrics, "GOALS", {name: 100.0})
     row = SpeedRow(name, 99.9, "times of 100")

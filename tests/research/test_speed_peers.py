@@ -27,7 +27,7 @@ def test_every_tracker_of_others_has_one_of_ours_beside() -> None:
 
 
 @pytest.mark.parametrize("name", BESIDE)
-def test_who_is_installed_is_measured_and_others_are_told(name: str) -> None:
+def test_installed_peers_are_measured_and_others_are_reported(name: str) -> None:
     rows = measure_trackers_of_others([name], (5, 8), LEAD_UPDATES + 3)
     if missing := TRACKERS.missing(name):
         assert rows == [SpeedRow(f"tracker {name}", None, missing)]
@@ -38,7 +38,9 @@ def test_who_is_installed_is_measured_and_others_are_told(name: str) -> None:
     assert all(row.value > 0 for row in rows)
 
 
-def test_who_is_not_installed_has_a_row_that_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_peer_that_is_not_installed_has_a_row_that_says_so(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     monkeypatch.setattr(TRACKERS, "missing", lambda name: f"{name} is not installed: pip")
     rows = measure_trackers_of_others()
     assert [row.name for row in rows] == [f"tracker {name}" for name in BESIDE]
@@ -51,7 +53,7 @@ def test_the_ratio_is_of_the_same_frames(one_is_slow) -> None:
     assert ratio == SpeedRow("greedy over gnn, 5 targets", pytest.approx(2), "times")
 
 
-def test_who_would_take_too_long_is_left_out_by_name(one_is_slow) -> None:
+def test_a_peer_that_would_take_too_long_is_left_out_by_name(one_is_slow) -> None:
     """50 targets would take 100 times as long as 5, 20 s an update, 13 updates."""
     rows = measure_trackers_of_others(["gnn"], (50, 5, 100), LEAD_UPDATES + 3)
     assert [row.name for row in rows if "over" not in row.name] == [

@@ -21,26 +21,26 @@ def samples(n=4000, seed=0):
     )
 
 
-def test_growth_and_spread_are_found_again():
-    given = samples()
-    growth, sigmas = spread(given.errors, given.ranges_m)
+def test_growth_and_spread_are_recovered():
+    drawn_samples = samples()
+    growth, sigmas = spread(drawn_samples.errors, drawn_samples.ranges_m)
     assert growth == pytest.approx(0.03, abs=0.004)
     assert sigmas == pytest.approx([0.1, 0.05, 0.04, 0.02], rel=0.1)
 
 
-def test_calibration_is_found_again():
-    given = samples()
-    slope, offset, per_m = calibrated(given.judged)
+def test_calibration_is_recovered():
+    drawn_samples = samples()
+    slope, offset, per_m = calibrated(drawn_samples.judged)
     assert (slope, offset) == pytest.approx((0.7, -2.0), abs=0.2)
     assert per_m == 0, "range says nothing there"
 
 
-def test_what_range_says_of_scores_is_found_again():
+def test_the_effect_of_range_on_scores_is_recovered():
     rng = np.random.default_rng(2)
     odds, ranges = rng.uniform(-4, 6, 20000), rng.uniform(5, 60, 20000)
     right = rng.random(20000) < 1 / (1 + np.exp(4 - odds - 0.1 * ranges))
-    found = calibrated(np.column_stack([odds, ranges, right]))
-    assert found == pytest.approx((1.0, -4.0, 0.1), rel=0.1)
+    coefficients = calibrated(np.column_stack([odds, ranges, right]))
+    assert coefficients == pytest.approx((1.0, -4.0, 0.1), rel=0.1)
 
 
 def test_a_file_says_what_was_learned(tmp_path):
@@ -61,7 +61,7 @@ def test_a_file_says_what_was_learned(tmp_path):
     assert 'origin = "numbers of a test"' in text
 
 
-def test_lasting_errors_are_found_again():
+def test_lasting_errors_are_recovered():
     """Of 200 objects, each with an offset that wanders slowly and with white noise."""
     rng, keep = np.random.default_rng(3), np.exp(-0.1 / 2.0)
     ticks, n = 60, 200
@@ -71,8 +71,8 @@ def test_lasting_errors_are_found_again():
         rows.append(np.sqrt(0.7) * offset + np.sqrt(0.3) * white)
         offset = keep * offset + np.sqrt(1 - keep**2) * rng.standard_normal((n, 4))
     owners, stamps = np.tile(np.arange(n), ticks), np.repeat(0.1 * np.arange(ticks), n)
-    told = error_pairs(owners, stamps, np.concatenate(rows))
+    pairs = error_pairs(owners, stamps, np.concatenate(rows))
     for errors in ([1, 2, 4, 5], [3, 6]):
-        share, time_s = lasting(told[:, [0, *errors]])
+        share, time_s = lasting(pairs[:, [0, *errors]])
         assert share == pytest.approx(0.7, abs=0.05)
         assert time_s == pytest.approx(2.0, rel=0.2)

@@ -41,30 +41,30 @@ def test_a_body_drawn_from_the_known_outline_is_the_car(radius):
 
 
 @pytest.mark.parametrize("band", BANDS)
-def test_cars_pass_within_their_band_and_are_seen(band):
+def test_cars_pass_within_their_band_and_have_returns(band):
     nearest, farthest = BANDS[band]
     one, other = (passing_car(MODELS["any corners"], band, SEED + k) for k in range(2))
-    for seen in (one, other):
-        assert len(seen.sweeps) == FRAMES
-        assert nearest <= np.hypot(*seen.truth[:2]) <= farthest
-        assert seen.sweeps[FRAMES // 2].target.sum() >= 3
-        assert min(np.hypot(*shot.truth[:2]) for shot in seen.sweeps) > CLEARANCE_M - 1
+    for car in (one, other):
+        assert len(car.sweeps) == FRAMES
+        assert nearest <= np.hypot(*car.truth[:2]) <= farthest
+        assert car.sweeps[FRAMES // 2].target.sum() >= 3
+        assert min(np.hypot(*shot.truth[:2]) for shot in car.sweeps) > CLEARANCE_M - 1
     assert not np.array_equal(one.truth, other.truth)
     again = passing_car(MODELS["any corners"], band, SEED)
     np.testing.assert_array_equal(again.truth, one.truth)
     np.testing.assert_array_equal(again.sweeps[0].scan.points, one.sweeps[0].scan.points)
 
 
-def test_a_scan_alone_cannot_tell_how_far_a_car_has_turned_since_it_was_met():
-    """The answer is for the stamp; a car is met up to half a sweep before or after it.
+def test_a_scan_alone_does_not_determine_how_far_a_car_has_turned_since_the_beam_hit_it():
+    """The answer is for the stamp; a beam hits a car up to half a sweep before or after it.
 
-    From afar, where it is swept in no time, nothing but the prior tells of its turning.
+    A far car is swept in almost no time, so only the prior limits its yaw rate.
     """
     waits, spreads = [], []
     for k in range(4):
-        seen = passing_car(MODELS["sharp, known"], "30-50 m", SEED + k)
-        shot = seen.sweeps[FRAMES // 2]
-        pose = fitted_pose(MODELS["sharp, known"], seen, 1)
+        car = passing_car(MODELS["sharp, known"], "30-50 m", SEED + k)
+        shot = car.sweeps[FRAMES // 2]
+        pose = fitted_pose(MODELS["sharp, known"], car, 1)
         waits.append(abs(shot.scan.time_offset_s[shot.target].mean()))
         spreads.append(np.sqrt(pose.covariance[2, 2]))
     waits, spreads = np.array(waits), np.array(spreads)
@@ -72,19 +72,19 @@ def test_a_scan_alone_cannot_tell_how_far_a_car_has_turned_since_it_was_met():
     assert (spreads > 0.8 * TURN_SD * waits).all()
 
 
-def test_a_fast_car_met_off_the_stamp_is_sought_where_it_is_then():
+def test_a_fast_car_hit_before_or_after_the_stamp_is_searched_at_its_place_then():
     """At 35 m/s it goes 1.6 m in the 45 ms, and a search from there ends on its bonnet."""
-    seen = passing_car(MODELS["any corners"], "20-30 m", 7919 * 1000)
-    pose = fitted_pose(MODELS["any corners"], seen, 1)
-    assert np.hypot(*(np.array([pose.x, pose.y]) - seen.truth[:2])) < 0.3
-    assert np.cos(pose.yaw - seen.truth[2]) > np.cos(np.radians(3))
+    car = passing_car(MODELS["any corners"], "20-30 m", 7919 * 1000)
+    pose = fitted_pose(MODELS["any corners"], car, 1)
+    assert np.hypot(*(np.array([pose.x, pose.y]) - car.truth[:2])) < 0.3
+    assert np.cos(pose.yaw - car.truth[2]) > np.cos(np.radians(3))
 
 
 def test_a_slow_car_goes_forward():
     """At 0.8 m/s, half a turn is all but as likely by its looks."""
-    seen = passing_car(MODELS["any corners"], "30-50 m", 7919 * 2091)
-    pose = fitted_pose(MODELS["any corners"], seen, FRAMES)
-    assert np.cos(pose.yaw - seen.truth[2]) > 0.99
+    car = passing_car(MODELS["any corners"], "30-50 m", 7919 * 2091)
+    pose = fitted_pose(MODELS["any corners"], car, FRAMES)
+    assert np.cos(pose.yaw - car.truth[2]) > 0.99
 
 
 @pytest.mark.parametrize(
@@ -96,12 +96,12 @@ def test_a_slow_car_goes_forward():
         (7052, 0, "50-80 m", 3),
     ],
 )
-def test_looks_tell_which_way_round_a_car_is_that_hardly_moves(seed, car, band, frames):
-    """Held for its mirror image it lies 15 cm beside where it is, five times what is told."""
-    seen = passing_car(MODELS["any corners"], band, [seed, 0, car])
-    pose = fitted_pose(MODELS["any corners"], seen, frames)
-    assert np.cos(pose.yaw - seen.truth[2]) > 0.99
-    assert np.hypot(pose.x - seen.truth[0], pose.y - seen.truth[1]) < 0.05
+def test_the_shape_decides_the_heading_of_a_car_that_hardly_moves(seed, car, band, frames):
+    """Held for its mirror image it lies 15 cm off its place, five times the reported deviation."""
+    passing = passing_car(MODELS["any corners"], band, [seed, 0, car])
+    pose = fitted_pose(MODELS["any corners"], passing, frames)
+    assert np.cos(pose.yaw - passing.truth[2]) > 0.99
+    assert np.hypot(pose.x - passing.truth[0], pose.y - passing.truth[1]) < 0.05
 
 
 @pytest.mark.parametrize(
@@ -110,20 +110,20 @@ def test_looks_tell_which_way_round_a_car_is_that_hardly_moves(seed, car, band, 
 )
 def test_samples_reach_a_posterior_far_from_the_first_guess(model, band, car, frames):
     """Samples of flattened weights lay ten standard deviations beside the car."""
-    seen = passing_car(MODELS[model], band, 7919 * car)
-    pose = fitted_pose(MODELS[model], seen, frames)
-    away = np.array([pose.x, pose.y, pose.yaw]) - seen.truth
+    passing = passing_car(MODELS[model], band, 7919 * car)
+    pose = fitted_pose(MODELS[model], passing, frames)
+    away = np.array([pose.x, pose.y, pose.yaw]) - passing.truth
     away[2] = np.angle(np.exp(1j * away[2]))
     assert away @ np.linalg.solve(pose.covariance, away) < chdtri(3, 0.001)
 
 
-def test_a_car_that_a_sweep_meets_twice_is_found_from_its_other_scans():
+def test_a_car_that_a_sweep_hits_twice_is_located_from_its_other_scans():
     """At 70 m/s it is 6 m farther when the sweep behind the sensor ends than when it began."""
-    seen = passing_car(MODELS["sized saloon"], "10-20 m", 7919 * 2020)
-    times = seen.sweeps[FRAMES // 2].scan.time_offset_s[seen.sweeps[FRAMES // 2].target]
+    car = passing_car(MODELS["sized saloon"], "10-20 m", 7919 * 2020)
+    times = car.sweeps[FRAMES // 2].scan.time_offset_s[car.sweeps[FRAMES // 2].target]
     assert np.ptp(times) > 0.09
-    pose = fitted_pose(MODELS["sized saloon"], seen, 3)
-    assert np.hypot(*(np.array([pose.x, pose.y]) - seen.truth[:2])) < 0.2
+    pose = fitted_pose(MODELS["sized saloon"], car, 3)
+    assert np.hypot(*(np.array([pose.x, pose.y]) - car.truth[:2])) < 0.2
 
 
 @pytest.mark.parametrize(
@@ -139,12 +139,9 @@ def test_a_car_that_a_sweep_meets_twice_is_found_from_its_other_scans():
     ],
 )
 def test_a_covariance_holds_all_that_is_possible(name, band, seed, frames):
-    seen = passing_car(MODELS[name], band, seed)
-    pose = fitted_pose(MODELS[name], seen, frames)
-    away = np.array([pose.x, pose.y, axis_difference(pose.yaw, seen.truth[2])]) - [
-        *seen.truth[:2],
-        0,
-    ]
+    car = passing_car(MODELS[name], band, seed)
+    pose = fitted_pose(MODELS[name], car, frames)
+    away = np.array([pose.x, pose.y, axis_difference(pose.yaw, car.truth[2])]) - [*car.truth[:2], 0]
     assert away @ np.linalg.solve(pose.covariance, away) < chdtri(3, 0.001)
 
 
@@ -170,12 +167,12 @@ def test_every_distance_has_its_calibration(monkeypatch):
 @pytest.mark.parametrize("column", range(3))
 def test_covariance_is_right_over_all_cars_that_are_possible(column, nees):
     """Mean and spread of the NEES are those of chi square with three degrees of freedom."""
-    found = nees[:, column]
-    assert np.isfinite(found).all()
-    low, high = chdtri(3 * len(found), [1 - 0.0005, 0.0005]) / len(found)
-    assert low < found.mean() < high
-    inside = (found <= chdtri(3, 0.05)).mean()
-    assert abs(inside - 0.95) < 3.5 * np.sqrt(0.95 * 0.05 / len(found))
+    column_nees = nees[:, column]
+    assert np.isfinite(column_nees).all()
+    low, high = chdtri(3 * len(column_nees), [1 - 0.0005, 0.0005]) / len(column_nees)
+    assert low < column_nees.mean() < high
+    inside = (column_nees <= chdtri(3, 0.05)).mean()
+    assert abs(inside - 0.95) < 3.5 * np.sqrt(0.95 * 0.05 / len(column_nees))
 
 
 @pytest.fixture(scope="module")
@@ -196,7 +193,7 @@ def nees():
 )
 def test_a_scan_with_several_likely_answers_gives_the_right_one(band, seed):
     model = MODELS["any corners"]
-    seen = passing_car(model, band, seed)
-    pose = fitted_pose(model, seen, 1)
-    assert np.hypot(pose.x - seen.truth[0], pose.y - seen.truth[1]) < 0.03
-    assert abs(wrap_angle(pose.yaw - seen.truth[2])) < np.radians(1.0)
+    car = passing_car(model, band, seed)
+    pose = fitted_pose(model, car, 1)
+    assert np.hypot(pose.x - car.truth[0], pose.y - car.truth[1]) < 0.03
+    assert abs(wrap_angle(pose.yaw - car.truth[2])) < np.radians(1.0)

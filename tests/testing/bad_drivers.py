@@ -40,7 +40,7 @@ class LeavesTheRoad(Good):
 
 
 class Collides(Good):
-    """Sees nobody."""
+    """Drives as if there were no other road user."""
 
     def drive(self, scene):
         return DrivingCommand(2.0, scene.lane)

@@ -9,15 +9,15 @@ from roadscope import OdometryEstimate, OdometryStatus, Pose
 
 
 def estimate_of(scan, x=0.0, **changed):
-    given = {
+    fields = {
         "start_from_lidar": Pose.planar(x, 0.0, 0.0),
         "covariance": np.zeros((6, 6)),
         "dynamic": np.zeros(len(scan), bool),
         "stamp_s": scan.stamp_s,
     }
     if not len(scan):
-        given |= {"status": OdometryStatus.DEGRADED, "reason": "no returns"}
-    return OdometryEstimate(**(given | changed))
+        fields |= {"status": OdometryStatus.DEGRADED, "reason": "no returns"}
+    return OdometryEstimate(**(fields | changed))
 
 
 class Good:

@@ -21,8 +21,8 @@ class Fine:
 
     def detect(self, frame) -> ImageDetections:
         lit = frame.camera.pixels.max() > 8
-        found = box(frame.stamp_s, 50.0)
-        return found if lit else ImageDetections(np.empty((0, 4)), [], [], frame.stamp_s)
+        boxes = box(frame.stamp_s, 50.0)
+        return boxes if lit else ImageDetections(np.empty((0, 4)), [], [], frame.stamp_s)
 
 
 class Unsaid(Fine):
@@ -88,17 +88,17 @@ class NeedsBoth(UnionFusion):
 
 
 class MakesUp(UnionFusion):
-    """Remembers its first targets for ever."""
+    """Reports its first targets in every later frame without targets."""
 
-    kept = None
+    first_fused = None
 
     def fuse(self, lidar, camera, projection):
-        found = super().fuse(lidar, camera, projection)
-        self.kept = self.kept or found
-        if len(found):
-            return found
-        some = np.ones(len(self.kept), bool)
-        return replace(self.kept, by_lidar=~some, by_camera=some, stamp_s=found.stamp_s)
+        fused = super().fuse(lidar, camera, projection)
+        self.first_fused = self.first_fused or fused
+        if len(fused):
+            return fused
+        some = np.ones(len(self.first_fused), bool)
+        return replace(self.first_fused, by_lidar=~some, by_camera=some, stamp_s=fused.stamp_s)
 
 
 class KeepsTheFirstTargets(UnionFusion):
@@ -107,9 +107,9 @@ class KeepsTheFirstTargets(UnionFusion):
     first = None
 
     def fuse(self, lidar, camera, projection):
-        found = super().fuse(lidar, camera, projection)
-        self.first = self.first or float(found.centres.max()) / 100
-        return replace(found, scores=np.full(len(found), self.first))
+        fused = super().fuse(lidar, camera, projection)
+        self.first = self.first or float(fused.centres.max()) / 100
+        return replace(fused, scores=np.full(len(fused), self.first))
 
 
 class ReturnsDetections(UnionFusion):
@@ -119,8 +119,8 @@ class ReturnsDetections(UnionFusion):
 
 class Unsettled(UnionFusion):
     def fuse(self, lidar, camera, projection):
-        found = super().fuse(lidar, camera, projection)
-        return replace(found, scores=np.random.default_rng().random(len(found)))
+        fused = super().fuse(lidar, camera, projection)
+        return replace(fused, scores=np.random.default_rng().random(len(fused)))
 
 
 class FindsAQuarter(UnionFusion):

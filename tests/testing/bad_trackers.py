@@ -25,10 +25,10 @@ class Good:
     def update(self, detections, ego_pose):
         if ego_pose is not None:
             detections = detections.moved(ego_pose, "world")
-        apart = np.linalg.norm(detections.centres[:, None] - self.centres, axis=2)
+        distances_m = np.linalg.norm(detections.centres[:, None] - self.centres, axis=2)
         ids = np.full(len(detections), -1)
-        for row, column in np.argwhere(apart < self.gate_m):
-            if apart[row, column] == apart[row].min() == apart[:, column].min():
+        for row, column in np.argwhere(distances_m < self.gate_m):
+            if distances_m[row, column] == distances_m[row].min() == distances_m[:, column].min():
                 ids[row] = self.ids[column]
         new = ids < 0
         ids[new] = self.next_id + np.arange(new.sum())
@@ -96,8 +96,8 @@ class DependsOnOrder(Good):
     """Leaves out the first detection."""
 
     def update(self, detections, ego_pose):
-        kept = np.arange(len(detections)) >= (len(detections) > 2)
-        return super().update(detections.select(kept), ego_pose)
+        selected = np.arange(len(detections)) >= (len(detections) > 2)
+        return super().update(detections.select(selected), ego_pose)
 
 
 class MutatesInput(Good):
@@ -109,8 +109,8 @@ class MutatesInput(Good):
 
 class Random(Good):
     def update(self, detections, ego_pose):
-        kept = np.random.default_rng().random(len(detections)) < 0.5
-        return super().update(detections.select(kept | (len(detections) < 2)), ego_pose)
+        selected = np.random.default_rng().random(len(detections)) < 0.5
+        return super().update(detections.select(selected | (len(detections) < 2)), ego_pose)
 
 
 class Remembers(Good):
@@ -134,12 +134,16 @@ class EmptyReset:
         pass
 
     def update(self, detections, ego_pose):
-        seen = in_world(detections, ego_pose)
-        old, new = assign_greedily(cdist(self.places, seen.centres[:, :2]), 3.0)
-        ids = self.count + np.arange(len(seen))
+        world_detections = in_world(detections, ego_pose)
+        old, new = assign_greedily(cdist(self.places, world_detections.centres[:, :2]), 3.0)
+        ids = self.count + np.arange(len(world_detections))
         ids[new] = self.ids[old]
-        self.places, self.ids, self.count = seen.centres[:, :2], ids, self.count + len(seen)
-        return Tracks.of(seen, ids)
+        self.places, self.ids, self.count = (
+            world_detections.centres[:, :2],
+            ids,
+            self.count + len(world_detections),
+        )
+        return Tracks.of(world_detections, ids)
 
 
 class KeepsTracks(EmptyReset):
@@ -306,8 +310,8 @@ class LateScribbles(Late):
 
 class LateCounts(Late):
     def rescored(self, history):
-        self.told = not getattr(self, "told", False)
-        return history if self.told else [replace(h, ids=h.ids[::-1]) for h in history]
+        self.called_before = not getattr(self, "called_before", False)
+        return history if self.called_before else [replace(h, ids=h.ids[::-1]) for h in history]
 
 
 class LateForgets(Late):

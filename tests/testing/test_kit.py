@@ -172,15 +172,15 @@ def test_a_pytest_of_ones_own_can_run_it(tmp_path: Path) -> None:
     assert "there are tracks" in done.stdout
 
 
-def test_a_second_pass_that_nobody_asks_for_is_remarked() -> None:
+def test_an_unrequested_second_pass_is_reported() -> None:
     (item,) = items_of(f"{TRACKERS}:Online", "tracker", ANSWERS)
     assert "offline = True" in item.verify()
 
 
 def test_a_report_has_an_item_for_every_promise() -> None:
-    told: list[Item] = []
-    done = roadscope.check(f"{TRACKERS}:Prints", kind="tracker", report=told.append)
-    assert tuple(told) == done.items
+    reported_items: list[Item] = []
+    done = roadscope.check(f"{TRACKERS}:Prints", kind="tracker", report=reported_items.append)
+    assert tuple(reported_items) == done.items
     promises = [item.promise.words for item in contract_items(f"{TRACKERS}:Prints", kind="tracker")]
     assert [item.promise for item in done.items[1:-1]] == promises
     assert not done.ok

@@ -14,7 +14,7 @@ What is prevented
 - So is whatever it answers that is not in the contract, by whatever bytes on its socket, and what
   it uses of output, memory and time beyond the limits.
 - Changes in its own process (classes of ours, functions of libraries, answers that it gave before)
-  reach nobody. Neither truth nor folders of the run are in its process.
+  reach no other process. Neither truth nor folders of the run are in its process.
 - Processes that it started end with it, in sessions of their own too, and when it ended those that
   watch over it first. They are known by a variable of their environment then.
 - With several workers, one that a plug-in killed costs the plug-in its row, after three tries.

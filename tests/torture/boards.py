@@ -108,7 +108,7 @@ class Workshop:
         finally:
             os.environ["ROADSCOPE_CACHE"] = before
 
-    def run(self, entries: Sequence[str], **options: Any) -> "Run":
+    def run(self, entries: Sequence[str], **options: Any) -> "TortureRun":
         """Run the suite with hostile entries.
 
         No boards are written unless `out_dir` is given: with many entries that takes seconds.
@@ -117,7 +117,7 @@ class Workshop:
         with self.in_use(), warnings.catch_warnings(record=True) as raised:
             warnings.simplefilter("always")
             results = roadscope.leaderboard(str(self.suite), entries, **options)
-        return Run(results, [str(each.message) for each in raised])
+        return TortureRun(results, [str(each.message) for each in raised])
 
     def command(self, *words: str, kitti: Path | None = None) -> subprocess.CompletedProcess[str]:
         """Run the suite, or KITTI's data in a folder, by the command line."""
@@ -134,7 +134,7 @@ class Workshop:
 
 
 @dataclass(frozen=True)
-class Run:
+class TortureRun:
     """What a run returned, and what it warned of."""
 
     results: roadscope.Results
@@ -178,15 +178,15 @@ def workshop(folder: Path, timelines: Path | None = None, suite: str = SUITE) ->
     made.suite.write_text(suite)
     shutil.copy(Path(__file__).with_name("hostile.py"), made.plugins)
     if timelines is not None:
-        for kept in ("timelines", "sources"):
-            shutil.copytree(timelines / kept, made.cache / kept)
+        for cache_folder in ("timelines", "sources"):
+            shutil.copytree(timelines / cache_folder, made.cache / cache_folder)
     return made
 
 
 def left_running(plugins: Path) -> list[str]:
     """Return what hostile plug-ins left behind; a guard has some time to end after its report.
 
-    A worker's supervisor may go on; below it there must be nobody.
+    A worker's supervisor may go on; below it no process may be left.
     """
     deadline = time.monotonic() + MOST_ENDING_S
     while (left := _left_now(plugins)) and time.monotonic() < deadline:

@@ -8,7 +8,7 @@ import pytest
 
 from roadscope.benchmarks import code_hash, package
 from tests.torture.acts import pairs
-from tests.torture.boards import SUITE, Run, Workshop, workshop
+from tests.torture.boards import SUITE, TortureRun, Workshop, workshop
 from tests.torture.entries import Tortured, tortured
 
 
@@ -29,7 +29,9 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 
 
 @pytest.fixture(scope="session")
-def honest_run(tmp_path_factory: pytest.TempPathFactory, own_cache: Path) -> tuple[Workshop, Run]:
+def honest_run(
+    tmp_path_factory: pytest.TempPathFactory, own_cache: Path
+) -> tuple[Workshop, TortureRun]:
     """Run the suite without strangers.
 
     The index of sources is read or made anew, whatever other tests did in this process, so that it
@@ -48,7 +50,7 @@ def honest_run(tmp_path_factory: pytest.TempPathFactory, own_cache: Path) -> tup
 def torture(
     request: pytest.FixtureRequest,
     tmp_path_factory: pytest.TempPathFactory,
-    honest_run: tuple[Workshop, Run],
+    honest_run: tuple[Workshop, TortureRun],
 ) -> Tortured:
     """Run the hostile acts of a class of tests."""
     folder = tmp_path_factory.mktemp("torture") / "run"
@@ -56,6 +58,8 @@ def torture(
 
 
 @pytest.fixture
-def new_workshop(tmp_path: Path, honest_run: tuple[Workshop, Run]) -> Callable[..., Workshop]:
+def new_workshop(
+    tmp_path: Path, honest_run: tuple[Workshop, TortureRun]
+) -> Callable[..., Workshop]:
     """Return a function that makes the folders of a run, with its traffic."""
     return lambda suite=SUITE: workshop(tmp_path / "run", honest_run[0].cache, suite)

@@ -13,7 +13,7 @@ from tests.torture.boards import (
     HANG_LIMITS,
     MOST_MESSAGE,
     ONE_EPISODE,
-    Run,
+    TortureRun,
     Workshop,
     left_running,
     shown,
@@ -31,13 +31,13 @@ class Tortured:
     """A run with many hostile entries at once, and one with those that hang."""
 
     place: Workshop
-    runs: tuple[Run, Run]
+    runs: tuple[TortureRun, TortureRun]
     took_s: float
 
     def spec(self, board: str, act: Act) -> str:
         return self.place.spec(board, act.name)
 
-    def run_of(self, act: Act) -> Run:
+    def run_of(self, act: Act) -> TortureRun:
         return self.runs[act in HANGS]
 
 
@@ -116,7 +116,7 @@ class EntryTests:
 
     @pytest.mark.parametrize("number", [0, 1])
     def test_all_others_are_equal_to_the_bit(
-        self, torture: Tortured, honest_run: tuple[Workshop, Run], number: int
+        self, torture: Tortured, honest_run: tuple[Workshop, TortureRun], number: int
     ) -> None:
         values, expected = torture.runs[number].values(), honest_run[1].values()
         assert values == {place: expected[place] for place in values}

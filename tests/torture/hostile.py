@@ -597,9 +597,9 @@ def refuse_truth(things):
     """Refuse truth, what a run is made of, and the scenarios and seeds of `boards.SUITE`."""
     for thing in things:
         kind = type(thing)
-        _, _, room = str(kind.__module__).partition("roadscope.")
-        ours = room.startswith(("benchmarks", "envs")) and "isolation" not in room
-        if room and (ours or kind.__name__.endswith("Truth")):
+        _, _, module = str(kind.__module__).partition("roadscope.")
+        ours = module.startswith(("benchmarks", "envs")) and "isolation" not in module
+        if module and (ours or kind.__name__.endswith("Truth")):
             raise FoundError(f"a {kind.__name__} is in this process")
         for value in (thing, *thing.values()) if kind is dict else (thing,):
             if type(value) in (str, int) and value in HIDDEN:
@@ -635,8 +635,8 @@ def read_labels(plugin, answer):
 # What damages files of the run.
 
 
-def kept_files(plugin):
-    """Find kept files, by the environment of processes above this one or by guessing.
+def cached_files(plugin):
+    """Find cached files, by the environment of processes above this one or by guessing.
 
     Once in an episode is enough.
     """
@@ -657,7 +657,7 @@ def rewrite_broken(plugin, answer):
 
     Another plug-in may be rewriting the same file: it is empty for a moment then.
     """
-    for path in kept_files(plugin):
+    for path in cached_files(plugin):
         with suppress(OSError, IndexError):
             content = bytearray(path.read_bytes())
             # Not flipped: two plug-ins that flip the same bits leave the file as it was.
@@ -669,7 +669,7 @@ def rewrite_broken(plugin, answer):
 
 def rewrite_valid(plugin, answer):
     """Write other content with the digest that belongs to it."""
-    for path in kept_files(plugin):
+    for path in cached_files(plugin):
         with suppress(Exception):
             path.write_bytes(changed(path.read_bytes()))
     return answer

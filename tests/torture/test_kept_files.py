@@ -1,4 +1,4 @@
-"""Files of a run that are changed or damaged falsify no board, and nobody else is blamed."""
+"""Files of a run that are changed or damaged falsify no board, and no innocent entry is blamed."""
 
 import re
 import sqlite3
@@ -10,10 +10,10 @@ import pytest
 
 from roadscope.benchmarks import StoreError
 from tests.torture.acts import ALL
-from tests.torture.boards import ONE_EPISODE, Run, Workshop, left_running, workshop
+from tests.torture.boards import ONE_EPISODE, TortureRun, Workshop, left_running, workshop
 
 Made = Callable[..., Workshop]
-Honest = tuple[Workshop, Run]
+Honest = tuple[Workshop, TortureRun]
 ATTACKS = {
     "rewrite_broken": "forge_results",
     "rewrite_valid": "forge_results_well",
@@ -23,12 +23,12 @@ ATTACKS = {
 CHANGED = "results were changed by another program"
 
 
-def of_honest(run: Run, honest: Honest) -> Mapping[str, object]:
+def of_honest(run: TortureRun, honest: Honest) -> Mapping[str, object]:
     """Return what an honest run has in the place of each entry of a run."""
     return {place: honest[1].values()[place] for place in run.values()}
 
 
-def of_strangers(run: Run) -> list[tuple[str, Any]]:
+def of_strangers(run: TortureRun) -> list[tuple[str, Any]]:
     """Return the scores of each hostile entry, and its place without its act."""
     return [
         (re.sub(r"\S*hostile\.py:(\w+)\?\S*", r"\1", place), scores)
@@ -38,7 +38,7 @@ def of_strangers(run: Run) -> list[tuple[str, Any]]:
 
 @pytest.fixture(scope="module")
 def strangers(tmp_path_factory: pytest.TempPathFactory, honest_run: Honest) -> dict[str, Any]:
-    """Return the scores of plug-ins of all boards if nobody attacks."""
+    """Return the scores of plug-ins of all boards without an attack."""
     folder = tmp_path_factory.mktemp("strangers") / "run"
     place = workshop(folder, honest_run[0].cache, ONE_EPISODE)
     return dict(of_strangers(place.run([place.spec(board, "honest") for board in ALL])))

@@ -9,7 +9,7 @@ import pytest
 import roadscope
 from roadscope import SpecError
 from tests.torture.acts import ALL, CLASSES
-from tests.torture.boards import ONE_EPISODE, Run, Workshop
+from tests.torture.boards import ONE_EPISODE, TortureRun, Workshop
 
 Made = Callable[..., Workshop]
 NESTED = f"class Tracker: x = {'-' * 200_000}1"
@@ -52,7 +52,7 @@ def written(folder: Path, name: str, code: str, board: str = "tracking") -> str:
 
 @pytest.mark.parametrize("board", ALL)
 def test_a_class_that_cannot_be_read_either_costs_its_own_row_on_the_board_that_is_named(
-    new_workshop: Made, honest_run: tuple[Workshop, Run], board: str
+    new_workshop: Made, honest_run: tuple[Workshop, TortureRun], board: str
 ) -> None:
     """With two workers the failed entry is tried again."""
     place = new_workshop(suite=ONE_EPISODE)
@@ -74,11 +74,11 @@ def test_a_mistake_of_the_user_ends_the_run_before_it_begins(
     new_workshop: Made, mistake: str
 ) -> None:
     place = new_workshop()
-    code, said = MISTAKES[mistake]
+    code, message = MISTAKES[mistake]
     path = place.folder / "mine.py"
     if code is not None:
         path.write_text(code)
-    with pytest.raises(SpecError, match=said):
+    with pytest.raises(SpecError, match=message):
         place.run([f"{path}:Tracker"], boards=["tracking"], out_dir=place.out)
     assert list(place.out.iterdir()) == []
 

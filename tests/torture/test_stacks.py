@@ -10,7 +10,7 @@ from tests.torture.boards import (
     HANG_LIMITS,
     LIMITS,
     ONE_EPISODE,
-    Run,
+    TortureRun,
     Workshop,
     left_running,
     workshop,
@@ -30,7 +30,7 @@ QUICK = ("honest", "written_later", "exit_0", "load.exit_0", "forged_bytes", "va
 HANGING = ("hang",)
 
 
-def driven(place: Workshop, stacks: list[str], *, jobs: int, limits: Limits = LIMITS) -> Run:
+def driven(place: Workshop, stacks: list[str], *, jobs: int, limits: Limits = LIMITS) -> TortureRun:
     """Drive with stacks, and with the truth and with nothing."""
     named = ", ".join(f'"{stack}"' for stack in stacks)
     place.suite.write_text(SUITE.replace('stacks = ["truth"]', f"stacks = [{named}]"))
@@ -38,7 +38,7 @@ def driven(place: Workshop, stacks: list[str], *, jobs: int, limits: Limits = LI
 
 
 @pytest.fixture(scope="module")
-def own_drives(tmp_path_factory: pytest.TempPathFactory) -> Run:
+def own_drives(tmp_path_factory: pytest.TempPathFactory) -> TortureRun:
     return driven(workshop(tmp_path_factory.mktemp("own") / "run"), [OWN], jobs=1)
 
 
@@ -46,8 +46,8 @@ def own_drives(tmp_path_factory: pytest.TempPathFactory) -> Run:
     ("names", "limits"), [(QUICK, LIMITS), (HANGING, HANG_LIMITS)], ids=["quick", "hanging"]
 )
 @pytest.mark.parametrize("jobs", [1, 2])
-def test_who_fails_in_a_stack_costs_the_drives_with_it(
-    tmp_path: Path, own_drives: Run, names: tuple[str, ...], limits: Limits, jobs: int
+def test_a_stage_that_fails_in_a_stack_loses_the_drives_with_it(
+    tmp_path: Path, own_drives: TortureRun, names: tuple[str, ...], limits: Limits, jobs: int
 ) -> None:
     place = workshop(tmp_path / "run")
     acts = [act for act in ACTS if act.name in names]

@@ -14,7 +14,7 @@ from toy_kitti import write_kitti
 import roadscope
 from roadscope.benchmarks.isolation import sandbox_available
 from tests.torture.acts import ALL
-from tests.torture.boards import LIMITS, ONE_EPISODE, Run, Workshop, left_running, workshop
+from tests.torture.boards import LIMITS, ONE_EPISODE, TortureRun, Workshop, left_running, workshop
 
 Made = Callable[..., Workshop]
 RAISED = {
@@ -31,13 +31,19 @@ needs_sandbox = pytest.mark.skipif(bool(sandbox_available()), reason=sandbox_ava
 
 @pytest.mark.parametrize("jobs", [1, 2])
 def test_trusted_plugins_run_in_the_processes_of_the_run(
-    new_workshop: Made, honest_run: tuple[Workshop, Run], jobs: int
+    new_workshop: Made, honest_run: tuple[Workshop, TortureRun], jobs: int
 ) -> None:
     """There they find what others cannot, so the search of those is one that can find."""
     place = new_workshop(suite=ONE_EPISODE)
     process = f"in process {os.getpid()} " if jobs == 1 else f"below {os.getpid()} "
-    said = {"say_process": process, "seek_truth": "FoundError", "seek_paths": "FoundError"} | RAISED
-    entries = {place.spec(board, act): text for board in ALL for act, text in said.items()}
+    expected_reasons = {
+        "say_process": process,
+        "seek_truth": "FoundError",
+        "seek_paths": "FoundError",
+    } | RAISED
+    entries = {
+        place.spec(board, act): text for board in ALL for act, text in expected_reasons.items()
+    }
     run = place.run(list(entries), jobs=jobs, trust=True)
     for entry, text in entries.items():
         (reason,) = run.reasons(entry)
@@ -49,15 +55,17 @@ def test_trusted_plugins_run_in_the_processes_of_the_run(
 
 @needs_sandbox
 @pytest.mark.parametrize("jobs", [1, 2])
-def test_a_sandbox_holds(new_workshop: Made, honest_run: tuple[Workshop, Run], jobs: int) -> None:
+def test_a_sandbox_holds(
+    new_workshop: Made, honest_run: tuple[Workshop, TortureRun], jobs: int
+) -> None:
     """The one process of a sandbox that could be taken for the worker cannot be ended.
 
     A supervisor for each plug-in takes a second: half of the boards have those that fail.
     """
     place = new_workshop(suite=ONE_EPISODE)
-    given = {"cache": place.cache, "results": place.out}
+    folders = {"cache": place.cache, "results": place.out}
     harmless, failing = (
-        [place.spec(board, act, **given) for board, act in zip(cycle(boards), acts, strict=False)]
+        [place.spec(board, act, **folders) for board, act in zip(cycle(boards), acts, strict=False)]
         for boards, acts in ((ALL[jobs - 1 :: 2], HARMLESS), (ALL[2 - jobs :: 2], FAILING))
     )
     marker = place.folder / "written"

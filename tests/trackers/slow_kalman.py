@@ -49,8 +49,8 @@ def updated(beliefs, innovation, H, R):
     """Take the measurements in; covariances in Joseph's form, which holds for any gain."""
     K = innovation.gains
     means = beliefs.means + (K @ innovation.residuals[..., None])[..., 0]
-    kept = np.eye(means.shape[-1]) - K @ H
-    covariances = kept @ beliefs.covariances @ transposed(kept) + K @ R @ transposed(K)
+    I_minus_KH = np.eye(means.shape[-1]) - K @ H
+    covariances = I_minus_KH @ beliefs.covariances @ transposed(I_minus_KH) + K @ R @ transposed(K)
     return Gaussians(means, covariances)
 
 

@@ -23,9 +23,9 @@ def test_the_filter_is_the_papers():
     tracker, kalman = make("ab3dmot"), None
     for k in range(12):
         place = (k + 0.1 * rng.standard_normal(), 3 + 0.1 * rng.standard_normal())
-        found = boxes([place], k, yaws=0.1 * rng.standard_normal())
-        tracks = tracker.update(found, None)
-        row = np.concatenate([found.centres[0], found.yaws, found.sizes[0]])
+        detection = boxes([place], k, yaws=0.1 * rng.standard_normal())
+        tracks = tracker.update(detection, None)
+        row = np.concatenate([detection.centres[0], detection.yaws, detection.sizes[0]])
         if kalman is None:
             kalman = papers_filter(row)
         else:

@@ -101,16 +101,16 @@ def test_components_are_scipys(seed):
     rng = np.random.default_rng(seed)
     n, m = rng.integers(1, 8, 2).tolist()
     rows, columns = rng.integers(0, n, (p := rng.integers(0, 9))), rng.integers(0, m, p)
-    found, count = components(rows, columns, n, m)
+    labels, count = components(rows, columns, n, m)
     pairs = coo_matrix((np.ones(p), (rows, n + columns)), (n + m, n + m))
     _, expected = connected_components(pairs, directed=False)
     paired = np.zeros(n + m, bool)
     paired[rows] = paired[n + columns] = True
-    assert ((found >= 0) == paired).all()
-    same = found[paired][:, None] == found[paired]
+    assert ((labels >= 0) == paired).all()
+    same = labels[paired][:, None] == labels[paired]
     assert (same == (expected[paired][:, None] == expected[paired])).all()
     # Numbers are given by first row, none left out.
-    _, first = np.unique(found[:n][found[:n] >= 0], return_index=True)
+    _, first = np.unique(labels[:n][labels[:n] >= 0], return_index=True)
     assert len(first) == count
     assert (np.diff(first) > 0).all()
 

@@ -103,8 +103,8 @@ def test_sizes_are_averaged_over_a_limited_memory():
 
 
 def test_covariances_lie_along_the_heading():
-    (found,) = oriented_covariances(np.array([np.pi / 2]), np.array([2.0]), np.array([0.5]))
-    assert found == pytest.approx(np.diag([0.25, 4.0]))
+    (covariance,) = oriented_covariances(np.array([np.pi / 2]), np.array([2.0]), np.array([0.5]))
+    assert covariance == pytest.approx(np.diag([0.25, 4.0]))
 
 
 def test_only_nearer_ones_hide():
@@ -130,8 +130,8 @@ def expected_velocity(neighbours=(), yaw=0.0, family=CAR, traits=UNKNOWN):
     table = np.array(neighbours, float).reshape(-1, 4)
     known = Neighbours(table[:, :2], table[:, 2:], np.full(len(table), family))
     new = Measurements.of(boxes([(0, 0)], 0, yaws=yaw), np.zeros(2), traits)
-    found = expected_velocities(new, known, traits)
-    return found.means[0], found.covariances[0]
+    velocity = expected_velocities(new, known, traits)
+    return velocity.means[0], velocity.covariances[0]
 
 
 def test_alone_a_new_target_moves_as_usual():
@@ -144,7 +144,7 @@ def test_alone_a_new_target_moves_as_usual():
     assert no_front == pytest.approx([0, 0])
 
 
-def test_neighbours_tell_speed_and_direction():
+def test_neighbours_suggest_speed_and_direction():
     mean, covariance = expected_velocity([(-20, 0, 25, 0), (15, 1, 26, 0), (30, 0, 25, 0)])
     assert mean[0] == pytest.approx(24, abs=2)
     assert covariance[0, 0] < expected_velocity()[1][0, 0]
@@ -152,7 +152,7 @@ def test_neighbours_tell_speed_and_direction():
     assert back[0] < -5
 
 
-def test_far_and_crossing_neighbours_and_pedestrians_tell_nothing():
+def test_far_and_crossing_neighbours_and_pedestrians_suggest_nothing():
     alone = expected_velocity()[0]
     for far in [(500, 0, 25, 0), (0, 40, 25, 0), (10, 0, 0, 25)]:
         assert expected_velocity([far])[0] == pytest.approx(alone, abs=0.1)
@@ -213,12 +213,12 @@ def test_misses_count_less_when_missed_targets_come_back():
     """Ten detections, four misses, and so on."""
     tracker = existence()
     episode = [boxes([(10, 0)] if t % 14 < 10 else [], t, 0.95) for t in range(21 * 14)]
-    said = run(tracker, episode)
-    scores = np.reshape([tracks.scores[0] for tracks in said], (21, 14))[:, 10:]
+    reported_tracks = run(tracker, episode)
+    scores = np.reshape([tracks.scores[0] for tracks in reported_tracks], (21, 14))[:, 10:]
     assert (np.diff(scores, axis=0) > 0).all(), "from run to run"
     assert (np.diff(scores, axis=1) < 0).all(), "but less with every miss of a run"
     assert scores[-1, 0] > 2 * scores[0, 0]
-    shown = [TrackState.TENTATIVE not in tracks.states for tracks in said]
+    shown = [TrackState.TENTATIVE not in tracks.states for tracks in reported_tracks]
     assert sum(shown[-14:]) > sum(shown[:14])
 
 

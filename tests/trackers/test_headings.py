@@ -14,11 +14,11 @@ POSES = [Pose.identity()] * TICKS
 def drive(course, *, axis=None, ahead=0.5):
     """A car that drives, then stands; the front of its box is right by this chance."""
     rng, axis = np.random.default_rng(3), course if axis is None else axis
-    way = SPEED_M_S * T * np.minimum(np.arange(TICKS), BRAKES)
+    travelled_m = SPEED_M_S * T * np.minimum(np.arange(TICKS), BRAKES)
     reversed_ = rng.random(TICKS) > ahead
     return [
         boxes([[10 + s * np.cos(course), 5 + s * np.sin(course)]], tick, yaws=axis + np.pi * wrong)
-        for tick, (s, wrong) in enumerate(zip(way, reversed_, strict=True))
+        for tick, (s, wrong) in enumerate(zip(travelled_m, reversed_, strict=True))
     ]
 
 

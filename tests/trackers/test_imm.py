@@ -128,11 +128,11 @@ def test_hard_braking_is_tracked_better_than_by_one_model():
     path = np.stack([np.cumsum(speed * DT), np.zeros(70)], axis=1)
     errors = {}
     for name, tracker in (("imm", make("imm")), ("gnn", make("gnn", velocity_walk=0.5))):
-        found = []
+        speed_errors = []
         for k, place in enumerate(path):
             tracks = tracker.update(boxes([place + 0.3 * rng.standard_normal(2)], k), None)
-            found.append(abs(tracks.velocities[0, 0] - speed[k]))
-        errors[name] = np.mean(found[30:])
+            speed_errors.append(abs(tracks.velocities[0, 0] - speed[k]))
+        errors[name] = np.mean(speed_errors[30:])
     assert errors["imm"] < 0.7 * errors["gnn"]
 
 

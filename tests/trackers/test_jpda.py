@@ -32,11 +32,11 @@ BOTH = pytest.mark.parametrize("kind", ["jpda", "pmbm"])
 def marginals(pairs, missed, free, limit, pruned=False):
     """(N, M) marginals of (N, M) weights, 0 where impossible."""
     rows, columns = map(np.ascontiguousarray, np.nonzero(pairs))
-    found = np.zeros(pairs.shape)
-    found[rows, columns] = association_marginals(
+    probabilities = np.zeros(pairs.shape)
+    probabilities[rows, columns] = association_marginals(
         rows, columns, pairs[rows, columns], missed, free, limit, pruned
     )
-    return found
+    return probabilities
 
 
 def by_enumeration(pairs, missed, free, pruned=False):
@@ -60,11 +60,11 @@ def by_enumeration(pairs, missed, free, pruned=False):
         for weight, taken in sorted(events, key=lambda event: event[0]):
             best[frozenset(taken), frozenset(taken.values())] = weight, taken
         events = list(best.values())
-    found = np.zeros((n, m))
+    sums = np.zeros((n, m))
     for weight, taken in events:
         for row, column in taken.items():
-            found[row, column] += weight
-    return found / sum(weight for weight, _ in events)
+            sums[row, column] += weight
+    return sums / sum(weight for weight, _ in events)
 
 
 weights = st.one_of(st.just(0.0), st.floats(1e-6, 1e6), st.sampled_from([1e-12, 1.0, 1e12]))
@@ -102,7 +102,7 @@ def test_pruned_marginals_are_those_of_the_likeliest_permutations(problem):
 def by_assignments(pairs, missed, free):
     """Assign each set of rows to each set of columns that is as large, optimally."""
     n, m = pairs.shape
-    found, total = np.zeros((n, m)), 0.0
+    sums, total = np.zeros((n, m)), 0.0
     for size in range(min(n, m) + 1):
         for rows in map(list, combinations(range(n), size)):
             for columns in map(list, combinations(range(m), size)):
@@ -111,8 +111,8 @@ def by_assignments(pairs, missed, free):
                 weight = block[one, other].prod()
                 weight *= np.delete(missed, rows).prod() * np.delete(free, columns).prod()
                 total += weight
-                found[np.array(rows, int)[one], np.array(columns, int)[other]] += weight
-    return found / total
+                sums[np.array(rows, int)[one], np.array(columns, int)[other]] += weight
+    return sums / total
 
 
 @pytest.mark.parametrize(("n", "m"), [(7, 6), pytest.param(9, 9, marks=pytest.mark.slow)])
@@ -139,15 +139,15 @@ def test_people_side_by_side_do_not_become_one(gap_m):
     distances = {}
     for pruned in (False, True):
         rng, tracker = np.random.default_rng(5), make("jpda", traits="unknown", pruned=pruned)
-        found = []
+        gaps_m = []
         for tick in range(100):
             places = np.array([[8 + 0.13 * tick, 0.0], [8 + 0.13 * tick, gap_m]])
-            seen = (places + rng.normal(0, 0.1, (2, 2)))[rng.random(2) < 0.9]
-            frame = boxes(seen, tick, 0.9, Category.PEDESTRIAN)
+            detected = (places + rng.normal(0, 0.1, (2, 2)))[rng.random(2) < 0.9]
+            frame = boxes(detected, tick, 0.9, Category.PEDESTRIAN)
             sure = tracker.update(frame, Pose.identity()).sure
             if len(sure) == 2:
-                found.append(abs(np.diff(sure.centres[:, 1])[0]))
-        distances[pruned] = np.median(found)
+                gaps_m.append(abs(np.diff(sure.centres[:, 1])[0]))
+        distances[pruned] = np.median(gaps_m)
     assert distances[True] == pytest.approx(gap_m, abs=0.15)
     assert distances[False] < distances[True]
 
@@ -169,29 +169,29 @@ def test_marginals_of_clusters_and_chains(seed):
 def test_a_track_that_cannot_be_missed():
     pairs = np.array([[2.0, 1.0], [1.0, 0.0]])
     missed, free = np.array([0.0, 1.0]), np.ones(2)
-    found = marginals(pairs, missed, free, np.inf)
-    np.testing.assert_allclose(found, by_enumeration(pairs, missed, free), atol=1e-12)
+    probabilities = marginals(pairs, missed, free, np.inf)
+    np.testing.assert_allclose(probabilities, by_enumeration(pairs, missed, free), atol=1e-12)
 
 
 def test_a_crowd_of_twelve_has_the_marginals_of_symmetry():
     n = 12
-    found = marginals(np.ones((n, n)), np.full(n, 1e-12), np.full(n, 1e-12), EXACT_LIMIT)
-    np.testing.assert_allclose(found, 1 / n, atol=1e-9)
+    probabilities = marginals(np.ones((n, n)), np.full(n, 1e-12), np.full(n, 1e-12), EXACT_LIMIT)
+    np.testing.assert_allclose(probabilities, 1 / n, atol=1e-9)
 
 
 def test_rows_and_columns_may_change_places():
     pairs, missed, free = on_a_line(1, 14, 9, 10.0)
-    found = marginals(pairs, missed, free, np.inf)
+    probabilities = marginals(pairs, missed, free, np.inf)
     turned = marginals(np.ascontiguousarray(pairs.T), free, missed, np.inf)
-    np.testing.assert_allclose(found, turned.T, atol=1e-12)
+    np.testing.assert_allclose(probabilities, turned.T, atol=1e-12)
 
 
 def test_a_long_chain_is_exact_and_does_not_overflow():
     n = 200
     pairs = 1e9 * (np.eye(n) + np.eye(n, k=1))
-    found = marginals(pairs, np.full(n, 1e-3), np.ones(n), EXACT_LIMIT)
-    assert np.array_equal(found, marginals(pairs, np.full(n, 1e-3), np.ones(n), np.inf))
-    assert found.sum() == pytest.approx(n, abs=0.1)
+    probabilities = marginals(pairs, np.full(n, 1e-3), np.ones(n), EXACT_LIMIT)
+    assert np.array_equal(probabilities, marginals(pairs, np.full(n, 1e-3), np.ones(n), np.inf))
+    assert probabilities.sum() == pytest.approx(n, abs=0.1)
 
 
 @given(st.integers(0, 2**32 - 1))
@@ -200,8 +200,8 @@ def test_belief_propagation_is_exact_without_loops(seed):
     n = int(rng.integers(1, 6))
     pairs = rng.exponential(10, (n, n)) * (np.eye(n) + np.eye(n, k=1))
     missed, free = rng.uniform(0.05, 1, n), rng.uniform(0.5, 2, n)
-    found = marginals(pairs, missed, free, np.inf)
-    np.testing.assert_allclose(loopy_marginals(pairs, missed, free), found, atol=1e-6)
+    probabilities = marginals(pairs, missed, free, np.inf)
+    np.testing.assert_allclose(loopy_marginals(pairs, missed, free), probabilities, atol=1e-6)
 
 
 def test_belief_propagation_has_the_errors_that_its_module_states():
@@ -217,7 +217,7 @@ def test_mixture_moments():
     kalman = PositionFilter()
     belief = Gaussians(np.array([[1.0, 2, 3, 4]]), np.diag([0.5, 0.4, 2, 3])[None])
     positions, shares = np.array([[1.5, 2.2], [0.4, 1.7]]), np.array([[0.5, 0.2]])
-    found = mixture_moments(belief, positions, candidates(shares), kalman.R)
+    moments = mixture_moments(belief, positions, candidates(shares), kalman.R)
     parts = [belief, *(kalman.corrected(belief, position[None]) for position in positions)]
     weights = np.array([0.3, 0.5, 0.2])
     mean = sum(w * part.means[0] for w, part in zip(weights, parts, strict=True))
@@ -225,8 +225,8 @@ def test_mixture_moments():
         w * (part.covariances[0] + np.outer(part.means[0] - mean, part.means[0] - mean))
         for w, part in zip(weights, parts, strict=True)
     )
-    np.testing.assert_allclose(found.means[0], mean, atol=1e-12)
-    np.testing.assert_allclose(found.covariances[0], covariance, atol=1e-12)
+    np.testing.assert_allclose(moments.means[0], mean, atol=1e-12)
+    np.testing.assert_allclose(moments.covariances[0], covariance, atol=1e-12)
 
 
 def test_existence_after_two_steps_is_that_after_one():
@@ -294,9 +294,11 @@ def test_higher_scores_are_believed_sooner():
 @BOTH
 def test_in_dense_clutter_a_target_is_confirmed_by_coming_back(kind):
     tracker = make(kind, clutter_m2=2e-3, traits="unknown")
-    said = [tracker.update(boxes([(20 + 0.5 * k, 0)], k, 0.5), None) for k in range(20)]
-    assert said[0].scores[0] < 0.02
-    assert said[-1].ids[said[-1].states == TrackState.CONFIRMED].tolist() == [0]
+    reported_tracks = [tracker.update(boxes([(20 + 0.5 * k, 0)], k, 0.5), None) for k in range(20)]
+    assert reported_tracks[0].scores[0] < 0.02
+    assert reported_tracks[-1].ids[reported_tracks[-1].states == TrackState.CONFIRMED].tolist() == [
+        0
+    ]
     tracker.reset()
     tracker.update(boxes([(20, 0)], 0, 0.5), None)
     assert len(tracker.update(boxes([], 1), None)) == 0

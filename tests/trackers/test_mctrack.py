@@ -48,15 +48,15 @@ def view(row, eye):
     """Azimuth and elevation of a box's corners, where no azimuth is near half a turn."""
     flat = np.array(from_above(row).exterior.coords[:4]) - eye[:2]
     tops = row[2] - eye[2] + np.array([-0.5, 0.5]) * row[5]
-    seen = [(np.arctan2(y, x), np.arctan2(z, np.hypot(x, y))) for x, y in flat for z in tops]
-    return Polygon(box(*np.min(seen, axis=0), *np.max(seen, axis=0)))
+    angles = [(np.arctan2(y, x), np.arctan2(z, np.hypot(x, y))) for x, y in flat for z in tops]
+    return Polygon(box(*np.min(angles, axis=0), *np.max(angles, axis=0)))
 
 
 def diou(one, other):
     around = np.array(MultiPoint([*one.exterior.coords, *other.exterior.coords]).bounds)
-    apart = one.centroid.distance(other.centroid)
+    distance_m = one.centroid.distance(other.centroid)
     diagonal = np.hypot(*(around[2:] - around[:2]))
-    return one.intersection(other).area / one.union(other).area - (apart / diagonal) ** 2
+    return one.intersection(other).area / one.union(other).area - (distance_m / diagonal) ** 2
 
 
 @pytest.mark.parametrize("seed", range(2))

@@ -73,12 +73,12 @@ def test_a_standing_target_stands_while_the_ego_turns():
     world, ego = make("nearest"), make("nearest", frame="ego")
     for k in range(40):
         x, y, _ = turning(k).inverse().apply(standing)
-        found = world.update(detections_at(k, (x, y)), turning(k))
+        reported_tracks = world.update(detections_at(k, (x, y)), turning(k))
         lost = ego.update(detections_at(k, (x, y)), turning(k))
-    assert found.frame == "world"
-    assert found.ids.tolist() == [0]
-    assert found.centres[0, :2] == pytest.approx((40, 5), abs=0.05)
-    assert found.velocities[0] == pytest.approx((0, 0), abs=0.3)
+    assert reported_tracks.frame == "world"
+    assert reported_tracks.ids.tolist() == [0]
+    assert reported_tracks.centres[0, :2] == pytest.approx((40, 5), abs=0.05)
+    assert reported_tracks.velocities[0] == pytest.approx((0, 0), abs=0.3)
     assert lost.frame == "ego"
     assert np.hypot(*(lost.centres[0, :2] - (x, y))) > 0.3
 

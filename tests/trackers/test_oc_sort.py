@@ -32,12 +32,12 @@ def test_re_update_removes_the_drift_of_a_stiff_filter():
         rng = np.random.default_rng(seed)
         ticks = [k for k in range(27) if not 15 <= k < 26]
         places = {k: [bending(k) + 0.2 * rng.standard_normal(2)] for k in ticks}
-        for kind, found in errors.items():
+        for kind, errors_of_kind in errors.items():
             wide = {"least": -0.5} if kind == "oc-sort" else {"gate_share": 0.9999999}
             tracker = make(kind, coast_frames=20, velocity_walk=0.5, **wide)
             tracks = run(tracker, [boxes(places.get(k, []), k) for k in range(30)])[-1]
             assert tracks.ids.tolist() == [0]
-            found.append(np.hypot(*(tracks.centres[0, :2] - bending(29))))
+            errors_of_kind.append(np.hypot(*(tracks.centres[0, :2] - bending(29))))
     assert np.median(errors["oc-sort"]) < 0.5 * np.median(errors["gnn"])
 
 
@@ -92,8 +92,8 @@ def test_anchors_are_a_few_ticks_old_or_the_last_detection():
 
 
 def test_short_vectors_have_no_direction():
-    found = unit_vectors(np.array([[3.0, 4.0], [0.3, 0.0], [0.0, 0.0]]), 0.5)
-    assert found.tolist() == [[0.6, 0.8], [0, 0], [0, 0]]
+    directions = unit_vectors(np.array([[3.0, 4.0], [0.3, 0.0], [0.0, 0.0]]), 0.5)
+    assert directions.tolist() == [[0.6, 0.8], [0, 0], [0, 0]]
     assert unit_vectors(np.zeros((1, 2)), 0.0).tolist() == [[0, 0]]
 
 

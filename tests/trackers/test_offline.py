@@ -88,8 +88,8 @@ def test_fragments_are_joined_and_crossing_the_gap_keeps_the_first_id():
     after = offline_tracks(fragments)
     assert {int(tracks.ids[0]) for tracks in after} == {0}
     assert errors(after).max() < 0.6
-    apart = offline_tracks(fragments, OfflineRules(longest_gap_s=0.2))
-    assert {int(i) for tracks in apart for i in tracks.ids} == {0, 100}
+    unjoined = offline_tracks(fragments, OfflineRules(longest_gap_s=0.2))
+    assert {int(i) for tracks in unjoined for i in tracks.ids} == {0, 100}
 
 
 def test_missed_ticks_are_recognised():
@@ -188,10 +188,10 @@ def walk_of(kind, rng, ticks=60):
 def detection_errors(kind, rng, ranges_m):
     """Errors (T, 2) of places as was learned of the detector: part of them lasts."""
     traits, ticks = read_detector(KITTI).traits, len(ranges_m)
-    share, kept = traits.lasting[kind], np.exp(-DT / traits.lasting_s[kind])
+    share, correlation = traits.lasting[kind], np.exp(-DT / traits.lasting_s[kind])
     new, lasting = rng.standard_normal((2, ticks, 2))
     for k in range(1, ticks):
-        lasting[k] = kept * lasting[k - 1] + np.sqrt(1 - kept**2) * lasting[k]
+        lasting[k] = correlation * lasting[k - 1] + np.sqrt(1 - correlation**2) * lasting[k]
     sigma = np.array([traits.along_m[kind], traits.across_m[kind]])
     growth = 1 + traits.growth_per_m[kind] * ranges_m[:, None]
     return growth * sigma * (np.sqrt(share) * lasting + np.sqrt(1 - share) * new)
@@ -208,8 +208,8 @@ def tracked(kind, places):
 def state_errors(history, truth):
     """Errors (K, 4) of states, and their covariances."""
     pairs = [(tracks, state) for tracks, state in zip(history, truth, strict=True) if len(tracks)]
-    found = [np.append(t.centres[0, :2], t.velocities[0]) - state for t, state in pairs]
-    return np.array(found), np.array([tracks.covariances[0] for tracks, _ in pairs])
+    errors_of_states = [np.append(t.centres[0, :2], t.velocities[0]) - state for t, state in pairs]
+    return np.array(errors_of_states), np.array([tracks.covariances[0] for tracks, _ in pairs])
 
 
 def test_pedestrians_are_smoothed_by_their_own_noise():
@@ -220,10 +220,10 @@ def test_pedestrians_are_smoothed_by_their_own_noise():
         truth = walk_of(kind, rng)
         places = truth[:, :2] + detection_errors(kind, rng, np.hypot(*truth[:, :2].T))
         tracker, history = tracked(kind, places)
-        found, spread = state_errors(tracker.rescored(history), truth)
-        velocities.append(found[:, 2:])
-        solved = np.linalg.solve(spread, found[..., None])[..., 0]
-        squares.append(np.einsum("ki,ki->k", found, solved) / 4)
+        errors_of_states, spread = state_errors(tracker.rescored(history), truth)
+        velocities.append(errors_of_states[:, 2:])
+        solved = np.linalg.solve(spread, errors_of_states[..., None])[..., 0]
+        squares.append(np.einsum("ki,ki->k", errors_of_states, solved) / 4)
     assert np.sqrt((np.concatenate(velocities) ** 2).mean()) < 0.12
     assert 0.5 < np.concatenate(squares).mean() < 1.2
 

@@ -10,8 +10,8 @@ def test_the_most_confident_prediction_chooses_first():
     tracker = make("pc3t")
     run(tracker, [boxes([(0, 0), (0, 3)], k, [0.9, 0.7]) for k in range(4)])
     tracks = tracker.update(boxes([(0, 2)], 4, 0.8), None)
-    seen = tracks.states == TrackState.CONFIRMED
-    assert tracks.ids[seen].tolist() == [0]
+    confirmed = tracks.states == TrackState.CONFIRMED
+    assert tracks.ids[confirmed].tolist() == [0]
 
 
 def test_confidence_falls_with_misses():

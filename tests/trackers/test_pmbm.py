@@ -114,8 +114,8 @@ def test_existence_is_bayes_over_all_histories(seed, counts):
     births = [(t, j) for t, positions in enumerate(scans) for j in range(len(positions))]
     mixture = tracker._mixture
     keys = [births[i] for i in mixture.reported.ids.tolist()]
-    found = dict(zip(keys, mixture.existence, strict=True))
-    assert found == pytest.approx(by_enumeration(scans), abs=1e-9)
+    existences = dict(zip(keys, mixture.existence, strict=True))
+    assert existences == pytest.approx(by_enumeration(scans), abs=1e-9)
 
 
 def changed_identities(tracker, seed):
@@ -170,11 +170,11 @@ def test_the_one_hypothesis_left_may_lack_the_clusters_target():
 def all_assignments(costs):
     """Every assignment with its total, cheapest first."""
     n, m = costs.shape
-    found = []
+    assignments = []
 
     def visit(i, total, chosen):
         if i == n:
-            found.append((total, chosen))
+            assignments.append((total, chosen))
             return
         visit(i + 1, total, (*chosen, -1))
         for j in range(m):
@@ -182,7 +182,7 @@ def all_assignments(costs):
                 visit(i + 1, total + costs[i, j], (*chosen, j))
 
     visit(0, 0.0, ())
-    return sorted(found)
+    return sorted(assignments)
 
 
 sides = st.tuples(st.integers(1, 4), st.integers(0, 4))

@@ -68,10 +68,10 @@ def test_probabilities_are_those_of_being_right():
             tick * T, ids, scores, np.zeros(8, np.int64), settled=streaks_s >= 1
         )
         meaning.count(detected, streaks_s)
-    asked, cars = np.array([0.2, 0.5, 0.8]), np.full(3, Category.CAR)
-    assert meaning.probabilities(asked, cars) == pytest.approx([0.02, 0.5, 0.98], abs=0.1)
+    query_scores, cars = np.array([0.2, 0.5, 0.8]), np.full(3, Category.CAR)
+    assert meaning.probabilities(query_scores, cars) == pytest.approx([0.02, 0.5, 0.98], abs=0.1)
     meaning.reset()
-    assert (np.diff(meaning.probabilities(asked, cars)) > 0).all()
+    assert (np.diff(meaning.probabilities(query_scores, cars)) > 0).all()
 
 
 def meaning_of_one_score(went_on):

@@ -223,11 +223,11 @@ def find_kitti_frames(folder: Path | str, sensors: Sequence[str] = (SCANS,)) -> 
                 f"{root}: expected {name}/ beside {layout.labels}/, got {names_in(root)}"
             )
     find = _sequences if layout.by_sequence else _parts
-    found = find(root.resolve(), sensors)
+    selection = find(root.resolve(), sensors)
     if SCANS not in sensors:
-        return found
-    scans = [each.file(SCANS, number) for each in found.frames for number in each.numbers]
-    return found._replace(notes=(*found.notes, *loss_notes(scans)))
+        return selection
+    scans = [each.file(SCANS, number) for each in selection.frames for number in each.numbers]
+    return selection._replace(notes=(*selection.notes, *loss_notes(scans)))
 
 
 def _expected(sensors: Sequence[str]) -> str:

@@ -40,8 +40,8 @@ def _rows_by_distance(results: Results) -> list[Row]:
     """Return the figures over distance of the first board that has some."""
     for board in map(board_named, results.boards()):
         rows = results.breakdown(DISTANCE, board.name) if board.by_distance else []
-        if found := [row for row in rows if row.value is not None]:
-            return found
+        if rows_with_value := [row for row in rows if row.value is not None]:
+            return rows_with_value
     return []
 
 

@@ -60,7 +60,7 @@ DRIVER: Kind = Kind("follower", Registry[Any]("follower", {"coast": f"{__name__}
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class EpisodeDrive(EpisodeRecord):
+class FollowingRecord(EpisodeRecord):
     """A drive of T steps; gaps_m: (T,) distance to the car ahead."""
 
     gaps_m: np.ndarray
@@ -68,7 +68,7 @@ class EpisodeDrive(EpisodeRecord):
 
 
 @dataclass(frozen=True)
-class DriveNode(Node):
+class FollowingNode(Node):
     """The drive of a driver: the world goes on with each of its answers."""
 
     driver: Spec
@@ -76,9 +76,9 @@ class DriveNode(Node):
     step_s: float
 
     stage = "drives"
-    record = EpisodeDrive
+    record = FollowingRecord
 
-    def compute(self, options: RunOptions) -> EpisodeDrive:
+    def compute(self, options: RunOptions) -> FollowingRecord:
         """Drive behind a car that brakes; how hard, the seed says."""
         rng = np.random.default_rng(self.episode.seed)
         ahead_m, ahead_m_s, braking_m_s2 = 20.0, 10.0, rng.uniform(1.0, 2.0)
@@ -102,7 +102,7 @@ class DriveNode(Node):
             return answer
 
         replies = run_plugin(self.driver, DRIVER, moments(), accelerate, options=options)
-        return EpisodeDrive(np.array(gaps_m), replies.times)
+        return FollowingRecord(np.array(gaps_m), replies.times)
 
 
 class FollowingSettings(BoardSettings, frozen=True, kw_only=True):
@@ -132,12 +132,12 @@ class FollowingBoard(Board):
         """Return every driver on all episodes."""
         step_s = suite.settings(self.name, FollowingSettings).step_s
         return [
-            Job(self, str(driver), episode, DriveNode(driver, episode, step_s))
+            Job(self, str(driver), episode, FollowingNode(driver, episode, step_s))
             for episode in episodes(suite)
             for driver in entries
         ]
 
-    def score(self, job: Job, answers: EpisodeDrive, options: RunOptions) -> Scores:
+    def score(self, job: Job, answers: FollowingRecord, options: RunOptions) -> Scores:
         """Return the scores of a drive, and the cost of the driver's calls."""
         least, mean, steps = answers.gaps_m.min(), answers.gaps_m.mean(), len(answers.gaps_m)
         return {

@@ -107,9 +107,12 @@ def test_ranks_are_shown_on_each_makers_detections(results) -> None:
 def test_the_five_of_the_suite_are_shown_whole_in_80_columns() -> None:
     suite = load_suite("tracking").with_settings("tracking", entries=("gnn", "nearest"))
     jobs = jobs_of(suite)
-    found = gather(jobs, {job.key: scored(job) for job in jobs}, {"jobs": 1})
+    gathered = gather(jobs, {job.key: scored(job) for job in jobs}, {"jobs": 1})
     text = printed(
-        [*breakdown_tables(found, "tracking", "detector", 80), board_table(found, "tracking", 80)]
+        [
+            *breakdown_tables(gathered, "tracking", "detector", 80),
+            board_table(gathered, "tracking", 80),
+        ]
     )
     assert max(map(len, text.splitlines())) <= 80
     assert "…" not in text
@@ -157,16 +160,16 @@ def test_a_tracker_that_is_not_installed_has_a_row_that_says_so(suite) -> None:
     ]
     done = {job.key: scored(job) for job in jobs if not job.missing}
     run_jobs([j for j in jobs if j.missing], lambda job, outcome: done.update({job.key: outcome}))
-    found = gather(jobs, done, {"jobs": 1})
-    text = printed([board_table(found, "tracking", 80)])
+    gathered = gather(jobs, done, {"jobs": 1})
+    text = printed([board_table(gathered, "tracking", 80)])
     lines = [" ".join(line.split()) for line in text.splitlines()]
     assert any(line.startswith("1 nearest") for line in lines)
     assert any(line.startswith("gnn") and "not" in line for line in lines)
-    assert not found.not_installed("nearest")
-    assert found.not_installed("gnn")
-    assert found.failed_entries == []
-    assert found.standing("tracking", "gnn").rank is None
-    shown = failure_lines(found, "tracking")
+    assert not gathered.not_installed("nearest")
+    assert gathered.not_installed("gnn")
+    assert gathered.failed_entries == []
+    assert gathered.standing("tracking", "gnn").rank is None
+    shown = failure_lines(gathered, "tracking")
     assert len(shown) == 2
     assert all(line.endswith(reason) for line in shown)
 

@@ -110,8 +110,17 @@ def does(home: Path, *arguments: str, **variables: str) -> subprocess.CompletedP
 
 
 def ranks(home: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
-    given = ("following", "--suite", "mine.toml", "--jobs", "1", "--out", "out", *arguments)
-    return does(home, "leaderboard", *given)
+    command_arguments = (
+        "following",
+        "--suite",
+        "mine.toml",
+        "--jobs",
+        "1",
+        "--out",
+        "out",
+        *arguments,
+    )
+    return does(home, "leaderboard", *command_arguments)
 
 
 def calls(home: Path) -> list[str]:
@@ -130,8 +139,8 @@ def written(home: Path) -> dict[tuple[str, str], float]:
 @pytest.fixture(scope="module")
 def first(home: Path) -> subprocess.CompletedProcess[str]:
     """The first run: a driver of the suite, and three of a stranger of which two fail."""
-    given = [f"--entry=drivers.py:{name}" for name in ("Careful", "Breaks", "Wild")]
-    return ranks(home, *given, "--by", "scenario")
+    entry_options = [f"--entry=drivers.py:{name}" for name in ("Careful", "Breaks", "Wild")]
+    return ranks(home, *entry_options, "--by", "scenario")
 
 
 @pytest.mark.slow
@@ -205,8 +214,8 @@ def test_the_command_line_knows_the_board(home: Path) -> None:
     completed = does(home, _ROADSCOPE_COMPLETE="complete_bash", **words).stdout
     assert completed.split() == ["coast"]
     # Several workers would first compile what other boards need.
-    given = ("--suite", "mine.toml", "--jobs", "1", "--entry", "drivers.py:Careful")
-    whole = does(home, "leaderboard", *given)
+    run_options = ("--suite", "mine.toml", "--jobs", "1", "--entry", "drivers.py:Careful")
+    whole = does(home, "leaderboard", *run_options)
     assert whole.returncode == 0, whole.stderr
     assert "following board" in whole.stdout
     assert "answers" in does(home, "cache", "clear").stdout

@@ -57,7 +57,7 @@ def test_points_may_have_times_of_the_clock(tmp_path):
     assert np.array(read.stamps_s) - START_S == pytest.approx([s.stamp_s for s in SCANS], abs=1e-3)
 
 
-def test_stamps_without_times_of_points_are_kept_and_told(tmp_path):
+def test_stamps_without_times_of_points_are_used_and_reported(tmp_path):
     messages = [(0.1 * k, "/p", cloud(0.1 * k, fields(s))) for k, s in enumerate(SCANS)]
     read = ScanFolder.find(write_bag(tmp_path / "bag", messages))
     assert np.array(read.stamps_s) - START_S == pytest.approx([0, 0.1, 0.2, 0.3], abs=1e-6)
@@ -124,23 +124,27 @@ def test_a_damaged_message_is_an_empty_scan(tmp_path):
 
 
 @pytest.mark.parametrize("stray", [0, 2])
-def test_a_scan_without_a_stamp_is_left_out_and_told(tmp_path, stray):
+def test_a_scan_without_a_stamp_is_left_out_and_reported(tmp_path, stray):
     messages = clouds()
     stamp = messages[stray][2].header.stamp
     stamp.sec = stamp.nanosec = 0
     read = ScanFolder.find(write_bag(tmp_path / "bag", messages))
-    kept = [scan for k, scan in enumerate(SCANS) if k != stray]
-    assert np.array(read.stamps_s) - START_S == pytest.approx([s.stamp_s for s in kept], abs=1e-3)
-    assert [len(scan) for scan in read] == [len(scan) for scan in kept]
+    stamped_scans = [scan for k, scan in enumerate(SCANS) if k != stray]
+    assert np.array(read.stamps_s) - START_S == pytest.approx(
+        [s.stamp_s for s in stamped_scans], abs=1e-3
+    )
+    assert [len(scan) for scan in read] == [len(scan) for scan in stamped_scans]
     assert any("1 scan is left out: stamps more than a day" in note for note in read.notes)
 
 
-@pytest.mark.parametrize(("back_s", "said"), [(3600, "was set back"), (10**7, "of one clock")])
-def test_a_clock_that_was_set_in_a_bag_is_refused(tmp_path, back_s, said):
+@pytest.mark.parametrize(
+    ("back_s", "expected_error"), [(3600, "was set back"), (10**7, "of one clock")]
+)
+def test_a_clock_that_was_set_in_a_bag_is_refused(tmp_path, back_s, expected_error):
     messages = clouds()
     for _, _, message in messages[2:]:
         message.header.stamp.sec -= back_s
-    with pytest.raises(FormatError, match=said):
+    with pytest.raises(FormatError, match=expected_error):
         ScanFolder.find(write_bag(tmp_path / "bag", messages))
 
 
@@ -179,11 +183,11 @@ def test_samples_of_an_imu(tmp_path):
     messages[7][2].angular_velocity.x = float("nan")
     scans = ScanFolder.find(write_bag(tmp_path / "bag", [*messages, *clouds()]))
     samples, left_out = read_bag_imu(scans.bag)
-    kept = np.delete(np.arange(20), 7)
+    sample_indices = np.delete(np.arange(20), 7)
     assert left_out == 1
-    assert np.array_equal(samples.angular_velocity, rates[kept])
-    assert np.array_equal(samples.specific_force, forces[kept])
-    assert samples.stamps_s - START_S == pytest.approx(0.005 * kept, abs=1e-6)
+    assert np.array_equal(samples.angular_velocity, rates[sample_indices])
+    assert np.array_equal(samples.specific_force, forces[sample_indices])
+    assert samples.stamps_s - START_S == pytest.approx(0.005 * sample_indices, abs=1e-6)
 
 
 @pytest.mark.parametrize("damage", ["cut off", "no stamp"])
@@ -230,7 +234,7 @@ def test_images(tmp_path, encoding, pixels):
     assert images.stamps(10.0).stamps_s[1] - START_S == pytest.approx(0.1, abs=1e-6)
 
 
-def test_an_image_of_another_encoding_is_lost_and_told(tmp_path):
+def test_an_image_of_another_encoding_is_lost_and_reported(tmp_path):
     bag = write_bag(tmp_path / "bag", [(0.0, "/image", image(0.0, PIXELS, "bayer_rggb8"))])
     images = ImageFolder.find(bag)
     assert images.read(0) is None

@@ -25,10 +25,12 @@ def test_numbers_pick_lines_of_stamps_where_files_of_a_raw_drive_are_missing(tmp
         np.savetxt(tmp_path / "data" / f"{k:010d}.txt", row[None])
     lines = [f"2011-09-26 13:02:{k // 10:02d}.{k % 10}00000000\n" for k in range(40)]
     (tmp_path / "timestamps.txt").write_text("".join(lines))
-    found, left_out = read_imu(tmp_path)
+    samples, left_out = read_imu(tmp_path)
     assert not left_out
-    assert found.stamps_s - found.stamps_s[0] == pytest.approx(0.1 * np.array(numbers), abs=1e-6)
-    assert found.angular_velocity[:, 2] == pytest.approx(0.01 * np.array(numbers))
+    assert samples.stamps_s - samples.stamps_s[0] == pytest.approx(
+        0.1 * np.array(numbers), abs=1e-6
+    )
+    assert samples.angular_velocity[:, 2] == pytest.approx(0.01 * np.array(numbers))
 
 
 @pytest.mark.parametrize(
@@ -46,17 +48,17 @@ def test_numbers_pick_lines_of_stamps_where_files_of_a_raw_drive_are_missing(tmp
 )
 def test_samples_are_read(tmp_path, head, separator):
     path = written(tmp_path / "imu.csv", head=head, separator=separator)
-    found, left_out = read_imu(str(path))
+    samples, left_out = read_imu(str(path))
     assert not left_out
-    assert found.stamps_s == pytest.approx(ROWS[:, 0])
-    assert found.angular_velocity == pytest.approx(ROWS[:, 1:4])
-    assert found.specific_force == pytest.approx(ROWS[:, 4:])
+    assert samples.stamps_s == pytest.approx(ROWS[:, 0])
+    assert samples.angular_velocity == pytest.approx(ROWS[:, 1:4])
+    assert samples.specific_force == pytest.approx(ROWS[:, 4:])
 
 
 def test_nanoseconds_are_known(tmp_path):
     rows = ROWS * [1e9, 1, 1, 1, 1, 1, 1]
-    found, _ = read_imu(written(tmp_path / "i", rows, stamps="%.0f"))
-    assert found.stamps_s == pytest.approx(ROWS[:, 0])
+    samples, _ = read_imu(written(tmp_path / "i", rows, stamps="%.0f"))
+    assert samples.stamps_s == pytest.approx(ROWS[:, 0])
 
 
 MANY = np.column_stack([0.0025 * np.arange(400), np.tile(ROWS[0, 1:], (400, 1))])
@@ -66,16 +68,16 @@ MANY = np.column_stack([0.0025 * np.arange(400), np.tile(ROWS[0, 1:], (400, 1))]
 def test_a_line_out_of_order_costs_no_other(tmp_path, row, stamp):
     rows = MANY.copy()
     rows[row, 0], rows[30, 2] = stamp, np.inf
-    found, left_out = read_imu(written(tmp_path / "imu.csv", rows))
+    samples, left_out = read_imu(written(tmp_path / "imu.csv", rows))
     assert left_out == 2
-    assert found.stamps_s == pytest.approx(np.delete(MANY[:, 0], [30, row]))
+    assert samples.stamps_s == pytest.approx(np.delete(MANY[:, 0], [30, row]))
 
 
 def test_the_first_line_may_be_none_of_names(tmp_path):
     rows = MANY.copy()
     rows[[0, 7], 0] = np.nan
-    found, left_out = read_imu(written(tmp_path / "imu.csv", rows))
-    assert (len(found.stamps_s), left_out) == (398, 2)
+    samples, left_out = read_imu(written(tmp_path / "imu.csv", rows))
+    assert (len(samples.stamps_s), left_out) == (398, 2)
     _, left_out = read_imu(written(tmp_path / "imu.csv", rows, head="n wx wy wz ax ay az"))
     assert left_out == 2
 
@@ -97,20 +99,20 @@ def test_a_file_in_disorder_is_refused(tmp_path, rows, line):
         read_imu(path)
 
 
-def test_the_most_rows_that_rise_are_kept():
+def test_the_longest_rising_subsequence_of_rows_remains():
     """Beside every subset of a few rows."""
     rng = np.random.default_rng(0)
     for _ in range(50):
         stamps = rng.integers(0, 8, rng.integers(1, 9)).astype(float)
-        kept = rising_rows(stamps)
-        assert (np.diff(stamps[kept]) > 0).all()
+        row_indices = rising_rows(stamps)
+        assert (np.diff(stamps[row_indices]) > 0).all()
         chains = (
             subset
             for size in range(1, len(stamps) + 1)
             for subset in combinations(stamps.tolist(), size)
             if (np.diff(subset) > 0).all()
         )
-        assert len(kept) == max(map(len, chains))
+        assert len(row_indices) == max(map(len, chains))
 
 
 @pytest.mark.parametrize(

@@ -41,7 +41,7 @@ def test_calibration_needs_its_keys(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("text", "said"),
+    ("text", "message"),
     [
         ("P2: " + "0 " * 12, "line 1: expected after P2 a projection: .* of rank 3, got '0 0"),
         (f"{CAMERA}\n\n{CAMERA}", "line 3: expected the key P2 once, got 'P2 a second time'"),
@@ -49,10 +49,10 @@ def test_calibration_needs_its_keys(tmp_path):
         (f"{CAMERA}\nR0_rect: 1\n", "line 2: expected 9 finite numbers after R0_rect, got '1'"),
     ],
 )
-def test_calibrations_that_no_camera_has_are_refused(tmp_path, text, said):
+def test_calibrations_that_no_camera_has_are_refused(tmp_path, text, message):
     path = tmp_path / "0000.txt"
     path.write_text(text)
-    with pytest.raises(FormatError, match=said) as caught:
+    with pytest.raises(FormatError, match=message) as caught:
         read_kitti_calibration(path)
     assert str(caught.value).startswith(f"{path}, line ")
 
@@ -80,17 +80,17 @@ def test_a_pose_that_does_not_turn_rigidly_is_refused(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("place", "said"),
+    ("place", "message"),
     [
         ("49 1e200 110 0 0 0", "line 1: expected lon from -360 to 360 degrees, got '1e200'"),
         ("49 8 1e200 0 0 0", r"line 1: expected alt from -1e\+08 to 1e\+08 m"),
         ("49 8 110 0 0 100", "line 1: expected roll pitch yaw from -12.5664 to 12.5664 rad"),
     ],
 )
-def test_records_of_nowhere_on_earth_are_refused(folder, place, said):
+def test_records_of_nowhere_on_earth_are_refused(folder, place, message):
     path = folder / "oxts.txt"
     path.write_text(place + " 0" * 24)
-    with pytest.raises(FormatError, match=said):
+    with pytest.raises(FormatError, match=message):
         read_kitti_oxts(path, read_kitti_calibration(folder / "calib" / "0000.txt"))
 
 

@@ -67,10 +67,10 @@ def test_a_box_in_the_image_holds_what_the_camera_sees_of_it(bottoms, sizes, ang
     weights = np.random.default_rng(0).dirichlet(np.full(8, 0.3), 200)
     inside = np.einsum("kw,nwc->nkc", weights, points)
     for box, cloud in zip(boxes, inside, strict=True):
-        seen = cloud[cloud[:, 2] >= 0.2]
-        flat = seen @ P[:, :3].T + P[:, 3]
+        visible_points = cloud[cloud[:, 2] >= 0.2]
+        flat = visible_points @ P[:, :3].T + P[:, 3]
         pixels = flat[:, :2] / flat[:, 2:]
-        if len(seen):
+        if len(visible_points):
             assert (pixels >= box[:2] - 1e-6).all()
             assert (pixels <= box[2:] + 1e-6).all()
 

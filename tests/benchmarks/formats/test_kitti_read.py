@@ -38,9 +38,9 @@ def test_a_sequence_in_our_records(folder):
     assert car.image_size[0] <= IMAGE_SIZE[0]
     np.testing.assert_allclose(car.calibration.projection, P2, atol=1e-4)
     frame = 5
-    truth, seen = car.truths[frame], car.detections[frame]
-    assert seen.frame == "ego"
-    assert seen.stamp_s == pytest.approx(0.1 * frame) == truth.stamp_s
+    truth, detections = car.truths[frame], car.detections[frame]
+    assert detections.frame == "ego"
+    assert detections.stamp_s == pytest.approx(0.1 * frame) == truth.stamp_s
     assert truth.ids.tolist() == [0, 1]
     np.testing.assert_allclose(truth.centres[0], [12 + 5, -2, -1.7 + 0.75], atol=1e-6)
     np.testing.assert_allclose(truth.velocities, [[10, 0], [-8, 0]], atol=1e-4)
@@ -48,9 +48,9 @@ def test_a_sequence_in_our_records(folder):
     np.testing.assert_allclose(truth.yaws, 0, atol=1e-6)
     assert (truth.lidar_returns == NOT_COUNTED).all()
     np.testing.assert_allclose(truth.world_from_ego.translation, [EGO_SPEED_M_S * 0.5, 0, 0])
-    assert (seen.scores > 0).all()
-    assert (seen.scores < 1).all()
-    assert len(car.detection_rows[frame]) == len(seen)
+    assert (detections.scores > 0).all()
+    assert (detections.scores < 1).all()
+    assert len(car.detection_rows[frame]) == len(detections)
     kinds = set(car.label_rows[frame].types.tolist())
     assert {KittiType.CAR, KittiType.VAN, KittiType.DONT_CARE} <= kinds
 
@@ -58,10 +58,10 @@ def test_a_sequence_in_our_records(folder):
 def test_detections_lie_on_the_truth_of_their_frame(folder):
     car = read_kitti_sequence(folder, "0000")
     near = []
-    for seen, truth in zip(car.detections, car.truths, strict=True):
-        world = seen.moved(truth.world_from_ego, "world")
-        apart = np.linalg.norm(world.centres[None] - truth.centres[:, None], axis=-1)
-        near += apart.min(axis=1).tolist() if len(world) and len(truth) else []
+    for detections, truth in zip(car.detections, car.truths, strict=True):
+        world = detections.moved(truth.world_from_ego, "world")
+        distances_m = np.linalg.norm(world.centres[None] - truth.centres[:, None], axis=-1)
+        near += distances_m.min(axis=1).tolist() if len(world) and len(truth) else []
     assert np.median(near) < 0.3
 
 
@@ -86,17 +86,17 @@ def renumbered(folder, number: int, sequence: str, every: int = 1) -> int:
 
 def test_cars_that_are_numbered_otherwise_are_refused(folder):
     total = renumbered(folder, 1, "0000") + renumbered(folder, 1, "0001")
-    said = (
+    message = (
         rf"det_toy/Car: expected rows of class 2 in the second column \(1 pedestrian, 2 car, "
         rf"3 cyclist\), got {total} rows, all of class 1"
     )
-    with pytest.raises(FormatError, match=said):
+    with pytest.raises(FormatError, match=message):
         read_kitti_sequence(folder, "0000")
-    with pytest.raises(FormatError, match=said):
+    with pytest.raises(FormatError, match=message):
         kitti_suite(folder)
 
 
-def test_rows_of_other_classes_are_counted_and_told(folder):
+def test_rows_of_other_classes_are_counted_and_reported(folder):
     whole = read_kitti_sequence(folder, "0000")
     assert whole.other_class_rows == 0
     assert "left out" not in explanation(kitti_suite(folder), ["kitti car"])
@@ -107,8 +107,8 @@ def test_rows_of_other_classes_are_counted_and_told(folder):
     rows = sum(map(len, whole.detection_rows)) + sum(
         map(len, read_kitti_sequence(folder, "0001").detection_rows)
     )
-    said = f"{few} of {rows} rows in det_toy/Car are left out: their class is not car (1 ped"
-    assert said in explanation(kitti_suite(folder), ["kitti car"])
+    note = f"{few} of {rows} rows in det_toy/Car are left out: their class is not car (1 ped"
+    assert note in explanation(kitti_suite(folder), ["kitti car"])
 
 
 def test_a_file_without_the_class_is_fine_where_another_has_it(folder):
@@ -182,7 +182,7 @@ def test_missing_poses_and_too_few_are_refused(folder):
         read_kitti_sequence(folder, "0000")
 
 
-def test_two_detectors_must_be_told_apart(folder):
+def test_two_detectors_must_be_distinguished(folder):
     (folder / "det_toy").rename(folder / "det_a")
     (folder / "det_b").mkdir()
     with pytest.raises(FormatError, match="several detectors, name one: a, b"):
@@ -237,8 +237,8 @@ def test_a_wrong_value_is_refused_by_line_column_and_value(
     path.write_text(f"\n\n{between.join(words)}\n")
     with pytest.raises(FormatError) as caught:
         read(path)
-    told = str(caught.value)
-    assert not [word for word in (f"{path}, line 3: ", column[0], value) if word not in told]
+    message = str(caught.value)
+    assert not [word for word in (f"{path}, line 3: ", column[0], value) if word not in message]
 
 
 def test_an_id_twice_in_a_frame_is_refused(tmp_path):
@@ -248,16 +248,16 @@ def test_an_id_twice_in_a_frame_is_refused(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("read", "line", "said"),
+    ("read", "line", "message"),
     [
         (read_kitti_labels, LABEL + " 0.5 7", r"expected 17 .*'19 columns"),
         (read_kitti_labels, LABEL.rsplit(" ", 1)[0], r"expected 17 .*'16 columns"),
         (read_kitti_detections, FOUND.replace(",", " "), r"expected 15 columns"),
     ],
 )
-def test_too_many_and_too_few_columns_are_refused(tmp_path, read, line, said):
+def test_too_many_and_too_few_columns_are_refused(tmp_path, read, line, message):
     (tmp_path / "0000.txt").write_text(f"{line}\n")
-    with pytest.raises(FormatError, match=rf"line 1: .*{said}"):
+    with pytest.raises(FormatError, match=rf"line 1: .*{message}"):
         read(tmp_path / "0000.txt")
 
 
@@ -328,12 +328,12 @@ def test_real_sequences_can_be_read():
         pytest.skip("ROADSCOPE_KITTI names no folder of KITTI tracking data")
     sequence = read_kitti_sequence(folder, KittiFolder.find(folder).sequences()[0])
     near, turned = [], []
-    for seen, truth in zip(sequence.detections, sequence.truths, strict=True):
-        if len(seen) and len(truth):
-            world = seen.moved(truth.world_from_ego, "world")
-            apart = np.linalg.norm(world.centres[None] - truth.centres[:, None], axis=-1)
-            near += apart.min(axis=1).tolist()
-            turn = world.yaws[apart.argmin(axis=1)] - truth.yaws
+    for detections, truth in zip(sequence.detections, sequence.truths, strict=True):
+        if len(detections) and len(truth):
+            world = detections.moved(truth.world_from_ego, "world")
+            distances_m = np.linalg.norm(world.centres[None] - truth.centres[:, None], axis=-1)
+            near += distances_m.min(axis=1).tolist()
+            turn = world.yaws[distances_m.argmin(axis=1)] - truth.yaws
             turned += np.abs(np.sin(turn)).tolist()
     assert np.median(near) < 0.5
     assert np.median(turned) < 0.1
@@ -343,9 +343,13 @@ def test_hidden_files_are_not_read(tmp_path):
     """macOS leaves `._NAME` beside every file on disks of other systems."""
     root = write_kitti(tmp_path)
     before = KittiFolder.find(root)
-    told = before.sequences(), before.detectors(), before.scores_are_normalized("toy")
+    contents_before = before.sequences(), before.detectors(), before.scores_are_normalized("toy")
     for path in [path for path in root.rglob("*") if path.is_file()]:
         path.with_name(f"._{path.name}").write_bytes(bytes([0, 5, 22, 7]) * 64)
     (root / "._det_toy").write_bytes(b"")
     after = KittiFolder.find(root)
-    assert (after.sequences(), after.detectors(), after.scores_are_normalized("toy")) == told
+    assert (
+        after.sequences(),
+        after.detectors(),
+        after.scores_are_normalized("toy"),
+    ) == contents_before

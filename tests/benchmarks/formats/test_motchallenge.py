@@ -88,7 +88,7 @@ def test_trackeval_reads_our_results(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("line", "said"),
+    ("line", "message"),
     [
         ("1,2,3", r"expected 7 columns \(frame id .*, got '3 columns'"),
         (DET.replace("1,-1", "0,-1", 1), "frame as an integer from 1 to 500000, got '0'"),
@@ -105,10 +105,10 @@ def test_trackeval_reads_our_results(tmp_path):
         (DET.replace("-1,-1,-1", "-1,-1,1e200"), r"x y z from -1e\+09 to 1e\+09 m"),
     ],
 )
-def test_malformed_files_are_refused_with_their_line(tmp_path, line, said):
+def test_malformed_files_are_refused_with_their_line(tmp_path, line, message):
     path = tmp_path / "a.txt"
     path.write_text(line + "\n")
-    with pytest.raises(FormatError, match=said) as caught:
+    with pytest.raises(FormatError, match=message) as caught:
         read_mot(path)
     assert f"{path}, line {1 + line.count(chr(10))}: " in str(caught.value)
 
@@ -117,15 +117,17 @@ def test_malformed_sequences_are_refused(tmp_path):
     with pytest.raises(FormatError, match=r"det.txt: missing"):
         read_mot_sequence(tmp_path)
     folder = write_sequence(tmp_path / "A", (DET.replace("1,-1", "9,-1", 1),))
-    said = r"det.txt, line 1: expected a frame of at most 4, the seqLength of seqinfo.ini, got '9'"
-    with pytest.raises(FormatError, match=said):
+    message = (
+        r"det.txt, line 1: expected a frame of at most 4, the seqLength of seqinfo.ini, got '9'"
+    )
+    with pytest.raises(FormatError, match=message):
         read_mot_sequence(folder)
     late = write_sequence(tmp_path / "C", true=(TRUE, TRUE.replace("1,3", "5,3", 1)))
     with pytest.raises(FormatError, match=r"gt.txt, line 2: expected a frame of at most 4, .*'5'"):
         read_mot_sequence(late)
-    nobody = write_sequence(tmp_path / "D", true=(TRUE, TRUE.replace("1,3", "1,-1", 1)))
+    negative_id = write_sequence(tmp_path / "D", true=(TRUE, TRUE.replace("1,3", "1,-1", 1)))
     with pytest.raises(FormatError, match=r"gt.txt, line 2: expected id as an integer from 0"):
-        read_mot_sequence(nobody)
+        read_mot_sequence(negative_id)
     back = write_sequence(tmp_path / "B", (DET.replace("1,-1", "2,-1", 1), DET))
     with pytest.raises(
         FormatError, match="line 2: expected a frame not below the frame of the line before"
@@ -137,7 +139,7 @@ def test_malformed_sequences_are_refused(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("text", "said"),
+    ("text", "message"),
     [
         ("[Sequence]\nseqLength=-3", "line 2: expected seqLength .* from 1 to 500000, got '-3'"),
         ("[Sequence]\nseqLength=0", ", line 2: expected seqLength as a whole"),
@@ -155,10 +157,10 @@ def test_malformed_sequences_are_refused(tmp_path):
         ("", r": expected \[Sequence\] with seqLength and frameRate, got nothing$"),
     ],
 )
-def test_a_malformed_seqinfo_is_refused_in_one_line(tmp_path, text, said):
+def test_a_malformed_seqinfo_is_refused_in_one_line(tmp_path, text, message):
     path = write_sequence(tmp_path, (DET,)) / "seqinfo.ini"
     path.write_text(text)
-    with pytest.raises(FormatError, match=said) as caught:
+    with pytest.raises(FormatError, match=message) as caught:
         read_mot_sequence(tmp_path)
     assert str(caught.value).startswith(str(path))
     assert "\n" not in str(caught.value)
@@ -171,7 +173,7 @@ def test_frames_without_rows_are_one_record(tmp_path):
     mot = read_mot_sequence(tmp_path)
     assert len(mot.detection_rows) == len(mot.truth_rows) == 500_000
     assert len({id(rows) for rows in mot.detection_rows}) == 2
-    assert [t for t, found in enumerate(mot.detections) if len(found)] == [2]
+    assert [t for t, frame_detections in enumerate(mot.detections) if len(frame_detections)] == [2]
     assert mot.detections[-1].stamp_s == pytest.approx(499_999 / 30)
 
 

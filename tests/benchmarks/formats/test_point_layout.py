@@ -106,12 +106,14 @@ def test_points_that_are_not_recognised_are_refused(tmp_path, width, kind):
     sweep = Sweep()
     others = [sweep.intensities, sweep.rings, *(sweep.times_s + k for k in range(11))]
     np.column_stack([sweep.points, *others])[:, :width].astype(kind).tofile(tmp_path / "0.bin")
-    said = "look like float64" if kind == "<f8" else "no such points are recognised: name the col"
-    with pytest.raises(FormatError, match=said):
+    message = (
+        "look like float64" if kind == "<f8" else "no such points are recognised: name the col"
+    )
+    with pytest.raises(FormatError, match=message):
         ScanFolder.find(tmp_path)
 
 
-def test_what_was_taken_of_a_raw_file_is_told(tmp_path):
+def test_what_was_taken_from_a_raw_file_is_reported(tmp_path):
     sweep = Sweep()
     sweep.rows(sweep.rings, sweep.times_s).tofile(tmp_path / "0.pcd.bin")
     notes = notes_of(tmp_path)
@@ -198,7 +200,7 @@ def test_beams_in_a_field_of_times_are_no_times(tmp_path):
 
 
 @pytest.mark.parametrize("column", ["ring", "label", "elongation", "distance"])
-def test_a_fifth_column_that_is_no_time_in_seconds_is_told(tmp_path, column):
+def test_a_fifth_column_that_is_no_time_in_seconds_is_reported(tmp_path, column):
     sweep = Sweep()
     rng = np.random.default_rng(1)
     values = {
@@ -232,12 +234,12 @@ def test_points_without_an_intensity_are_used(tmp_path):
     intensities = sweep.intensities.copy()
     intensities[::2] = np.nan
     write_pcd(tmp_path / "0.pcd", sweep.points, intensity=intensities, time=sweep.times_s)
-    found = ScanFolder.find(tmp_path)
-    (scan,) = found
+    scans = ScanFolder.find(tmp_path)
+    (scan,) = scans
     assert len(scan) == len(sweep.points)
     assert not scan.intensity[::2].any()
     assert scan.intensity.max() == 1
-    assert found.losses.notes() == ()
+    assert scans.losses.notes() == ()
 
 
 def test_what_is_left_out_is_counted_by_reason(tmp_path):
@@ -246,12 +248,12 @@ def test_what_is_left_out_is_counted_by_reason(tmp_path):
     points[0], points[1, 2], points[2, 0] = 0, np.nan, 9000
     times[3], times[4] = 3.6, np.nan
     write_pcd(tmp_path / "0.pcd", points, time=times)
-    found = ScanFolder.find(tmp_path)
-    (scan,) = found
+    scans = ScanFolder.find(tmp_path)
+    (scan,) = scans
     assert len(scan) == len(points) - 5
     assert np.ptp(scan.time_offset_s) == pytest.approx(np.ptp(sweep.times_s), abs=1e-6)
-    assert len(list(found)) == 1  # Read again, for a check: nothing counts twice.
-    assert found.losses.notes() == (
+    assert len(list(scans)) == 1  # Read again, for a check: nothing counts twice.
+    assert scans.losses.notes() == (
         "2 points left out: without a return (0 0 0 or not a number)",
         "1 point left out: farther than 5000 m",
         "2 points left out: with a time outside of the sweep",
@@ -268,18 +270,18 @@ def test_coordinates_of_a_map_and_millimetres_are_refused(tmp_path, place):
         ScanFolder.find(tmp_path)
 
 
-def test_damaged_scans_are_empty_and_told_and_the_others_are_read(tmp_path):
+def test_damaged_scans_are_empty_and_reported_and_the_others_are_read(tmp_path):
     sweep = Sweep()
     for k in range(8):
         sweep.rows().tofile(tmp_path / f"{k}.bin")
     (tmp_path / "3.bin").write_bytes((tmp_path / "3.bin").read_bytes()[:-6])
     (tmp_path / "5.bin").write_bytes(b"")
-    found = ScanFolder.find(tmp_path)
-    assert [len(scan) for scan in found] == [
+    scans = ScanFolder.find(tmp_path)
+    assert [len(scan) for scan in scans] == [
         0 if k in (3, 5) else len(sweep.points) for k in range(8)
     ]
-    assert len(list(found)) == len(list(found.part(0, 8))) == 8
-    note, empty = found.losses.notes()
+    assert len(list(scans)) == len(list(scans.part(0, 8))) == 8
+    note, empty = scans.losses.notes()
     assert note.startswith("1 scan is taken as empty: ")
     assert "3.bin" in note
     assert "1 scan is without points: " in empty
@@ -338,7 +340,7 @@ def test_arrays_with_names_and_range_images_are_read(tmp_path):
 
 
 @pytest.mark.parametrize("values", ["labels", "shuffled times"])
-def test_a_field_named_as_times_that_follows_no_sweep_is_not_used(tmp_path, values):
+def test_a_field_named_as_times_that_fits_no_sweep_is_not_used(tmp_path, values):
     sweep, rng = Sweep(), np.random.default_rng(0)
     labels = rng.integers(0, 90, len(sweep.points))
     times = labels if values == "labels" else rng.permutation(sweep.times_s)
@@ -355,15 +357,15 @@ def test_times_of_two_units_one_after_the_other_are_used(tmp_path):
     assert "t as time of points in s" in notes_of(tmp_path)
 
 
-def test_which_fields_are_used_as_what_is_told(tmp_path):
+def test_the_use_of_each_field_is_reported(tmp_path):
     sweep = Sweep()
     fields = {"reflectivity": sweep.intensities, "ring": sweep.rings, "t": 1e9 * sweep.times_s}
     write_pcd(tmp_path / "0.pcd", sweep.points, **fields)
-    said = "reflectivity as intensity, ring as number of the beam, t as time of points in ns"
-    assert said in notes_of(tmp_path)
+    note_text = "reflectivity as intensity, ring as number of the beam, t as time of points in ns"
+    assert note_text in notes_of(tmp_path)
 
 
-def test_times_beside_the_scans_are_told_and_a_damaged_file_of_them_costs_only_these(tmp_path):
+def test_times_beside_the_scans_are_reported_and_a_damaged_file_loses_only_its_own(tmp_path):
     sweep = Sweep()
     scans, times = (tmp_path / name / "0000" for name in ("velodyne", "velodyne_times"))
     for folder in (scans, times):
@@ -372,25 +374,25 @@ def test_times_beside_the_scans_are_told_and_a_damaged_file_of_them_costs_only_t
         sweep.rows().tofile(scans / f"{k}.bin")
         sweep.times_s.astype("<f4").tofile(times / f"{k}.bin")
     (times / "3.bin").write_bytes(b"1234")
-    found = ScanFolder.find(scans)
-    assert "velodyne_times as time of points in s" in " ".join(found.notes)
-    read = list(found)
+    scan_folder = ScanFolder.find(scans)
+    assert "velodyne_times as time of points in s" in " ".join(scan_folder.notes)
+    read = list(scan_folder)
     assert [len(scan) for scan in read] == [len(sweep.points)] * 5
     assert [bool(scan.time_offset_s.any()) for scan in read] == [True, True, True, False, True]
-    (note,) = found.losses.notes()
+    (note,) = scan_folder.losses.notes()
     assert note.startswith("1 scan is read without a field: ")
     assert "velodyne_times" in note
 
 
 @pytest.mark.parametrize(
-    ("loss", "said"),
+    ("loss", "message"),
     [
         ("stray", "its times of points are over 4.39 s, which no sweep takes"),
         ("unit", "its times of points are over 99.4 s"),
         ("names", "no field 'ring'; no field 'time'"),
     ],
 )
-def test_scans_that_are_read_without_a_field_are_counted(tmp_path, loss, said):
+def test_scans_that_are_read_without_a_field_are_counted(tmp_path, loss, message):
     sweep = Sweep()
     for k in range(8):
         times = sweep.times_s.copy()
@@ -403,11 +405,11 @@ def test_scans_that_are_read_without_a_field_are_counted(tmp_path, loss, said):
             sweep.points,
             **({} if loss == "names" and k in (3, 4) else fields),
         )
-    found = ScanFolder.find(tmp_path)
-    assert [len(scan) for scan in found] == [len(sweep.points)] * 8
-    (note,) = found.losses.notes()
+    scans = ScanFolder.find(tmp_path)
+    assert [len(scan) for scan in scans] == [len(sweep.points)] * 8
+    (note,) = scans.losses.notes()
     assert note.startswith("2 scans are read without a field: the first: ")
-    assert said in note
+    assert message in note
 
 
 def test_arrays_with_times_in_another_unit_are_refused():

@@ -25,7 +25,7 @@ def cone(elevations_deg, rng, count=200, jitter_deg=0.0):
 @pytest.mark.parametrize(
     "elevations_deg", [np.arange(-15, 16, 2.0), np.arange(-24.8, 2.1, 0.33), [-3.0]]
 )
-def test_beams_are_told_apart_by_the_gaps_between_them(elevations_deg):
+def test_beams_are_separated_by_the_gaps_between_them(elevations_deg):
     points, beam = cone(elevations_deg, np.random.default_rng(0), jitter_deg=0.03)
     assert np.array_equal(rings_of(points), beam)
 
@@ -49,8 +49,8 @@ def test_beams_one_after_the_other_need_no_gaps(from_top, clockwise):
     points, beam = cone(elevations_deg, rng, count=500)
     points[:, 2] += rng.uniform(-0.15, 0.15, 64)[beam]
     high = beam > 50
-    kept = ~high | (np.abs(np.arctan2(points[:, 1], points[:, 0]) - 0.4) < 0.3)
-    points, beam = points[kept], beam[kept]
+    in_view = ~high | (np.abs(np.arctan2(points[:, 1], points[:, 0]) - 0.4) < 0.3)
+    points, beam = points[in_view], beam[in_view]
     turn = np.arctan2(points[:, 1], points[:, 0]) % (2 * np.pi)
     order = np.lexsort((-turn if clockwise else turn, -beam if from_top else beam))
     ring = rings_of(points[order])
@@ -159,14 +159,14 @@ def recorded(tmp_path_factory):
 @pytest.mark.parametrize(
     "name", ["lidar-inertial", "voxel-map", "zhang2022-guarded", "loam", "lego-loam"]
 )
-def test_a_folder_without_beams_is_followed_as_the_drive_is(recorded, name):
+def test_a_folder_without_beams_gives_the_estimates_of_the_drive(recorded, name):
     """Azimuth steps are others, so that features are, and what scans tell least of, height."""
     folder, inertial, steps = recorded
     *_, last = folder_estimates(ScanFolder.find(folder), name, imu=inertial)
     odometry = ODOMETRIES.make(name)
     odometry.reset(imu_mounting(DRIVE))
-    *_, told = (odometry.update(step.scan, step.imu) for step in steps)
-    expected = told.start_from_lidar.translation[:2]
+    *_, last_estimate = (odometry.update(step.scan, step.imu) for step in steps)
+    expected = last_estimate.start_from_lidar.translation[:2]
     assert expected[0] > 20
     assert last.start_from_lidar.translation[:2] == pytest.approx(expected, abs=0.3)
-    assert last.reason == told.reason
+    assert last.reason == last_estimate.reason

@@ -45,7 +45,7 @@ def test_all_kinds_bring_the_same_points(tmp_path, kind):
 
 
 @pytest.mark.parametrize("upwards", [True, False])
-def test_beams_are_those_that_a_file_tells_whichever_way_they_are_numbered(tmp_path, upwards):
+def test_beams_are_those_of_the_file_in_either_order_of_numbers(tmp_path, upwards):
     beams = np.repeat([0, 1, 2, 4], 10)
     ways = np.linspace(0, 6, 40)
     tilt = np.deg2rad([-9.0, -3.1, -3.0, 2.0, 4.0])[beams]
@@ -80,10 +80,10 @@ def test_points_that_are_none_are_left_out(tmp_path):
 def test_folders_are_in_order_of_numbers(tmp_path):
     for k in (10, 9, 0):
         np.save(tmp_path / f"{k}.npy", ROWS[:, :3])
-    found = ScanFolder.find(tmp_path, rate_hz=20)
-    assert [p.stem for p in found.files] == ["0", "9", "10"]
-    assert found.stamps_s == pytest.approx((0, 0.45, 0.5))
-    assert "8 numbers are missing in the names of scans, after 0.npy" in found.notes
+    scans = ScanFolder.find(tmp_path, rate_hz=20)
+    assert [p.stem for p in scans.files] == ["0", "9", "10"]
+    assert scans.stamps_s == pytest.approx((0, 0.45, 0.5))
+    assert "8 numbers are missing in the names of scans, after 0.npy" in scans.notes
     (tmp_path / "times.txt").write_text("1.0\n1.1\n1.25\n")
     assert [s.stamp_s for s in ScanFolder.find(tmp_path)] == [1.0, 1.1, 1.25]
     (tmp_path / "times.txt").write_text("1.0\n")
@@ -100,7 +100,7 @@ def test_numbers_within_names_count_too(tmp_path):
 
 
 @pytest.mark.parametrize("unit", [1, 1000, 1000000, 1000000000])
-def test_the_unit_of_stamps_is_told_by_how_far_they_are_apart(tmp_path, unit):
+def test_the_unit_of_stamps_follows_from_the_steps_between_them(tmp_path, unit):
     for k in range(3):
         np.save(tmp_path / f"{k}.npy", ROWS[:, :3])
     stamps = [1700000000.25, 1700000000.375, 1700000000.5]

@@ -18,18 +18,22 @@ def poses():
 def test_written_poses_are_read_again(tmp_path, poses, form):
     path, stamps = str(tmp_path / "poses.txt"), [0.1 * k for k in range(20)]
     write_trajectory(path, poses, stamps_s=stamps, form=form)
-    found = read_trajectory(path, form)
-    for one, other in zip(poses, found.poses, strict=True):
+    trajectory = read_trajectory(path, form)
+    for one, other in zip(poses, trajectory.poses, strict=True):
         assert np.allclose(one.matrix, other.matrix, atol=1e-12)
-    assert found.stamps_s is None if form == "kitti" else found.stamps_s == pytest.approx(stamps)
+    assert (
+        trajectory.stamps_s is None
+        if form == "kitti"
+        else trajectory.stamps_s == pytest.approx(stamps)
+    )
 
 
 def test_tum_reads_comments_and_knows_which_line_is_wrong(tmp_path):
     path = tmp_path / "tum.txt"
     path.write_text("# time x y z\n\n0.5 1 2 3 0 0 0 1\n  # more\n0.6 1 2 3 0 0 1 0\n")
-    found = read_trajectory(path, "tum")
-    assert found.stamps_s == (0.5, 0.6)
-    assert found.poses[1].yaw == pytest.approx(np.pi, abs=1e-9)
+    trajectory = read_trajectory(path, "tum")
+    assert trajectory.stamps_s == (0.5, 0.6)
+    assert trajectory.poses[1].yaw == pytest.approx(np.pi, abs=1e-9)
     path.write_text("# time\n0.5 1 2 3 0 0 0 1\n0.5 1 2 3 0 0 0 1\n")
     with pytest.raises(FormatError, match=r"tum.txt, line 3: expected a timestamp later"):
         read_trajectory(path, "tum")

@@ -12,10 +12,10 @@ from roadscope.formats import FormatError, read_wheels
 )
 def test_speeds_are_read(tmp_path, text):
     (tmp_path / "wheels.csv").write_text(text)
-    found, left_out = read_wheels(find_wheels(tmp_path))
+    wheels, left_out = read_wheels(find_wheels(tmp_path))
     assert not left_out
-    assert found.stamps_s == pytest.approx([10, 10.02])
-    assert found.speeds == pytest.approx([7.5, -7])
+    assert wheels.stamps_s == pytest.approx([10, 10.02])
+    assert wheels.speeds == pytest.approx([7.5, -7])
 
 
 def test_the_file_lies_in_the_folder_or_beside_it(tmp_path):

@@ -145,28 +145,28 @@ def test_its_process_has_nothing_of_ours(monkeypatch: pytest.MonkeyPatch) -> Non
     monkeypatch.setenv("ROADSCOPE_CACHE", "/somewhere")
     monkeypatch.setenv("SECRET_KEY", "1234")
     with open_plugin(bad("Looks")) as plugin:
-        found = plugin.call("update", detections(), None).answer
-    assert not any("ROADSCOPE" in name or "SECRET" in name for name in found["environment"])
-    assert "/somewhere" not in repr(found)
+        answer = plugin.call("update", detections(), None).answer
+    assert not any("ROADSCOPE" in name or "SECRET" in name for name in answer["environment"])
+    assert "/somewhere" not in repr(answer)
     ours = "roadscope.benchmarks"
-    loaded = {name for name in found["modules"] if name.startswith(f"{ours}.")}
+    loaded = {name for name in answer["modules"] if name.startswith(f"{ours}.")}
     assert {name for name in loaded if not name.startswith(f"{ours}.isolation")} == set()
-    assert list(found["files"]) == [0, 1, 2, 3, 4]
-    assert found["session"]
-    assert found["interrupts"]
-    assert found["terminates"]
-    assert found["blocked"] == 0
-    assert found["core"] == 0
-    assert found["input"] == ""
-    assert found["folder"] == str(Path.cwd())
+    assert list(answer["files"]) == [0, 1, 2, 3, 4]
+    assert answer["session"]
+    assert answer["interrupts"]
+    assert answer["terminates"]
+    assert answer["blocked"] == 0
+    assert answer["core"] == 0
+    assert answer["input"] == ""
+    assert answer["folder"] == str(Path.cwd())
 
 
 def test_random_numbers_differ_between_processes() -> None:
-    found = []
+    random_numbers = []
     for _ in range(2):
         with open_plugin(bad("Looks")) as plugin:
-            found.append(plugin.call("update", None, None).answer["random"])
-    assert found[0] != found[1]
+            random_numbers.append(plugin.call("update", None, None).answer["random"])
+    assert random_numbers[0] != random_numbers[1]
 
 
 def test_a_file_imports_the_file_beside_it(tmp_path: Path) -> None:
@@ -249,7 +249,7 @@ def test_a_source_that_python_cannot_parse_is_a_failure_of_its_class(tmp_path: P
     assert len(source_hash(spec.target)) == 16
 
 
-def test_what_is_said_of_a_class_follows_its_file(tmp_path: Path) -> None:
+def test_the_description_of_a_class_changes_with_its_file(tmp_path: Path) -> None:
     spec = written(tmp_path, "class Tracker:\n    def update(self): ...")
     assert probe(spec).methods == {"update"}
     assert probe(spec) is probe(spec)
@@ -270,7 +270,7 @@ class Tracker: ...
 
 
 @pytest.mark.parametrize(
-    ("target", "said"),
+    ("target", "message"),
     [
         ("no_such_module:Class", "no_such_module"),
         ("no_such_file.py:Class", "no_such_file.py"),
@@ -281,10 +281,10 @@ class Tracker: ...
         (f"{bad('Good').target}d", "Good"),
     ],
 )
-def test_what_cannot_be_loaded_is_a_wrong_spec(target: str, said: str) -> None:
+def test_what_cannot_be_loaded_is_a_wrong_spec(target: str, message: str) -> None:
     with pytest.raises(SpecError) as raised:
         probe(Named("my spec", target))
-    assert said in str(raised.value)
+    assert message in str(raised.value)
     assert str(raised.value).startswith("my spec: ")
 
 

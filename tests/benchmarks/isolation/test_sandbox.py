@@ -155,7 +155,7 @@ def test_a_sandbox_changes_no_answer() -> None:
 
 @needs_sandbox
 @pytest.mark.parametrize(
-    ("act", "said"),
+    ("act", "message"),
     [
         ("segfault", "SIGSEGV"),
         ("kill_guard", "watches over it"),
@@ -163,9 +163,9 @@ def test_a_sandbox_changes_no_answer() -> None:
         ("hog", "memory"),
     ],
 )
-def test_failures_in_a_sandbox_are_named(act: str, said: str) -> None:
+def test_failures_in_a_sandbox_are_named(act: str, message: str) -> None:
     with (
-        pytest.raises(PluginError, match=said),
+        pytest.raises(PluginError, match=message),
         open_plugin(hostile(act), sandbox=True, limits=Limits(memory_gb=0.5)) as plugin,
     ):
         plugin.call("update", detections(), None)

@@ -126,7 +126,7 @@ def test_output_is_limited() -> None:
     assert "2 MB" in str(error)
 
 
-def test_output_is_kept_without_control_characters() -> None:
+def test_output_is_stored_without_control_characters() -> None:
     log = failure(bad("Prints")).log
     assert "the last" in log
     assert all(line.isprintable() for line in log.splitlines())
@@ -156,7 +156,7 @@ def test_answers_are_limited() -> None:
 
 
 @pytest.mark.parametrize(
-    ("spec", "said"),
+    ("spec", "message"),
     [
         (hostile("object_arrays"), "object"),
         (hostile("itself"), "cannot be sent"),
@@ -165,8 +165,8 @@ def test_answers_are_limited() -> None:
     ],
     ids=str,
 )
-def test_answers_that_cannot_be_sent(spec: Named, said: str) -> None:
-    assert said in str(failure(spec))
+def test_answers_that_cannot_be_sent(spec: Named, message: str) -> None:
+    assert message in str(failure(spec))
 
 
 @pytest.mark.parametrize(
@@ -191,12 +191,12 @@ def test_a_call_has_one_answer(spec: Named) -> None:
 
 
 @pytest.mark.parametrize("act", ["kill_guard", "kill_both"])
-def test_who_ends_those_that_watch_it_fails(act: str) -> None:
+def test_a_plug_in_that_ends_its_guards_fails(act: str) -> None:
     failure(hostile(act))
     assert isinstance(one_call(bad("Good")), Tracks)
 
 
-def test_who_stops_those_that_watch_it_is_ended() -> None:
+def test_a_plug_in_that_stops_its_guards_is_ended() -> None:
     one_call(bad("Good"))
     before = psutil.Process().children()
     with (
@@ -213,7 +213,7 @@ def test_who_stops_those_that_watch_it_is_ended() -> None:
 
 
 @pytest.mark.parametrize("act", ["kill_guard", "stop_both"])
-def test_who_harms_its_guard_costs_no_other_plugin(act: str) -> None:
+def test_a_plug_in_that_harms_its_guard_costs_no_other(act: str) -> None:
     with open_plugin(bad("Good")) as other:
         with pytest.raises(PluginError), open_plugin(hostile(act), limits=SHORT) as plugin:
             plugin.call("update", detections(), None)
@@ -276,7 +276,7 @@ one_call(bad("LeavesChildren", file={spec.arguments["file"]!r}, how="hangs"), Li
 
 
 @pytest.mark.parametrize(
-    ("code", "said"),
+    ("code", "message"),
     [
         ("import a_module_that_is_not_there", "a_module_that_is_not_there"),
         ("1 / 0", "plugin.py:1"),
@@ -289,12 +289,12 @@ one_call(bad("LeavesChildren", file={spec.arguments["file"]!r}, how="hangs"), Li
         ("Tracker = 1", "not a class"),
     ],
 )
-def test_files_that_cannot_be_loaded(code: str, said: str, tmp_path: Path) -> None:
+def test_files_that_cannot_be_loaded(code: str, message: str, tmp_path: Path) -> None:
     limits = SHORT if "sleep" in code else LIMITS
-    assert said in str(failure(written(tmp_path, code), limits))
+    assert message in str(failure(written(tmp_path, code), limits))
 
 
-def test_changes_of_our_modules_reach_nobody(tmp_path: Path) -> None:
+def test_changes_of_our_modules_reach_no_other_plug_in(tmp_path: Path) -> None:
     before = roadscope.core.Tracks.empty
     spec = written(
         tmp_path,

@@ -171,7 +171,7 @@ def test_a_group_is_what_is_left_without_the_objects_and_detections_of_others(se
     rng = np.random.default_rng(seed)
     groups = rng.integers(0, 3, ranked.object_count)
     own = rng.integers(0, 3, sum(len(s) for s in scores))
-    apart = precision_by_group(ranked, groups, own, count=3)
+    separate_precisions = precision_by_group(ranked, groups, own, count=3)
     shared = precision_by_group(ranked, groups, None, count=3)
     alone = np.full((2, 3), np.nan)
     for group in range(3):
@@ -181,10 +181,10 @@ def test_a_group_is_what_is_left_without_the_objects_and_detections_of_others(se
             if ranked.objects[k] < 0 or groups[ranked.objects[k]] == group
         ]
         near = [k for k in mine if ranked.objects[k] >= 0 or own[ranked.detections[k]] == group]
-        for row, kept in enumerate((near, mine)):
-            table = np.full((len(kept), int((groups == group).sum())), 9.0)
-            hits = [i for i, k in enumerate(kept) if ranked.objects[k] >= 0]
+        for row, rows_of_group in enumerate((near, mine)):
+            table = np.full((len(rows_of_group), int((groups == group).sum())), 9.0)
+            hits = [i for i, k in enumerate(rows_of_group) if ranked.objects[k] >= 0]
             table[hits, range(len(hits))] = 0.0
-            alone[row, group] = ap(table, ranked.scores[kept])
-    np.testing.assert_allclose([apart, shared], alone)
-    assert not (shared > apart).any()
+            alone[row, group] = ap(table, ranked.scores[rows_of_group])
+    np.testing.assert_allclose([separate_precisions, shared], alone)
+    assert not (shared > separate_precisions).any()

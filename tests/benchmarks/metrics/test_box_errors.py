@@ -16,7 +16,7 @@ def paired(*pairs) -> Match:
     return Match(rows, columns, NONE, NONE, NONE)
 
 
-def test_front_and_rear_are_not_told_apart() -> None:
+def test_front_and_rear_are_not_distinguished() -> None:
     errors = axis_error_deg(np.array([0.0, math.pi, math.pi / 4, -0.1]), np.zeros(4))
     assert np.abs(errors) == pytest.approx([0, 0, 45, math.degrees(0.1)], abs=1e-9)
 

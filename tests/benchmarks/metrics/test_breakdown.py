@@ -87,10 +87,10 @@ def test_errors_by_what_is_true_of_the_object() -> None:
         occluded_fraction=np.array([0.0, 0.3, 0.3, 0.8]),
     )
     # The second one is found beyond its band, the last one not at all.
-    found = detections(
+    detected = detections(
         [[10, 0.3], [20.2, 0], [30, 1.6]], yaws=np.radians([0, 3, -4]), sizes=(4.5, 1.8, 1.5)
     )
-    s = parts([found], [there])
+    s = parts([detected], [there])
 
     def error(metric, by, band):
         score = s[part_name(metric, by, band)]
@@ -115,8 +115,8 @@ def test_false_alarms_by_their_own_range_and_category_and_in_every_band_of_the_r
         returns=[300, 12],
         occluded_fraction=np.array([0.0, 0.3]),
     )
-    found = detections([[10, 0], [30, 0], [30, 20]], scores=[0.5, 0.5, 0.9])
-    s = parts([found], [there])
+    detected = detections([[10, 0], [30, 0], [30, 20]], scores=[0.5, 0.5, 0.9])
+    s = parts([detected], [there])
 
     def values(metric, by, *bands):
         return [s[part_name(metric, by, band)].value for band in bands]
@@ -146,7 +146,7 @@ def test_precision_by_score() -> None:
 
 def test_bands_add_up_to_the_whole() -> None:
     rng = np.random.default_rng(3)
-    found, truths = [], []
+    frames, truths = [], []
     for _ in range(20):
         xy = rng.uniform(-60, 60, (12, 2))
         truths.append(
@@ -157,19 +157,19 @@ def test_bands_add_up_to_the_whole() -> None:
                 occluded_fraction=rng.random(12),
             )
         )
-        seen = xy[rng.random(12) < 0.6] + rng.normal(0, 0.7, 2)
-        centres = np.vstack([seen, rng.uniform(-60, 60, (3, 2))])
+        detected_xy = xy[rng.random(12) < 0.6] + rng.normal(0, 0.7, 2)
+        centres = np.vstack([detected_xy, rng.uniform(-60, 60, (3, 2))])
         some = detections(
             centres,
             scores=rng.random(len(centres)),
             yaws=rng.normal(0, 0.3, len(centres)),
             sizes=rng.uniform(1, 5, 3),
         )
-        found.append(replace(some, categories=rng.integers(0, 6, len(centres)).astype(np.int8)))
-    pairings = RULE.pairings(found, truths)
+        frames.append(replace(some, categories=rng.integers(0, 6, len(centres)).astype(np.int8)))
+    pairings = RULE.pairings(frames, truths)
     whole, s = (
-        score_detections(found, truths, pairings),
-        score_detections_by_band(found, truths, pairings),
+        score_detections(frames, truths, pairings),
+        score_detections_by_band(frames, truths, pairings),
     )
     for by in ("range", "category", "occlusion", "points"):
         rows = [s[part_name("detection_rate", by, band)] for band in BANDS[by].labels]
@@ -207,14 +207,14 @@ def test_bands_add_up_to_the_whole() -> None:
 def test_one_band_of_all_is_the_whole() -> None:
     rng = np.random.default_rng(5)
     truths = [truth(rng.uniform(5, 13, (6, 2)), returns=15) for _ in range(20)]
-    found = [
+    frames = [
         detections(t.centres[:4, :2] + rng.normal(0, 1.5, (4, 2)), scores=rng.random(4))
         for t in truths
     ]
-    pairings = RULE.pairings(found, truths)
+    pairings = RULE.pairings(frames, truths)
     whole, s = (
-        score_detections(found, truths, pairings),
-        score_detections_by_band(found, truths, pairings),
+        score_detections(frames, truths, pairings),
+        score_detections_by_band(frames, truths, pairings),
     )
     of = {"category": "car", "occlusion": "none", "points": "10-19"}
     assert 0.1 < whole.ap.value < 0.9

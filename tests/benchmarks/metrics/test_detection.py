@@ -19,8 +19,8 @@ def score(detected, truths, parked=None):
 def test_a_case_by_hand() -> None:
     # Frame 1: two of three objects found, one false alarm. Frame 2: one of one, none false.
     truths = [truth([[10, 0], [20, 0], [30, 0]]), truth([[10, 0]])]
-    found = [detections([[10, 1], [20, 0.5], [40, 0]]), detections([[10.5, 0]])]
-    s = score(found, truths)
+    frames = [detections([[10, 1], [20, 0.5], [40, 0]]), detections([[10.5, 0]])]
+    s = score(frames, truths)
     assert s.detection_rate.value == 3 / 4
     assert s.detection_rate.n == 4
     assert s.precision.value == 3 / 4
@@ -31,8 +31,8 @@ def test_a_case_by_hand() -> None:
 
 
 def test_size_and_heading_errors_of_matches() -> None:
-    found = [detections([[10, 0]], yaws=math.pi + 0.1, sizes=(4.0, 2.0, 9.0))]
-    s = score(found, [truth([[10, 0]])])
+    frames = [detections([[10, 0]], yaws=math.pi + 0.1, sizes=(4.0, 2.0, 9.0))]
+    s = score(frames, [truth([[10, 0]])])
     assert s.heading_rmse_deg.value == pytest.approx(math.degrees(0.1))
     assert s.size_rmse_m.value == pytest.approx(math.sqrt((0.5**2 + 0.2**2) / 2))
     assert s.heading_flips.value == 0.0
@@ -40,8 +40,8 @@ def test_size_and_heading_errors_of_matches() -> None:
 
 def test_position_errors_along_and_across_the_object() -> None:
     there = truth([[10, 0], [0, 20]], yaws=np.array([math.pi / 2, 0.0]))
-    found = [detections([[10.3, 0.4], [0.5, 20]], yaws=[0.1, 0.0])]
-    s = score(found, [there])
+    frames = [detections([[10.3, 0.4], [0.5, 20]], yaws=[0.1, 0.0])]
+    s = score(frames, [there])
     assert s.longitudinal_rmse_m.value == pytest.approx(math.sqrt((0.4**2 + 0.5**2) / 2))
     assert s.lateral_rmse_m.value == pytest.approx(math.sqrt(0.3**2 / 2))
     both = math.hypot(s.longitudinal_rmse_m.value, s.lateral_rmse_m.value)
@@ -67,8 +67,8 @@ def test_average_precision_by_overlap() -> None:
 
 def test_near_what_does_not_count_a_box_is_ignored_by_overlap_too() -> None:
     there = truth([[10, 0], [20, 0]], returns=[100, 3])
-    found = detections([[10, 0], [20, 1.9], [30, 6]], scores=[0.5, 0.9, 0.8])
-    s = score([found], [there], np.array([[30.0, 5.0]]))
+    boxes = detections([[10, 0], [20, 1.9], [30, 6]], scores=[0.5, 0.9, 0.8])
+    s = score([boxes], [there], np.array([[30.0, 5.0]]))
     assert s.ap_iou_70.value == 1.0
 
 
@@ -86,8 +86,8 @@ def test_objects_with_few_returns_far_off_or_of_other_families_do_not_count() ->
 
 
 def test_a_parked_car_is_neither_right_nor_wrong() -> None:
-    found = [detections([[10, 0], [20, 5]])]
-    s = score(found, [truth([[10, 0]])], np.array([[20.0, 6.0]]))
+    frames = [detections([[10, 0], [20, 5]])]
+    s = score(frames, [truth([[10, 0]])], np.array([[20.0, 6.0]]))
     assert s.precision.value == s.detection_rate.value == 1.0
 
 
@@ -120,13 +120,13 @@ def test_the_truth_itself_scores_perfectly(n, seed) -> None:
 @settings(max_examples=40, deadline=None)
 def test_order_of_detections_and_objects_does_not_matter(n, m, seed) -> None:
     rng = np.random.default_rng(seed)
-    found = detections(rng.uniform(-5, 5, (n, 2)), scores=rng.random(n), yaws=rng.uniform(-3, 3, n))
+    boxes = detections(rng.uniform(-5, 5, (n, 2)), scores=rng.random(n), yaws=rng.uniform(-3, 3, n))
     real = truth(rng.uniform(-5, 5, (m, 2)), returns=rng.integers(5, 20, m))
     there = rng.permutation(m)
     shuffled = truth(
         real.centres[there, :2], ids=real.ids[there], returns=real.lidar_returns[there]
     )
-    a = score([found], [real]).named()
-    b = score([found.select(rng.permutation(n))], [shuffled]).named()
+    a = score([boxes], [real]).named()
+    b = score([boxes.select(rng.permutation(n))], [shuffled]).named()
     for name in a:
         assert a[name].value == pytest.approx(b[name].value, nan_ok=True), name

@@ -98,7 +98,7 @@ def test_the_time_to_a_standing_car_is_the_gap_over_the_speed() -> None:
     assert times_to_collision(drive(2.0, other=(50.0, 2.1, 0.0)))[0] == 10.0
 
 
-def test_absent_road_users_are_never_met() -> None:
+def test_absent_road_users_are_never_encountered() -> None:
     assert (times_to_collision(drive(other=(np.nan, np.nan, np.nan))) == 10.0).all()
 
 

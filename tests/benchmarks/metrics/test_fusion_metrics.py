@@ -58,34 +58,39 @@ BOX, ELSEWHERE = (10.0, 10, 50, 60), (200.0, 10, 240, 60)
 
 def test_the_camera_is_matched_in_the_image_and_lidar_in_space() -> None:
     real = targets((CAR, 20.0, BOX, True))
-    for found, hit in (
+    for row, hit in (
         ((0.9, 40.0, BOX, True), True),
         ((0.9, 20.0, ELSEWHERE, True), False),
         ((0.9, 21.5, ELSEWHERE, False), True),
         ((0.9, 22.5, BOX, False), False),
     ):
-        assert (match_targets([fused(found)], [real]).targets[0] == 0) == hit
+        assert (match_targets([fused(row)], [real]).targets[0] == 0) == hit
 
 
 def test_a_second_box_is_a_false_alarm_unless_on_what_does_not_count() -> None:
     real = targets((CAR, 20.0, BOX, True), (CAR, 30.0, ELSEWHERE, False))
-    found = fused(
+    fused_targets = fused(
         (0.9, 20.0, BOX, True),
         (0.5, 20.0, BOX, True),
         (0.4, 30.0, ELSEWHERE, True),
         (0.3, 30.0, ELSEWHERE, True),
     )
-    assert match_targets([found], [real]).targets.tolist() == [0, FALSE_ALARM, IGNORED, IGNORED]
+    assert match_targets([fused_targets], [real]).targets.tolist() == [
+        0,
+        FALSE_ALARM,
+        IGNORED,
+        IGNORED,
+    ]
 
 
 def test_what_is_farther_than_sixty_metres_is_no_false_alarm() -> None:
     for distance, count in ((60.0, FALSE_ALARM), (60.1, IGNORED)):
-        found = fused((0.9, distance, ELSEWHERE, True))
-        assert match_targets([found], [targets((CAR, 20.0, BOX, True))]).targets == [count]
+        fused_targets = fused((0.9, distance, ELSEWHERE, True))
+        assert match_targets([fused_targets], [targets((CAR, 20.0, BOX, True))]).targets == [count]
 
 
 @pytest.mark.parametrize(
-    ("said", "true", "right"),
+    ("reported_m", "true", "right"),
     [
         (20.9, 20.0, True),
         (22.1, 20.0, False),
@@ -95,20 +100,20 @@ def test_what_is_farther_than_sixty_metres_is_no_false_alarm() -> None:
     ],
 )
 def test_a_distance_is_right_within_a_tenth_or_a_metre(
-    said: float, true: float, right: bool
+    reported_m: float, true: float, right: bool
 ) -> None:
-    judged = match_targets([fused((0.9, said, BOX, True))], [targets((CAR, true, BOX, True))])
+    judged = match_targets([fused((0.9, reported_m, BOX, True))], [targets((CAR, true, BOX, True))])
     assert fusion_rates(judged).distance_right == float(right)
 
 
 def test_rates_by_family_and_false_alarms_above_a_threshold() -> None:
     real = targets((CAR, 20.0, BOX, True), (PERSON, 30.0, ELSEWHERE, True))
-    found = fused(
+    fused_targets = fused(
         (0.9, 20.0, BOX, True),
         (0.4, 30.0, ELSEWHERE, True),
         (0.6, 10.0, (500.0, 10, 520, 60), True),
     )
-    judged = match_targets([found, found], [real, real])
+    judged = match_targets([fused_targets, fused_targets], [real, real])
     low, high = fusion_rates(judged), fusion_rates(judged, 0.5)
     assert (
         low.family_detection_rates[CAR],
@@ -136,14 +141,14 @@ def test_scores_of_an_episode_by_hand() -> None:
         targets((CAR, 20.0, BOX, True), (PERSON, 30.0, ELSEWHERE, True), (CAR, 40.0, third, True)),
         hidden=np.array([0.34, 0.0, 0.33]),
     )
-    found = fused(
+    fused_targets = fused(
         (0.9, 20.0, BOX, True),
         (0.8, 10.0, (500.0, 10, 520, 60), True),
         (0.7, 10.0, (600.0, 10, 620, 60), True),
         (0.6, 50.0, third, True),
         (0.4, 30.0, ELSEWHERE, True),
     )
-    scores = fusion_scores([found, found], [real, real])
+    scores = fusion_scores([fused_targets, fused_targets], [real, real])
     # From 0.5: two of three targets found, two false alarms, one miss.
     assert scores["detection_rate"].value == pytest.approx(2 / 3)
     assert scores["precision"].value == 0.5

@@ -72,7 +72,7 @@ def test_another_category_of_the_family_is_found_but_not_named() -> None:
     assert scores.category_accuracy.value == 0.0
 
 
-def test_parked_and_hardly_seen_count_neither_way() -> None:
+def test_parked_and_hardly_visible_objects_do_not_count() -> None:
     truth = labels((A, PARKED, -1, 9.0), (B, PERSON, 5, 9.0), (C, CAR, 100, 9.0))
     scores = score_images([detections_of((A, CAR, 0.9), (B, PERSON, 0.9))], [truth])
     assert scores.false_alarms.value == 0.0
@@ -104,7 +104,7 @@ def test_nothing_at_all_is_not_a_number() -> None:
     assert scores.false_alarms.value == 0.0
 
 
-def test_labels_are_of_who_is_seen() -> None:
+def test_labels_are_of_visible_objects() -> None:
     scene = truth(
         [[3.0, 4, 1]] * 3,
         categories=np.array([CAR, PERSON, CAR]),
@@ -119,7 +119,7 @@ def test_labels_are_of_who_is_seen() -> None:
     assert made.eligible.tolist() == [True, False]
 
 
-def test_who_is_lost_in_fog_is_not_asked_for() -> None:
-    seen = labels((A, CAR, 500, 30.0), (B, PERSON, 500, 130.0))
-    assert seen.in_air(0.0) == seen
-    assert seen.in_air(3.0 / 100).eligible.tolist() == [True, False]
+def test_objects_lost_in_fog_are_not_required() -> None:
+    labelled = labels((A, CAR, 500, 30.0), (B, PERSON, 500, 130.0))
+    assert labelled.in_air(0.0) == labelled
+    assert labelled.in_air(3.0 / 100).eligible.tolist() == [True, False]

@@ -11,9 +11,9 @@ def random_images(rng: np.random.Generator, count: int) -> list[tuple[np.ndarray
     for _ in range(count):
         corner = rng.uniform(0, 80, (int(rng.integers(0, 7)), 2))
         objects = np.concatenate([corner, corner + rng.uniform(8, 60, corner.shape)], axis=1)
-        seen = objects[rng.random(len(objects)) < 0.8]
-        seen = np.repeat(seen, rng.integers(1, 3, len(seen)), axis=0)
-        shifted = seen + rng.normal(0, 3, seen.shape)
+        detected_boxes = objects[rng.random(len(objects)) < 0.8]
+        detected_boxes = np.repeat(detected_boxes, rng.integers(1, 3, len(detected_boxes)), axis=0)
+        shifted = detected_boxes + rng.normal(0, 3, detected_boxes.shape)
         corner = rng.uniform(0, 80, (int(rng.integers(0, 4)), 2))
         clutter = np.concatenate([corner, corner + rng.uniform(8, 60, corner.shape)], axis=1)
         boxes = np.concatenate([shifted, clutter])
@@ -33,7 +33,7 @@ def test_it_is_that_of_coco(seed: int, large: bool) -> None:
     evaluation = pytest.importorskip("pycocotools.cocoeval")
     images = random_images(np.random.default_rng(seed), 25)
     span = [LARGE, 1e10] if large else [0.0, 1e10]
-    truth, found = coco.COCO(), coco.COCO()
+    truth, detections = coco.COCO(), coco.COCO()
     annotations = [
         {
             "id": 1 + 100 * i + k,
@@ -59,14 +59,14 @@ def test_it_is_that_of_coco(seed: int, large: bool) -> None:
         for i, (boxes, scores, _) in enumerate(images)
         for k, (box, score, area) in enumerate(zip(boxes, scores, areas(boxes), strict=True))
     ]
-    for data, rows in ((truth, annotations), (found, results)):
+    for data, rows in ((truth, annotations), (detections, results)):
         data.dataset = {
             "images": [{"id": i} for i in range(len(images))],
             "categories": [{"id": 1}],
             "annotations": rows,
         }
         data.createIndex()
-    judge = evaluation.COCOeval(truth, found, "bbox")
+    judge = evaluation.COCOeval(truth, detections, "bbox")
     judge.params.areaRng, judge.params.areaRngLbl = [span], ["all"]
     judge.params.iouThrs, judge.params.maxDets = np.array([0.5]), [100]
     judge.evaluate()

@@ -45,7 +45,7 @@ def test_as_many_pairs_as_possible_then_least_distance(distances) -> None:
     assert len(set(rows)) == len(set(columns)) == count
 
 
-def test_distances_are_seen_from_above() -> None:
+def test_distances_are_horizontal() -> None:
     assert centre_distances([[0, 0, 5]], [[3, 4, -5]]) == 5.0
 
 

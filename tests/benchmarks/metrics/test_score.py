@@ -24,9 +24,9 @@ def test_pooled_scores_are_those_of_all_samples(parts):
     }
     for kind, score in kinds.items():
         expected = score(together.tolist())
-        found = merged([score(part) for part in parts])
-        assert math.isclose(found.value, expected.value, rel_tol=1e-9, abs_tol=1e-9), kind
-        assert found.n == expected.n
+        pooled = merged([score(part) for part in parts])
+        assert math.isclose(pooled.value, expected.value, rel_tol=1e-9, abs_tol=1e-9), kind
+        assert pooled.n == expected.n
 
 
 @given(

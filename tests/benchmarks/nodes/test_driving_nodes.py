@@ -74,7 +74,7 @@ def scores_of(stack, answers):
     return job.board.score(job, answers, RunOptions())
 
 
-def test_a_drive_is_kept_whole_and_the_same_twice() -> None:
+def test_a_drive_is_stored_whole_and_repeats() -> None:
     first = drive("idm", "distance + gnn")
     again = drive("idm", "distance + gnn")
     for name in ("stamps_s", "speeds", "accelerations", "poses", "reference_accelerations"):

@@ -70,37 +70,40 @@ def same(first, second):
     assert len(names) == len({i for i, _ in names}) == len({i for _, i in names}) == 2
 
 
-def test_whoever_names_a_pose_gets_that_one() -> None:
-    given = ["gnn", "nearest?ego=none", "imm?ego=truth", "gnn"]
-    specs = with_each_ego(map(Spec.parse, given), ["truth", "still"])
+def test_an_entry_that_names_a_pose_source_gets_that_one() -> None:
+    entries = ["gnn", "nearest?ego=none", "imm?ego=truth", "gnn"]
+    specs = with_each_ego(map(Spec.parse, entries), ["truth", "still"])
     assert list(map(str, specs)) == ["gnn", "gnn?ego=still", "nearest?ego=none", "imm"]
 
 
 @pytest.mark.parametrize("tracker", NAMES)
 def test_with_the_true_poses_nothing_changes(tracker) -> None:
-    given = drive()
-    same(tracks_of(tracker, given), tracks_of(tracker, given, true_poses(given)))
+    recorded_drive = drive()
+    same(
+        tracks_of(tracker, recorded_drive),
+        tracks_of(tracker, recorded_drive, true_poses(recorded_drive)),
+    )
 
 
 @pytest.mark.parametrize("tracker", NAMES)
 def test_where_the_world_of_the_poses_begins_does_not_matter(tracker) -> None:
     """An odometry's world starts in the first ego frame, and truth elsewhere."""
-    given = drive()
+    recorded_drive = drive()
     elsewhere = Pose.planar(-300.0, 120.0, 2.2, z_m=4.0)
-    moved = [elsewhere @ pose for pose in true_poses(given)]
-    same(tracks_of(tracker, given), tracks_of(tracker, given, moved))
+    moved = [elsewhere @ pose for pose in true_poses(recorded_drive)]
+    same(tracks_of(tracker, recorded_drive), tracks_of(tracker, recorded_drive, moved))
 
 
 @pytest.mark.parametrize("tracker", NAMES)
 def test_slow_drift_moves_the_world_of_the_poses_and_not_the_tracks(tracker) -> None:
     """2 % of the distance, and a degree in two seconds: metres there, centimetres from here."""
-    given = drive()
+    recorded_drive = drive()
     drifting = [
         Pose.planar(1.02 * p.translation[0], p.translation[1], p.yaw + 0.0005 * i)
-        for i, p in enumerate(true_poses(given))
+        for i, p in enumerate(true_poses(recorded_drive))
     ]
-    every = tracks_of(tracker, given, drifting)
-    for tracks, line in zip(every[5:], given.truths[5:], strict=True):
+    every = tracks_of(tracker, recorded_drive, drifting)
+    for tracks, line in zip(every[5:], recorded_drive.truths[5:], strict=True):
         away = np.linalg.norm(line.centres[:, None, :2] - tracks.centres[None, :, :2], axis=-1)
         assert len(tracks) == 2
         assert away.min(axis=1).max() < 0.3
@@ -109,9 +112,9 @@ def test_slow_drift_moves_the_world_of_the_poses_and_not_the_tracks(tracker) -> 
 
 @pytest.mark.parametrize("tracker", ["gnn", "nearest"])
 def test_without_poses_what_stands_comes_nearer(tracker) -> None:
-    given = drive()
-    every = tracks_of(tracker, given, [None] * len(given.truths))
-    last, line = every[-1], given.truths[-1]
+    recorded_drive = drive()
+    every = tracks_of(tracker, recorded_drive, [None] * len(recorded_drive.truths))
+    last, line = every[-1], recorded_drive.truths[-1]
     standing = int(np.argmin(np.linalg.norm(last.centres[:, :2] - line.centres[1, :2], axis=1)))
     assert np.linalg.norm(last.centres[standing, :2] - line.centres[1, :2]) < 1.0
     ahead = last.velocities[standing] @ line.world_from_ego.rotation[:2, 0]
@@ -119,18 +122,20 @@ def test_without_poses_what_stands_comes_nearer(tracker) -> None:
 
 
 def test_poses_that_jump_cost_tracks() -> None:
-    given = drive()
-    jumps = [Pose.planar(0.0, 25.0 * (i % 2), 0.0) @ p for i, p in enumerate(true_poses(given))]
-    calm, wild = tracks_of("gnn", given), tracks_of("gnn", given, jumps)
+    recorded_drive = drive()
+    jumps = [
+        Pose.planar(0.0, 25.0 * (i % 2), 0.0) @ p for i, p in enumerate(true_poses(recorded_drive))
+    ]
+    calm, wild = tracks_of("gnn", recorded_drive), tracks_of("gnn", recorded_drive, jumps)
     ids = [len({i for tracks in every for i in tracks.ids.tolist()}) for every in (calm, wild)]
     assert ids[0] == 2
     assert sum(map(len, wild)) < sum(map(len, calm)) or ids[1] > ids[0]
 
 
 def test_there_are_as_many_poses_as_frames() -> None:
-    given = drive()
+    recorded_drive = drive()
     with pytest.raises(ValueError, match="length"):
-        tracks_of("gnn", given, true_poses(given)[:-1])
+        tracks_of("gnn", recorded_drive, true_poses(recorded_drive)[:-1])
 
 
 def poses_of(xs: Sequence[float], stamps_s: Sequence[float]) -> EpisodePoses:
@@ -148,7 +153,7 @@ def poses_of(xs: Sequence[float], stamps_s: Sequence[float]) -> EpisodePoses:
     )
 
 
-def test_poses_are_kept_as_they_are() -> None:
+def test_poses_are_stored_unchanged() -> None:
     poses = poses_of([0.0, 1.0, 3.0], [0.1, 0.2, 0.4])
     file = BytesIO()
     poses.save(file)
@@ -244,7 +249,7 @@ def test_what_an_odometry_does_wrong_is_its_reason(tmp_path) -> None:
         odometry(f"{path}:Mine", replace(EPISODE, duration_s=0.5)).compute(RunOptions())
 
 
-def test_the_key_of_tracks_knows_who_says_the_poses() -> None:
+def test_the_key_of_tracks_depends_on_the_pose_source() -> None:
     def key(text: str) -> str:
         return track_node(
             TRACKERS.resolve(text), detection_source("noisy"), EPISODE, Eligibility()
@@ -270,7 +275,7 @@ def test_a_suite_names_poses_by_texts(value) -> None:
         parse_suite(f"{SUITE}ego = {value}", "")
 
 
-def test_who_says_the_poses_must_be_an_odometry() -> None:
+def test_the_pose_source_must_be_an_odometry() -> None:
     def check(text: str) -> None:
         BOARDS["tracking"].check_entry(Spec.parse(text))
 
@@ -289,6 +294,6 @@ def test_suites_of_the_package_give_the_true_poses() -> None:
 
 
 @pytest.mark.parametrize("ego", ["noisy-odometry?scale=0.03", "oracle?odometry=voxel-map", "none"])
-def test_whoever_says_the_poses_need_not_be_an_odometry(ego) -> None:
+def test_a_named_pose_source_need_not_be_an_odometry(ego) -> None:
     (job,) = jobs_of(parse_suite(SUITE, ""), f"gnn?ego={ego}")
     assert job.missing == ""

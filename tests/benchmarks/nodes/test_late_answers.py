@@ -31,36 +31,36 @@ def answers(plugin: str) -> EpisodeDetections:
 
 @pytest.mark.parametrize("late", [0, 1, 2])
 def test_an_answer_belongs_to_the_frame_whose_stamp_it_has(truths, late) -> None:
-    kept = answers(f"LateBy?frames={late}")
+    recorded = answers(f"LateBy?frames={late}")
     answered = len(truths) - late
-    assert [len(d) for d in kept.detections] == [1] * answered + [0] * late
+    assert [len(d) for d in recorded.detections] == [1] * answered + [0] * late
     stamps = np.array([truth.stamp_s for truth in truths])
-    assert np.allclose([d.stamp_s for d in kept.detections], stamps)
-    assert {d.frame for d in kept.detections} == {"world"}
-    for detections, truth in zip(kept.detections[:answered], truths, strict=False):
+    assert np.allclose([d.stamp_s for d in recorded.detections], stamps)
+    assert {d.frame for d in recorded.detections} == {"world"}
+    for detections, truth in zip(recorded.detections[:answered], truths, strict=False):
         assert np.allclose(detections.centres[0], truth.world_from_ego.translation)
-    assert np.allclose(kept.delays_s[:answered], stamps[late:] - stamps[:answered])
-    assert np.isnan(kept.delays_s[answered:]).all()
-    assert kept.answered == answered
+    assert np.allclose(recorded.delays_s[:answered], stamps[late:] - stamps[:answered])
+    assert np.isnan(recorded.delays_s[answered:]).all()
+    assert recorded.answered == answered
 
 
 def test_an_empty_answer_leaves_its_frame_open_and_answers_it_all_the_same(truths) -> None:
-    kept = answers("LateBy?frames=1&until=3")
+    recorded = answers("LateBy?frames=1&until=3")
     count = len(truths)
-    assert [len(d) for d in kept.detections] == [1, 1] + [0] * (count - 2)
+    assert [len(d) for d in recorded.detections] == [1, 1] + [0] * (count - 2)
     late_s = truths[1].stamp_s - truths[0].stamp_s
     delays_s = [late_s, late_s, np.nan] + [0.0] * (count - 3)
-    assert np.allclose(kept.delays_s, delays_s, equal_nan=True)
+    assert np.allclose(recorded.delays_s, delays_s, equal_nan=True)
 
 
-def test_what_is_kept_is_read_back_whole_and_reaches_trackers_frame_by_frame() -> None:
-    kept = answers("LateBy?frames=2")
+def test_stored_answers_are_read_back_whole_and_reach_trackers_frame_by_frame() -> None:
+    recorded = answers("LateBy?frames=2")
     file = BytesIO()
-    kept.save(file)
+    recorded.save(file)
     file.seek(0)
-    assert EpisodeDetections.load(file) == kept
-    tracks = track(TRACKERS.resolve("nearest"), kept)
-    assert len(tracks.tracks) == len(tracks.times.wall_ms) == len(kept.truths)
+    assert EpisodeDetections.load(file) == recorded
+    tracks = track(TRACKERS.resolve("nearest"), recorded)
+    assert len(tracks.tracks) == len(tracks.times.wall_ms) == len(recorded.truths)
 
 
 def test_a_stamp_of_no_frame_is_refused_by_both_stamps(truths) -> None:

@@ -111,7 +111,7 @@ def test_ours_has_the_distance_right_more_often(figures: Figures, condition: str
     assert ours.mean() > (85.0 if condition == "fog" else 90.0)
 
 
-def test_crowds_are_told_apart_better(figures: Figures) -> None:
+def test_crowds_are_separated_better(figures: Figures) -> None:
     for quantity in (PEDESTRIANS, DISTANCE):
         more = figures("crowds", OURS, quantity) - figures("crowds", THEIRS, quantity)
         assert more.mean() > 3.0

@@ -87,14 +87,14 @@ def test_a_note_says_whose_detections_the_cameras_are() -> None:
 def test_crowds_are_people_beside_people() -> None:
     pair, _ = a_pair()
     assert crowds_only(pair.targets).eligible.all()
-    apart = FusionTargets(
+    distant_targets = FusionTargets(
         np.array([2, 2, 0]),
         np.array([[15.0, 0, 1], [20.0, 0, 1], [15.5, 0, 1]]),
         np.zeros((3, 4)),
         np.ones(3, bool),
         np.zeros(3),
     )
-    assert not crowds_only(apart).eligible.any()
+    assert not crowds_only(distant_targets).eligible.any()
 
 
 def test_all_methods_of_a_condition_fit_one_table() -> None:

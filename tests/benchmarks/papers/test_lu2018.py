@@ -74,7 +74,7 @@ def test_forced_misses_take_every_return_of_the_target_and_no_other(sensed):
     assert (sensed.truths[101].sources == 2).sum() > 0
 
 
-def test_kinds_follow_the_sources(sensed):
+def test_kinds_depend_on_the_sources(sensed):
     for truth, cloud, kinds in zip(sensed.truths, sensed.clouds, sensed.kinds, strict=True):
         sources = truth.sources[cloud.rows]
         assert np.array_equal(kinds == KINDS.index("target"), sources >= 0)

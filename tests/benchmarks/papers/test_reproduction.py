@@ -43,7 +43,7 @@ def log(tmp_path, monkeypatch):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("jobs", [1, pytest.param(2, marks=pytest.mark.slow)])
-def test_parts_of_all_seeds_are_measured_once_and_kept(log, jobs):
+def test_parts_of_all_seeds_are_measured_once_and_stored(log, jobs):
     done = []
     measured = measure_paper("toy_paper", 3, lambda *progress: done.append(progress), jobs=jobs)
     assert measured[toy_paper.KEY] == [0.0, 1.0, 2.0]
@@ -60,9 +60,9 @@ def test_parts_of_all_seeds_are_measured_once_and_kept(log, jobs):
 
 def test_a_damaged_part_is_measured_again(log, tmp_path):
     measure_paper("toy_paper", 1)
-    (kept, *_) = sorted((tmp_path / "cache" / "papers").iterdir())
-    kept.write_bytes(kept.read_bytes()[:-3])
-    with pytest.warns(UserWarning, match=kept.name):
+    (cached_file, *_) = sorted((tmp_path / "cache" / "papers").iterdir())
+    cached_file.write_bytes(cached_file.read_bytes()[:-3])
+    with pytest.warns(UserWarning, match=cached_file.name):
         assert measure_paper("toy_paper", 1)[toy_paper.KEY] == [0.0]
     assert len(log.read_text().splitlines()) == 3
 

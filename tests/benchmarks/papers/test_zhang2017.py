@@ -72,8 +72,8 @@ def displaced(run, along=0.0, across=0.0, turn=0.0):
 
 
 def test_errors_are_along_and_across_the_car(run):
-    found = rmse(run, errors(run, displaced(run, along=0.3, across=-0.4, turn=0.1)))
-    assert found == pytest.approx(
+    rmse_of_run = rmse(run, errors(run, displaced(run, along=0.3, across=-0.4, turn=0.1)))
+    assert rmse_of_run == pytest.approx(
         {LATERAL: 0.4, LONGITUDINAL: 0.3, HEADING: np.degrees(0.1), POSITION: 0.5, FROM_PARTS: 0.5}
     )
 
@@ -140,9 +140,9 @@ def test_every_figure_of_the_paper_stands_beside_ours(measured):
     assert methods == set(METHODS)
     for quantity in (POSITION, HEADING):
         name = FOLLOWING.format("rounded", quantity)
-        followed = [row for row in rows if row.experiment == name]
-        assert {row.quantity for row in followed} == {f"{metres} m" for metres in FOLLOWED_M}
-        assert {row.method for row in followed} == set(ON_EVERY_DRIVE)
+        following_rows = [row for row in rows if row.experiment == name]
+        assert {row.quantity for row in following_rows} == {f"{metres} m" for metres in FOLLOWED_M}
+        assert {row.method for row in following_rows} == set(ON_EVERY_DRIVE)
     assert {row.n for row in rows if row.method in METHODS} == {2}
     tried = [row for row in rows if row.experiment == READING.format(HEADING)]
     assert {row.method for row in tried} == set(READINGS)
@@ -151,8 +151,8 @@ def test_every_figure_of_the_paper_stands_beside_ours(measured):
     windows = {frames_name(frames) for frames in OURS.values()}
     for experiment in (NEES, INSIDE):
         name = experiment.format("rounded")
-        found = {(row.method, row.quantity) for row in rows if row.experiment == name}
-        assert found == {(drive, window) for drive in DRIVES for window in windows}
+        reported_quantities = {(row.method, row.quantity) for row in rows if row.experiment == name}
+        assert reported_quantities == {(drive, window) for drive in DRIVES for window in windows}
 
 
 @pytest.mark.slow

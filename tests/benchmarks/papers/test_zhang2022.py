@@ -165,7 +165,7 @@ def test_no_wall_is_dropped_whole_where_the_angle_bounds_clusters():
 
 
 @pytest.mark.slow
-def test_those_who_walk_past_are_found():
+def test_passing_pedestrians_are_detected():
     sweeps = list(sense_corridor(REMOVAL_CASES["2, still, several"], 10000))
     figures = removal(sweeps, RemovalVariant(10))
     assert 0 < figures[AFTER] < figures[BEFORE]
@@ -176,7 +176,7 @@ def test_those_who_walk_past_are_found():
 @pytest.mark.parametrize(
     ("experiment", "seed", "most_m"), [(STRAIGHT, 10_007, 0.25), (LOOP, 10_003, 0.3)]
 )
-def test_in_the_corridor_ours_follows_where_bare_walls_tell_little(experiment, seed, most_m):
+def test_ours_tracks_the_drive_in_a_corridor_of_bare_walls(experiment, seed, most_m):
     """Thinned as on roads, ours ran off; without floor and ceiling it was up to a metre off."""
     spec = "lidar-inertial?imu=zed2"
     runs = run_odometries(sense_corridor(experiment, seed), (spec,))

@@ -21,10 +21,10 @@ OTHERS = [n for n in TRACKERS.installed() if n not in OURS and not n.startswith(
 
 @pytest.fixture(scope="module")
 def folder() -> Path:
-    given = os.environ.get("ROADSCOPE_KITTI")
-    if not given:
+    kitti_folder = os.environ.get("ROADSCOPE_KITTI")
+    if not kitti_folder:
         pytest.skip("ROADSCOPE_KITTI names no folder of KITTI tracking data")
-    return Path(given)
+    return Path(kitti_folder)
 
 
 @pytest.fixture(scope="module")
@@ -33,21 +33,23 @@ def halves(folder, tmp_path_factory) -> list[tuple[Path, list[str]]]:
     names = KittiFolder.find(folder).sequences()
     if len(names) < 2:
         pytest.skip("one sequence has no halves")
-    found, even_and_odd = [], (names[::2], names[1::2])
+    tuned, even_and_odd = [], (names[::2], names[1::2])
     for taught, held_out in (even_and_odd, even_and_odd[::-1]):
         traits = tmp_path_factory.mktemp("traits") / f"{taught[0]}.toml"
         fit([str(traits), "--kitti", str(folder), "--sequences", ",".join(taught)])
-        found.append((traits, held_out))
-    return found
+        tuned.append((traits, held_out))
+    return tuned
 
 
-def followed(spec: str, sequence: KittiSequence) -> TrackedSequence:
+def track_sequence(spec: str, sequence: KittiSequence) -> TrackedSequence:
     """Run a tracker over a sequence, and its second pass if it has one; by image boxes."""
     tracker, poses = TRACKERS.make(spec), sequence.world_from_ego
-    told = [tracker.update(d, p) for d, p in zip(sequence.detections, poses, strict=True)]
+    reported_tracks = [
+        tracker.update(d, p) for d, p in zip(sequence.detections, poses, strict=True)
+    ]
     if is_offline(type(tracker)):
-        told = tracker.rescored(told)
-    rows = sequence.result_rows([tracks.sure for tracks in told])
+        reported_tracks = tracker.rescored(reported_tracks)
+    rows = sequence.result_rows([tracks.sure for tracks in reported_tracks])
     return apply_kitti_rules(sequence.label_rows, rows, DETECTED_TYPES[sequence.category])
 
 
@@ -55,9 +57,9 @@ def as_one(parts: list[TrackedSequence]) -> float:
     """HOTA of all sequences together: what it is made of is added up at each alpha."""
     curves = [hota(part) for part in parts]
     hits = sum(c.hits for c in curves)
-    found = hits / sum(c.hits + c.misses + c.false_alarms for c in curves)
+    detection_accuracy = hits / sum(c.hits + c.misses + c.false_alarms for c in curves)
     alike = sum(c.ass_a * c.hits for c in curves) / np.maximum(hits, 1)
-    return float(np.sqrt(found * alike).mean())
+    return float(np.sqrt(detection_accuracy * alike).mean())
 
 
 @pytest.mark.slow
@@ -70,7 +72,7 @@ def test_existence_leads_on_sequences_that_it_was_not_taught(folder, halves, cat
         for name in held_out:
             sequence = read_kitti_sequence(folder, name, category)
             for entry, spec in ({other: other for other in OTHERS} | ours).items():
-                scored.setdefault(entry, []).append(followed(spec, sequence))
+                scored.setdefault(entry, []).append(track_sequence(spec, sequence))
     figures = {entry: as_one(parts) for entry, parts in scored.items()}
     assert figures["existence"] > max(figures[other] for other in OTHERS), figures
     assert figures["existence-offline"] > figures["existence"], figures

@@ -42,33 +42,33 @@ def run(folder, entries=(FINDS, SHIFTED), **options):
 
 
 def test_object_data_from_files_to_the_board(tmp_path):
-    found = run(write_objects(tmp_path / "kitti", 4), (FINDS, SHIFTED, FAILS))
-    assert found.boards() == [BOARD]
-    (failure,) = found.failures
+    results = run(write_objects(tmp_path / "kitti", 4), (FINDS, SHIFTED, FAILS))
+    assert results.boards() == [BOARD]
+    (failure,) = results.failures
     assert failure.entry == FAILS
     # Eight cars, each a step of recall: the best is 7 of 40. Of the shifted boxes, those of the
     # four cars that stand across the shift match no more.
     for metric in ("ap_3d_easy", "ap_3d_moderate", "ap_3d_hard", "ap_bev_easy", "ap_bev_hard"):
-        assert found.row(BOARD, FINDS, metric).value == pytest.approx(7 / 40)
-        assert found.row(BOARD, SHIFTED, metric).value < 4 / 40
-        assert found.row(BOARD, FINDS, metric).samples == 8
-    assert found.row(BOARD, FINDS, "boxes_per_frame").value == 2
-    assert found.entries(BOARD)[0] == FINDS
+        assert results.row(BOARD, FINDS, metric).value == pytest.approx(7 / 40)
+        assert results.row(BOARD, SHIFTED, metric).value < 4 / 40
+        assert results.row(BOARD, FINDS, metric).samples == 8
+    assert results.row(BOARD, FINDS, "boxes_per_frame").value == 2
+    assert results.entries(BOARD)[0] == FINDS
 
 
 def test_tracking_data_have_sequences_and_the_labels_as_a_mark(tmp_path):
     folder = write_tracking(tmp_path / "kitti")
-    found = leaderboard(
+    results = leaderboard(
         kitti_suite(folder, ["detection"]).with_settings(BOARD, entries=()),
         [FINDS],
         boards=["detection"],
     )
     for entry in (FINDS, "oracle"):
-        assert found.row(BOARD, entry, "ap_3d_hard").value == pytest.approx(11 / 40)
-    assert found.standing(BOARD, "oracle").mark
-    parts = {(row.band, row.value) for row in found.breakdown("sequence", BOARD)}
+        assert results.row(BOARD, entry, "ap_3d_hard").value == pytest.approx(11 / 40)
+    assert results.standing(BOARD, "oracle").mark
+    parts = {(row.band, row.value) for row in results.breakdown("sequence", BOARD)}
     assert parts == {("0000", 5 / 40), ("0001", 5 / 40)}
-    (table,) = breakdown_tables(found, BOARD, "sequence", 120)
+    (table,) = breakdown_tables(results, BOARD, "sequence", 120)
     assert [list(column.cells)[-1] for column in table.columns[1:]] == ["6", "6"]
 
 
@@ -81,13 +81,13 @@ def test_detectors_that_the_suite_names_are_entries_too(tmp_path):
         run(folder, ["oracle"])
 
 
-def test_what_was_computed_is_kept_and_files_that_change_count_as_new(tmp_path):
+def test_results_are_reused_and_changed_files_count_as_new(tmp_path):
     folder, stages = write_objects(tmp_path / "kitti", 2), []
 
     def run_again():
         stages.clear()
-        found = run(folder, [FINDS], progress=lambda stage, done, total: stages.append(stage))
-        return found.row(BOARD, FINDS, "ap_3d_easy").value
+        results = run(folder, [FINDS], progress=lambda stage, done, total: stages.append(stage))
+        return results.row(BOARD, FINDS, "ap_3d_easy").value
 
     before = run_again()
     assert "detections" in stages
@@ -105,16 +105,16 @@ def test_what_was_computed_is_kept_and_files_that_change_count_as_new(tmp_path):
 def test_scans_come_in_the_frame_of_the_vehicle(tmp_path):
     for folder in (write_objects(tmp_path / "a"), write_tracking(tmp_path / "b")):
         (drive, *_) = drives_of(folder, lidar_height_m=2.0)
-        for frame, (seen, truth) in enumerate(drive.scans()):
-            assert seen.calibration.pose("lidar").translation.tolist() == [0, 0, 2.0]
+        for frame, (frame_data, truth) in enumerate(drive.scans()):
+            assert frame_data.calibration.pose("lidar").translation.tolist() == [0, 0, 2.0]
             raw = scan_of(frame)
-            assert len(seen.lidar) == len(raw)
-            np.testing.assert_allclose(seen.lidar.points, raw[:, :3], atol=1e-6)
+            assert len(frame_data.lidar) == len(raw)
+            np.testing.assert_allclose(frame_data.lidar.points, raw[:, :3], atol=1e-6)
             # The corners in the scan, in the vehicle's frame, are those of the labels.
-            boxes = Corners().detect(seen).moved(truth.world_from_ego, "world")
+            boxes = Corners().detect(frame_data).moved(truth.world_from_ego, "world")
             np.testing.assert_allclose(truth.centres, boxes.centres, atol=2e-3)
             assert len(truth) == len(cars_of(frame))
-    assert seen.previous_from_ego.translation == pytest.approx([1.5, -0.2, 0], abs=0.03)
+    assert frame_data.previous_from_ego.translation == pytest.approx([1.5, -0.2, 0], abs=0.03)
 
 
 def without(name):
@@ -194,26 +194,26 @@ def test_another_level_of_the_folder_is_named(tmp_path, place):
         drives_of(folder / "training" / "velodyne" / "000000.bin")
 
 
-def test_frames_without_scan_are_left_out_and_told(tmp_path):
+def test_frames_without_scan_are_left_out_and_reported(tmp_path):
     root = write_objects(tmp_path / "kitti") / "training"
     (root / "velodyne" / "000001.bin").write_bytes(b"")
     (root / "velodyne" / "._000002.bin").write_bytes(b"hidden")
     (root / "label_2" / "000002.txt").write_text("")
     shutil.copy(root / "label_2" / "000000.txt", root / "label_2" / "000009.txt")
-    found = find_kitti_frames(root, [SCANS])
-    assert [frames.numbers for frames in found.frames] == [(0, 2)]
-    assert len(found.notes) == 3
+    selection = find_kitti_frames(root, [SCANS])
+    assert [frames.numbers for frames in selection.frames] == [(0, 2)]
+    assert len(selection.notes) == 3
     folder = write_tracking(tmp_path / "tracking")
     (folder / "velodyne" / "0001" / "000001.bin").unlink()
-    found = find_kitti_frames(folder, [SCANS])
-    assert [frames.numbers for frames in found.frames] == [(0, 1, 2), (0, 2)]
-    assert "0001" in found.notes[0]
+    selection = find_kitti_frames(folder, [SCANS])
+    assert [frames.numbers for frames in selection.frames] == [(0, 1, 2), (0, 2)]
+    assert "0001" in selection.notes[0]
     assert len(list(drives_of(folder)[1].scans())) == 2
     with pytest.raises(FormatError, match="image_02"):
         find_kitti_frames(folder, [IMAGES])
 
 
-def test_points_that_are_left_out_are_told(tmp_path):
+def test_points_that_are_left_out_are_reported(tmp_path):
     root = write_objects(tmp_path / "objects", 3)
     assert not find_kitti_frames(root, [SCANS]).notes
     lost = 0

@@ -34,10 +34,10 @@ def test_the_labels_of_an_export_are_found_where_the_labels_are(folder, board, m
         suite = suite.with_settings(
             name, entries=("cluster" if board == "detection" else "colour-blobs",)
         )
-    found = leaderboard(suite, boards=[board])
-    assert not found.failures
-    assert set(found.boards()) == set(boards)
-    marks = [found.row(name, "oracle", metric) for name in boards]
+    results = leaderboard(suite, boards=[board])
+    assert not results.failures
+    assert set(results.boards()) == set(boards)
+    marks = [results.row(name, "oracle", metric) for name in boards]
     assert max(mark.samples for mark in marks) >= 10
     for mark in marks:
         assert not mark.samples or mark.value >= (min(mark.samples, 41) - 2) / 40

@@ -20,12 +20,12 @@ def test_a_camera_detector_from_files_to_the_board(tmp_path):
     (folder / "training" / "velodyne").rename(folder / "training" / "none")
     suite = kitti_suite(folder)
     assert list(suite.boards) == [CAMERA]
-    found = leaderboard(suite.with_settings(CAMERA, entries=()), [IMAGES], boards=["camera"])
+    results = leaderboard(suite.with_settings(CAMERA, entries=()), [IMAGES], boards=["camera"])
     for entry in (IMAGES, "oracle"):
         for level in ("easy", "moderate", "hard"):
-            assert found.row(CAMERA, entry, f"ap_2d_{level}").value == pytest.approx(5 / 40)
-    assert found.standing(CAMERA, "oracle").mark
-    assert found.row(CAMERA, IMAGES, "boxes_per_frame").value == 2
+            assert results.row(CAMERA, entry, f"ap_2d_{level}").value == pytest.approx(5 / 40)
+    assert results.standing(CAMERA, "oracle").mark
+    assert results.row(CAMERA, IMAGES, "boxes_per_frame").value == 2
 
 
 @pytest.fixture(scope="module")
@@ -56,10 +56,10 @@ def test_each_sensor_alone_is_a_mark(fused):
 def test_images_and_projection_are_those_of_the_files(tmp_path):
     folder = write_images(write_tracking(tmp_path / "kitti", ("0000",)))
     (drive,) = kitti_suite(folder, ["fusion"]).boards[FUSION].drives
-    for frame, (seen, truth) in enumerate(drive.images()):
-        np.testing.assert_array_equal(seen.camera.pixels, image_of(frame))
-        np.testing.assert_allclose(seen.camera.intrinsics, P2[:, :3])
-        boxes = Painted().detect(seen).boxes
+    for frame, (image_frame, truth) in enumerate(drive.images()):
+        np.testing.assert_array_equal(image_frame.camera.pixels, image_of(frame))
+        np.testing.assert_allclose(image_frame.camera.intrinsics, P2[:, :3])
+        boxes = Painted().detect(image_frame).boxes
         np.testing.assert_allclose(truth.image_boxes, boxes[np.argsort(boxes[:, 0])], atol=0.6)
 
 

@@ -71,14 +71,14 @@ def test_drift_equals_the_plain_evaluation(results, entry, scale, turn_deg):
     errors = []
     for count, bend in DRIVES.values():
         truth = [lidar_pose(k, bend) for k in range(count)]
-        found = [
+        estimated_poses = [
             Pose.from_euler(*(scale * pose.translation), yaw=k * (bend + np.deg2rad(turn_deg)))
             for k, pose in enumerate(truth)
         ]
         mount = CAMERA_FROM_LIDAR
         of_camera = [
             [(mount @ pose @ mount.inverse()).matrix.tolist() for pose in poses]
-            for poses in (truth, found)
+            for poses in (truth, estimated_poses)
         ]
         errors += odometry_errors(*of_camera)
     lengths, translations, rotations = map(np.array, zip(*errors, strict=True))
@@ -96,7 +96,7 @@ def test_drift_equals_the_plain_evaluation(results, entry, scale, turn_deg):
         assert shown[f"{length}"] == pytest.approx(of_length, rel=2e-4)
 
 
-def test_what_sequences_are_too_short_for_is_told(folder):
+def test_figures_that_need_longer_sequences_are_reported(folder):
     for place in (folder, folder.parent):
         settings = kitti_suite(place).boards[BOARD]
         assert [drive.sequence.name for drive in settings.drives] == ["00", "03", "04"]

@@ -84,7 +84,7 @@ def test_small_tracks_count_only_where_they_match():
     assert count(rows(A), rows(taller)) == ([0], [0])
 
 
-def test_tracks_mostly_in_a_region_that_nobody_labelled_do_not_count():
+def test_tracks_mostly_in_an_unlabelled_region_do_not_count():
     region = KittiType.DONT_CARE
     labels = rows(A, (180, 0, 260, 100), types=[KittiType.CAR, region], ids=[0, -1])
     assert count(labels, rows(B, C)) == ([0], [1])
@@ -121,19 +121,21 @@ def test_centres_at_the_gate_are_half_alike():
     assert apply_kitti_rules([labels], [aside], KittiType.CAR, "iou_3d").similarities[0] == 0
 
 
-def followed(folder: Path, name: str, category: Category, out: Path) -> None:
+def write_tracks(folder: Path, name: str, category: Category, out: Path) -> None:
     """Track one class of a sequence and write the results."""
     sequence = read_kitti_sequence(folder, name, category)
     tracker = TRACKERS.make("nearest-q-confirmed")
     tracker.reset()
     frames = []
-    for t, (seen, pose) in enumerate(
+    for t, (detections, pose) in enumerate(
         zip(sequence.detections, sequence.world_from_ego, strict=True)
     ):
-        tracks = tracker.update(seen, pose)
-        found = kitti_objects(tracks, t, pose, sequence.calibration.projection, sequence.image_size)
+        tracks = tracker.update(detections, pose)
+        objects = kitti_objects(
+            tracks, t, pose, sequence.calibration.projection, sequence.image_size
+        )
         sure = tracks.ids[tracks.states != TrackState.TENTATIVE]
-        frames.append(found.select(np.isin(found.ids, sure)))
+        frames.append(objects.select(np.isin(objects.ids, sure)))
     out.mkdir(parents=True, exist_ok=True)
     write_kitti_results(out / f"{name}.txt", frames)
 
@@ -149,7 +151,7 @@ def assert_as_trackeval(folder: Path, names: list[str], lengths: list[int], work
     quiet = {"PRINT_CONFIG": False}
     for word, category in CLASSES.items():
         for name in names:
-            followed(folder, name, category, work / word / "mine" / "data")
+            write_tracks(folder, name, category, work / word / "mine" / "data")
         config = {**quiet, "GT_FOLDER": str(gt), "TRACKERS_FOLDER": str(work / word)}
         dataset = trackeval.datasets.Kitti2DBox({**config, "CLASSES_TO_EVAL": [word]})
         for name, length in zip(names, lengths, strict=True):

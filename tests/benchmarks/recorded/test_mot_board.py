@@ -26,15 +26,15 @@ def write_mot(folder, name="MOT17-02", seed=0):
     rng, root = np.random.default_rng(seed), folder / name
     start = np.array([[100.0, 300, 40, 100], [400, 320, 44, 110], [700, 280, 36, 90]])
     pace = np.array([[3.0, 0.3, 0, 0], [-2, 0.2, 0, 0], [-2.5, -0.1, 0, 0]])
-    found, true = [], []
+    detection_lines, true = [], []
     for t in range(1, FRAMES + 1):
         for k, (left, top, width, height) in enumerate(start + t * pace):
             true.append(f"{t},{k + 1},{left:.1f},{top:.1f},{width:.0f},{height:.0f},1,1,1")
             off = rng.normal(0, 1.5, 2)
             if rng.random() < 0.95:
                 box = f"{left + off[0]:.1f},{top + off[1]:.1f},{width:.0f},{height:.0f}"
-                found.append(f"{t},-1,{box},0.{rng.integers(85, 99)}")
-    for place, lines in (("det/det.txt", found), ("gt/gt.txt", true)):
+                detection_lines.append(f"{t},-1,{box},0.{rng.integers(85, 99)}")
+    for place, lines in (("det/det.txt", detection_lines), ("gt/gt.txt", true)):
         (root / place).parent.mkdir(parents=True, exist_ok=True)
         (root / place).write_text("\n".join(lines) + "\n")
     (root / "seqinfo.ini").write_text(
@@ -47,25 +47,27 @@ def write_mot(folder, name="MOT17-02", seed=0):
 def results(tmp_path_factory):
     folder, out = tmp_path_factory.mktemp("mot"), tmp_path_factory.mktemp("out")
     write_mot(write_mot(folder), "MOT17-04", seed=1)
-    found = leaderboard("quick", TRACKERS, boards=["tracking"], only=True, mot=folder, out_dir=out)
-    return found, folder
+    board_results = leaderboard(
+        "quick", TRACKERS, boards=["tracking"], only=True, mot=folder, out_dir=out
+    )
+    return board_results, folder
 
 
 def test_trackers_are_ranked_on_image_boxes(results):
-    found, _ = results
-    assert found.boards() == [BOARD]
-    assert not found.failures
+    board_results, _ = results
+    assert board_results.boards() == [BOARD]
+    assert not board_results.failures
     for entry in TRACKERS:
-        row = found.row(BOARD, entry, "hota")
+        row = board_results.row(BOARD, entry, "hota")
         assert row.n == 2
         assert 0.75 < row.value < 1
-        assert found.row(BOARD, entry, "idf1").value > 0.9
-    assert {r.band for r in found.breakdown("sequence", BOARD)} == {"MOT17-02", "MOT17-04"}
+        assert board_results.row(BOARD, entry, "idf1").value > 0.9
+    assert {r.band for r in board_results.breakdown("sequence", BOARD)} == {"MOT17-02", "MOT17-04"}
 
 
 def test_the_command_writes_board_and_tracks_that_score_the_same(results, tmp_path):
-    found, folder = results
-    told = CliRunner().invoke(
+    board_results, folder = results
+    command_result = CliRunner().invoke(
         app,
         [
             "leaderboard",
@@ -85,8 +87,8 @@ def test_the_command_writes_board_and_tracks_that_score_the_same(results, tmp_pa
             "sequence",
         ],
     )
-    assert told.exit_code == 0, told.output
-    assert "MOTChallenge" in told.output
+    assert command_result.exit_code == 0, command_result.output
+    assert "MOTChallenge" in command_result.output
     rows = json.loads((tmp_path / "board" / "leaderboard.json").read_text())["rows"]
     assert {row["board"] for row in rows} == {BOARD}
     tracks = tmp_path / "tracks" / "motchallenge" / "gnn" / "pedestrian" / "MOT17-02.txt"
@@ -94,7 +96,7 @@ def test_the_command_writes_board_and_tracks_that_score_the_same(results, tmp_pa
     again = score_mot_results(folder / "MOT17-02", tracks)
     (whole,) = (
         r.value
-        for r in found.breakdown("sequence", BOARD)
+        for r in board_results.breakdown("sequence", BOARD)
         if (r.entry, r.band, r.metric) == ("gnn", "MOT17-02", "hota")
     )
     assert again["hota"].value == pytest.approx(whole, abs=1e-9)
@@ -114,13 +116,13 @@ def test_malformed_files_are_refused_by_file_line_and_what_was_expected(
 ):
     path = write_mot(tmp_path) / "MOT17-02" / file
     path.write_text(line + "\n" + path.read_text())
-    told = CliRunner().invoke(
+    command_result = CliRunner().invoke(
         app, ["leaderboard", "--mot", str(tmp_path), "--entry", "gnn", "--only", "--jobs", "1"]
     )
-    assert told.exit_code != 0
-    said = f"{told.output} {told.exception}"
-    assert f"{path}, line 1: expected" in said, said
-    assert wanted in said
+    assert command_result.exit_code != 0
+    output = f"{command_result.output} {command_result.exception}"
+    assert f"{path}, line 1: expected" in output, output
+    assert wanted in output
 
 
 def test_what_is_no_folder_of_sequences_is_refused(tmp_path):
@@ -140,17 +142,17 @@ def test_a_sequence_alone_and_a_train_folder_are_taken_too(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("options", "said"),
+    ("options", "message"),
     [
         (["--suite", "mot"], "name its folder with --mot DIR"),
         (["--mot", "x", "--kitti", "y"], "give one of them"),
         (["--mot", "x", "--suite", "tracking"], "--mot is a suite of its own"),
     ],
 )
-def test_options_that_do_not_go_together_are_refused(options, said):
-    told = CliRunner().invoke(app, ["leaderboard", *options])
-    assert told.exit_code != 0
-    assert said in f"{told.output} {told.exception}"
+def test_options_that_do_not_go_together_are_refused(options, message):
+    command_result = CliRunner().invoke(app, ["leaderboard", *options])
+    assert command_result.exit_code != 0
+    assert message in f"{command_result.output} {command_result.exception}"
 
 
 def test_files_decide_the_key_and_their_place_does_not(tmp_path):
@@ -172,17 +174,19 @@ box = st.tuples(*[st.floats(0, 2000)] * 2, *[st.floats(5, 500)] * 2)
 @given(st.lists(box, min_size=1, max_size=6), st.sampled_from([None, (1920, 1080), (640, 480)]))
 def test_flat_boxes_come_back_as_they_were(given_boxes, image_size):
     left_top, size = np.split(np.array(given_boxes), 2, axis=1)
-    found = image_detections(np.hstack([left_top, left_top + size]), categories=Category.PEDESTRIAN)
-    plane = ImagePlane.of([replace(found, stamp_s=1.0)], image_size)
-    flat = plane.boxes_on_plane(found)
+    detections = image_detections(
+        np.hstack([left_top, left_top + size]), categories=Category.PEDESTRIAN
+    )
+    plane = ImagePlane.of([replace(detections, stamp_s=1.0)], image_size)
+    flat = plane.boxes_on_plane(detections)
     assert np.median(flat.sizes[:, 0]) == pytest.approx(1.7)
     assert plane.image_boxes(Tracks.of(flat, np.arange(len(flat)))) == pytest.approx(
-        found.boxes, abs=1e-6
+        detections.boxes, abs=1e-6
     )
 
 
-def test_only_people_are_followed():
+def test_only_people_are_tracked():
     kinds = np.array([Category.PEDESTRIAN, Category.CAR], np.int8)
     boxes = np.array([[0, 0, 40, 100], [100, 0, 240, 60.0]])
-    found = ImageDetections(boxes, kinds, np.full(2, 0.9), 0.0)
-    assert len(ImagePlane.of([found], None).boxes_on_plane(found)) == 1
+    detections = ImageDetections(boxes, kinds, np.full(2, 0.9), 0.0)
+    assert len(ImagePlane.of([detections], None).boxes_on_plane(detections)) == 1

@@ -61,8 +61,10 @@ def rows(things):
 
 
 def precisions(frames, name="Car", kind="3d"):
-    labels, found = zip(*frames, strict=True)
-    return object_precisions(list(map(rows, labels)), list(map(rows, found)), TYPES[name], kind)
+    labels, detections = zip(*frames, strict=True)
+    return object_precisions(
+        list(map(rows, labels)), list(map(rows, detections)), TYPES[name], kind
+    )
 
 
 def random_frames(rng, name, count):
@@ -70,7 +72,7 @@ def random_frames(rng, name, count):
     frames = []
     kinds = [name, name, name, "Van", "Person_sitting", "Pedestrian", "Car", "Tram", "DontCare"]
     for _ in range(count):
-        labels, found = [], []
+        labels, detections = [], []
         for _ in range(rng.integers(0, 6)):
             left, top = rng.uniform(0, 900), rng.uniform(100, 250)
             kind = str(rng.choice(kinds))
@@ -89,7 +91,7 @@ def random_frames(rng, name, count):
             for _ in range(rng.integers(0, 4)):
                 shift = rng.normal(0, rng.choice([0.02, 0.2]), 8)
                 other = rng.random() < 0.15
-                found.append(
+                detections.append(
                     place
                     | {
                         "type": str(rng.choice(CLASSES)) if other or kind not in CLASSES else kind,
@@ -101,8 +103,8 @@ def random_frames(rng, name, count):
                         "score": round(rng.random(), int(rng.choice([1, 6]))),
                     }
                 )
-        rng.shuffle(found)
-        frames.append((labels, found))
+        rng.shuffle(detections)
+        frames.append((labels, detections))
     return frames
 
 
@@ -119,9 +121,9 @@ def test_it_equals_the_plain_evaluation(seed, name, kind):
 
 def test_perfect_detections_reach_one_only_with_enough_objects():
     frames = [([thing()], [thing(score=1 - k / 200)]) for k in range(100)]
-    for level, found in precisions(frames).items():
-        assert found.objects == 100
-        assert found.ap == 1.0, level
+    for level, precision in precisions(frames).items():
+        assert precision.objects == 100
+        assert precision.ap == 1.0, level
     assert precisions(frames[:8])["easy"].ap == pytest.approx(7 / 40)
 
 
@@ -131,10 +133,10 @@ def test_hand_work_half_of_the_objects_with_false_ones_between():
     # the 1st, 2nd (0.025), 4th (0.05), ..., 40th (0.5) of the found ones, 21 in all.
     frames = []
     for k in range(80):
-        found = [thing(score=1 - 2 * k / 100)] if k < 40 else []
+        detections = [thing(score=1 - 2 * k / 100)] if k < 40 else []
         if 10 <= k < 40:
-            found.append(thing(x=30.0, score=1 - (2 * k + 1) / 100))
-        frames.append(([thing()], found))
+            detections.append(thing(x=30.0, score=1 - (2 * k + 1) / 100))
+        frames.append(([thing()], detections))
     # At the n-th found one, n of n + max(n - 11, 0) are right.
     steps = [n / (n + max(n - 11, 0)) for n in range(2, 41, 2)]
     assert precisions(frames)["easy"].ap == pytest.approx(sum(steps) / 40)
@@ -157,11 +159,13 @@ def test_hand_work_half_of_the_objects_with_false_ones_between():
         ({"type": "Truck"}, ""),
     ],
 )
-def test_labels_have_to_be_found_at_these_difficulties(change, levels):
+def test_labels_have_to_be_detected_at_these_difficulties(change, levels):
     label = thing(**{k: v for k, v in change.items() if k != "type"})
     label["type"] = change.get("type", "Car")
-    found = precisions([([label], [])])
-    assert [level for level in found if found[level].objects] == levels.split()
+    precision_by_level = precisions([([label], [])])
+    assert [
+        level for level in precision_by_level if precision_by_level[level].objects
+    ] == levels.split()
 
 
 def with_one_more(label, detection, kind="3d", name="Car"):
@@ -203,7 +207,7 @@ def test_heights_count_in_space_and_not_from_above():
 
 
 def test_without_objects_there_is_no_figure():
-    assert all(math.isnan(found.ap) for found in precisions([([], [thing()])]).values())
+    assert all(math.isnan(precision.ap) for precision in precisions([([], [thing()])]).values())
 
 
 def test_labels_of_objects_are_read_as_kitti_publishes_them(tmp_path):
@@ -213,13 +217,13 @@ def test_labels_of_objects_are_read_as_kitti_publishes_them(tmp_path):
         "Person_sitting 0.00 1 2.04 334.85 178.94 624.50 372.04 1.57 1.50 3.68 -1.17 1.65 7.86 2\n"
         "DontCare -1 -1 -10 800.38 163.67 825.45 184.07 -1 -1 -1 -1000 -1000 -1000 -10\n"
     )
-    found = read_kitti_object_labels(path, 7)
-    assert found.types.tolist() == [KittiType.CAR, KittiType.PERSON, KittiType.DONT_CARE]
-    assert found.truncated.tolist() == [0.88, 0.0, -1.0]
-    assert found.occluded.tolist() == [3, 1, -1]
-    assert found.frames.tolist() == [7, 7, 7]
-    assert found.sizes[0].tolist() == [3.23, 1.57, 1.60]
-    assert found.bottoms[0].tolist() == [-2.70, 1.74, 3.68]
+    labels = read_kitti_object_labels(path, 7)
+    assert labels.types.tolist() == [KittiType.CAR, KittiType.PERSON, KittiType.DONT_CARE]
+    assert labels.truncated.tolist() == [0.88, 0.0, -1.0]
+    assert labels.occluded.tolist() == [3, 1, -1]
+    assert labels.frames.tolist() == [7, 7, 7]
+    assert labels.sizes[0].tolist() == [3.23, 1.57, 1.60]
+    assert labels.bottoms[0].tolist() == [-2.70, 1.74, 3.68]
 
 
 def line_of(each, *, score):

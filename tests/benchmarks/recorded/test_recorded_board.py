@@ -62,27 +62,27 @@ def folder(tmp_path):
 def results(tmp_path_factory):
     folder = write_kitti(tmp_path_factory.mktemp("kitti"))
     out = tmp_path_factory.mktemp("out")
-    found = leaderboard(
+    board_results = leaderboard(
         "quick", TRACKERS, boards=["tracking"], only=True, kitti=folder, out_dir=out
     )
-    return found, out, folder
+    return board_results, out, folder
 
 
 @pytest.mark.slow
 def test_each_class_that_is_labelled_has_a_board(results):
-    found, out, _ = results
-    assert found.boards() == ["kitti car", "kitti pedestrian"]
-    assert not found.failures
-    for board in found.boards():
-        assert set(found.entries(board)) == set(TRACKERS)
+    board_results, out, _ = results
+    assert board_results.boards() == ["kitti car", "kitti pedestrian"]
+    assert not board_results.failures
+    for board in board_results.boards():
+        assert set(board_results.entries(board)) == set(TRACKERS)
         for entry in TRACKERS:
-            row = found.row(board, entry, "hota")
+            row = board_results.row(board, entry, "hota")
             assert row.n == 2
             assert 0.5 < row.value < 1
             assert row.low < row.value < row.high
-            assert found.row(board, entry, OFFLINE).value == 0
-    assert {r.band for r in found.breakdown("sequence", "kitti car")} == {"0000", "0001"}
-    assert len({r.band for r in found.breakdown("alpha", "kitti car")}) == 19
+            assert board_results.row(board, entry, OFFLINE).value == 0
+    assert {r.band for r in board_results.breakdown("sequence", "kitti car")} == {"0000", "0001"}
+    assert len({r.band for r in board_results.breakdown("alpha", "kitti car")}) == 19
     content = json.loads((out / "leaderboard.json").read_text())
     assert content["agreements"] == []
     assert "## kitti car" in (out / "leaderboard.md").read_text()
@@ -90,36 +90,40 @@ def test_each_class_that_is_labelled_has_a_board(results):
 
 @pytest.mark.slow
 def test_nees_of_each_sequence_and_of_all_stands_beside_its_band(results):
-    found, out, _ = results
+    board_results, out, _ = results
     board, entry = "kitti car", TRACKERS[0]
     parts = {
-        (r.metric, r.band): r.value for r in found.breakdown("sequence", board) if r.entry == entry
+        (r.metric, r.band): r.value
+        for r in board_results.breakdown("sequence", board)
+        if r.entry == entry
     }
     for sequence in ("0000", "0001"):
         low, high = parts["nees_low", sequence], parts["nees_high", sequence]
         assert 0 < low < 1 < high
         # One band for two objects and one for all that both sequences have.
-        assert found.row(board, entry, "nees_low").value > low
-        assert found.row(board, entry, "nees_high").value < high
-    nees = found.row(board, entry, "nees_position").value
-    tables = {table.title: table for table in breakdown_tables(found, board, "sequence", 120)}
+        assert board_results.row(board, entry, "nees_low").value > low
+        assert board_results.row(board, entry, "nees_high").value < high
+    nees = board_results.row(board, entry, "nees_position").value
+    tables = {
+        table.title: table for table in breakdown_tables(board_results, board, "sequence", 120)
+    }
     shown = tables["NEES (its 95 % band) by sequence"]
     assert [column.header for column in shown.columns] == ["tracker", "0000", "0001", "all"]
     cells = [list(column.cells) for column in shown.columns]
     row = [str(name) for name in cells[0]].index(entry)
-    low, high = (found.row(board, entry, f"nees_{end}").value for end in ("low", "high"))
+    low, high = (board_results.row(board, entry, f"nees_{end}").value for end in ("low", "high"))
     assert cells[3][row] == f"{nees:.2f} ({low:.2f}-{high:.2f})"
     assert "95 %" in note(board, "sequence")
     assert "### NEES (its 95 % band) by sequence" in (out / "leaderboard.md").read_text()
 
 
 @pytest.mark.slow
-def test_a_sequence_without_objects_is_seen_and_moves_no_mean(folder):
-    board, entry, given = "kitti car", "nearest", {"boards": ["tracking"], "only": True}
-    whole = leaderboard("quick", [entry], kitti=folder, **given)
+def test_a_sequence_without_objects_is_shown_and_moves_no_mean(folder):
+    board, entry, board_options = "kitti car", "nearest", {"boards": ["tracking"], "only": True}
+    whole = leaderboard("quick", [entry], kitti=folder, **board_options)
     (folder / "label_02" / "0001.txt").write_text("")
-    found = leaderboard("quick", [entry], kitti=folder, **given)
-    tables = {t.title: t for t in breakdown_tables(found, board, "sequence", 120)}
+    board_results = leaderboard("quick", [entry], kitti=folder, **board_options)
+    tables = {t.title: t for t in breakdown_tables(board_results, board, "sequence", 120)}
     shown = {
         name: {c.header: [str(cell) for cell in c.cells] for c in tables[name].columns}
         for name in ("HOTA by sequence", "MOTA by sequence", "false alarms by sequence")
@@ -131,13 +135,15 @@ def test_a_sequence_without_objects_is_seen_and_moves_no_mean(folder):
     assert int(hota["0000"][1]) > 0
     assert shown["MOTA by sequence"]["0001"] == ["-"]
     (alarms,) = shown["false alarms by sequence"]["0001"]
-    told = {r.band: r for r in found.breakdown("sequence", board) if r.metric == "false_alarms"}
-    assert int(alarms) == told["0001"].value > 10
-    parts = {(r.metric, r.band): r.value for r in found.breakdown("sequence", board)}
+    false_alarms = {
+        r.band: r for r in board_results.breakdown("sequence", board) if r.metric == "false_alarms"
+    }
+    assert int(alarms) == false_alarms["0001"].value > 10
+    parts = {(r.metric, r.band): r.value for r in board_results.breakdown("sequence", board)}
     before = {(r.metric, r.band): r.value for r in whole.breakdown("sequence", board)}
     assert ("hota", "0001") not in parts
     assert parts["hota", "0000"] == before["hota", "0000"]
-    sure = found.row(board, entry, "samota_3d")
+    sure = board_results.row(board, entry, "samota_3d")
     assert (sure.n, whole.row(board, entry, "samota_3d").n) == (1, 2)
     assert "false alarms" in note(board, "sequence")
 
@@ -194,11 +200,11 @@ def test_an_offline_tracker_is_called_so(folder, tmp_path):
     entries = ["nearest", f"{plugin}:Late", "existence-offline"]
     jobs = plan_of(kitti_suite(folder), entries, only=True).jobs
     of_one = [job for job in jobs if job.episode == jobs[0].episode]
-    found = gather(of_one, scored(of_one), {})
-    assert not found.failures
-    assert [found.row("kitti car", entry, OFFLINE).value for entry in entries] == [0, 1, 1]
+    board_results = gather(of_one, scored(of_one), {})
+    assert not board_results.failures
+    assert [board_results.row("kitti car", entry, OFFLINE).value for entry in entries] == [0, 1, 1]
     console = Console(width=160, record=True)
-    console.print(board_table(found, "kitti car", 160))
+    console.print(board_table(board_results, "kitti car", 160))
     assert console.export_text().count("(offline)") == 1
 
 
@@ -211,9 +217,11 @@ def test_on_simulated_traffic_too_an_offline_tracker_is_marked():
         duration_s=0.8,
         rig="lux",
     ).with_settings("tracking", detectors=("oracle",))
-    found = leaderboard(suite, ["nearest", "existence-offline"], boards=["tracking"], only=True)
-    assert found.row("tracking", "nearest", OFFLINE) is None
-    assert found.row("tracking", "existence-offline", OFFLINE).value == 1
+    board_results = leaderboard(
+        suite, ["nearest", "existence-offline"], boards=["tracking"], only=True
+    )
+    assert board_results.row("tracking", "nearest", OFFLINE) is None
+    assert board_results.row("tracking", "existence-offline", OFFLINE).value == 1
 
 
 def test_the_suite_has_the_offline_tracker_beside_the_online_one(folder):
@@ -239,7 +247,7 @@ def test_trackers_get_the_detections_of_the_file_bit_for_bit(folder, monkeypatch
     assert tuple(received) == read_kitti_sequence(folder, "0000").detections
 
 
-def test_two_detectors_are_told_apart(folder):
+def test_two_detectors_are_distinguished(folder):
     for name in ("Car", "Pedestrian"):
         (folder / "det_a" / name).mkdir(parents=True)
     (folder / "det_a" / "Car" / "0001.txt").write_text("")
@@ -249,7 +257,7 @@ def test_two_detectors_are_told_apart(folder):
     assert "2 of 2 labelled sequences" in explanation(suite, [b.name for b in made.boards])
 
 
-def test_poses_of_an_odometry_are_refused_those_of_nobody_are_not(folder):
+def test_poses_of_an_odometry_are_refused_and_no_poses_are_accepted(folder):
     suite = kitti_suite(folder)
     with pytest.raises(SpecError, match="without scans"):
         plan_of(suite, ["nearest?ego=still"])
@@ -286,7 +294,7 @@ NOBODY = "label_02: expected labels of Car, Pedestrian, Cyclist"
 
 
 @pytest.mark.parametrize(
-    ("content", "said"),
+    ("content", "message"),
     [
         (b"", NOBODY),
         (b"\n\n", NOBODY),
@@ -296,15 +304,15 @@ NOBODY = "label_02: expected labels of Car, Pedestrian, Cyclist"
         (b"0,1,Car,0,0", r"0000.txt, line 1: expected 17 col.* got '1 column .* at white space'"),
     ],
 )
-def test_labels_of_nobody_who_is_tracked_are_refused(content, said, folder, tmp_path):
+def test_labels_without_a_tracked_class_are_refused(content, message, folder, tmp_path):
     where = Path(shutil.copytree(folder, tmp_path / "nobody"))
     for path in (where / "label_02").glob("*.txt"):
         path.write_bytes(content)
-    with pytest.raises(FormatError, match=said):
+    with pytest.raises(FormatError, match=message):
         kitti_suite(where)
 
 
-def test_detections_elsewhere_or_between_spaces_are_told_as_such(folder):
+def test_detections_in_another_place_or_between_spaces_are_reported(folder):
     path = folder / "det_toy" / "Car" / "0000.txt"
     commas = path.read_text()
     path.write_text(commas.replace(",", " "))
@@ -328,7 +336,7 @@ def test_malformed_files_are_refused_before_anything_runs(folder, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("options", "said"),
+    ("options", "message"),
     [
         (["--suite", "kitti"], "name its folder with --kitti DIR"),
         (["--suite", "standard", "--kitti", "."], "leave --suite standard out"),
@@ -336,17 +344,17 @@ def test_malformed_files_are_refused_before_anything_runs(folder, tmp_path):
         (["--kitti", "."], r"expected label_02/SEQ.txt"),
     ],
 )
-def test_the_command_line_says_what_is_wrong(options, said, tmp_path, monkeypatch):
+def test_the_command_line_says_what_is_wrong(options, message, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     caught = CliRunner().invoke(app, ["leaderboard", "tracking", *options]).exception
     assert isinstance(caught, ValueError)
-    assert said in str(caught)
+    assert message in str(caught)
 
 
 @pytest.mark.slow
 def test_ranks_are_compared_with_suites_that_were_run(results):
     """Outcomes of simulated traffic as if a run had left them in the store."""
-    found, _, folder = results
+    board_results, _, folder = results
     recorded = plan_of(kitti_suite(folder), TRACKERS, only=True)
     figures = dict(zip(TRACKERS, (0.1, 0.2, 0.3), strict=True))
     simulated = {job.key: job.entry for job in simulated_jobs(TRACKERS)}
@@ -358,16 +366,16 @@ def test_ranks_are_compared_with_suites_that_were_run(results):
             if simulated.get(k) in figures
         }
 
-    matches = agreements(found, recorded, outcomes)
+    matches = agreements(board_results, recorded, outcomes)
     title = load_suite("quick").title
     assert [(m.board, m.suite) for m in matches] == [
         ("kitti car", title),
         ("kitti pedestrian", title),
     ]
     assert set(matches[0].entries) == set(TRACKERS)
-    ours = [found.row("kitti car", entry, "hota").value for entry in TRACKERS]
+    ours = [board_results.row("kitti car", entry, "hota").value for entry in TRACKERS]
     assert matches[0].rho == pytest.approx(spearman(list(figures.values()), ours))
-    (line,) = agreement_lines(replace(found, agreements=matches), "kitti car")
+    (line,) = agreement_lines(replace(board_results, agreements=matches), "kitti car")
     assert title in line
     assert f"{matches[0].rho:.2f}" in line
 
@@ -384,7 +392,7 @@ def test_a_results_file_that_a_tracker_ruined_costs_no_board(folder, tmp_path):
     )
     with warnings.catch_warnings(record=True) as raised:
         warnings.simplefilter("always")
-        found = leaderboard(
+        board_results = leaderboard(
             "quick",
             [*TRACKERS, f"{path}:Mine"],
             boards=["tracking"],
@@ -392,8 +400,8 @@ def test_a_results_file_that_a_tracker_ruined_costs_no_board(folder, tmp_path):
             kitti=folder,
             out_dir=out,
         )
-    assert found.boards() == ["kitti car", "kitti pedestrian"]
-    assert not found.failures
+    assert board_results.boards() == ["kitti car", "kitti pedestrian"]
+    assert not board_results.failures
     assert any("are not compared" in str(each.message) for each in raised)
 
 
@@ -408,7 +416,7 @@ def test_without_anything_to_compare_the_board_says_what_to_run(results, folder,
 
 @pytest.mark.slow
 def test_only_trackers_that_came_through_a_suite_are_compared(results):
-    found, _, folder = results
+    board_results, _, folder = results
     recorded = plan_of(kitti_suite(folder), TRACKERS, only=True)
     jobs = simulated_jobs(TRACKERS)
     failed = next(job.key for job in jobs if job.entry == TRACKERS[2])
@@ -418,8 +426,8 @@ def test_only_trackers_that_came_through_a_suite_are_compared(results):
         return {key: Outcome({}, "it failed") if key == failed else whole for key in keys}
 
     # Two that came through are too few to compare.
-    assert agreements(found, recorded, outcomes) == ()
-    assert agreements(found, recorded, lambda keys: {}) == ()
+    assert agreements(board_results, recorded, outcomes) == ()
+    assert agreements(board_results, recorded, lambda keys: {}) == ()
 
 
 def _no_scans(folder):

@@ -49,15 +49,15 @@ def test_columns_are_those_that_are_read() -> None:
 def test_example_of_kitti_is_read_as_the_page_says(folder: Path) -> None:
     assert [r.category for r in recordings_of(kitti_suite(folder))] == ["car"]
     sequence = read_kitti_sequence(folder, "0000")
-    seen, boxed = sequence.detections[0], sequence.detection_rows[0]
+    detections, boxed = sequence.detections[0], sequence.detection_rows[0]
     assert boxed.boxes[0].tolist() == [296.7, 161.8, 455.2, 292.4]
     assert boxed.scores[0] == 9.2
-    assert seen.sizes[0].tolist() == [3.88, 1.63, 1.53]
-    assert seen.centres[0] == pytest.approx([13.41, 4.55, -1.86 + 1.53 / 2])
+    assert detections.sizes[0].tolist() == [3.88, 1.63, 1.53]
+    assert detections.centres[0] == pytest.approx([13.41, 4.55, -1.86 + 1.53 / 2])
     assert boxed.rotations_y[0] == -2.12
     assert boxed.alphas[0] == -1.79
     assert sequence.truths[0].ids.tolist() == [3]
-    assert sequence.truths[0].centres[0] == pytest.approx(seen.centres[0])
+    assert sequence.truths[0].centres[0] == pytest.approx(detections.centres[0])
     assert sequence.world_from_ego[1].translation == pytest.approx([0.9, 0, 0])
 
 

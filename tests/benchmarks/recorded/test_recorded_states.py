@@ -52,7 +52,7 @@ def test_nees_says_whether_tracks_are_too_sure(sequence, variance, ratio, within
     assert scores["nees_in_band"].value == within
 
 
-def test_turned_round_is_told_from_turned(sequence):
+def test_a_reversed_heading_is_distinguished_from_a_turned_one(sequence):
     scores = kitti_scores(offset_tracks(sequence, turned=np.pi), sequence)
     assert scores["heading_reversed"].value == 1
 
@@ -86,11 +86,11 @@ def test_only_averages_over_recall_take_tentative_tracks(sequence):
     half = len(sure) // 2
     shown = sure[:half] + [tracks.sure for tracks in unsure[half:]]
     every = sure[:half] + unsure[half:]
-    without, given = kitti_scores(shown, sequence), kitti_scores(every, sequence)
+    without, with_tentative = kitti_scores(shown, sequence), kitti_scores(every, sequence)
     changed = {
         name
-        for name, score in given.items()
+        for name, score in with_tentative.items()
         if not np.array_equal(score.value, without[name].value, equal_nan=True)
     }
     assert changed == {"samota", "samota_3d", "samota_centre"}
-    assert given["samota"].value > without["samota"].value
+    assert with_tentative["samota"].value > without["samota"].value

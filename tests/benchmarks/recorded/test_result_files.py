@@ -22,15 +22,15 @@ def mot_lines(*rows, tail=""):
 
 def example(folder: Path, results: str) -> tuple[Path, Path]:
     """Two people over two frames, of whom one is followed."""
-    truth, told = folder / "MOT17-02" / "gt" / "gt.txt", folder / "mine" / "MOT17-02.txt"
-    for path in (truth, told):
+    truth, results_file = folder / "MOT17-02" / "gt" / "gt.txt", folder / "mine" / "MOT17-02.txt"
+    for path in (truth, results_file):
         path.parent.mkdir(parents=True, exist_ok=True)
     people = [f"{t},{k},{box}" for t in (1, 2) for k, box in ((1, A), (2, B))]
     truth.write_text(mot_lines(*people, tail=",1,1,1.0"))
     (truth.parents[1] / "det").mkdir(exist_ok=True)
     (truth.parents[1] / "det" / "det.txt").write_text("")
-    told.write_text(results)
-    return truth, told
+    results_file.write_text(results)
+    return truth, results_file
 
 
 ONE = mot_lines(f"1,7,{A}", f"2,7,{A}", tail=",0.9,-1,-1,-1")
@@ -51,9 +51,9 @@ def test_examples_work_as_printed(function, tmp_path, monkeypatch):
 
 
 @pytest.mark.parametrize("kind", [2, 7, 8, 12, 3, 11])
-def test_who_follows_a_distractor_counts_neither_way(kind, tmp_path):
-    told = ONE + mot_lines(f"1,8,{C}", tail=",0.9,-1,-1,-1")
-    truth, results = example(tmp_path, told)
+def test_a_track_on_a_distractor_is_neither_right_nor_wrong(kind, tmp_path):
+    result_lines = ONE + mot_lines(f"1,8,{C}", tail=",0.9,-1,-1,-1")
+    truth, results = example(tmp_path, result_lines)
     truth.write_text(truth.read_text() + f"1,3,{C},0,{kind},1.0\n")
     scores = score_mot_results(truth.parents[1], results)
     excused = kind in (2, 7, 8, 12)
@@ -61,7 +61,7 @@ def test_who_follows_a_distractor_counts_neither_way(kind, tmp_path):
     assert scores["recall"].value == 0.5
 
 
-def test_who_is_marked_as_not_counting_does_not(tmp_path):
+def test_objects_marked_as_not_counting_do_not_count(tmp_path):
     truth, results = example(tmp_path, ONE)
     truth.write_text(truth.read_text().replace(f"1,2,{B},1", f"1,2,{B},0"))
     assert score_mot_results(truth.parents[1], results)["recall"].n == 3
@@ -82,15 +82,15 @@ def test_malformed_files_are_refused_with_their_line(tmp_path):
     with pytest.raises(FormatError, match=r"MOT17-02.txt, line 3: expected left as a number"):
         score_mot_results(truth.parents[1], results)
     results.write_text(mot_lines(f"9,7,{A}", tail=",0.9,-1,-1,-1"))
-    said = r"mine/MOT17-02.txt, line 1: expected a frame of at most 2, the last of .*02, got '9'"
-    with pytest.raises(FormatError, match=said):
+    message = r"mine/MOT17-02.txt, line 1: expected a frame of at most 2, the last of .*02, got '9'"
+    with pytest.raises(FormatError, match=message):
         score_mot_results(truth.parents[1], results)
     with pytest.raises(FormatError, match=r"gt.txt, line 1: expected 17 columns"):
         score_kitti_results(truth, results)
 
 
 @pytest.mark.parametrize(("name", "precision"), [("MOT20-01", 1.0), ("MOT17-02", 2 / 3)])
-def test_mot20_spares_who_follows_other_vehicles(name, precision, tmp_path):
+def test_mot20_ignores_tracks_on_other_vehicles(name, precision, tmp_path):
     """As on the board: the name of the folder decides, wherever it is called from."""
     truth, results = example(tmp_path, ONE + mot_lines(f"1,8,{C}", tail=",0.9,-1,-1,-1"))
     truth.write_text(truth.read_text() + f"1,3,{C},0,6,1.0\n")
@@ -102,7 +102,7 @@ def test_mot20_spares_who_follows_other_vehicles(name, precision, tmp_path):
 
 
 @pytest.mark.parametrize("number", [0, 2**53 - 1])
-def test_ids_may_be_as_large_as_they_can_be_told_apart(number, tmp_path):
+def test_ids_may_be_as_large_as_a_float_distinguishes(number, tmp_path):
     truth, results = example(tmp_path, ONE.replace(",7,", f",{number},"))
     assert score_mot_results(truth.parents[1], results)["recall"].value == 0.5
 
@@ -126,7 +126,7 @@ def test_the_same_sequence_as_trackevals(seed, tmp_path):
     (gt / "det").mkdir()
     (gt / "det" / "det.txt").write_text("")
     (gt / "seqinfo.ini").write_text("[Sequence]\nname=A\nframeRate=25\nseqLength=12\n")
-    true, told = [], []
+    true, result_lines = [], []
     for frame in range(1, 13):
         for k in range(14):
             x, y = 40 * k + rng.normal(0, 6), 100 + rng.normal(0, 6)
@@ -135,9 +135,11 @@ def test_the_same_sequence_as_trackevals(seed, tmp_path):
             true.append(f"{frame},{k + 1},{x:.2f},{y:.2f},50,80,{shown},{kind},1.0")
             if rng.random() < 0.8:
                 x, y = x + rng.normal(0, 6), y + rng.normal(0, 6)
-                told.append(f"{frame},{k + 20},{x:.2f},{y:.2f},50,80,{rng.random():.3f},-1,-1,-1")
+                result_lines.append(
+                    f"{frame},{k + 20},{x:.2f},{y:.2f},50,80,{rng.random():.3f},-1,-1,-1"
+                )
     (gt / "gt" / "gt.txt").write_text(mot_lines(*true))
-    (out / "A.txt").write_text(mot_lines(*told))
+    (out / "A.txt").write_text(mot_lines(*result_lines))
     dataset = trackeval.datasets.MotChallenge2DBox(
         {
             "GT_FOLDER": str(tmp_path / "gt"),
@@ -149,7 +151,7 @@ def test_the_same_sequence_as_trackevals(seed, tmp_path):
     rows = (read_mot(path).by_frame(12) for path in (gt / "gt" / "gt.txt", out / "A.txt"))
     ours = apply_mot_rules(*rows)
     assert len(ours.truths) == wanted["num_gt_dets"] < 12 * 8
-    assert len(ours.tracks) == wanted["num_tracker_dets"] < len(told)
+    assert len(ours.tracks) == wanted["num_tracker_dets"] < len(result_lines)
     for alike, theirs in zip(
         ours.matrices(ours.similarities), wanted["similarity_scores"], strict=True
     ):

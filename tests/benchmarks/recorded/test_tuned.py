@@ -74,9 +74,9 @@ def test_own_labels_change_no_track_of_a_sequence(folder):
 @pytest.mark.slow
 def test_any_tracker_can_have_a_threshold_and_the_row_says_so(folder):
     entries = ["nearest?least_score=tuned", "nearest?least_score=tuned&ego=none"]
-    found = leaderboard("quick", entries, boards=["tracking"], only=True, kitti=folder)
-    assert not found.failures
-    assert set(found.entries("kitti car")) == set(entries)
+    results = leaderboard("quick", entries, boards=["tracking"], only=True, kitti=folder)
+    assert not results.failures
+    assert set(results.entries("kitti car")) == set(entries)
 
 
 def test_arguments_get_the_threshold():
@@ -97,8 +97,8 @@ def test_wrong_arguments_are_refused_before_a_run(folder):
 
 def test_one_sequence_has_none_to_choose_on(tmp_path):
     folder = write_kitti(tmp_path / "kitti", ("0000",))
-    found = leaderboard("quick", [TUNED], boards=["tracking"], only=True, kitti=folder)
-    assert "only one" in found.failures[0].reason
+    results = leaderboard("quick", [TUNED], boards=["tracking"], only=True, kitti=folder)
+    assert "only one" in results.failures[0].reason
 
 
 def test_on_simulated_traffic_thresholds_are_chosen_on_train_seeds():

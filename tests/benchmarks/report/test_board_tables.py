@@ -129,7 +129,7 @@ def test_wider_boards_have_what_narrower_ones_have(name) -> None:
     assert len(before) >= sum(len(c.heading.split()) for c in board_named(name).columns)
 
 
-def test_figures_that_nobody_has_get_no_column() -> None:
+def test_figures_that_no_entry_has_get_no_column() -> None:
     whole = board(0.512, 0.4, 0.613)
     rows = [row if row.metric != "mota" else replace(row, value=None) for row in whole.rows]
     text = printed(board_table(replace(whole, rows=tuple(rows)), "tracking", 80))
@@ -189,7 +189,7 @@ def ranked(*places: Standing) -> Results:
     return Results({}, tuple(rows), (), (), places)
 
 
-def test_marks_stand_apart_without_a_rank() -> None:
+def test_marks_have_rows_of_their_own_without_a_rank() -> None:
     results = ranked(standing("mine", 1), standing("all-in-one", None, mark="lower mark"))
     lines = printed(board_table(results, "tracking", 80)).splitlines()
     assert lines[-3].startswith("1 mine")
@@ -197,7 +197,7 @@ def test_marks_stand_apart_without_a_rank() -> None:
     assert lines[-1].startswith("  all-in-one (lower mark)")
 
 
-def test_who_may_be_as_good_as_the_best_is_named() -> None:
+def test_entries_that_may_be_as_good_as_the_best_are_named() -> None:
     best, near = standing("a", 1, (0.0, 0.0, 0.0)), standing("b", 2, (0.1, -0.01, 0.2))
     far = standing("c", 3, (0.3, 0.2, 0.4))
     text = comparison(ranked(best, near, far), "tracking")

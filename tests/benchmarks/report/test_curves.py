@@ -41,13 +41,13 @@ def texts(path):
 
 def test_every_entry_has_its_name_and_every_axis_too(tmp_path) -> None:
     draw_curves(RESULTS, tmp_path / "drift.svg")
-    said = texts(tmp_path / "drift.svg")
-    assert [word for word in said if word in ENTRIES] == ENTRIES
-    assert set(PANELS.values()) <= set(said)
-    assert said.count("distance driven (m)") == len(PANELS)
+    labels = texts(tmp_path / "drift.svg")
+    assert [word for word in labels if word in ENTRIES] == ENTRIES
+    assert set(PANELS.values()) <= set(labels)
+    assert labels.count("distance driven (m)") == len(PANELS)
     # No drive is as long as the last mark.
-    assert said.count("400") == len(PANELS)
-    assert "800" not in said
+    assert labels.count("400") == len(PANELS)
+    assert "800" not in labels
 
 
 def test_the_legend_of_many_entries_is_whole(tmp_path) -> None:

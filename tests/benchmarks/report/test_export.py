@@ -113,14 +113,14 @@ def test_all_files_are_written(tmp_path) -> None:
     assert json.loads(paths[0].read_text())["rows"][1]["value"] is None
 
 
-def test_a_folder_in_the_way_is_named(tmp_path) -> None:
+def test_a_folder_at_the_place_of_a_file_is_named(tmp_path) -> None:
     check_targets(tmp_path)
     (tmp_path / "leaderboard.csv").mkdir()
     with pytest.raises(FolderError, match=r"leaderboard\.csv: it is a folder"):
         check_targets(tmp_path)
 
 
-def test_who_failed_everywhere_has_no_rank_and_a_reason() -> None:
+def test_an_entry_that_failed_everywhere_has_no_rank_and_a_reason() -> None:
     place = Standing("detection", "all", None, reason="all: KeyError: 'x' (a.py:3)")
     row = Row("detection", "all", "failed_episodes", 3, None, None, 3, "1", "lower")
     failures = tuple(
@@ -234,14 +234,17 @@ def test_a_board_of_another_suite_is_kept_beside_the_latest(tmp_path) -> None:
     save_all(of_suite("quick", "tracking"), tmp_path)
     save_all(of_suite("kitti", "tracking"), tmp_path)
     save_all(of_suite("quick", "detection", "tracking"), tmp_path)
-    kept = [path.name for path in earlier_boards(tmp_path)]
-    assert kept == ["leaderboard-kitti-tracking.json", "leaderboard-quick-tracking.json"]
-    assert [suite_in(tmp_path / name) for name in kept] == ["kitti", "quick"]
+    board_names = [path.name for path in earlier_boards(tmp_path)]
+    assert board_names == ["leaderboard-kitti-tracking.json", "leaderboard-quick-tracking.json"]
+    assert [suite_in(tmp_path / name) for name in board_names] == ["kitti", "quick"]
     assert suite_in(tmp_path / "leaderboard.json") == "quick"
     assert (tmp_path / "leaderboard-kitti-tracking.csv").is_file()
     save_all(of_suite("kitti", "tracking"), tmp_path)
-    kept = [path.name for path in earlier_boards(tmp_path)]
-    assert kept == ["leaderboard-quick-detection-tracking.json", "leaderboard-quick-tracking.json"]
+    board_names = [path.name for path in earlier_boards(tmp_path)]
+    assert board_names == [
+        "leaderboard-quick-detection-tracking.json",
+        "leaderboard-quick-tracking.json",
+    ]
     assert suite_in(tmp_path / "leaderboard.json") == "kitti"
 
 

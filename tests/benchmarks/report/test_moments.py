@@ -71,7 +71,7 @@ def answer(frame: int) -> tuple[Detections, list[int]]:
 
 
 @pytest.fixture(autouse=True)
-def kept_in_a_folder(tmp_path, monkeypatch) -> None:
+def store_in_a_folder(tmp_path, monkeypatch) -> None:
     monkeypatch.setenv("ROADSCOPE_CACHE", str(tmp_path))
 
 
@@ -149,8 +149,10 @@ def test_positions_are_those_of_the_truth(tracked) -> None:
     ego_from_world = ego(event).inverse()
     expected = {4: 0, 8: 1}
     for box in moment.objects:
-        seen = np.array([ego_from_world.apply(places_m(f))[expected[box.number]] for f in frames])
-        np.testing.assert_allclose(positions(box.motion)[:, :2], seen[:, :2], atol=0.051)
+        expected_xyz = np.array(
+            [ego_from_world.apply(places_m(f))[expected[box.number]] for f in frames]
+        )
+        np.testing.assert_allclose(positions(box.motion)[:, :2], expected_xyz[:, :2], atol=0.051)
         assert (box.length, box.width) == (46, 18)
     own = [ego_from_world.apply(ego(frame).translation[None])[0] for frame in frames]
     np.testing.assert_allclose(positions(moment.ego)[:, :2], np.array(own)[:, :2], atol=0.051)
@@ -302,7 +304,7 @@ def tracks_at(stamp_s: float, centres: Sequence[Sequence[float]]) -> Tracks:
     return toy_boxes.tracks(centres, ids, sizes=CAR, stamp_s=float(stamp_s))
 
 
-def test_what_is_not_kept_has_no_moments(tracked) -> None:
+def test_answers_that_are_not_stored_have_no_moments(tracked) -> None:
     job, results = tracked
     job.answers.path.write_bytes(b"no answers")
     assert worst_moments([job], results) == []

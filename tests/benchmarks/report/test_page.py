@@ -44,9 +44,9 @@ def read(text: str) -> Reader:
 
 
 def content(text: str) -> list[dict[str, object]]:
-    found = re.search(r'<script type="application/json" id="content">(.*?)</script>', text, re.S)
-    assert found is not None
-    boards: list[dict[str, object]] = json.loads(found[1])
+    match = re.search(r'<script type="application/json" id="content">(.*?)</script>', text, re.S)
+    assert match is not None
+    boards: list[dict[str, object]] = json.loads(match[1])
     return boards
 
 
@@ -118,16 +118,18 @@ def test_a_page_names_nothing_outside_of_it(tmp_path) -> None:
 def test_moments_that_do_not_fit_are_left_out_and_it_says_so(tmp_path) -> None:
     path = tmp_path / PAGE
     long = [moment("good", text=f"{k} " + 20_000 * "x") for k in range(100)]
-    (told,) = save_page([Run(results(), long)], path)
+    (message,) = save_page([Run(results(), long)], path)
     assert path.stat().st_size <= MOST_BYTES
     (board,) = content(path.read_text())
-    kept = len(board["moments"])
-    assert 60 < kept < 100
-    assert f"{100 - kept} of 100" in told
-    assert told in " ".join(read(path.read_text()).texts)
-    assert [each["text"].split()[0] for each in board["moments"]] == [str(k) for k in range(kept)]
+    shown_moments = len(board["moments"])
+    assert 60 < shown_moments < 100
+    assert f"{100 - shown_moments} of 100" in message
+    assert message in " ".join(read(path.read_text()).texts)
+    assert [each["text"].split()[0] for each in board["moments"]] == [
+        str(k) for k in range(shown_moments)
+    ]
     left_out = {each["name"]: each["left_out"] for each in board["entries"]}
-    assert left_out == {"good": 100 - kept, "poor": 0, "good on oracle": 0}
+    assert left_out == {"good": 100 - shown_moments, "poor": 0, "good on oracle": 0}
 
 
 def with_failures(count: int) -> Results:
@@ -152,19 +154,19 @@ def with_failures(count: int) -> Results:
 )
 def test_a_page_is_never_larger_than_it_may_be(tmp_path, boards, failures, limit, cuts) -> None:
     path, moments = tmp_path / PAGE, [moment("good"), moment("good", text=1_500_000 * "x")]
-    told = save_page([Run(with_failures(failures), moments)] * boards, path, most_bytes=limit)
+    messages = save_page([Run(with_failures(failures), moments)] * boards, path, most_bytes=limit)
     assert path.stat().st_size <= limit
-    first_words = [text.split()[0] for text in told]
+    first_words = [text.split()[0] for text in messages]
     assert len(first_words) == len(set(first_words))
     assert first_words[-1].isdecimal()  # The number of moments that are left out.
     assert cuts <= set(first_words)
     assert bool(cuts) == ("Breakdowns" in first_words)
     shown = " ".join(read(path.read_text()).texts)
-    assert all(text in shown for text in told)
-    found = content(path.read_text())
-    assert ("Boards" in first_words) == (len(found) < boards)
-    assert all(len(each["text"]) < 100 for board in found for each in board["moments"])
-    assert all(e["name"] == "good" for board in found for e in board["entries"][:1])
+    assert all(text in shown for text in messages)
+    boards_shown = content(path.read_text())
+    assert ("Boards" in first_words) == (len(boards_shown) < boards)
+    assert all(len(each["text"]) < 100 for board in boards_shown for each in board["moments"])
+    assert all(e["name"] == "good" for board in boards_shown for e in board["entries"][:1])
 
 
 def test_what_was_saved_is_read(tmp_path) -> None:
@@ -185,12 +187,12 @@ def test_what_was_saved_is_read(tmp_path) -> None:
     assert len(content((tmp_path / PAGE).read_text())) == 2
 
 
-def test_a_replay_that_cannot_be_read_is_told(tmp_path) -> None:
+def test_a_replay_that_cannot_be_read_is_reported(tmp_path) -> None:
     save_all(results(), tmp_path)
     (tmp_path / "replay.json").write_text('[{"board": 1}]')
     (run,) = read_runs(tmp_path)
-    (told,) = save_page([run], tmp_path / PAGE)
-    assert "replay.json" in told
+    (message,) = save_page([run], tmp_path / PAGE)
+    assert "replay.json" in message
     assert msgspec.json.decode((tmp_path / "replay.json").read_bytes())
 
 

@@ -246,7 +246,7 @@ OVERLAPS = """
 """
 
 
-def test_labels_of_many_entries_do_not_overlap_and_give_way_to_ranks(visit) -> None:
+def test_labels_of_many_entries_do_not_overlap_and_become_ranks(visit) -> None:
     page = visit(Run(results(more=20), []))
     assert page.locator(".times svg .dot").count() == 23
     labels = page.locator(".times svg g text").all_text_contents()

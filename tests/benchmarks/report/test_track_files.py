@@ -80,7 +80,7 @@ def test_both_formats_hold_the_same_boxes_and_no_id_is_of_two_classes(folder, tm
     np.testing.assert_allclose(boxed.boxes, people.boxes, atol=1e-5)
 
 
-def test_who_fails_is_left_out_and_named(folder, tmp_path):
+def test_a_tracker_that_fails_is_left_out_and_named(folder, tmp_path):
     plugin = tmp_path / "bad.py"
     plugin.write_text(
         "class Bad:\n    def reset(self): pass\n    def update(self, detections, ego_pose): 1 / 0\n"
@@ -107,9 +107,9 @@ def test_wrong_options_are_named_before_anything_runs(options, folder, tmp_path,
     (tmp_path / "file").write_text("")
     command = ["leaderboard", "tracking", *options, "--tracks", str(tmp_path / "file")]
     caught = CliRunner().invoke(app, command).exception
-    said = "a file is in the way" if options else "name its folder with --kitti"
+    message = "a file is in the way" if options else "name its folder with --kitti"
     assert isinstance(caught, ValueError)
-    assert said in str(caught)
+    assert message in str(caught)
     with pytest.raises(FolderError, match="a file is in the way"):
         save_tracks(jobs_of(folder, "nearest"), tmp_path / "file")
 

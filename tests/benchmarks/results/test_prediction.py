@@ -88,12 +88,14 @@ def test_both_intervals_are_printed_in_80_columns_and_kept_in_the_json() -> None
     assert any(line.split()[:2] == ["collided", "recall"] for line in lines)
     assert "over stacks" in lines[0]
     assert "over stacks" in prediction_note(results, "driving")
-    kept = json.loads(results.to_json())["predictions"]
-    assert {(each["metric"], each["predicted"]) for each in kept} == {
+    written_predictions = json.loads(results.to_json())["predictions"]
+    assert {(each["metric"], each["predicted"]) for each in written_predictions} == {
         ("recall", "reward"),
         ("recall", "collided"),
     }
-    assert all(len(each["over_inputs"]) == len(each["over_seeds"]) == 2 for each in kept)
+    assert all(
+        len(each["over_inputs"]) == len(each["over_seeds"]) == 2 for each in written_predictions
+    )
 
 
 def test_nothing_is_said_where_nothing_varies_or_of_other_boards() -> None:

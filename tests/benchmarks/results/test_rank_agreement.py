@@ -31,9 +31,9 @@ def test_ranks_and_not_values_count():
 def test_entries_on_both_boards_are_compared():
     ours = {"a": 0.5, "b": 0.6, "c": 0.7, "only here": 1.0, "failed": math.nan}
     real = {"c": 70.0, "b": 60.0, "a": 65.0, "failed": 1.0, "only there": 2.0}
-    found = BoardAgreement.of("kitti car", "quick v1", real, ours)
-    assert found.entries == ("a", "b", "c")
-    assert found.rho == pytest.approx(0.5)
+    agreement = BoardAgreement.of("kitti car", "quick v1", real, ours)
+    assert agreement.entries == ("a", "b", "c")
+    assert agreement.rho == pytest.approx(0.5)
 
 
 def of_figures(ones, others):

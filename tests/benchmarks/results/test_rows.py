@@ -121,7 +121,7 @@ def test_one_hard_episode_does_not_carry_the_median_away() -> None:
     assert rows["t_rel"] > 10
 
 
-def test_a_recall_of_who_never_calls_a_return_dynamic_is_not_shown() -> None:
+def test_a_recall_of_an_odometry_without_dynamic_returns_is_not_shown() -> None:
     silent = {"dynamic_recall": ratio(0, 10), "dynamic_precision": ratio(0, 0)}
     heard = {"dynamic_recall": ratio(5, 10), "dynamic_precision": ratio(5, 5)}
     names = [

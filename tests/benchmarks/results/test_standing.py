@@ -50,7 +50,7 @@ def test_marks_come_last_and_have_no_rank() -> None:
     assert (places[0].rank_low, places[0].rank_high) == (1, 1)
 
 
-def test_who_fails_comes_after_all_others_and_rivals_nobody() -> None:
+def test_an_entry_that_fails_comes_after_all_others_and_has_no_rival() -> None:
     good, bad, none = standings(
         [
             record("bad", noisy(50, 1)[:5], failed=SEEDS - 5),
@@ -68,20 +68,20 @@ def test_who_fails_comes_after_all_others_and_rivals_nobody() -> None:
     assert good.reason is bad.reason is None
 
 
-def test_who_fails_everywhere_is_last_whatever_its_name_and_measured_by_nobody() -> None:
+def test_an_entry_that_fails_everywhere_is_last_whatever_its_name_and_has_no_figures() -> None:
     nothing = replace(record("b", [0]), sound=(job("b", 0, {}),))
     places = standings([record("a", [], failed=2), replace(nothing, episodes=2)])
     assert [(place.entry, place.rank) for place in places] == [("b", 1), ("a", None)]
 
 
-def test_one_seed_tells_nothing_about_ranks() -> None:
+def test_one_seed_decides_nothing_about_ranks() -> None:
     best, other = standings([record("a", [600]), record("b", [400])])
     assert (best.rank, best.rank_low, best.rank_high) == (1, None, None)
     assert other.behind == pytest.approx(0.2)
     assert other.behind_low is None
 
 
-def test_alone_and_nobody() -> None:
+def test_one_entry_and_no_entry() -> None:
     assert standings([]) == []
     (only,) = standings([record("a", noisy(0, 1))])
     assert (only.rank, only.rank_low, only.rank_high) == (1, 1, 1)

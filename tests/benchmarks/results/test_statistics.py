@@ -110,16 +110,16 @@ def test_pooled_ratios_cover_the_true_ratio() -> None:
 def test_a_few_odd_values_among_many_alike_give_a_bounded_interval(odd: int) -> None:
     values = np.ones(30) - 1e-9 * np.arange(30)
     values[:odd] = 0.5
-    found = mean_interval(values)
-    assert found.low < found.mean < found.high
-    assert found.high - found.low < 0.1 * odd
+    interval = mean_interval(values)
+    assert interval.low < interval.mean < interval.high
+    assert interval.high - interval.low < 0.1 * odd
 
 
 def test_differences_are_those_of_pooled_ratios() -> None:
     ones, others = [ratio(1, 2), ratio(9, 10)], [ratio(1, 4), ratio(5, 10)]
-    found = paired_interval(ones, others)
-    assert found.mean == pytest.approx(10 / 12 - 6 / 14)
-    assert found.low < found.mean < found.high
+    interval = paired_interval(ones, others)
+    assert interval.mean == pytest.approx(10 / 12 - 6 / 14)
+    assert interval.low < interval.mean < interval.high
     assert paired_interval(ones, ones) == paired_interval(others, others)
     assert paired_interval(ones, ones).high == 0.0
     assert paired_interval([ratio(1, 0)], [ratio(1, 2)]).n == 0
@@ -127,9 +127,9 @@ def test_differences_are_those_of_pooled_ratios() -> None:
 
 def test_rms_errors_are_subtracted_as_they_are_pooled() -> None:
     ones, others = [rms(16.0, 1, "m"), rms(27.0, 3, "m")], [rms(9.0, 1, "m"), rms(12.0, 3, "m")]
-    found = paired_interval(ones, others)
-    assert found.mean == pytest.approx(np.sqrt(43 / 4) - np.sqrt(21 / 4))
-    assert found.low < found.mean < found.high
+    interval = paired_interval(ones, others)
+    assert interval.mean == pytest.approx(np.sqrt(43 / 4) - np.sqrt(21 / 4))
+    assert interval.low < interval.mean < interval.high
 
 
 def test_paired_intervals_cover_the_difference_and_are_narrower() -> None:
@@ -138,9 +138,9 @@ def test_paired_intervals_cover_the_difference_and_are_narrower() -> None:
         hardness = rng.beta(5, 5, 12)
         ones = [ratio(100 * h + rng.normal(0, 2), 100) for h in hardness]
         others = [ratio(100 * h - 4 + rng.normal(0, 2), 100) for h in hardness]
-        found, alone = paired_interval(ones, others), pooled_interval(ones)
-        hits += found.low <= 0.04 <= found.high
-        widths.append((found.high - found.low) / (alone.high - alone.low))
+        paired, alone = paired_interval(ones, others), pooled_interval(ones)
+        hits += paired.low <= 0.04 <= paired.high
+        widths.append((paired.high - paired.low) / (alone.high - alone.low))
     assert 0.90 < hits / 200 < 0.99
     assert np.median(widths) < 0.4
 

@@ -21,9 +21,9 @@ ROWS = [SpeedRow("cast", 2.5, "Mray/s"), SpeedRow("tracker absent", None, "not i
 
 
 def test_casts_and_sweeps_are_measured() -> None:
-    told: list[tuple[str, int, int]] = []
+    reported_steps: list[tuple[str, int, int]] = []
     steps = casting_steps(1, (3,), 3)
-    rows = run_steps(steps, lambda *step: told.append(step))
+    rows = run_steps(steps, lambda *step: reported_steps.append(step))
     assert [row.name for row in rows] == [
         "cast, level, 3 bodies",
         "cast, tilted, 3 bodies",
@@ -31,7 +31,7 @@ def test_casts_and_sweeps_are_measured() -> None:
         "whole sweep, tilted, 3 bodies",
     ]
     assert all(row.value > 0 for row in rows)
-    assert told == [("3 bodies", 0, 2), ("whole sweeps", 1, 2)]
+    assert reported_steps == [("3 bodies", 0, 2), ("whole sweeps", 1, 2)]
 
 
 def test_parts_are_measured_in_the_order_in_which_they_are_named(
@@ -41,9 +41,11 @@ def test_parts_are_measured_in_the_order_in_which_they_are_named(
         step = SpeedStep(part, lambda part=part: [SpeedRow(part, 1.0, "ms")])
         monkeypatch.setitem(PARTS, part, lambda step=step: [step])
     assert [row.name for row in measure_speed()] == list(PARTS)
-    told: list[str] = []
-    rows = measure_speed(["trackers", "casting"], progress=lambda name, *_: told.append(name))
-    assert [row.name for row in rows] == told == ["trackers", "casting"]
+    reported_names: list[str] = []
+    rows = measure_speed(
+        ["trackers", "casting"], progress=lambda name, *_: reported_names.append(name)
+    )
+    assert [row.name for row in rows] == reported_names == ["trackers", "casting"]
     with pytest.raises(ValueError, match="no part 'radar'; known: casting, detectors, trackers"):
         measure_speed(["radar"])
 

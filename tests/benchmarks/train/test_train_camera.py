@@ -18,7 +18,7 @@ from roadscope.core import CameraImage, Frame
 from roadscope.detectors.camera import CameraDetector
 
 
-class Run(NamedTuple):
+class TrainingRun(NamedTuple):
     """A run of training, its folder of pictures, and the progress that it reported."""
 
     result: TrainingResult
@@ -26,22 +26,22 @@ class Run(NamedTuple):
     progress: list[tuple[str, int, int]]
 
 
-def trained(folder: Path, work: Path) -> Run:
+def trained(folder: Path, work: Path) -> TrainingRun:
     progress: list[tuple[str, int, int]] = []
     result = train_camera(
         folder / "net", recipe="trial", work=work, progress=lambda *each: progress.append(each)
     )
-    return Run(result, work, progress)
+    return TrainingRun(result, work, progress)
 
 
 @pytest.fixture(scope="module")
-def first(tmp_path_factory: pytest.TempPathFactory) -> Run:
+def first(tmp_path_factory: pytest.TempPathFactory) -> TrainingRun:
     folder = tmp_path_factory.mktemp("first")
     return trained(folder, folder / "work")
 
 
 @pytest.mark.slow
-def test_a_run_writes_weights_that_detect_and_their_record(first: Run) -> None:
+def test_a_run_writes_weights_that_detect_and_their_record(first: TrainingRun) -> None:
     done = first.result
     assert {stage for stage, *_ in first.progress} == {"pictures", "training", "scores"}
     record = tomllib.loads(done.record.read_text("utf-8"))
@@ -58,7 +58,7 @@ def test_a_run_writes_weights_that_detect_and_their_record(first: Run) -> None:
 
 
 @pytest.mark.slow
-def test_run_twice_nothing_is_done_twice(first: Run, tmp_path: Path) -> None:
+def test_run_twice_nothing_is_done_twice(first: TrainingRun, tmp_path: Path) -> None:
     written = {path: path.stat().st_mtime_ns for path in first.work.iterdir()}
     again = trained(tmp_path, first.work)
     steps = RECIPES["trial"].steps
@@ -68,7 +68,7 @@ def test_run_twice_nothing_is_done_twice(first: Run, tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_pictures_cut_short_are_taken_again(first: Run, tmp_path: Path) -> None:
+def test_pictures_cut_short_are_taken_again(first: TrainingRun, tmp_path: Path) -> None:
     work = shutil.copytree(first.work, tmp_path / "work")
     pixels, labels = sorted(work.glob("*.npy"))[0], sorted(work.glob("*.npz"))[-1]
     for path in (pixels, labels):

@@ -121,7 +121,7 @@ def test_an_agent_does_what_its_teacher_does(tmp_path) -> None:
 
 
 class Cautious:
-    """Brakes where there is anybody, and accelerates where there is nobody."""
+    """Brakes where there is any road user, and accelerates where there is none."""
 
     def reset(self) -> None: ...
 

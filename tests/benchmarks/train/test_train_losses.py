@@ -58,9 +58,9 @@ def test_masked_squares_cost_nothing() -> None:
 
 def test_generalised_overlap_is_that_of_its_definition() -> None:
     boxes = torch.tensor([0.0, 0, 10, 10]).reshape(1, 4, 1, 1)
-    apart = torch.tensor([20.0, 0, 30, 10]).reshape(1, 4, 1, 1)
+    distant_box = torch.tensor([20.0, 0, 30, 10]).reshape(1, 4, 1, 1)
     half = torch.tensor([5.0, 0, 15, 10]).reshape(1, 4, 1, 1)
     one = torch.ones(1, 1, 1)
     np.testing.assert_allclose(float(box_loss(boxes, boxes, one)), 0.0, atol=1e-6)
-    np.testing.assert_allclose(float(box_loss(boxes, apart, one)), 1 + 100 / 300, rtol=1e-5)
+    np.testing.assert_allclose(float(box_loss(boxes, distant_box, one)), 1 + 100 / 300, rtol=1e-5)
     np.testing.assert_allclose(float(box_loss(boxes, half, one)), 1 - 50 / 150, rtol=1e-5)

@@ -27,7 +27,7 @@ from roadscope.core import RecordError
 from roadscope.envs.sensors import faults_of, weather
 
 
-def test_what_is_rendered_is_kept(tmp_path: Path) -> None:
+def test_rendered_pictures_are_stored(tmp_path: Path) -> None:
     episode = PictureEpisode("two-way", 3, "fog-2", images=2, focal_px=500.0, height_m=1.7)
     made = render(episode)
     first = store_pictures(episode, tmp_path)

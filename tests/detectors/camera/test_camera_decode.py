@@ -46,7 +46,7 @@ def test_answers_that_name_about_the_same_box_are_averaged() -> None:
     np.testing.assert_allclose(peaks.boxes, [[left, 5, left + 20, 21]])
 
 
-def test_two_who_stand_side_by_side_are_two() -> None:
+def test_two_people_side_by_side_are_two() -> None:
     heat, distances, vehicles = blank()
     heat[2, 3, 5:8] = (2.0, 1.0, 1.5)
     distances[:, 3, 5:8] = np.array([[1.8, 5, 1.8, 5], [3.5, 5, 0.1, 5], [1.8, 5, 1.8, 5]]).T

@@ -46,12 +46,12 @@ def eager(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.mark.sampled(1)
 @pytest.mark.parametrize("size", [(480, 640), (96, 128), (101, 77), (960, 1280), (33, 2000)])
 def test_images_of_any_size_give_boxes_inside(eager: Path, size: tuple[int, int]) -> None:
-    found = CameraDetector(weights=str(eager)).detect(frame_of(noise(*size)))
-    assert len(found)
-    assert found.stamp_s == 0.5
-    assert found.boxes.min() >= 0
-    assert (found.boxes[:, 2:] <= (size[1], size[0])).all()
-    assert (np.diff(found.scores) <= 0).all()
+    boxes = CameraDetector(weights=str(eager)).detect(frame_of(noise(*size)))
+    assert len(boxes)
+    assert boxes.stamp_s == 0.5
+    assert boxes.boxes.min() >= 0
+    assert (boxes.boxes[:, 2:] <= (size[1], size[0])).all()
+    assert (np.diff(boxes.scores) <= 0).all()
 
 
 def test_it_says_the_same_twice(eager: Path) -> None:
@@ -75,9 +75,11 @@ def test_a_tiny_image_is_refused(eager: Path) -> None:
 def test_a_black_image_brings_a_warning_where_detect_is_called() -> None:
     for name in CAMERA_DETECTORS.names():
         detector = CAMERA_DETECTORS.make(name)
-        with pytest.warns(BlankImageWarning, match=r"'front' at 0\.500 s: the image is b") as told:
+        with pytest.warns(
+            BlankImageWarning, match=r"'front' at 0\.500 s: the image is b"
+        ) as warning_records:
             assert len(detector.detect(frame_of(np.full((64, 64, 3), 3, np.uint8)))) == 0
-        assert told[0].filename == __file__
+        assert warning_records[0].filename == __file__
 
 
 def test_the_faster_precision_is_taken_where_asked_for() -> None:
@@ -126,25 +128,25 @@ def test_blobs_are_found_where_colour_stands_out() -> None:
     pixels[64:112, 120:132] = (20, 20, 200)
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        found = CAMERA_DETECTORS.make("colour-blobs").detect(frame_of(pixels))
-    assert sorted(found.boxes.tolist()) == [[40, 80, 80, 100], [120, 64, 132, 112]]
-    assert sorted(found.categories.tolist()) == [0, 6]
+        boxes = CAMERA_DETECTORS.make("colour-blobs").detect(frame_of(pixels))
+    assert sorted(boxes.boxes.tolist()) == [[40, 80, 80, 100], [120, 64, 132, 112]]
+    assert sorted(boxes.categories.tolist()) == [0, 6]
 
 
-def test_a_graphics_card_keeps_all_digits_while_it_looks_and_no_longer(
+def test_a_graphics_card_has_full_precision_during_a_detection_only(
     eager: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     convolutions: Any = torch.backends.cudnn.conv  # type: ignore[attr-defined]
-    before, seen = convolutions.fp32_precision, []
+    before, precisions = convolutions.fp32_precision, []
     answers = CentreNetwork.answers
 
     def noted(network: CentreNetwork, pixels: torch.Tensor) -> torch.Tensor:
-        seen.append(convolutions.fp32_precision)
+        precisions.append(convolutions.fp32_precision)
         return answers(network, pixels)
 
     monkeypatch.setattr(CentreNetwork, "answers", noted)
     CameraDetector(weights=str(eager)).detect(frame_of(noise(64, 64)))
-    assert seen == ["ieee"]
+    assert precisions == ["ieee"]
     assert convolutions.fp32_precision == before != "ieee"
 
 

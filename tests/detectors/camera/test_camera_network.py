@@ -27,13 +27,13 @@ def test_it_is_small_and_keeps_its_shapes() -> None:
 
 
 @pytest.mark.slow
-def test_folded_it_says_the_same() -> None:
+def test_a_folded_network_has_the_same_outputs() -> None:
     network = used_network()
     pixels = torch.rand(1, 64, 96, 3) * 2 - 1
     with torch.inference_mode():
-        expected, given = network(pixels), network.folded()(pixels)
+        expected, folded = network(pixels), network.folded()(pixels)
         rough = network.folded(torch.bfloat16)(pixels.bfloat16())
-    for a, b, c in zip(expected, given, rough, strict=True):
+    for a, b, c in zip(expected, folded, rough, strict=True):
         torch.testing.assert_close(b, a, rtol=1e-4, atol=1e-5)
         assert c.dtype == torch.float32
         torch.testing.assert_close(c, a, rtol=0.1, atol=0.1)
@@ -61,21 +61,21 @@ def test_answers_become_the_same_boxes_as_maps_do() -> None:
         maps = [m[0].numpy() for m in network(pixels)]
         answers = network.answers(squares(pixels))[0].numpy().reshape(16, 24, 4, 12)
     # The surest answer alone, or others would have a say in its box.
-    found = decode(answers, height_px=64, width_px=96, least_log_odds=float(maps[0].max()))
+    boxes = decode(answers, height_px=64, width_px=96, least_log_odds=float(maps[0].max()))
     rows = np.argsort(-maps[0].ravel(), kind="stable")[:1]
     family, row, column = (int(k) for k in np.unravel_index(rows[0], maps[0].shape))
     middle = 2 * (np.array([column, row]) + 0.5)
     expected = np.tile(middle, 2) + maps[1][:, row, column] * (-1, -1, 1, 1)
     expected = np.clip(expected, 0, [96, 64, 96, 64])
-    np.testing.assert_allclose(found.boxes, [expected], rtol=1e-5)
-    assert found.families[0] == family
+    np.testing.assert_allclose(boxes.boxes, [expected], rtol=1e-5)
+    assert boxes.families[0] == family
 
 
 def test_parts_of_a_place_lie_row_by_row() -> None:
-    said = torch.arange(2 * 3 * 4 * 5).reshape(1, 2, 3, 20)
-    made = finer(said)
+    logits = torch.arange(2 * 3 * 4 * 5).reshape(1, 2, 3, 20)
+    made = finer(logits)
     assert made.shape == (1, 5, 4, 6)
     for row, column in ((0, 0), (1, 0), (2, 5), (3, 4)):
         k = 2 * (row % 2) + column % 2
-        expected = said[0, row // 2, column // 2, 5 * k : 5 * k + 5]
+        expected = logits[0, row // 2, column // 2, 5 * k : 5 * k + 5]
         assert torch.equal(made[0, :, row, column], expected)

@@ -25,13 +25,13 @@ def test_shipped_weights_are_small_and_their_record_is_of_them() -> None:
     assert 0 < record["validation"]["ap50"] <= 1
 
 
-def test_shipped_weights_load_and_see_nothing_in_a_plain_image() -> None:
+def test_shipped_weights_load_and_detect_nothing_in_a_plain_image() -> None:
     network, calibration = load(SHIPPED)
     assert not network.training
     assert calibration.weights[:, 1].min() > 0
     grey = CameraImage(np.full((480, 640, 3), 120, np.uint8), np.eye(3), 0.0, "camera")
-    found = CAMERA_DETECTORS.make("network").detect(Frame(0.0, Calibration(), camera=grey))
-    assert (found.scores < 0.5).all()
+    boxes = CAMERA_DETECTORS.make("network").detect(Frame(0.0, Calibration(), camera=grey))
+    assert (boxes.scores < 0.5).all()
 
 
 @pytest.mark.slow

@@ -47,10 +47,10 @@ def test_what_is_around_a_box_is_that_of_its_definition(seed: int, count: int) -
     corners = rng.uniform(0, 40, (count, 2))
     boxes = np.concatenate([corners, corners + rng.uniform(10, 30, (count, 2))], axis=1)
     families, heat = rng.integers(0, 3, count), -np.sort(-rng.normal(0, 2, count)).round(1)
-    kept = distinct(boxes, families, 0.6)
-    expected = slowly(boxes, families, heat, kept)
-    found = averaged(Answers(boxes, families, heat), kept)
-    for got, wanted in zip(found, expected, strict=True):
+    distinct_rows = distinct(boxes, families, 0.6)
+    expected = slowly(boxes, families, heat, distinct_rows)
+    averages = averaged(Answers(boxes, families, heat), distinct_rows)
+    for got, wanted in zip(averages, expected, strict=True):
         np.testing.assert_allclose(got, wanted, rtol=1e-9, atol=1e-9)
 
 

@@ -18,9 +18,9 @@ def linked_one_by_one(returns, noise_m):
         rows = np.flatnonzero(returns.ring == beam)
         rows = rows[np.argsort(azimuths[rows], kind="stable")]
         for a, b in zip(rows, np.roll(rows, -1), strict=True):
-            step, apart = abs(wrap_angle(azimuths[b] - azimuths[a])), returns.column[b]
-            apart = abs(apart - returns.column[a])
-            measured += [step / apart] if apart else []
+            step, column_gap = abs(wrap_angle(azimuths[b] - azimuths[a])), returns.column[b]
+            column_gap = abs(column_gap - returns.column[a])
+            measured += [step / column_gap] if column_gap else []
             pairs.append((a, b, step))
     step = np.median(measured) if measured else 0.0
     for column in np.unique(returns.column):
@@ -38,21 +38,21 @@ def linked_one_by_one(returns, noise_m):
 
 
 @given(st.integers(0, 2**32 - 1), st.integers(2, 60), st.sampled_from([1, -1]))
-def test_equals_going_through_one_by_one(seed, count, way):
-    """Sensors that turn either way, around the whole circle."""
+def test_equals_going_through_one_by_one(seed, count, direction):
+    """Sensors that turn in either direction, around the whole circle."""
     rng = np.random.default_rng(seed)
     ring, column = rng.integers(0, 3, count), np.sort(rng.integers(0, 72, count))
-    azimuth = way * (np.radians(5) * column - np.pi) + 0.01 * rng.standard_normal(count)
+    azimuth = direction * (np.radians(5) * column - np.pi) + 0.01 * rng.standard_normal(count)
     distance = rng.choice([5.0, 5.2, 9.0], count)
     x, y = distance * np.cos(azimuth), distance * np.sin(azimuth)
     points = np.column_stack([x, y, np.zeros(count)])
-    found = Cloud(points, ring, column, np.arange(count), np.zeros(2))
-    labels = cluster_breakpoint(found, range_noise_m=0.05)
-    assert np.array_equal(labels, linked_one_by_one(found, 0.05))
+    returns = Cloud(points, ring, column, np.arange(count), np.zeros(2))
+    labels = cluster_breakpoint(returns, range_noise_m=0.05)
+    assert np.array_equal(labels, linked_one_by_one(returns, 0.05))
 
 
 def test_reach_is_the_spacing_at_the_smallest_incidence():
-    """Two beams a step apart on a wall met at 10 deg: its hits lie exactly that far apart."""
+    """Two beams a step apart on a wall at 10 deg incidence: its hits have exactly that spacing."""
     step = np.radians(0.25)
     first = np.array([20.0, 0.0])
     wall = np.array([np.cos(INCIDENCE_RAD), np.sin(INCIDENCE_RAD)])
@@ -62,22 +62,22 @@ def test_reach_is_the_spacing_at_the_smallest_incidence():
 
 
 def test_two_vehicles_are_two_clusters_and_all_layers_one():
-    found = cloud([(25, 0, 4.6, 1.85, 1.5, 0), (24, 7, 4.6, 1.85, 1.5, 0)], ground=False)
-    labels = cluster_breakpoint(found)
-    near = np.abs(found.points[:, 1]) < 1.5
+    returns = cloud([(25, 0, 4.6, 1.85, 1.5, 0), (24, 7, 4.6, 1.85, 1.5, 0)], ground=False)
+    labels = cluster_breakpoint(returns)
+    near = np.abs(returns.points[:, 1]) < 1.5
     assert len(np.unique(labels[near])) == 1
     assert len(np.unique(labels[~near])) == 1
     assert labels.max() == 1
 
 
 def test_depth_jump_within_a_beam_separates():
-    found = cloud([(25, 0, 4.6, 1.85, 1.5, 0), (45, 2, 4.6, 4, 1.5, 0)], ground=False)
-    far = found.points[:, 0] > 30
-    labels = cluster_breakpoint(found)
+    returns = cloud([(25, 0, 4.6, 1.85, 1.5, 0), (45, 2, 4.6, 4, 1.5, 0)], ground=False)
+    far = returns.points[:, 0] > 30
+    labels = cluster_breakpoint(returns)
     assert not set(labels[far]) & set(labels[~far])
 
 
 def test_seam_behind_the_sensor_is_no_break():
     azimuths = np.radians(np.arange(-180, 180, 0.5))
-    found = cloud([(-15, 0, 2, 4, 1.5, 0)], ground=False, azimuths=azimuths)
-    assert (cluster_breakpoint(found) == 0).all()
+    returns = cloud([(-15, 0, 2, 4, 1.5, 0)], ground=False, azimuths=azimuths)
+    assert (cluster_breakpoint(returns) == 0).all()

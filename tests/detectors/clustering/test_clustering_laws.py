@@ -21,17 +21,17 @@ every = pytest.mark.parametrize("cluster", CLUSTERINGS.values(), ids=list(CLUSTE
 def test_labels_count_from_zero_and_outliers_are_negative(cluster):
     labels = cluster(Cloud.of(scan(CARS, noise_m=0.03), POSE))
     assert labels.dtype == np.int64
-    kept = np.unique(labels[labels >= 0])
-    assert len(kept) > 0
-    assert np.array_equal(kept, np.arange(len(kept)))
+    cluster_labels = np.unique(labels[labels >= 0])
+    assert len(cluster_labels) > 0
+    assert np.array_equal(cluster_labels, np.arange(len(cluster_labels)))
 
 
 @every
 @given(seed=st.integers(0, 2**32 - 1))
 def test_order_of_the_returns_changes_nothing(cluster, seed):
-    seen = scan(CARS, noise_m=0.03)
-    order = np.random.default_rng(seed).permutation(len(seen))
-    straight, shuffled = Cloud.of(seen, POSE), Cloud.of(seen.select(order), POSE)
+    sweep = scan(CARS, noise_m=0.03)
+    order = np.random.default_rng(seed).permutation(len(sweep))
+    straight, shuffled = Cloud.of(sweep, POSE), Cloud.of(sweep.select(order), POSE)
     assert np.array_equal(order[shuffled.rows], straight.rows)
     assert np.array_equal(cluster(shuffled), cluster(straight))
 
@@ -39,24 +39,24 @@ def test_order_of_the_returns_changes_nothing(cluster, seed):
 @every
 @given(angle=st.floats(-3, 3), x=st.floats(-30, 30))
 def test_grouping_moves_with_the_scene(cluster, angle, x):
-    seen = scan(CARS, noise_m=0.03, ground=False)
+    sweep = scan(CARS, noise_m=0.03, ground=False)
     if cluster in [CLUSTERINGS[name] for name in BY_CELLS_OF_THE_EGO_FRAME]:
         angle = 0.0
-    moved = Cloud.of(seen, Pose.planar(x, -2.0, angle, 0.55))
-    assert np.array_equal(cluster(moved), cluster(Cloud.of(seen, POSE)))
+    moved = Cloud.of(sweep, Pose.planar(x, -2.0, angle, 0.55))
+    assert np.array_equal(cluster(moved), cluster(Cloud.of(sweep, POSE)))
 
 
 @every
 @pytest.mark.parametrize("count", [0, 1, 2])
 def test_few_returns(cluster, count):
-    seen = scan(CARS[:1], ground=False).select(np.arange(count))
-    assert cluster(Cloud.of(seen, POSE)).shape == (count,)
+    sweep = scan(CARS[:1], ground=False).select(np.arange(count))
+    assert cluster(Cloud.of(sweep, POSE)).shape == (count,)
 
 
 @every
 def test_copies_share_a_label(cluster):
-    seen = scan(CARS[:1], ground=False)
-    doubled = Cloud.of(seen.select(np.repeat(np.arange(len(seen)), 2)), POSE)
+    sweep = scan(CARS[:1], ground=False)
+    doubled = Cloud.of(sweep.select(np.repeat(np.arange(len(sweep)), 2)), POSE)
     labels = cluster(doubled)
     assert np.array_equal(labels[::2], labels[1::2])
 

@@ -55,12 +55,12 @@ def test_far_outlier_does_not_slow_down_or_change():
 
 
 def test_two_cars_and_a_lone_return():
-    found = cloud([(25, 0, 4.6, 1.85, 1.5, 0), (24, 7, 4.6, 1.85, 1.5, 0)], ground=False)
-    labels = cluster_dbscan(found)
-    assert set(labels[np.abs(found.points[:, 1]) < 1.5]) == {0}
-    assert set(labels[found.points[:, 1] > 5]) == {1}
-    assert (cluster_dbscan(found.select(np.arange(1))) == OUTLIER).all()
-    assert cluster_dbscan(found.select(np.arange(0))).shape == (0,)
+    returns = cloud([(25, 0, 4.6, 1.85, 1.5, 0), (24, 7, 4.6, 1.85, 1.5, 0)], ground=False)
+    labels = cluster_dbscan(returns)
+    assert set(labels[np.abs(returns.points[:, 1]) < 1.5]) == {0}
+    assert set(labels[returns.points[:, 1] > 5]) == {1}
+    assert (cluster_dbscan(returns.select(np.arange(1))) == OUTLIER).all()
+    assert cluster_dbscan(returns.select(np.arange(0))).shape == (0,)
 
 
 @pytest.mark.parametrize(

@@ -47,17 +47,17 @@ def labels_by_flooding(counts: np.ndarray) -> np.ndarray:
         ]
 
     dense = {c for c in np.ndindex(K, K) if counts[c] > threshold}
-    kept = {c for c in np.ndindex(K, K) if occupied[c] and any(n in dense for n in around(c))}
-    labels, found = np.full((K, K), OUTLIER), 0
-    for cell in sorted(kept):
+    kept_cells = {c for c in np.ndindex(K, K) if occupied[c] and any(n in dense for n in around(c))}
+    labels, cluster_count = np.full((K, K), OUTLIER), 0
+    for cell in sorted(kept_cells):
         if labels[cell] != OUTLIER:
             continue
         stack = [cell]
         while stack:
             here = stack.pop()
-            labels[here] = found
-            stack += [n for n in around(here) if n in kept and labels[n] == OUTLIER]
-        found += 1
+            labels[here] = cluster_count
+            stack += [n for n in around(here) if n in kept_cells and labels[n] == OUTLIER]
+        cluster_count += 1
     return labels
 
 

@@ -59,9 +59,9 @@ def grown_as_printed(returns, eps_m, min_points, angle=ANGLE):
 
 @given(st.integers(0, 2**32 - 1), st.sampled_from([0.02, 0.3, 2.0]), st.integers(1, 9))
 def test_equals_growth_as_printed(seed, eps_m, min_points):
-    found = random_cloud(seed)
-    labels = cluster_range_angle(found, eps_m=eps_m, min_points=min_points)
-    assert np.array_equal(labels, grown_as_printed(found, eps_m, min_points))
+    returns = random_cloud(seed)
+    labels = cluster_range_angle(returns, eps_m=eps_m, min_points=min_points)
+    assert np.array_equal(labels, grown_as_printed(returns, eps_m, min_points))
 
 
 @given(st.integers(0, 2**32 - 1), st.sampled_from([0.02, 0.1, 0.3]))
@@ -72,28 +72,28 @@ def test_equals_growth_as_printed_in_a_thicket(seed, eps_m):
     reach, azimuth = 4.0 + 0.3 * rng.standard_normal(150), 0.3 - STEP * column / 4
     height = reach * STEP * ring + 0.3 * rng.standard_normal(150)
     places = np.column_stack([reach * np.cos(azimuth), reach * np.sin(azimuth), height])
-    found = Cloud(places, ring, column, np.arange(150), np.zeros(2))
-    labels = cluster_range_angle(found, eps_m=eps_m, min_points=1)
-    assert np.array_equal(labels, grown_as_printed(found, eps_m, 1))
+    returns = Cloud(places, ring, column, np.arange(150), np.zeros(2))
+    labels = cluster_range_angle(returns, eps_m=eps_m, min_points=1)
+    assert np.array_equal(labels, grown_as_printed(returns, eps_m, 1))
 
 
 @pytest.mark.parametrize("angle_deg", [0.5, 60.0, 100.0, 170.0])
 @given(seed=st.integers(0, 2**32 - 1))
 def test_any_angle(angle_deg, seed):
-    found = random_cloud(seed)
-    labels = cluster_range_angle(found, eps_m=6.0, angle_deg=angle_deg, min_points=3)
-    expected = grown_as_printed(found, 6.0, 3, np.radians(angle_deg))
+    returns = random_cloud(seed)
+    labels = cluster_range_angle(returns, eps_m=6.0, angle_deg=angle_deg, min_points=3)
+    expected = grown_as_printed(returns, 6.0, 3, np.radians(angle_deg))
     assert np.array_equal(labels, expected)
 
 
 def test_two_alone_are_linked_within_any_angle():
     """Here the limit itself reaches farther round than a quarter of a turn."""
-    way = np.radians(128.0)
-    places = 0.25 * np.array([[1.0, 0.0, 0.0], [np.cos(way), np.sin(way), 0.0]])
+    angle_rad = np.radians(128.0)
+    places = 0.25 * np.array([[1.0, 0.0, 0.0], [np.cos(angle_rad), np.sin(angle_rad), 0.0]])
     none = np.zeros(2, int)
-    found = Cloud(places, none, np.arange(2), np.arange(2), np.zeros(2))
+    returns = Cloud(places, none, np.arange(2), np.arange(2), np.zeros(2))
     for angle_deg, together in ((120.0, False), (130.0, True), (360.0, True)):
-        labels = cluster_range_angle(found, eps_m=0.5, angle_deg=angle_deg, min_points=1)
+        labels = cluster_range_angle(returns, eps_m=0.5, angle_deg=angle_deg, min_points=1)
         assert (labels[0] == labels[1]) == together
 
 
@@ -105,35 +105,35 @@ def test_the_quick_azimuth_is_off_by_less_than_sectors_allow():
 
 
 def test_a_wall_is_one_cluster_wherever_it_goes():
-    found = cloud([(14, 0, 1.0, 20.0, 1.5, 0)], ground=False)
-    assert np.ptp(np.degrees(found.azimuths)) > 5.0
-    assert set(cluster_range_angle(found)) == {0}
+    returns = cloud([(14, 0, 1.0, 20.0, 1.5, 0)], ground=False)
+    assert np.ptp(np.degrees(returns.azimuths)) > 5.0
+    assert set(cluster_range_angle(returns)) == {0}
 
 
 def test_spacing_is_the_wider_of_beams_and_columns():
     car = [(15, 0, 4.6, 1.85, 1.5, 0)]
-    found = cloud(car, ground=False)
-    assert np.degrees(spacing(found)) == pytest.approx(0.8, rel=0.01)
+    returns = cloud(car, ground=False)
+    assert np.degrees(spacing(returns)) == pytest.approx(0.8, rel=0.01)
     wide = np.radians(np.arange(-20, 20, 1.0))
     assert np.degrees(spacing(cloud(car, ground=False, azimuths=wide))) == pytest.approx(1.0)
-    assert spacing(found.select(np.arange(1))) == 0.0
+    assert spacing(returns.select(np.arange(1))) == 0.0
 
 
-def test_bodies_apart_and_few_points_are_outliers():
+def test_distant_bodies_are_separate_and_few_points_are_outliers():
     cars = [(14, 0, 4.6, 1.85, 1.5, 0), (14, 6, 4.6, 1.85, 1.5, 0), (60, -9, 4.6, 1.85, 1.5, 0)]
-    found = cloud(cars, ground=False)
-    labels = cluster_range_angle(found)
-    near, left = np.abs(found.points[:, 1]) < 1.5, found.points[:, 1] > 4
+    returns = cloud(cars, ground=False)
+    labels = cluster_range_angle(returns)
+    near, left = np.abs(returns.points[:, 1]) < 1.5, returns.points[:, 1] > 4
     assert set(labels[near]) == {0}
     assert set(labels[left]) == {1}
-    assert set(labels[found.points[:, 1] < -5]) == {-1}
+    assert set(labels[returns.points[:, 1] < -5]) == {-1}
 
 
 def test_printed_distance_links_no_two_beams():
     """Literally 2 cm: on a VLP-16, beams are farther apart from 0.6 m on."""
-    found = cloud([(14, 0, 4.6, 1.85, 1.5, 0)], ground=False)
-    gaps = np.linalg.norm(found.points[:, None] - found.points, axis=-1)
-    assert gaps[found.ring[:, None] != found.ring].min() > 0.02
+    returns = cloud([(14, 0, 4.6, 1.85, 1.5, 0)], ground=False)
+    gaps = np.linalg.norm(returns.points[:, None] - returns.points, axis=-1)
+    assert gaps[returns.ring[:, None] != returns.ring].min() > 0.02
 
 
 @pytest.mark.parametrize("name", ["eps_m", "angle_deg", "min_points"])

@@ -20,33 +20,33 @@ def test_cell_spans_equal_a_loop(far):
 
 
 def test_flat_ground_goes_and_the_car_stays():
-    found = cloud([CAR], noise_m=0.03)
-    kept = grid_above_ground(found)
-    on_car = np.abs(found.points[:, 0] - CAR[0]) < 2.5
-    on_car &= np.abs(found.points[:, 1]) < 1
-    assert not kept[~on_car].any()
-    assert kept[on_car].mean() > 0.9
+    returns = cloud([CAR], noise_m=0.03)
+    above_ground = grid_above_ground(returns)
+    on_car = np.abs(returns.points[:, 0] - CAR[0]) < 2.5
+    on_car &= np.abs(returns.points[:, 1]) < 1
+    assert not above_ground[~on_car].any()
+    assert above_ground[on_car].mean() > 0.9
 
 
 def test_single_layer_far_away_is_kept_by_its_height():
-    found = cloud([(110, 0, 4.6, 1.85, 1.5, 0)], elevations=(0.0,))
-    assert len(found) > 0
-    assert grid_above_ground(found).all()
+    returns = cloud([(110, 0, 4.6, 1.85, 1.5, 0)], elevations=(0.0,))
+    assert len(returns) > 0
+    assert grid_above_ground(returns).all()
 
 
 def test_low_return_in_a_rising_cell_is_kept_unless_it_is_the_bottom():
     points = np.array([[1.1, 1.1, 0.1], [1.1, 1.2, 0.25], [1.2, 1.1, 0.6], [4.1, 1.1, 0.25]])
-    found = Cloud(points, np.arange(4), np.zeros(4, int), np.arange(4), np.zeros(2))
-    assert grid_above_ground(found).tolist() == [False, True, True, False]
+    returns = Cloud(points, np.arange(4), np.zeros(4, int), np.arange(4), np.zeros(2))
+    assert grid_above_ground(returns).tolist() == [False, True, True, False]
 
 
 def test_crowns_are_dropped():
-    found = Cloud(
+    returns = Cloud(
         np.array([[5.0, 0, 1], [5, 0, 4]]),
         np.arange(2),
         np.zeros(2, int),
         np.arange(2),
         np.zeros(2),
     )
-    assert grid_above_ground(found).tolist() == [True, False]
-    assert keep_all(found).all()
+    assert grid_above_ground(returns).tolist() == [True, False]
+    assert keep_all(returns).all()

@@ -18,17 +18,17 @@ every = pytest.mark.parametrize("ground", GROUNDS.values(), ids=list(GROUNDS))
 @every
 @given(seed=st.integers(0, 2**32 - 1))
 def test_order_of_the_returns_changes_nothing(ground, seed):
-    seen = scan(CARS, noise_m=0.03)
-    order = np.random.default_rng(seed).permutation(len(seen))
-    shuffled = Cloud.of(seen.select(order), POSE)
-    assert np.array_equal(ground(shuffled), ground(Cloud.of(seen, POSE)))
+    sweep = scan(CARS, noise_m=0.03)
+    order = np.random.default_rng(seed).permutation(len(sweep))
+    shuffled = Cloud.of(sweep.select(order), POSE)
+    assert np.array_equal(ground(shuffled), ground(Cloud.of(sweep, POSE)))
 
 
 @every
 def test_copies_change_nothing(ground):
-    seen = scan(CARS, noise_m=0.03)
-    doubled = Cloud.of(seen.select(np.repeat(np.arange(len(seen)), 2)), POSE)
-    assert np.array_equal(ground(doubled)[::2], ground(Cloud.of(seen, POSE)))
+    sweep = scan(CARS, noise_m=0.03)
+    doubled = Cloud.of(sweep.select(np.repeat(np.arange(len(sweep)), 2)), POSE)
+    assert np.array_equal(ground(doubled)[::2], ground(Cloud.of(sweep, POSE)))
     assert np.array_equal(ground(doubled)[::2], ground(doubled)[1::2])
 
 
@@ -42,7 +42,7 @@ def test_few_returns(ground, count):
 
 @every
 def test_bodies_stand(ground):
-    found = Cloud.of(scan(CARS, noise_m=0.03), POSE)
-    above = found.points[:, 2] > 0.4
+    returns = Cloud.of(scan(CARS, noise_m=0.03), POSE)
+    above = returns.points[:, 2] > 0.4
     assert above.sum() > 100
-    assert ground(found)[above].all()
+    assert ground(returns)[above].all()

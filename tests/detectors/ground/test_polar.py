@@ -70,20 +70,20 @@ def test_equals_the_algorithm_written_out(seed, slope, count):
     reach, azimuth = rng.uniform(2, 60, count), rng.uniform(-0.1, 0.1, count)
     z = slope * np.maximum(reach - 15, 0) + rng.choice([0, 0, 0, 0.6, 1.5], count)
     z += 0.01 * rng.standard_normal(count)
-    found = make(np.column_stack([reach * np.cos(azimuth), reach * np.sin(azimuth), z]))
-    assert np.array_equal(polar_above_ground(found), above_ground_by_loop(found))
+    returns = make(np.column_stack([reach * np.cos(azimuth), reach * np.sin(azimuth), z]))
+    assert np.array_equal(polar_above_ground(returns), above_ground_by_loop(returns))
 
 
 @pytest.mark.parametrize("options", [{}, {"elevations": np.arange(-20.0, 2), **SPINNING}])
 def test_flat_ground_goes_and_the_car_stays(options):
-    found = cloud([CAR], noise_m=0.03, **options)
-    kept = polar_above_ground(found)
-    on_car = np.abs(found.points[:, 0] - CAR[0]) < 2.5
-    on_car &= np.abs(found.points[:, 1]) < 1
-    body = on_car & (found.points[:, 2] > 0.35)
-    assert not kept[~on_car].any()
+    returns = cloud([CAR], noise_m=0.03, **options)
+    above_ground = polar_above_ground(returns)
+    on_car = np.abs(returns.points[:, 0] - CAR[0]) < 2.5
+    on_car &= np.abs(returns.points[:, 1]) < 1
+    body = on_car & (returns.points[:, 2] > 0.35)
+    assert not above_ground[~on_car].any()
     assert body.sum() > 10
-    assert kept[body].all()
+    assert above_ground[body].all()
 
 
 def test_ramp_is_ground_and_the_box_on_it_stands():
@@ -92,14 +92,16 @@ def test_ramp_is_ground_and_the_box_on_it_stands():
     z = 0.08 * np.maximum(r - 20, 0)
     box = (r > 45) & (r < 47)
     z[box] += 0.7
-    kept = polar_above_ground(make(np.column_stack([r, np.zeros(len(r)), z])))
-    assert np.array_equal(kept, box)
+    above_ground = polar_above_ground(make(np.column_stack([r, np.zeros(len(r)), z])))
+    assert np.array_equal(above_ground, box)
 
 
-def test_roof_is_no_ground_even_where_nothing_else_is_seen():
+def test_roof_is_no_ground_even_without_any_other_return():
     r = np.arange(12, 16, 0.5)
-    kept = polar_above_ground(make(np.column_stack([r, np.zeros(len(r)), np.full(len(r), 1.5)])))
-    assert kept.all()
+    above_ground = polar_above_ground(
+        make(np.column_stack([r, np.zeros(len(r)), np.full(len(r), 1.5)]))
+    )
+    assert above_ground.all()
 
 
 def test_bumper_in_two_bins_is_no_ground():
@@ -109,8 +111,8 @@ def test_bumper_in_two_bins_is_no_ground():
 
 def test_blind_zone_of_a_high_sensor():
     """First ground 20 m away, on the plane of the wheels, and a wall."""
-    found = make([(20, 0, 0.0), (23, 0, 0.01), (27, 0, -0.01), (32, 0, 0.02), (32.1, 0, 1.0)])
-    assert polar_above_ground(found).tolist() == [False] * 4 + [True]
+    returns = make([(20, 0, 0.0), (23, 0, 0.01), (27, 0, -0.01), (32, 0, 0.02), (32.1, 0, 1.0)])
+    assert polar_above_ground(returns).tolist() == [False] * 4 + [True]
 
 
 def test_crowns_are_dropped_and_holes_are_no_obstacles():

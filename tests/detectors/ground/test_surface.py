@@ -35,8 +35,8 @@ def test_a_tilted_plane_is_found_and_gives_no_boxes(degrees):
     """The sensor stands level over a plane: the worst case of a mounting that is not known."""
     ground = plane(degrees, degrees / 2)
     frame = frame_of(hdl64_scan(ground, []))
-    found = GroundSurface.of(cloud_of(frame))
-    assert np.abs(found.below(PLACES) - ground(*PLACES.T)).max() < 0.15
+    surface = GroundSurface.of(cloud_of(frame))
+    assert np.abs(surface.below(PLACES) - ground(*PLACES.T)).max() < 0.15
     assert not len(DETECTORS.make(DEFAULT).detect(frame))
 
 
@@ -82,9 +82,9 @@ def test_the_car_ahead_is_found_on_the_ground(degrees, x, offset_m):
 
 
 def test_flat_ground_is_left_alone():
-    found = GroundSurface.of(cloud_of(frame_of(hdl64_scan(plane(0.0), [(15.0, 0.0, *CAR)]))))
-    assert found.heights is None
-    assert not found.below(PLACES).any()
+    surface = GroundSurface.of(cloud_of(frame_of(hdl64_scan(plane(0.0), [(15.0, 0.0, *CAR)]))))
+    assert surface.heights is None
+    assert not surface.below(PLACES).any()
 
 
 def test_a_wrong_height_of_the_sensor_is_found():
@@ -93,11 +93,11 @@ def test_a_wrong_height_of_the_sensor_is_found():
         assert GroundSurface.of(cloud_of(frame)).below(PLACES) == pytest.approx(offset_m, abs=0.1)
 
 
-def test_a_few_returns_tell_nothing():
+def test_a_few_returns_give_no_surface():
     frame = frame_of(hdl64_scan(plane(5.0), []))
-    found = cloud_of(frame)
-    assert GroundSurface.of(found.select(found.ring < 7)).heights is None
-    few = found.select(np.arange(10))
+    returns = cloud_of(frame)
+    assert GroundSurface.of(returns.select(returns.ring < 7)).heights is None
+    few = returns.select(np.arange(10))
     assert GroundSurface.of(few).heights is None
     assert GroundSurface.of(few.select(np.arange(0))).heights is None
     assert not len(DETECTORS.make(DEFAULT).detect(Frame(1.0, frame.calibration)))

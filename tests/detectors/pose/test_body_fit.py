@@ -46,12 +46,12 @@ def test_finds_the_body_whichever_side_it_shows(seed):
     rng = np.random.default_rng(seed)
     azimuth, distance, yaw = rng.uniform(-3, 3), rng.uniform(8, 30), rng.uniform(-3, 3)
     x, y = distance * np.cos(azimuth), distance * np.sin(azimuth)
-    found = FIT.fit(*sensed(x, y, yaw, seed=seed), HERE, rolling=False)
-    assert np.hypot(found.x - x, found.y - y) < 0.1
-    assert axis_error(found.yaw, yaw) < np.radians(2.0)
-    spread = np.sqrt(np.diag(found.covariance))
+    pose = FIT.fit(*sensed(x, y, yaw, seed=seed), HERE, rolling=False)
+    assert np.hypot(pose.x - x, pose.y - y) < 0.1
+    assert axis_error(pose.yaw, yaw) < np.radians(2.0)
+    spread = np.sqrt(np.diag(pose.covariance))
     assert (spread > 0).all()
-    assert abs(found.x - x) < 5 * spread[0] + 0.005
+    assert abs(pose.x - x) < 5 * spread[0] + 0.005
 
 
 def test_heading_known_up_to_a_quarter_turn_is_kept():

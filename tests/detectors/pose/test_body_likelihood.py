@@ -61,7 +61,7 @@ def slow_soft(z):
     return share * share * (3 - 2 * share)
 
 
-class Crossing(NamedTuple):
+class RayCrossing(NamedTuple):
     """Where a ray crosses a section: how far within silhouette and heights, distance, cosine."""
 
     depth: float
@@ -109,7 +109,7 @@ def slow_crossings(model, state, rays, m):
             if within > 0:
                 margin = within
                 first = ((section.top_m if over else section.bottom_m) - level) / slope
-        crossings.append(Crossing(depth, margin, first, cosine))
+        crossings.append(RayCrossing(depth, margin, first, cosine))
     return crossings
 
 
@@ -164,25 +164,25 @@ def slow_misfit(model, state, rays, m, tolerance, slack_m):
 @pytest.mark.sampled(1)
 @pytest.mark.parametrize("tolerance", [ROUGHLY_DRAWN, EXACTLY_DRAWN], ids=["rough", "exact"])
 @pytest.mark.parametrize("model", [BRICK, saloon((4.7, 0.1), (1.8, 0.05))], ids=["brick", "car"])
-def test_rays_are_as_likely_as_an_obvious_way_says(model, tolerance):
+def test_likelihoods_of_rays_equal_the_plain_computation(model, tolerance):
     rng, rays = np.random.default_rng(1), rays_of(120, 1)
     states = rng.standard_normal((4, VALUES)) * [0.3, 0.3, 1, 3, 0.5, 0, 1, 1, 1, 1, 1]
-    found = ray_fits(states, model.shape, rays, tolerance, 0.0)
+    fits = ray_fits(states, model.shape, rays, tolerance, 0.0)
     for k, state in enumerate(states):
         slow = [slow_likelihood(model, state, rays, m, tolerance) for m in range(120)]
-        np.testing.assert_allclose(np.log(found.likelihoods[k]), np.log(slow), atol=1e-3)
+        np.testing.assert_allclose(np.log(fits.likelihoods[k]), np.log(slow), atol=1e-3)
 
 
 @pytest.mark.sampled(1)
 @pytest.mark.parametrize("slack_m", [0.0, 0.08])
 @pytest.mark.parametrize("model", [BRICK, saloon((4.7, 0.1), (1.8, 0.05))], ids=["brick", "car"])
-def test_rays_misfit_by_as_much_as_an_obvious_way_says(model, slack_m):
+def test_misfits_of_rays_equal_the_plain_computation(model, slack_m):
     rng, rays = np.random.default_rng(2), rays_of(120, 2)
     states = rng.standard_normal((4, VALUES)) * [0.3, 0.3, 1, 3, 0.5, 0, 1, 1, 1, 1, 1]
-    found = ray_fits(states, model.shape, rays, ROUGHLY_DRAWN, slack_m)
+    fits = ray_fits(states, model.shape, rays, ROUGHLY_DRAWN, slack_m)
     for k, state in enumerate(states):
         slow = [slow_misfit(model, state, rays, m, ROUGHLY_DRAWN, slack_m) for m in range(120)]
-        np.testing.assert_allclose(found.misfits[k], slow, rtol=1e-3, atol=1e-3)
+        np.testing.assert_allclose(fits.misfits[k], slow, rtol=1e-3, atol=1e-3)
 
 
 def level_ray(y, reach, kind=HIT):

@@ -54,9 +54,9 @@ def test_a_far_car_is_anywhere_between_two_rays(seed, k):
     sd = np.sqrt(np.diag(covariance))
     assert mode.posterior.reached
     assert (np.abs(mode.posterior.mean - mean) < 0.35 * sd).all()
-    found_sd = np.sqrt(np.diag(mode.posterior.covariance))
-    assert (found_sd < 1.35 * sd).all()
-    assert (sd < 1.35 * found_sd).all()
+    posterior_sd = np.sqrt(np.diag(mode.posterior.covariance))
+    assert (posterior_sd < 1.35 * sd).all()
+    assert (sd < 1.35 * posterior_sd).all()
     assert mode.posterior.evidence == pytest.approx(evidence, abs=0.5)
 
 

@@ -65,14 +65,14 @@ def reference_score(points, origin, angle, bin_m=0.02, sigma_m=0.04, alpha=0.5):
 )
 def test_agrees_with_the_slow_reference(pose):
     points = visible_faces(pose, spacing_m=0.2)
-    found = fit_single(points, ORIGIN, **SIZE)
+    fitted = fit_single(points, ORIGIN, **SIZE)
     angles = np.radians(np.arange(0, 180, 3))
     scores = [reference_score(points, ORIGIN, angle) for angle in angles]
-    near = found.yaw + np.radians(np.arange(-2, 2.1, 0.5))
+    near = fitted.yaw + np.radians(np.arange(-2, 2.1, 0.5))
     best = near[np.argmax([reference_score(points, ORIGIN, angle) for angle in near])]
-    assert np.degrees(abs(axis_difference(found.yaw, best))) <= 0.5
-    assert found.score == pytest.approx(reference_score(points, ORIGIN, found.yaw), rel=0.01)
-    assert found.score >= max(scores) * 0.99
+    assert np.degrees(abs(axis_difference(fitted.yaw, best))) <= 0.5
+    assert fitted.score == pytest.approx(reference_score(points, ORIGIN, fitted.yaw), rel=0.01)
+    assert fitted.score >= max(scores) * 0.99
 
 
 @pytest.mark.parametrize("bearing", np.radians([0, 40, 115, 250]))
@@ -80,10 +80,10 @@ def test_agrees_with_the_slow_reference(pose):
 def test_finds_a_brick_from_any_side(bearing, heading):
     centre = 25.0 * np.array([np.cos(bearing), np.sin(bearing)])
     pose = (*centre, heading)
-    found = fit_single(visible_faces(pose), ORIGIN, **SIZE)
-    assert np.hypot(*(found.centre - centre)) < 0.08
-    assert np.degrees(abs(axis_difference(found.yaw, heading))) < 1.5
-    assert (found.length, found.width) == tuple(SIZE.values())
+    fitted = fit_single(visible_faces(pose), ORIGIN, **SIZE)
+    assert np.hypot(*(fitted.centre - centre)) < 0.08
+    assert np.degrees(abs(axis_difference(fitted.yaw, heading))) < 1.5
+    assert (fitted.length, fitted.width) == tuple(SIZE.values())
 
 
 @settings(max_examples=40, deadline=None)
@@ -93,9 +93,9 @@ def test_finds_a_brick_from_any_side(bearing, heading):
 )
 @example([(0, -2), (0, 3), (1, 7), (1, -9), (-1, -7), (-2, 7), (6, 0), (-9, 1)], (0, 0))
 def test_any_finite_points_give_a_pose(points, origin):
-    found = fit_single(np.array(points, float), np.array(origin, float), **SIZE)
+    fitted = fit_single(np.array(points, float), np.array(origin, float), **SIZE)
     reach = np.abs(np.array(points)).max() + SIZE["length_m"]
-    assert np.abs(found.centre).max() <= reach
+    assert np.abs(fitted.centre).max() <= reach
 
 
 def test_many_points_give_the_same_as_few_of_them():
@@ -111,11 +111,11 @@ def test_a_quarter_turn_searched_loses_half_of_the_headings():
     headings = np.radians(np.arange(0, 180, 15))
     searched = {}
     for search_deg in (90.0, 180.0):
-        found = [
+        fits = [
             fit_single(visible_faces((25, 5, yaw)), ORIGIN, search_deg=search_deg, **SIZE)
             for yaw in headings
         ]
-        off = [abs(axis_difference(f.yaw, yaw)) for f, yaw in zip(found, headings, strict=True)]
+        off = [abs(axis_difference(f.yaw, yaw)) for f, yaw in zip(fits, headings, strict=True)]
         searched[search_deg] = np.mean(np.array(off) > np.pi / 4)
     assert searched[180.0] == 0
     assert 0.25 < searched[90.0] < 0.75

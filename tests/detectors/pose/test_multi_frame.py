@@ -39,13 +39,13 @@ def behind(pose, distance_m=30.0):
 def test_finds_each_frame_of_a_straight_drive(tied, speed_m_s, at):
     frames, poses = drive((30.0, 2.0, 0.3), speed_m_s)
     origins = [behind(poses[0])] * 3
-    found = fit_multi(frames, origins, STAMPS, at=at, tied=tied, **SIZE)
+    fitted = fit_multi(frames, origins, STAMPS, at=at, tied=tied, **SIZE)
     x, y, yaw = poses[1 if at is None else at]
-    assert np.hypot(found.x - x, found.y - y) < 0.06
-    assert np.degrees(abs(axis_difference(found.yaw, yaw))) < 1.0
+    assert np.hypot(fitted.x - x, fitted.y - y) < 0.06
+    assert np.degrees(abs(axis_difference(fitted.yaw, yaw))) < 1.0
 
 
-def test_the_way_that_the_body_went_is_its_front():
+def test_the_front_is_where_the_body_moved_to():
     frames, poses = drive((30.0, 2.0, 0.3), 10.0)
     origins = [behind(poses[0])] * 3
     ahead = fit_multi(frames, origins, STAMPS, **SIZE)
@@ -73,11 +73,11 @@ def test_one_frame_is_the_single_fit():
     assert one == single
 
 
-def test_a_sensor_that_follows_sees_the_same():
+def test_a_sensor_that_moves_along_gives_the_same_pose():
     frames, poses = drive((30.0, 2.0, 0.3), 20.0)
     origins = [behind(pose) for pose in poses]
-    found = fit_multi(frames, origins, STAMPS, **SIZE)
-    assert np.hypot(*(found.centre - poses[1, :2])) < 0.06
+    fitted = fit_multi(frames, origins, STAMPS, **SIZE)
+    assert np.hypot(*(fitted.centre - poses[1, :2])) < 0.06
 
 
 @pytest.mark.parametrize(
@@ -93,6 +93,6 @@ def test_a_sensor_that_follows_sees_the_same():
     ],
 )
 def test_what_does_not_fit_is_refused_by_name(change, message):
-    given_ = {"frames": [np.ones((2, 2))] * 3, "origins": np.zeros((3, 2)), "stamps_s": STAMPS}
+    arguments = {"frames": [np.ones((2, 2))] * 3, "origins": np.zeros((3, 2)), "stamps_s": STAMPS}
     with pytest.raises(ValueError, match=message):
-        fit_multi(**{**given_, **change}, **SIZE)
+        fit_multi(**{**arguments, **change}, **SIZE)

@@ -26,16 +26,16 @@ def fit(points, origin=ORIGIN, **options):
 
 @pytest.mark.parametrize("yaw", np.radians([0, 5, -25]))
 def test_a_corner_gives_the_rectangle(yaw):
-    found = fit(corner(yaw))
-    assert np.hypot(found.x - 30, found.y - 6) < 0.1
-    assert np.degrees(abs(axis_difference(found.yaw, yaw))) < 1.5
-    assert found.score > 0.9
+    fitted = fit(corner(yaw))
+    assert np.hypot(fitted.x - 30, fitted.y - 6) < 0.1
+    assert np.degrees(abs(axis_difference(fitted.yaw, yaw))) < 1.5
+    assert fitted.score > 0.9
 
 
 def test_clutter_does_not_move_the_corner():
     clutter = np.array([[29.0, 4.0], [33.0, 9.0], [28.0, 8.5]])
-    found = fit(np.concatenate([corner(), clutter]))
-    assert np.hypot(found.x - 30, found.y - 6) < 0.1
+    fitted = fit(np.concatenate([corner(), clutter]))
+    assert np.hypot(fitted.x - 30, fitted.y - 6) < 0.1
 
 
 def test_one_face_is_completed_away_from_the_sensor():
@@ -46,7 +46,7 @@ def test_one_face_is_completed_away_from_the_sensor():
     assert fit(flank).centre == pytest.approx((22.4, 5 + 1.85 / 2), abs=0.01)
 
 
-def test_what_is_seen_over_a_face_is_no_second_face():
+def test_returns_behind_a_face_are_no_second_face():
     rear = np.column_stack([np.full(12, 30.0), np.linspace(-0.9, 0.9, 12)])
     window = np.column_stack([np.full(6, 30.8), np.linspace(-0.5, 0.5, 6)])
     assert fit(np.concatenate([rear, window])).y == pytest.approx(0.0, abs=0.03)
@@ -54,8 +54,8 @@ def test_what_is_seen_over_a_face_is_no_second_face():
 
 def test_the_main_face_taken_for_the_long_side_turns_a_rear():
     rear = np.column_stack([np.full(10, 30.0), np.linspace(-0.9, 0.9, 10)])
-    found = fit(rear, long_side="main")
-    assert abs(axis_difference(found.yaw, np.pi / 2)) < 0.01
+    fitted = fit(rear, long_side="main")
+    assert abs(axis_difference(fitted.yaw, np.pi / 2)) < 0.01
 
 
 @settings(max_examples=40, deadline=None)
@@ -64,8 +64,8 @@ def test_the_main_face_taken_for_the_long_side_turns_a_rear():
     st.tuples(st.integers(-9, 9), st.integers(-9, 9)),
 )
 def test_any_finite_points_give_a_pose(points, origin):
-    found = fit(np.array(points, float), np.array(origin, float))
-    assert np.abs(found.centre).max() <= np.abs(np.array(points)).max() + 2 * SIZE["length_m"]
+    fitted = fit(np.array(points, float), np.array(origin, float))
+    assert np.abs(fitted.centre).max() <= np.abs(np.array(points)).max() + 2 * SIZE["length_m"]
 
 
 @pytest.mark.parametrize(

@@ -20,7 +20,7 @@ def test_the_compiled_fit_is_the_obvious_one(count, long_side):
         points += 0.02 * rng.standard_normal(points.shape)
         cos, sin = np.cos(turn), np.sin(turn)
         points = points @ np.array([[cos, sin], [-sin, cos]]) + rng.uniform(-40, 40, 2)
-        found = fit_ransac(
+        fitted = fit_ransac(
             points,
             np.zeros(2),
             np.random.default_rng(0),
@@ -29,8 +29,8 @@ def test_the_compiled_fit_is_the_obvious_one(count, long_side):
             long_side=long_side,
         )
         x, y, yaw, share = obvious(points, np.zeros(2), np.random.default_rng(0), long_side)
-        assert (found.x, found.y, found.score) == pytest.approx((x, y, share), abs=1e-9)
-        assert abs((found.yaw - yaw + np.pi) % (2 * np.pi) - np.pi) < 1e-9
+        assert (fitted.x, fitted.y, fitted.score) == pytest.approx((x, y, share), abs=1e-9)
+        assert abs((fitted.yaw - yaw + np.pi) % (2 * np.pi) - np.pi) < 1e-9
 
 
 def obvious(points, place, rng, long_side):
@@ -43,8 +43,8 @@ def obvious(points, place, rng, long_side):
     normal = np.array([-axis[1], axis[0]])
     depth = float(np.median((points[held] - mean) @ normal))
     along = (points[held] - mean) @ axis
-    seen = float(np.ptp(along))
-    is_flank = long_side == "main" or abs(seen - length_m) < abs(seen - width_m)
+    visible_m = float(np.ptp(along))
+    is_flank = long_side == "main" or abs(visible_m - length_m) < abs(visible_m - width_m)
     extent, other = (length_m, width_m) if is_flank else (width_m, length_m)
     if corner is None:
         middle = (along.min() + along.max()) / 2

@@ -15,7 +15,7 @@ from roadscope.benchmarks.papers import RobotLidar, ford_fusion, sense_drive, se
 from roadscope.detectors.pose import MOTION, VALUES, Smoother, axis_difference
 
 
-def follow(run, model=None, **options):
+def smoothed_poses(run, model=None, **options):
     """Poses of a run's frames, one for each."""
     smoother = Smoother(run.spec, model or ford_fusion(), **options)
     rolling = run.drive.rolling
@@ -44,13 +44,13 @@ def curve():
 
 
 def test_more_frames_are_better_on_a_curve_too(curve):
-    places = [rms(errors(curve, follow(curve, frames=k))[:, :2]) for k in (1, 3, 7)]
+    places = [rms(errors(curve, smoothed_poses(curve, frames=k))[:, :2]) for k in (1, 3, 7)]
     assert places[0] > places[1] > places[2]
     assert places[2] < 0.01
 
 
 def test_the_newest_frame_can_be_asked_for(curve):
-    newest = errors(curve, follow(curve, frames=5, lag=0))
+    newest = errors(curve, smoothed_poses(curve, frames=5, lag=0))
     assert len(newest) == 12
     # Two scans alone see nothing beforehand.
     assert rms(newest[4:, :2]) < 0.02
@@ -69,14 +69,16 @@ def test_a_scan_with_one_return_feeds_the_window(curve):
 
 
 @pytest.mark.parametrize("seed", [3, 6])
-def test_how_the_sensor_went_in_its_first_scan_is_told_by_the_second(seed):
-    """At 3 m/s a rear end 10 m away seems turned by a third of a degree to whoever stands."""
+def test_the_second_scan_shows_how_the_sensor_moved_in_the_first(seed):
+    """At 3 m/s a rear end 10 m away seems turned by 1/3 deg to a sensor taken to stand."""
     run = sense_drive("following-10", seed, frames=5)
-    told, untold = (Smoother(run.spec, ford_fusion(), frames=5, lag=1) for _ in range(2))
+    corrected, uncorrected = (Smoother(run.spec, ford_fusion(), frames=5, lag=1) for _ in range(2))
     before, *shots = run.sweeps
-    told.update(before.scan, np.zeros_like(before.target), before.world_from_lidar)
+    corrected.update(before.scan, np.zeros_like(before.target), before.world_from_lidar)
     for s in shots:
-        one, other = (x.update(s.scan, s.target, s.world_from_lidar) for x in (told, untold))
+        one, other = (
+            x.update(s.scan, s.target, s.world_from_lidar) for x in (corrected, uncorrected)
+        )
     assert np.hypot(one.x - other.x, one.y - other.y) < 0.0015
     assert abs(one.yaw - other.yaw) < np.radians(0.02)
 
@@ -116,10 +118,10 @@ def test_refuses_windows_by_name(options, message, curve):
 
 @pytest.mark.sampled(1)
 @pytest.mark.parametrize("seed", [5, 9])
-def test_sharp_noise_turns_no_vehicle_across_its_way(seed):
+def test_sharp_noise_turns_no_vehicle_across_its_path(seed):
     """Seen from behind with little noise, a scan alone fits best with the body across."""
     run = sense_drive("straight", seed, noise=0.5)
-    turned = np.abs(errors(run, follow(run, frames=3))[:, 2])
+    turned = np.abs(errors(run, smoothed_poses(run, frames=3))[:, 2])
     assert turned.max() < np.radians(45.0)
 
 
@@ -137,17 +139,17 @@ AT_THE_SEAM = [
 
 @pytest.mark.sampled(4)
 @pytest.mark.parametrize("frames", [1, 3, 7])
-@pytest.mark.parametrize("way", AT_THE_SEAM)
-def test_cars_that_the_sweep_begins_and_ends_on_are_found(way, frames):
-    """It does so behind the LiDAR: cars there are met in part, or twice and elsewhere by then.
+@pytest.mark.parametrize("path", AT_THE_SEAM)
+def test_cars_that_the_sweep_begins_and_ends_on_are_found(path, frames):
+    """The sweep begins behind the LiDAR: it hits cars there in part, or twice at two places.
 
-    One that stands is met twice, too, from two sides.
+    It hits a standing car twice, too, from two sides.
     """
     model, rng = ford_fusion(), np.random.default_rng(3)
     body = body_of(model, np.zeros(VALUES - MOTION))
-    drive = drive_through(np.array([*way, 0.1, 0.3]))
+    drive = drive_through(np.array([*path, 0.1, 0.3]))
     shots = sense_sweeps(drive, RobotLidar(lidar()), body, NO_PHASES, rng)
-    told = way[3] * np.array([np.cos(way[2]), np.sin(way[2])])
-    pose = fitted_pose(model, PassingCar(shots, np.array(way[:3]), told), frames)
-    off = np.array([pose.x - way[0], pose.y - way[1], axis_difference(pose.yaw, way[2])])
+    velocity = path[3] * np.array([np.cos(path[2]), np.sin(path[2])])
+    pose = fitted_pose(model, PassingCar(shots, np.array(path[:3]), velocity), frames)
+    off = np.array([pose.x - path[0], pose.y - path[1], axis_difference(pose.yaw, path[2])])
     assert off @ np.linalg.solve(pose.covariance, off) < 25.0

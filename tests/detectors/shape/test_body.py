@@ -23,5 +23,5 @@ def test_free_sight_past_a_rear_says_how_wide_the_car_is():
 
 
 def test_two_columns_are_left_to_the_l_shape():
-    given_ = cluster(np.array([[12.0, 2.0], [12.0, 2.4]]))
-    assert vehicles_by_body(given_, FREE) == vehicles_by_l_shape(given_, FREE)
+    two_columns = cluster(np.array([[12.0, 2.0], [12.0, 2.4]]))
+    assert vehicles_by_body(two_columns, FREE) == vehicles_by_l_shape(two_columns, FREE)

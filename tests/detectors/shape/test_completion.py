@@ -124,13 +124,13 @@ def test_hidden_side_is_where_the_body_goes_on(shape):
     ],
 )
 def test_category_comes_from_size_and_height(shape, size, heights, category):
-    found = only(shape, cluster(seen_car(0.4, size=size), heights), horizon())
-    assert found.category is category
-    assert found.size[2] >= heights[-1]
+    vehicle = only(shape, cluster(seen_car(0.4, size=size), heights), horizon())
+    assert vehicle.category is category
+    assert vehicle.size[2] >= heights[-1]
 
 
 @pytest.mark.parametrize("shape", FITS)
-def test_what_no_road_user_measures_is_nobody(shape):
+def test_a_size_that_no_road_user_has_gives_no_vehicle(shape):
     wall = np.column_stack([np.linspace(5, 40, 100), np.full(100, 6.0)])
     post = np.column_stack([np.full(3, 9.0), np.linspace(0, 0.1, 3)])
     corner = np.concatenate(

@@ -16,7 +16,7 @@ def make(points, column):
 
 def contours_one_by_one(cloud, labels):
     """Go through clusters and columns in Python."""
-    found = []
+    outlines = []
     for label in np.unique(labels[labels >= 0]):
         points = []
         for column in np.unique(cloud.column[labels == label]):
@@ -28,8 +28,8 @@ def contours_one_by_one(cloud, labels):
         points = np.array(points)
         x, y = (points - cloud.origin).T
         azimuths = wrap_angle(np.arctan2(y, x) - np.arctan2(y.mean(), x.mean()))
-        found.append(points[np.lexsort((y, x, azimuths))])
-    return found
+        outlines.append(points[np.lexsort((y, x, azimuths))])
+    return outlines
 
 
 @given(st.integers(0, 2**32 - 1), st.integers(0, 80), st.booleans())
@@ -42,19 +42,21 @@ def test_equals_going_through_one_by_one(seed, count, swept):
     reach = rng.choice([8.0, 8.2, 8.5, 9.5, 20.0], count) + 0.01 * rng.standard_normal(count)
     points = reach[:, None] * np.column_stack([np.cos(angles), np.sin(angles)]) + [1.0, 2.0]
     row = np.arange(count)
-    found = Cloud(
+    returns = Cloud(
         np.column_stack([points, np.zeros(count)]), row, column, row, np.array([1.0, 2.0])
     )
     labels = rng.integers(-1, 3, count)
-    expected = contours_one_by_one(found, labels)
-    outlines = contours(found, labels)
+    expected = contours_one_by_one(returns, labels)
+    outlines = contours(returns, labels)
     assert len(outlines) == len(expected)
     for ours, theirs in zip(outlines, expected, strict=True):
         assert np.array_equal(ours, theirs)
-    for cluster, label in zip(clusters(found, labels), np.unique(labels[labels >= 0]), strict=True):
+    for cluster, label in zip(
+        clusters(returns, labels), np.unique(labels[labels >= 0]), strict=True
+    ):
         rows = np.flatnonzero(labels == label)
         rows = rows[np.argsort(column[rows], kind="stable")]
-        assert np.array_equal(cluster.points, found.points[rows])
+        assert np.array_equal(cluster.points, returns.points[rows])
         assert np.array_equal(cluster.ring, rows)
         assert np.array_equal(cluster.column, column[rows])
 
@@ -65,7 +67,7 @@ def test_one_point_a_column_on_the_nearest_face():
     assert np.allclose(outline, [(10.05, 0), (10, 1)])
 
 
-def test_clusters_apart_in_one_column_and_outliers_dropped():
+def test_clusters_in_one_column_are_separate_and_outliers_dropped():
     cloud = make([(10.0, 0), (20, 0), (30, 0)], [4, 4, 4])
     first, second = contours(cloud, np.array([1, -1, 0]))
     assert first.tolist() == [[30, 0]]

@@ -51,12 +51,12 @@ def plain_value(points, heading, criterion, near_m):
 @pytest.mark.parametrize("seed", range(4))
 def test_search_is_as_good_as_every_quarter_degree(criterion, seed):
     points = l_shape(0.3 + seed, seed)
-    found = searched_heading(points, SEARCHED[criterion], 0.05)
+    heading = searched_heading(points, SEARCHED[criterion], 0.05)
     best = max(plain_value(points, h, criterion, 0.05) for h in np.radians(np.arange(0, 90, 0.25)))
-    value = plain_value(points, found, criterion, 0.05)
+    value = plain_value(points, heading, criterion, 0.05)
     assert value >= best - 0.08 * abs(best)
     # A right-angled triangle's least rectangle may as well lie on its longest side.
-    assert criterion == "area" or off_square(found, 0.3 + seed) < np.radians(4)
+    assert criterion == "area" or off_square(heading, 0.3 + seed) < np.radians(4)
 
 
 @given(yaw=st.floats(-3.2, 3.2))
@@ -79,8 +79,8 @@ def test_of_headings_equally_good_the_middle_is_taken():
     """Tilted as far as the floor allows either way, the face is still on its side."""
     face = np.column_stack([np.linspace(0.0, 1.0, 40) ** 2, np.zeros(40)])
     for yaw in np.radians([0.0, 13.0, 44.9, 88.0]):
-        found = searched_heading(face @ turn(yaw).T, CLOSENESS, 0.05)
-        assert off_square(found, yaw) < np.radians(0.3)
+        heading = searched_heading(face @ turn(yaw).T, CLOSENESS, 0.05)
+        assert off_square(heading, yaw) < np.radians(0.3)
 
 
 @given(seed=st.integers(0, 10**6), count=st.integers(1, 30), grid=st.booleans())

@@ -21,11 +21,11 @@ def test_a_person_is_left_to_the_rectangle():
     angles = np.linspace(-1.2, 1.2, 7)
     round_ = np.column_stack([8.0 - 0.25 * np.cos(angles), 1.0 + 0.25 * np.sin(angles)])
     person = cluster(round_, heights=np.linspace(0.2, 1.7, 9))
-    found = vehicles_by_matched_filter(person, FREE)
-    assert found == SHAPES["rectangle"](person, FREE)
+    vehicles = vehicles_by_matched_filter(person, FREE)
+    assert vehicles == SHAPES["rectangle"](person, FREE)
 
 
-def test_too_large_and_too_small_clusters_show_nobody():
+def test_too_large_and_too_small_clusters_give_no_vehicle():
     wall = np.column_stack([np.full(80, 20.0), np.linspace(-20, 20, 80)])
     assert vehicles_by_matched_filter(cluster(wall), FREE) == []
     assert vehicles_by_matched_filter(cluster(np.array([[9.0, 0.0]]), heights=(1.0,)), FREE) == []

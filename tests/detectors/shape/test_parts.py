@@ -15,15 +15,15 @@ PAIR = [(16, 1.6, 4.6, 1.85, 1.5, 0), (32, -1.2, 4.6, 1.85, 1.5, 0)]
 
 def merged(boxes):
     """All returns in one cluster, and the horizon."""
-    seen = cloud(boxes, ground=False, noise_m=0.02)
-    (cluster,) = clusters(seen, np.zeros(len(seen), np.int64))
-    return cluster, Horizon.of(seen, np.ones(len(seen), bool), Bounds(-0.96, 0.96))
+    returns = cloud(boxes, ground=False, noise_m=0.02)
+    (cluster,) = clusters(returns, np.zeros(len(returns), np.int64))
+    return cluster, Horizon.of(returns, np.ones(len(returns), bool), Bounds(-0.96, 0.96))
 
 
 def test_two_cars_in_one_cluster_are_both_found():
-    found = SHAPES["l-shape"](*merged(PAIR))
-    assert len(found) == 2
-    for vehicle, (x, y, *_) in zip(sorted(found, key=lambda v: -v.centre[1]), PAIR, strict=True):
+    vehicles = SHAPES["l-shape"](*merged(PAIR))
+    assert len(vehicles) == 2
+    for vehicle, (x, y, *_) in zip(sorted(vehicles, key=lambda v: -v.centre[1]), PAIR, strict=True):
         assert vehicle.centre == pytest.approx((x, y), abs=0.4)
 
 

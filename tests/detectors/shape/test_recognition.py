@@ -114,12 +114,12 @@ def test_wall_hidden_at_both_ends_has_no_known_size():
 
 def test_noise_at_a_split_is_no_corner():
     rng = np.random.default_rng(1)
-    kept = 0
+    recognised = 0
     for _ in range(50):
         face = line((20.0, -0.9), (20.0, 0.9), 20)
         face[:, 0] += 0.1 * rng.standard_normal(20)
-        kept += len(recognise_points(face))
-    assert kept >= 47
+        recognised += len(recognise_points(face))
+    assert recognised >= 47
 
 
 def test_a_jump_separates_two_vehicles_of_one_cluster():
@@ -159,7 +159,7 @@ def chains_one_by_one(points, ends):
 
 
 @given(st.integers(1, 25).flatmap(lambda n: arrays(float, (n, 2), elements=st.floats(-2, 2))))
-def test_lines_are_those_of_the_slow_way(points):
+def test_lines_equal_the_slow_computation(points):
     points = np.round(points, 1) * [1, 0.2] + np.linspace(0, 2, len(points))[:, None] ** 2
     ends = split_ends(points, 0.3)
     slow = [(k, len(p)) for k, c in enumerate(chains_one_by_one(points, ends)) for p in c]

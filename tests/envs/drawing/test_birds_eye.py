@@ -243,7 +243,7 @@ def test_road_users_without_returns_are_grey():
     assert len(_close(_draw(truth=truth), TRUTH_COLOUR, 3)) > alone + 20
 
 
-def test_paths_of_the_ego_and_of_an_odometry_are_told_apart():
+def test_paths_of_the_ego_and_of_an_odometry_are_distinguished():
     pose = platoon().world_from_ego(5.0)
     back = np.array([[-30.0, 0.0, 0.0], [-2.0, 0.0, 0.0]])
     drifted = pose.apply(back + np.array([0, 4.0, 0]))[:, :2]

@@ -86,7 +86,7 @@ def test_letters_are_smooth_and_lie_above_shapes():
 
 
 @pytest.mark.parametrize("size", [12, 20])
-def test_a_text_stays_within_the_size_that_was_told_before(size):
+def test_a_text_stays_within_the_size_measured_before(size):
     canvas = _blank(80)
     canvas.text("B8g", np.array([5.0, 7.0]), WHITE, size)
     rows, columns = np.nonzero(canvas.image()[..., 0] > 40)

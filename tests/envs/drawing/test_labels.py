@@ -67,7 +67,7 @@ def test_words_are_written_whole_or_not_at_all(place):
     assert not _labels().write("12", np.array([place]), WHITE)
 
 
-def test_ids_that_lie_apart_are_all_written():
+def test_ids_that_do_not_overlap_are_all_written():
     assert _written(_tracks([(10.0, 0.0), (20.0, 0.0), (10.0, 10.0)])) == [0, 1, 2]
 
 
@@ -79,15 +79,15 @@ def test_labels_never_cover_each_other():
     assert len(boxes) > 30
     for k, box in enumerate(boxes):
         others = np.delete(boxes, k, axis=0)
-        apart = (box[:2] >= others[:, 2:]) | (box[2:] <= others[:, :2])
-        assert apart.any(axis=1).all()
+        disjoint = (box[:2] >= others[:, 2:]) | (box[2:] <= others[:, :2])
+        assert disjoint.any(axis=1).all()
 
 
-def test_overlapping_ids_give_way_to_the_nearest_one():
+def test_the_nearest_of_overlapping_ids_is_written():
     pile = [(12.0 + 0.01 * step, 0.0) for step in range(20)]
-    found = _written(_tracks(pile))
-    assert 0 < len(found) < 20
-    assert found[0] == 0
+    labelled_tracks = _written(_tracks(pile))
+    assert 0 < len(labelled_tracks) < 20
+    assert labelled_tracks[0] == 0
     assert _written(_tracks(pile[::-1]))[-1] == 19
 
 

@@ -55,10 +55,10 @@ def test_check_env_passes_with_weather(settings: dict[str, Any]) -> None:
     env = gym.make("roadscope/Merge-v0", rig="vlp16", weather="fog-4", **settings)
     check_env(env.unwrapped, skip_render_check=True)
     clear = gym.make("roadscope/Merge-v0", rig="vlp16", **settings)
-    (fogged, _), (seen, _) = env.reset(seed=3), clear.reset(seed=3)
-    assert (fogged["lidar_range"] > 60).sum() < (seen["lidar_range"] > 60).sum() / 10
-    assert (fogged["lidar_range"] > 0).sum() > (seen["lidar_range"] > 0).sum()
-    assert np.array_equal(fogged["ego"], seen["ego"])
+    (fogged, _), (clear_observation, _) = env.reset(seed=3), clear.reset(seed=3)
+    assert (fogged["lidar_range"] > 60).sum() < (clear_observation["lidar_range"] > 60).sum() / 10
+    assert (fogged["lidar_range"] > 0).sum() > (clear_observation["lidar_range"] > 0).sum()
+    assert np.array_equal(fogged["ego"], clear_observation["ego"])
 
 
 @pytest.mark.sampled(1)

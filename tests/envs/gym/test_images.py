@@ -23,12 +23,12 @@ def test_the_latest_image_is_observed_and_every_one_is_in_the_frames() -> None:
     assert np.array_equal(observation["image"], images[-1].camera.pixels)
     stamps = [frame.stamp_s for frame in info["frames"]]
     assert len(set(stamps)) == len(stamps)
-    seen = [
+    image_truths = [
         truth
         for frame, truth in zip(info["frames"], info["truths"], strict=True)
         if frame.camera is not None
     ]
-    assert all(truth.image_boxes is not None for truth in seen)
+    assert all(truth.image_boxes is not None for truth in image_truths)
 
 
 @pytest.mark.slow
@@ -42,12 +42,12 @@ def test_pixel_truth_belongs_to_the_observed_image(name: str) -> None:
     first, info = env.reset(seed=3)
     assert info["pixel_truth"].depth.shape == first["image"].shape[:2]
     _, _, _, _, info = env.step(env.action_space.sample())
-    seen = [truth for truth in info["truths"] if truth.image_boxes is not None]
-    assert seen[-1].pixels == info["pixel_truth"]
-    assert all(truth.pixels is not None for truth in seen)
+    image_truths = [truth for truth in info["truths"] if truth.image_boxes is not None]
+    assert image_truths[-1].pixels == info["pixel_truth"]
+    assert all(truth.pixels is not None for truth in image_truths)
     plain = gym.make(f"roadscope/{name}", **brief)
-    again, untold = plain.reset(seed=3)
-    assert "pixel_truth" not in untold
+    again, plain_info = plain.reset(seed=3)
+    assert "pixel_truth" not in plain_info
     assert np.array_equal(first["image"], again["image"])
     light = gym.make(f"roadscope/{name}", pixel_truth=True, records=False, **brief)
     _, info = light.reset(seed=3)
@@ -132,7 +132,7 @@ def test_the_image_of_the_camera_is_in_the_frame() -> None:
     frame = env.render()
     image = Image.fromarray(observation["image"])
     # Its place and size: below the title, as high as range image, scores and legend leave space.
-    found = max(
+    correlation = max(
         np.corrcoef(
             np.asarray(image.resize((width, width * 3 // 4))).ravel(),
             frame[top : top + width * 3 // 4, 732 : 732 + width].ravel(),
@@ -140,4 +140,4 @@ def test_the_image_of_the_camera_is_in_the_frame() -> None:
         for width in range(400, 530, 3)
         for top in range(57, 62)
     )
-    assert found > 0.9
+    assert correlation > 0.9

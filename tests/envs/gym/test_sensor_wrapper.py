@@ -59,14 +59,14 @@ def traffic(env: gym.Env[Any, Any]) -> list[tuple[Any, ...]]:
 
 def play(env: gym.Env[Any, Any], steps: int = 2, seed: int = 3) -> list[Any]:
     env.reset(seed=seed)
-    seen: list[Any] = [traffic(env)]
+    history: list[Any] = [traffic(env)]
     for action in actions(env, steps):
         _, reward, terminated, truncated, _ = env.step(action)
-        seen.append((traffic(env), float(reward), bool(terminated), bool(truncated)))
+        history.append((traffic(env), float(reward), bool(terminated), bool(truncated)))
         if terminated or truncated:
             break
-    seen.append(env.unwrapped.np_random.bit_generator.state["state"])
-    return seen
+    history.append(env.unwrapped.np_random.bit_generator.state["state"])
+    return history
 
 
 def same(a: dict[str, np.ndarray], b: dict[str, np.ndarray]) -> bool:
@@ -236,9 +236,9 @@ def test_live_frames_with_inertial_sensors_equal_those_of_the_recording() -> Non
         assert truth == live_truth
     for before, (frame, truth) in zip(truths, again[1:], strict=False):
         step = before.world_from_ego.inverse() @ truth.world_from_ego
-        told = frame.previous_from_ego
-        assert told.translation[:2] == pytest.approx(step.translation[:2], abs=0.02)
-        assert told.yaw == pytest.approx(step.yaw, abs=0.002)
+        motion = frame.previous_from_ego
+        assert motion.translation[:2] == pytest.approx(step.translation[:2], abs=0.02)
+        assert motion.yaw == pytest.approx(step.yaw, abs=0.002)
 
 
 def test_the_observation_is_the_latest_scan_in_fresh_arrays() -> None:
@@ -258,8 +258,8 @@ def test_the_observation_is_the_latest_scan_in_fresh_arrays() -> None:
 @pytest.mark.slow
 def test_same_seed_same_bytes_and_resets_without_seed_go_on_from_it() -> None:
     def run(env: SensorWrapper, seed: int) -> list[dict[str, np.ndarray]]:
-        seen = [env.reset(seed=seed)[0], env.step(1)[0], env.reset()[0], env.step(1)[0]]
-        return seen
+        observations = [env.reset(seed=seed)[0], env.step(1)[0], env.reset()[0], env.step(1)[0]]
+        return observations
 
     one, two = (SensorWrapper(gym.make("merge-v1"), "lux") for _ in range(2))
     first, again, other = run(one, 8), run(two, 8), run(two, 9)
@@ -290,14 +290,14 @@ def test_driver_constants_stay_with_their_environment() -> None:
 
     IDMVehicle.DISTANCE_WANTED = 33.0
     crossing.reset(seed=3)
-    seen = [traffic(crossing)]
+    history = [traffic(crossing)]
     for action in actions(crossing, 2):
         IDMVehicle.COMFORT_ACC_MAX = 0.1
         _, reward, terminated, truncated, _ = crossing.step(action)
-        seen.append((traffic(crossing), float(reward), terminated, truncated))
+        history.append((traffic(crossing), float(reward), terminated, truncated))
         assert IDMVehicle.COMFORT_ACC_MAX == 0.1
     assert IDMVehicle.DISTANCE_WANTED == 33.0
-    assert seen == alone[:-1]
+    assert history == alone[:-1]
 
 
 @pytest.mark.parametrize("twin", [copy.deepcopy, lambda env: pickle.loads(pickle.dumps(env))])
@@ -307,8 +307,8 @@ def test_copies_are_independent(twin: Any) -> None:
     env.step(1)
     other = twin(env)
     expected = [env.step(action)[0] for action in (0, 1)]
-    found = [other.step(action)[0] for action in (0, 1)]
-    assert all(map(same, expected, found))
+    observations = [other.step(action)[0] for action in (0, 1)]
+    assert all(map(same, expected, observations))
 
 
 @pytest.mark.parametrize(

@@ -94,7 +94,7 @@ def test_it_equals_one_environment_after_the_other_also_in_the_next_episode(
         assert_same(one, other)
 
 
-def test_gymnasium_makes_it_unless_told_otherwise() -> None:
+def test_gymnasium_makes_it_unless_the_call_says_otherwise() -> None:
     envs = gym.make_vec("roadscope/Highway-v0", num_envs=2, **SHORT)
     assert isinstance(envs, PooledVectorEnv)
     observations, _ = envs.reset(seed=0)

@@ -15,14 +15,14 @@ BUS = np.array([0.0, 0.0, 1.0, 0.0, 6.0, 1.27, 3.1, Category.BUS], float)
 def painted(
     frame: np.ndarray,
     place: tuple[float, float, float],
-    way: tuple[float, float],
+    facing: tuple[float, float],
     *,
     lamps: bool = False,
 ) -> np.ndarray:
-    """Colour (3,), gloss and own light (3,) at a place along, across and up, facing a way."""
+    """Colour (3,), gloss and own light (3,) at a place along, across and up, facing a direction."""
     out = np.array([*PAINT, 0.0, 0.0, 0.0, 0.0])
     along, across, z = place
-    bodywork(frame, 0.0, along, across, z, *way, lamps, out)
+    bodywork(frame, 0.0, along, across, z, *facing, lamps, out)
     return out
 
 

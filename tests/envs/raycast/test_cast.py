@@ -73,15 +73,15 @@ def meet(
     """Distance to where the ray enters the prism, and the cosine of incidence there."""
     enter, leave, cosine = -np.inf, np.inf, 0.0
     for normal, point in faces:
-        room, rate = normal @ (point - start), normal @ ray
+        distance, rate = normal @ (point - start), normal @ ray
         if rate == 0:
-            if room < 0:
+            if distance < 0:
                 return None, 0.0
         elif rate < 0:
-            if room / rate > enter:
-                enter, cosine = room / rate, -rate
+            if distance / rate > enter:
+                enter, cosine = distance / rate, -rate
         else:
-            leave = min(leave, room / rate)
+            leave = min(leave, distance / rate)
     return (enter, cosine) if 0 < enter <= leave else (None, 0.0)
 
 
@@ -207,7 +207,7 @@ def test_top_and_bottom_faces() -> None:
     assert from_below == (pytest.approx(8 * np.hypot(1, 0.125)), -2, pytest.approx(0.124, abs=1e-3))
 
 
-def test_a_prism_around_the_origin_is_not_seen() -> None:
+def test_a_prism_around_the_origin_is_not_hit() -> None:
     around, ahead = square(0, 0, 2), square(10, 0, 1, owner=-3)
     assert single(still(around, ahead), column())[:2] == (9.0, -3)
     assert single(still(around), column(), slope=-1.0)[1] == GROUND
@@ -225,7 +225,7 @@ def test_nearest_wins_whatever_the_order() -> None:
         assert single(scene, column(), slope=0.4)[1] == -3
 
 
-def test_absent_actors_are_not_seen() -> None:
+def test_absent_actors_are_not_hit() -> None:
     body = square(0, 0, 2, owner=0)
     poses = np.array([[[10.0, 0, 0]]])
     for present, owner in ((True, 0), (False, NOTHING)):
@@ -271,14 +271,14 @@ def test_porous_prisms_let_through_by_the_exponential_law() -> None:
     )
     slopes = np.linspace(0.01, 0.1, 100)
     hits = cast(still(tree), columns, slopes, max_range_m=MAX_RANGE_M)
-    met = hits.owners == -2
+    hit = hits.owners == -2
     lengths = depth * np.sqrt(1 + slopes**2) / np.cos(azimuths)[:, None]
     expected = 1 - np.exp(-extinction * lengths).mean()
-    assert met.mean() == pytest.approx(expected, abs=5 * np.sqrt(0.25 / met.size))
+    assert hit.mean() == pytest.approx(expected, abs=5 * np.sqrt(0.25 / hit.size))
     paths = hits.ranges - (20 - depth / 2) * np.sqrt(1 + slopes**2) / np.cos(azimuths)[:, None]
-    assert paths[met].min() >= 0
-    assert (paths[met] < 1).mean() == pytest.approx((1 - np.exp(-extinction)) / expected, abs=0.03)
-    assert set(hits.cosines[met]) == {0.5}
+    assert paths[hit].min() >= 0
+    assert (paths[hit] < 1).mean() == pytest.approx((1 - np.exp(-extinction)) / expected, abs=0.03)
+    assert set(hits.cosines[hit]) == {0.5}
 
 
 def test_porous_paths_depend_on_seed_and_stamp_alone() -> None:

@@ -33,10 +33,10 @@ def ours(scene: Scene, tilt: tuple[float, float]) -> tuple[Hits, np.ndarray]:
 def compare(hits: Hits, ranges: np.ndarray, owners: np.ndarray) -> None:
     owners = np.where(ranges <= SPECS["hdl32e"].range_max_m, owners, NOTHING)
     both = (hits.owners != NOTHING) & (owners != NOTHING)
-    apart = np.abs(hits.ranges[both] - ranges[both])
+    differences_m = np.abs(hits.ranges[both] - ranges[both])
     assert both.sum() > 10_000
-    assert np.median(apart) < 1e-5
-    assert (apart > 0.01).sum() + (hits.owners != owners).sum() <= EDGE_CASES * owners.size
+    assert np.median(differences_m) < 1e-5
+    assert (differences_m > 0.01).sum() + (hits.owners != owners).sum() <= EDGE_CASES * owners.size
 
 
 @pytest.mark.slow
@@ -75,7 +75,7 @@ def test_as_embree_through_open3d(scene: Scene, tilt: tuple[float, float]) -> No
         open3d.core.Tensor(vertices.astype(np.float32)),
         open3d.core.Tensor(triangles.astype(np.uint32)),
     )
-    found = embree.cast_rays(open3d.core.Tensor(table), nthreads=1)
-    ranges = found["t_hit"].numpy()
-    faces = np.minimum(found["primitive_ids"].numpy(), len(owners))
+    cast_result = embree.cast_rays(open3d.core.Tensor(table), nthreads=1)
+    ranges = cast_result["t_hit"].numpy()
+    faces = np.minimum(cast_result["primitive_ids"].numpy(), len(owners))
     compare(hits, ranges, np.append(owners, NOTHING)[faces])

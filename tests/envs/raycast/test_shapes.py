@@ -18,13 +18,13 @@ def test_what_was_prepared_for_other_poses_gives_the_same_bytes() -> None:
     scene = parked_scene(30)
     moved = replace(scene, poses=scene.poses + np.array([3.0, -2.0, 0.3]))
     fewer = replace(scene, present=np.arange(len(scene.present)) % 2 == 0)
-    kept = [ranges(s).tobytes() for s in (scene, moved, fewer, moved, scene)]
+    reused = [ranges(s).tobytes() for s in (scene, moved, fewer, moved, scene)]
     fresh = []
     for s in (scene, moved, fewer, moved, scene):
         clear_shapes()
         fresh.append(ranges(s).tobytes())
-    assert kept == fresh
-    assert len(set(kept)) == 3
+    assert reused == fresh
+    assert len(set(reused)) == 3
 
 
 def test_scenes_of_the_same_prisms_share_their_preparation() -> None:

@@ -194,12 +194,12 @@ def test_hits_lie_on_the_ground_and_nothing_before_them_lies_below_it(seed: int)
     )
     directions = ahead[:, None] + slopes[:, None] * up[:, None]
     directions /= np.linalg.norm(directions, axis=-1, keepdims=True)
-    met = hits.owners == GROUND
-    assert 0.5 < met.mean() < 1
+    ground_hit = hits.owners == GROUND
+    assert 0.5 < ground_hit.mean() < 1
     ends = origins[:, None] + hits.ranges[..., None] * directions
     # Ranges are float32.
-    assert np.abs(below(ground, ends[met])).max() < 1e-5
-    reaches = np.where(met, hits.ranges, 80.0)
+    assert np.abs(below(ground, ends[ground_hit])).max() < 1e-5
+    reaches = np.where(ground_hit, hits.ranges, 80.0)
     for share in np.linspace(0.0, 1.0, 400, endpoint=False):
         before = origins[:, None] + (share * reaches)[..., None] * directions
         inside = (np.abs(before[..., :2]) <= 100).all(axis=-1)
@@ -231,11 +231,11 @@ def test_a_slope_is_a_plane() -> None:
     directions /= np.linalg.norm(directions, axis=-1, keepdims=True)
     rates = directions @ normal
     reaches = -(columns.origins @ normal)[:, None] / rates
-    met = (rates < 0) & (reaches <= MAX_RANGE_M)
-    np.testing.assert_array_equal(hits.owners == GROUND, met)
-    np.testing.assert_allclose(hits.ranges[met], reaches[met], rtol=1e-6)
-    cosines = -rates[met] / np.linalg.norm(normal)
-    np.testing.assert_allclose(hits.cosines[met], cosines, rtol=1e-5)
+    ground_hit = (rates < 0) & (reaches <= MAX_RANGE_M)
+    np.testing.assert_array_equal(hits.owners == GROUND, ground_hit)
+    np.testing.assert_allclose(hits.ranges[ground_hit], reaches[ground_hit], rtol=1e-6)
+    cosines = -rates[ground_hit] / np.linalg.norm(normal)
+    np.testing.assert_allclose(hits.cosines[ground_hit], cosines, rtol=1e-5)
 
 
 def test_a_level_terrain_gives_what_the_plane_gives() -> None:

@@ -72,12 +72,12 @@ def empty() -> Scene:
 def echo_ranges(weather: Weather, sweeps: int, **changes: object) -> tuple[np.ndarray, int]:
     """Ranges of the echoes of rays into the sky, and how many rays there were."""
     lidar = spec(elevations=SKY, **changes)
-    found = []
+    echo_list = []
     for seed in range(sweeps):
         scan, truth = measure(empty(), lidar, weather, seed)
         assert (truth.owners == WEATHER).all()
-        found.append(np.linalg.norm(scan.points, axis=1))
-    return np.concatenate(found), sweeps * lidar.beams * lidar.columns
+        echo_list.append(np.linalg.norm(scan.points, axis=1))
+    return np.concatenate(echo_list), sweeps * lidar.beams * lidar.columns
 
 
 @pytest.mark.parametrize("weather", [rain(50.0), fog(300.0), fog(100.0)])
@@ -90,10 +90,10 @@ def test_intensity_falls_by_beer_and_lambert(weather: Weather) -> None:
     scan, truth = measure(scene, lidar, weather)
     image = np.full((lidar.beams, lidar.columns), np.nan)
     image[clear.ring, clear.column] = clear.intensity
-    seen = truth.owners <= -2
-    seen &= truth.owners != WEATHER
-    ranges = np.linalg.norm(scan.points[seen], axis=1)
-    ratio = np.log(scan.intensity[seen] / image[scan.ring[seen], scan.column[seen]])
+    surface = truth.owners <= -2
+    surface &= truth.owners != WEATHER
+    ranges = np.linalg.norm(scan.points[surface], axis=1)
+    ratio = np.log(scan.intensity[surface] / image[scan.ring[surface], scan.column[surface]])
     assert np.ptp(ranges) > 20
     slope, start = np.polyfit(ranges, ratio, 1)
     assert slope == pytest.approx(-2 * weather.extinction_per_m, rel=1e-4)
@@ -102,17 +102,17 @@ def test_intensity_falls_by_beer_and_lambert(weather: Weather) -> None:
 
 @pytest.mark.parametrize("reflectivity", [0.1, 0.5, 0.9])
 @pytest.mark.parametrize("weather", [rain(100.0), fog(200.0), fog(120.0)])
-def test_surfaces_are_seen_as_far_as_the_law_says(weather: Weather, reflectivity: float) -> None:
+def test_surfaces_are_visible_as_far_as_the_law_says(weather: Weather, reflectivity: float) -> None:
     alpha = weather.extinction_per_m
     # reflectivity * exp(-2 alpha r) = limit * r^2
     reach = float(lambertw(alpha * np.sqrt(reflectivity / LIMIT)).real) / alpha
     ranges = np.linspace(0.9, 1.1, 81) * reach
     lidar = spec(elevations=np.radians([0.01]), firing_offsets_s=np.zeros(1))
     _, truth = measure(walls(ranges, reflectivity), lidar, weather)
-    seen = np.isin(-2 - np.arange(81), truth.owners)
+    visible = np.isin(-2 - np.arange(81), truth.owners)
     # The middle of a wall is hit at a right angle; its edges are slightly farther.
-    assert seen[ranges < 0.999 * reach].all()
-    assert not seen[ranges > 1.001 * reach].any()
+    assert visible[ranges < 0.999 * reach].all()
+    assert not visible[ranges > 1.001 * reach].any()
 
 
 @pytest.mark.sampled(1)
@@ -155,10 +155,10 @@ def test_rain_is_the_drops_that_the_beam_meets() -> None:
     heard = inside & (power > LIMIT)
     order = np.lexsort((-power[heard], ray[heard]))
     winners, first = np.unique(ray[heard][order], return_index=True)
-    found, total = echo_ranges(weather, 1)
+    drop_ranges_m, total = echo_ranges(weather, 1)
     chance = len(winners) / rays
-    assert len(found) / total == pytest.approx(chance, abs=4 * np.sqrt(chance / rays))
-    assert kstest(found, ranges[heard][order][first]).pvalue > 1e-3
+    assert len(drop_ranges_m) / total == pytest.approx(chance, abs=4 * np.sqrt(chance / rays))
+    assert kstest(drop_ranges_m, ranges[heard][order][first]).pvalue > 1e-3
 
 
 @pytest.mark.parametrize("kind", ["rain", "fog"])

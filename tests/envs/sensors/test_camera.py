@@ -183,7 +183,7 @@ def test_sideways_motion_smears_upright_edges_only() -> None:
 
 
 @pytest.mark.parametrize("seed", range(4))
-def test_what_the_lidar_meets_the_camera_sees_too(seed: int) -> None:
+def test_the_camera_shows_what_the_lidar_hits(seed: int) -> None:
     scene = random_scene(np.random.default_rng(seed), knots=1)
     hard = replace(scene.static, extinctions=np.zeros(len(scene.static)))
     soft = replace(scene.moving, extinctions=np.zeros(len(scene.moving)))
@@ -202,16 +202,16 @@ def test_what_the_lidar_meets_the_camera_sees_too(seed: int) -> None:
     direction = ahead[:, None] + slopes[:, None] * up[:, None]
     direction /= np.linalg.norm(direction, axis=2, keepdims=True)
     ranges, owners = (a if a.shape == (300, 60) else a.T for a in (hits.ranges, hits.owners))
-    met = np.isfinite(ranges) & (ranges > 0) & (owners >= -60)
-    points = POSE.translation + ranges[met][:, None] * direction[met]
-    seen = POSE.inverse().apply(points)
-    pixels = np.floor(pinhole.project(seen)).astype(int)
+    hit = np.isfinite(ranges) & (ranges > 0) & (owners >= -60)
+    points = POSE.translation + ranges[hit][:, None] * direction[hit]
+    camera_points = POSE.inverse().apply(points)
+    pixels = np.floor(pinhole.project(camera_points)).astype(int)
     inside = ((pixels >= 1) & (pixels < [pinhole.width - 1, pinhole.height - 1])).all(axis=1)
     column, row = pixels[inside].T
     around = [truth.owners[row + i, column + j] for i in (-1, 0, 1) for j in (-1, 0, 1)]
     settled = (np.array(around) == around[4]).all(axis=0)
     assert settled.sum() > 1000
-    assert (around[4][settled] == owners[met][inside][settled]).all()
+    assert (around[4][settled] == owners[hit][inside][settled]).all()
     depth = truth.depth[row, column][settled]
-    solid = owners[met][inside][settled] != -1
-    assert np.allclose(depth[solid], seen[inside, 2][settled][solid], rtol=0.15)
+    solid = owners[hit][inside][settled] != -1
+    assert np.allclose(depth[solid], camera_points[inside, 2][settled][solid], rtol=0.15)

@@ -108,9 +108,9 @@ def test_allan_deviation_recovers_noise_and_walk(name: str) -> None:
         (slice(0, 3), spec.gyro_noise, spec.gyro_walk),
         (slice(3, 6), spec.accelerometer_noise, spec.accelerometer_walk),
     ):
-        seen = allan_deviation((white + biases)[:, axes], 40)
+        deviation = allan_deviation((white + biases)[:, axes], 40)
         expected = np.hypot(density / np.sqrt(0.1), walk * np.sqrt(0.1 / 3))
-        np.testing.assert_allclose(seen, expected, rtol=0.03)
+        np.testing.assert_allclose(deviation, expected, rtol=0.03)
         wandered = allan_deviation(biases[:, axes], 12_000)
         assert np.sqrt((wandered**2).mean()) == pytest.approx(walk * np.sqrt(30 / 3), rel=0.2)
 
@@ -118,10 +118,10 @@ def test_allan_deviation_recovers_noise_and_walk(name: str) -> None:
 def test_the_samples_carry_that_noise() -> None:
     samples = taken(at_rest(61.0), "adis16448", 400 * 60)
     spec = IMUS["adis16448"]
-    seen = allan_deviation(samples.angular_velocity, 40)
-    np.testing.assert_allclose(seen, spec.gyro_noise / np.sqrt(0.1), rtol=0.15)
-    seen = allan_deviation(samples.specific_force, 40)
-    np.testing.assert_allclose(seen, spec.accelerometer_noise / np.sqrt(0.1), rtol=0.15)
+    deviation = allan_deviation(samples.angular_velocity, 40)
+    np.testing.assert_allclose(deviation, spec.gyro_noise / np.sqrt(0.1), rtol=0.15)
+    deviation = allan_deviation(samples.specific_force, 40)
+    np.testing.assert_allclose(deviation, spec.accelerometer_noise / np.sqrt(0.1), rtol=0.15)
 
 
 def test_biases_at_turning_on_have_their_spread() -> None:
@@ -190,9 +190,9 @@ def test_scans_are_the_same_bytes_with_and_without_an_inertial_unit(timeline: Ti
     for (frame, truth), (plain, plain_truth) in zip(beside, without, strict=False):
         assert frame.imu is not None
         assert frame.wheels is not None
-        kept = [name for name, _ in plain.calibration.ego_from_sensor]
-        assert [frame.calibration.pose(n) for n in kept] == [
-            plain.calibration.pose(n) for n in kept
+        sensor_names = [name for name, _ in plain.calibration.ego_from_sensor]
+        assert [frame.calibration.pose(n) for n in sensor_names] == [
+            plain.calibration.pose(n) for n in sensor_names
         ]
         assert replace(frame, imu=None, wheels=None, calibration=plain.calibration) == plain
         assert truth == plain_truth
@@ -235,7 +235,7 @@ def test_scans_of_a_swaying_body_lie_on_the_ground(timeline: Timeline) -> None:
     assert heights[0] < min(0.02, 0.5 * heights[1])
 
 
-def test_wheels_tell_the_speed() -> None:
+def test_wheels_measure_the_speed() -> None:
     timeline = stop_and_go()
     motion = EgoMotion(timeline)
     exact = WheelSpec().scaled(0.0).measure(motion, 0, 0, 1900)
@@ -283,12 +283,12 @@ def test_agents_observe_inertial_samples() -> None:
     assert not first["imu"].any()
     blocks = []
     for _ in range(6):
-        seen, _, terminated, truncated, info = env.step(env.action_space.sample())
+        observation, _, terminated, truncated, info = env.step(env.action_space.sample())
         blocks += [frame.imu for frame in info["frames"] if frame.imu is not None]
         if terminated or truncated:
             break
     felt = np.concatenate([np.column_stack([b.angular_velocity, b.specific_force]) for b in blocks])
-    assert np.array_equal(seen["imu"], felt[-32:].astype(np.float32))
+    assert np.array_equal(observation["imu"], felt[-32:].astype(np.float32))
     recorded = sense(env.unwrapped._inner.recording(), small("zed2", sway=True), 4)
     expected = [f.imu for f, _ in recorded][: len(blocks)]
     assert blocks == expected

@@ -76,16 +76,16 @@ def test_ranges_are_rounded() -> None:
 
 def test_dropout_loses_its_share() -> None:
     every, _ = measure(wall(12.0), spec())
-    kept, _ = measure(wall(12.0), spec(dropout=0.2))
-    assert len(kept) / len(every) == pytest.approx(0.8, abs=5 * 0.4 / np.sqrt(len(every)))
+    remaining, _ = measure(wall(12.0), spec(dropout=0.2))
+    assert len(remaining) / len(every) == pytest.approx(0.8, abs=5 * 0.4 / np.sqrt(len(every)))
 
 
 def test_detection_limit_falls_with_range_squared() -> None:
     lidar = spec(detection_limit=0.4)
     # Energy at normal incidence: 0.5 at 100 m would suffice; 0.1 does only within 50 m.
-    for reflectivity, distance, seen in ((0.5, 95, True), (0.1, 48, True), (0.1, 52, False)):
+    for reflectivity, distance, visible in ((0.5, 95, True), (0.1, 48, True), (0.1, 52, False)):
         scan, truth = measure(wall(distance, reflectivity), lidar)
-        assert ahead(scan, truth, 0.02).any() == seen
+        assert ahead(scan, truth, 0.02).any() == visible
 
 
 def test_outside_the_ranges_nothing_returns() -> None:

@@ -59,7 +59,7 @@ def test_two_blocks_of_the_hdl64e_fire_together() -> None:
     assert steps[32:] == pytest.approx(1 / 3)
 
 
-def test_lux_looks_ahead_evenly() -> None:
+def test_lux_samples_the_view_ahead_evenly() -> None:
     spec = SPECS["lux"]
     assert np.degrees(spec.azimuths()[[0, 220]]) == pytest.approx([55.0, 0.0])
     assert spec.period_s == pytest.approx(0.08)

@@ -27,11 +27,13 @@ def timeline() -> Timeline:
     return record("street", SEED, 2.5)
 
 
-def test_nothing_is_kept_unless_it_is_asked_for(timeline: Timeline) -> None:
+def test_nothing_is_recorded_unless_it_is_asked_for(timeline: Timeline) -> None:
     plain, truth = Sensing(find_rig("wide"), SEED).sense_image_at(timeline, AT_S)
     assert truth.pixels is None
-    asked, more = Sensing(find_rig("wide"), SEED, pixel_truth=True).sense_image_at(timeline, AT_S)
-    assert plain == asked
+    with_truth, more = Sensing(find_rig("wide"), SEED, pixel_truth=True).sense_image_at(
+        timeline, AT_S
+    )
+    assert plain == with_truth
     assert truth == replace(more, pixels=None)
     _, scan_truth = Sensing(find_rig("wide"), SEED, pixel_truth=True).sense(timeline, 3)
     assert scan_truth.pixels is None
@@ -87,21 +89,21 @@ def test_depth_is_what_a_scan_of_the_same_moment_measures(timeline: Timeline) ->
     )
     mount = replace(carrier.lidar, spec=quiet, first_stamp_s=AT_S)
     sensing = Sensing(replace(carrier, lidar=mount), SEED, pixel_truth=True)
-    frame, told = sensing.sense(timeline, 0)
+    frame, lidar_truth = sensing.sense(timeline, 0)
     _, truth = sensing.sense_image_at(timeline, AT_S)
     assert frame.lidar is not None
     assert truth.pixels is not None
     pinhole = carrier.camera.spec.pinhole
-    look = Projection.of(pinhole.intrinsics, carrier.camera.ego_from_camera, 640, 480)
-    places, depths = look.project(mount.ego_from_lidar.apply(frame.lidar.points))
+    projection = Projection.of(pinhole.intrinsics, carrier.camera.ego_from_camera, 640, 480)
+    places, depths = projection.project(mount.ego_from_lidar.apply(frame.lidar.points))
     inside = (depths > 1) & (places >= 0).all(axis=1) & (places < (640, 480)).all(axis=1)
     columns, rows = np.floor(places[inside]).astype(int).T
-    shown, met = truth.pixels.depth[rows, columns], depths[inside]
-    near = np.abs(shown - met) < 0.02 * met + 0.05
+    shown, expected_depths = truth.pixels.depth[rows, columns], depths[inside]
+    near = np.abs(shown - expected_depths) < 0.02 * expected_depths + 0.05
     assert inside.sum() > 2000
     assert near.mean() > 0.9
-    same = truth.pixels.instances[rows, columns] == told.sources[inside]
-    users = told.sources[inside] >= 0
+    same = truth.pixels.instances[rows, columns] == lidar_truth.sources[inside]
+    users = lidar_truth.sources[inside] >= 0
     assert users.sum() > 50
     assert same[users & near].mean() > 0.95
-    assert (same & ~users & (told.sources[inside] == GROUND))[near].sum() > 500
+    assert (same & ~users & (lidar_truth.sources[inside] == GROUND))[near].sum() > 500

@@ -53,9 +53,9 @@ def test_returns_are_counted_and_lie_on_what_they_came_from(timeline: Timeline) 
     np.testing.assert_array_equal(truth.lidar_returns, counted)
     ego = frame.calibration.pose("lidar").apply(frame.lidar.points)
     assert np.abs(ego[truth.sources == GROUND, 2]).max() < 0.02
-    seen = np.flatnonzero(truth.lidar_returns > 20)
-    assert len(seen) > 2
-    for row in seen:
+    visible_rows = np.flatnonzero(truth.lidar_returns > 20)
+    assert len(visible_rows) > 2
+    for row in visible_rows:
         box = Pose.planar(*truth.centres[row, :2], truth.yaws[row]).inverse()
         local = box.apply(truth.world_from_ego.apply(ego[truth.sources == truth.ids[row]]))
         # Half a sweep of relative motion shears a body by a metre or two at most.

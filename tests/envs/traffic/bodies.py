@@ -10,11 +10,11 @@ def gaps_m(line, row):
     ahead = np.stack([np.cos(yaws), np.sin(yaws)], axis=-1)
     left = np.stack([-ahead[:, 1], ahead[:, 0]], axis=-1)
     centres = line.axles[row, here] + line.centre_ahead_m[here, None] * ahead
-    apart = centres - centres[:, None]
-    gaps = np.full(apart.shape[:2], -np.inf)
+    offsets = centres - centres[:, None]
+    gaps = np.full(offsets.shape[:2], -np.inf)
     for axis, own in ((ahead, half[:, 0]), (left, half[:, 1])):
         reach = np.abs(axis @ ahead.T) * half[:, 0] + np.abs(axis @ left.T) * half[:, 1]
-        gap = np.abs((apart * axis[:, None]).sum(axis=-1)) - own[:, None] - reach
+        gap = np.abs((offsets * axis[:, None]).sum(axis=-1)) - own[:, None] - reach
         gaps = np.maximum(gaps, np.maximum(gap, gap.T))
     np.fill_diagonal(gaps, np.inf)
     return gaps

@@ -24,8 +24,8 @@ def test_the_frame_is_mirrored_and_back():
     world, yaws, moved = to_world(positions, headings, velocities)
     np.testing.assert_array_equal(world, positions * (1, -1))
     back = to_world(world, yaws, moved)
-    for given, returned in zip((positions, headings, velocities), back, strict=True):
-        np.testing.assert_array_equal(given, returned)
+    for original, returned in zip((positions, headings, velocities), back, strict=True):
+        np.testing.assert_array_equal(original, returned)
     # A velocity along the heading is a velocity along the yaw.
     along = np.stack([np.cos(headings), np.sin(headings)], axis=-1)
     _, yaws, moved = to_world(positions, headings, along)

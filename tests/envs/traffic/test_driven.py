@@ -51,7 +51,7 @@ def test_others_brake_for_an_ego_that_stops() -> None:
 
 
 @pytest.mark.parametrize("scenario", ["cutting-in", "stepping-out"])
-def test_who_sees_nobody_collides_and_who_sees_all_does_not(scenario) -> None:
+def test_a_driver_without_tracks_collides_and_one_with_all_does_not(scenario) -> None:
     blind = [driven(scenario, seed, 12.0, on_nothing).collided_with for seed in range(4)]
     seeing = [driven(scenario, seed, 12.0, on_truth).collided_with for seed in range(4)]
     assert sum(other is not None for other in blind) >= 2
@@ -60,17 +60,17 @@ def test_who_sees_nobody_collides_and_who_sees_all_does_not(scenario) -> None:
 
 def test_a_lane_is_changed_on_command_and_only_where_there_is_one() -> None:
     traffic = DrivenTraffic("motorway", 0, 10.0)
-    nobody = Tracks.empty(0.0, "world")
-    before = traffic.outlook(nobody)
+    no_tracks = Tracks.empty(0.0, "world")
+    before = traffic.outlook(no_tracks)
     assert before.lanes == 4
     for _ in range(160):
         traffic.step(DrivingCommand(0.0, before.lane + 1))
-    assert traffic.outlook(nobody).lane == before.lane + 1
+    assert traffic.outlook(no_tracks).lane == before.lane + 1
     traffic.step(DrivingCommand(0.0, 17))
-    assert traffic.outlook(nobody).target_lane == before.lane + 1
+    assert traffic.outlook(no_tracks).target_lane == before.lane + 1
 
 
-def test_the_outlook_names_the_next_ahead_and_the_way() -> None:
+def test_the_outlook_names_the_next_road_user_and_the_path() -> None:
     traffic = DrivenTraffic("two-way", 0, 10.0)
     truth = traffic.true_tracks()
     outlook = traffic.outlook(truth)
@@ -90,7 +90,7 @@ def test_the_outlook_names_the_next_ahead_and_the_way() -> None:
     ("scenario", "why"),
     [("cut-ins", "cannot react"), ("hills", "uneven"), ("unseen-street", "unseen")],
 )
-def test_traffic_in_which_nobody_can_drive_is_refused(scenario, why) -> None:
+def test_traffic_in_which_no_driver_can_drive_is_refused(scenario, why) -> None:
     with pytest.raises(ScenarioError, match=why):
         DrivenTraffic(scenario, 0, 10.0)
 

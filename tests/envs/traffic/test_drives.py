@@ -37,8 +37,8 @@ def recorded():
     return cache(record)
 
 
-def way_m(line):
-    """Length of the ego's way."""
+def path_length_m(line):
+    """Return the length of the ego's path."""
     return float(np.linalg.norm(np.diff(line.axles[:, 0], axis=0), axis=1).sum())
 
 
@@ -103,7 +103,7 @@ def test_there_is_traffic_and_each_seed_has_its_own(recorded, name):
 
 @pytest.mark.parametrize(("name", "span_m"), MOVING_M.items())
 def test_the_ego_goes_as_far_as_promised(recorded, name, span_m):
-    ways = [way_m(recorded(name, seed)) for seed in SEEDS]
+    ways = [path_length_m(recorded(name, seed)) for seed in SEEDS]
     assert span_m[0] < min(ways)
     assert max(ways) < span_m[1]
     assert max(ways) > 1.2 * min(ways)
@@ -113,7 +113,7 @@ def test_the_ego_goes_as_far_as_promised(recorded, name, span_m):
 def test_the_ego_stands_while_others_pass(recorded, name):
     for seed in SEEDS:
         line = recorded(name, seed)
-        assert way_m(line) == 0.0
+        assert path_length_m(line) == 0.0
         relative, yaw = line.axles - line.axles[:, :1], line.yaws[0, 0]
         along = relative[..., 0] * np.cos(yaw) + relative[..., 1] * np.sin(yaw)
         there = line.present[1:] & line.present[:-1]
@@ -129,7 +129,7 @@ def test_the_convoy_keeps_its_order_while_it_pulls_away(recorded):
         away = np.linalg.norm(line.axles - line.axles[:, :1], axis=-1)
         near = (away[0] < 15.0) & line.present[0]
         beside = np.abs(away[rows][:, near] - away[0, near])
-        assert way_m(line) > 240.0
+        assert path_length_m(line) > 240.0
         assert np.median(beside[-1]) < 8.0, seed
         assert (line.sizes[near, 2] > 3.5).sum() >= 2, seed
 

@@ -186,14 +186,14 @@ def test_traffic_of_highway_env_does_not_reach_ours():
     from highway_env.vehicle.behavior import IDMVehicle
 
     before = digest(record("dense-motorway", 2, 3.0))
-    kept = IDMVehicle.COMFORT_ACC_MAX
+    original_acceleration = IDMVehicle.COMFORT_ACC_MAX
     try:
         IDMVehicle.COMFORT_ACC_MAX = 6.0
         assert digest(record("dense-motorway", 2, 3.0)) == before
     finally:
-        IDMVehicle.COMFORT_ACC_MAX = kept
+        IDMVehicle.COMFORT_ACC_MAX = original_acceleration
     record("intersection", 0, 1.0)
-    assert kept == IDMVehicle.COMFORT_ACC_MAX
+    assert original_acceleration == IDMVehicle.COMFORT_ACC_MAX
 
 
 def test_acceptance_counts_objects_and_crashes(recorded):
@@ -208,7 +208,7 @@ def test_acceptance_counts_objects_and_crashes(recorded):
 
 
 def deserted(rng):
-    """Build a car park with nobody but the ego, which is never accepted."""
+    """Build a car park with no road user but the ego, which is never accepted."""
     stage = find("parking-lot").build()(rng)
     bodies = stage.flow.bodies
     bodies["gone"] = bodies["number"] != stage.ego
@@ -227,7 +227,7 @@ def test_traffic_that_is_never_accepted_is_reported_by_name():
         accepted_traffic(scenario, 5, 1.0)
 
 
-def test_refused_traffic_is_drawn_again_the_same_way():
+def test_refused_traffic_is_drawn_again_reproducibly():
     usual = find("parking-lot")
     scenario = replace(usual, builder=f"{__name__}:deserted_when_first_drawn")
     drawn, again = (accepted_traffic(scenario, 5, 1.0) for _ in range(2))

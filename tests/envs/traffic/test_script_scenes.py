@@ -55,15 +55,15 @@ def test_a_van_cuts_in_before_the_ego_and_paths_cross() -> None:
 
 def test_a_lorry_hides_others_for_seconds() -> None:
     line = record("long-occlusion", 10_000, 8.0)
-    seen = [truth for _, truth in sense(line, find_rig("hdl32e"), 10_000)]
-    returns = np.array([truth.lidar_returns for truth in seen])
+    truths = [truth for _, truth in sense(line, find_rig("hdl32e"), 10_000)]
+    returns = np.array([truth.lidar_returns for truth in truths])
     away = np.array(
-        [np.linalg.norm(t.centres - t.world_from_ego.translation, axis=1) for t in seen]
+        [np.linalg.norm(t.centres - t.world_from_ego.translation, axis=1) for t in truths]
     )
-    gone = (returns < 5) & (away < 60.0)
-    assert sum(longest_run(gone[:, i]) >= 15 for i in range(3, 7)) >= 2
-    assert gone[:, 3:7].sum(axis=1).max() >= 2
-    assert not gone[-1, 3:5].any()
+    hidden = (returns < 5) & (away < 60.0)
+    assert sum(longest_run(hidden[:, i]) >= 15 for i in range(3, 7)) >= 2
+    assert hidden[:, 3:7].sum(axis=1).max() >= 2
+    assert not hidden[-1, 3:5].any()
 
 
 def longest_run(mask) -> int:
@@ -90,7 +90,7 @@ def test_the_ego_waits_while_others_cross_both_ways() -> None:
 @pytest.mark.sampled(1)
 @pytest.mark.parametrize("name", ["empty-motorway", "empty-street"])
 @pytest.mark.parametrize("seed", [10_000, 10_001, 10_003])
-def test_nobody_else_is_on_an_empty_road(name, seed) -> None:
+def test_an_empty_road_has_no_other_road_user(name, seed) -> None:
     line = record(name, seed)
     assert line.present.shape[1] == 1
     assert (line.speeds[0, 0] < 0.01) == bool(seed % 2)

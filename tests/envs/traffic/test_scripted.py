@@ -55,9 +55,9 @@ def spans(corners):
 
 
 def run_of(frames, mask):
-    seen = frames[mask]
-    assert (np.diff(seen) == 1).all()
-    return int(seen[0]), int(seen[-1])
+    run_frames = frames[mask]
+    assert (np.diff(run_frames) == 1).all()
+    return int(run_frames[0]), int(run_frames[-1])
 
 
 @pytest.mark.parametrize("name", SCRIPTS)
@@ -65,10 +65,10 @@ def test_targets_are_in_view_in_exactly_the_frames_of_the_paper(name):
     script = SCRIPTS[name]
     frames = np.arange(1, script.frames + 1)
     for seed in SEEDS:
-        seen = in_view(boxes(play_script(name, seed), frames))
-        for target in range(1, seen.shape[1]):
+        visible = in_view(boxes(play_script(name, seed), frames))
+        for target in range(1, visible.shape[1]):
             (event,) = script.of("in_view", target)
-            assert run_of(frames, seen[:, target]) == (event.first, event.last), (seed, target)
+            assert run_of(frames, visible[:, target]) == (event.first, event.last), (seed, target)
 
 
 def test_entering_and_leaving_keep_clear_of_frames():

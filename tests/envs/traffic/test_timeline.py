@@ -79,9 +79,9 @@ def test_an_actor_is_absent_before_its_first_and_after_its_last_sample():
     times = np.arange(5.0)
     present = np.array([[1, 0], [1, 1], [1, 1], [1, 0], [1, 0]], bool)
     line = timeline(times, np.zeros((5, 2, 2)), np.zeros((5, 2)), np.zeros((5, 2)), present=present)
-    seen = line.at(np.array([-1.0, 0.999, 1.0, 1.5, 2.0, 2.001, 9.0])).present
-    assert seen[:, 1].tolist() == [False, False, True, True, True, False, False]
-    assert seen[:, 0].all()
+    present_at = line.at(np.array([-1.0, 0.999, 1.0, 1.5, 2.0, 2.001, 9.0])).present
+    assert present_at[:, 1].tolist() == [False, False, True, True, True, False, False]
+    assert present_at[:, 0].all()
 
 
 def test_a_single_sample_moves_on_in_a_straight_line():

@@ -72,10 +72,10 @@ def test_distances_to_an_outline_agree_with_dense_samples():
     rim = np.concatenate(
         [a + t * (b - a) for a, b in zip(outline, np.roll(outline, -1, 0), strict=True)]
     )
-    found = distances_to(np.tile(outline, (200, 1, 1)), points)
+    distances = distances_to(np.tile(outline, (200, 1, 1)), points)
     nearest = np.linalg.norm(points[:, None] - rim, axis=2).min(1)
-    outside = found > 0
-    assert np.allclose(found[outside], nearest[outside], atol=0.01)
+    outside = distances > 0
+    assert np.allclose(distances[outside], nearest[outside], atol=0.01)
     assert (np.abs(points[~outside]) <= (2.0, 1.0)).all()
     assert 5 < (~outside).sum() < 100
 

@@ -16,15 +16,15 @@ def segments(points, labels):
     return Segments(points, rows, rows, zeros, rows, labels, centres, sizes, labels)
 
 
-def cut_slowly(points, labels, motion, angle_deg):
+def slow_part_labels(points, labels, motion, angle_deg):
     """One return after the other, as the docstring says."""
-    count, numbers, found = int(np.ceil(360 / angle_deg - 1e-9)), {}, []
+    count, numbers, part_labels = int(np.ceil(360 / angle_deg - 1e-9)), {}, []
     for point, label in zip(points, labels, strict=True):
         x, y, _ = motion[:3, :3] @ point + motion[:3, 3]
         window = int((quick_azimuth(x, y) / (2 * np.pi) + 0.5) * count) % count
         key = (label, window)
-        found.append(-1 if label < 0 else numbers.setdefault(key, len(numbers)))
-    return np.array(found)
+        part_labels.append(-1 if label < 0 else numbers.setdefault(key, len(numbers)))
+    return np.array(part_labels)
 
 
 @given(st.integers(0, 1000), st.sampled_from([5.0, 7.0, 90.0, 180.0, 360.0]), st.booleans())
@@ -34,11 +34,11 @@ def test_parts_are_of_one_cluster_and_one_window(seed, angle_deg, swept):
     if swept:
         points = points[np.argsort(np.arctan2(points[:, 1], points[:, 0]))]
     motion = exp_se3(rng.uniform(-1, 1, 6))
-    found = parts(segments(points, labels), angle_deg, motion)
-    assert np.array_equal(found.labels, cut_slowly(points, labels, motion, angle_deg))
-    assert found.sizes.sum() == (labels >= 0).sum()
-    for part, centre in enumerate(found.centres):
-        assert np.allclose(centre, points[found.labels == part].mean(axis=0))
+    cluster_parts = parts(segments(points, labels), angle_deg, motion)
+    assert np.array_equal(cluster_parts.labels, slow_part_labels(points, labels, motion, angle_deg))
+    assert cluster_parts.sizes.sum() == (labels >= 0).sum()
+    for part, centre in enumerate(cluster_parts.centres):
+        assert np.allclose(centre, points[cluster_parts.labels == part].mean(axis=0))
 
 
 def test_centres_of_parts_of_a_wall_do_not_move_with_the_sensor():
@@ -55,16 +55,16 @@ def test_centres_of_parts_of_a_wall_do_not_move_with_the_sensor():
     whole = match_clusters(now.centres, before.centres, motion, 0.1)
     assert whole.dynamic.all()
     cut = parts(now, 5.0, motion), parts(before, 5.0, np.eye(4))
-    found = match_clusters(cut[0].centres, cut[1].centres, motion, 0.1)
-    assert len(found.dynamic) > 20
+    matches = match_clusters(cut[0].centres, cut[1].centres, motion, 0.1)
+    assert len(matches.dynamic) > 20
     # What only one of the scans shows is at the ends.
-    assert found.dynamic.sum() <= 3
-    assert np.median(found.moved_m) < 0.01
+    assert matches.dynamic.sum() <= 3
+    assert np.median(matches.moved_m) < 0.01
 
 
 def test_an_empty_scan_has_no_parts():
-    found = parts(segments(np.empty((0, 3)), np.empty(0, np.int64)), 5.0, np.eye(4))
-    assert len(found.centres) == 0
+    cluster_parts = parts(segments(np.empty((0, 3)), np.empty(0, np.int64)), 5.0, np.eye(4))
+    assert len(cluster_parts.centres) == 0
     outliers = parts(segments(np.ones((3, 3)), np.full(3, -1)), 5.0, np.eye(4))
     assert outliers.labels.tolist() == [-1, -1, -1]
     assert len(outliers.centres) == 0

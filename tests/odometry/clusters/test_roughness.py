@@ -41,18 +41,18 @@ def test_equals_eq_6_summed_slowly(seed, window_m):
     labels = (column > rng.integers(5, 35)).astype(np.int64)
     mixed = rng.permutation(120)
     points, ring, column, labels = points[mixed], ring[mixed], column[mixed], labels[mixed]
-    found = ring_roughness(sweep_of(points, ring, column), labels, window_m)
+    roughness_values = ring_roughness(sweep_of(points, ring, column), labels, window_m)
     slowly = ring_roughness_slowly(points, ring, column, labels, window_m)
-    assert found == pytest.approx(slowly, nan_ok=True, abs=1e-9)
+    assert roughness_values == pytest.approx(slowly, nan_ok=True, abs=1e-9)
 
 
 def test_a_corner_is_rougher_than_the_walls_beside_it():
     along = np.arange(-20, 21) * 0.05
     points = np.column_stack([5 - np.abs(along), along, np.zeros(41)])
     zeros = np.zeros(41, np.int64)
-    found = ring_roughness(sweep_of(points, zeros, np.arange(41)), zeros)
-    assert np.nanargmax(found) == 20
-    assert found[10] == pytest.approx(0.0, abs=1e-12)
+    roughness_values = ring_roughness(sweep_of(points, zeros, np.arange(41)), zeros)
+    assert np.nanargmax(roughness_values) == 20
+    assert roughness_values[10] == pytest.approx(0.0, abs=1e-12)
 
 
 def test_the_limit_is_loams_far_away_and_noise_nearby():

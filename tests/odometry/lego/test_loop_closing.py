@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import toy_drive
 from scipy.optimize import least_squares
-from toy_drive import Drive, offset
+from toy_drive import ToyDrive, offset
 
 from roadscope.odometry import LegoLoamOdometry, exp_se3, inverse, log_se3
 from roadscope.odometry.lego import (
@@ -31,36 +31,38 @@ def ring_of_links(rng, count, noise):
     truth = [exp_se3(np.array([0, 0, 0, 0, 0, 2 * np.pi * k / count])) for k in range(count)]
     truth = np.array([t @ exp_se3(np.array([0, -10.0, 0, 0, 0, 0])) for t in truth])
     spread = np.array([0.05] * 3 + [0.01] * 3)
-    links, told = [], [truth[0]]
+    links, odometry_poses = [], [truth[0]]
     for k in range(count - 1):
         error = exp_se3(noise * spread * rng.standard_normal(6))
         links.append(Link(k, k + 1, inverse(truth[k]) @ truth[k + 1] @ error, spread))
-        told.append(told[-1] @ links[-1].motion)
+        odometry_poses.append(odometry_poses[-1] @ links[-1].motion)
     links.append(Link(0, count - 1, inverse(truth[0]) @ truth[-1], spread / 5))
-    return truth, np.array(told), links
+    return truth, np.array(odometry_poses), links
 
 
 def test_optimised_poses_equal_scipys():
-    _, told, links = ring_of_links(np.random.default_rng(0), 6, 3.0)
-    found = optimised_poses(told, links)
+    _, odometry_poses, links = ring_of_links(np.random.default_rng(0), 6, 3.0)
+    optimised = optimised_poses(odometry_poses, links)
 
     def off(x):
         steps = [np.eye(4), *(exp_se3(twist) for twist in x.reshape(-1, 6))]
-        return misfits(told @ np.array(steps), links).ravel()
+        return misfits(odometry_poses @ np.array(steps), links).ravel()
 
-    slow = least_squares(off, np.zeros(6 * (len(told) - 1)), xtol=1e-12, ftol=1e-12, gtol=1e-12)
-    cost = (misfits(found, links) ** 2).sum()
+    slow = least_squares(
+        off, np.zeros(6 * (len(odometry_poses) - 1)), xtol=1e-12, ftol=1e-12, gtol=1e-12
+    )
+    cost = (misfits(optimised, links) ** 2).sum()
     assert cost == pytest.approx(2 * slow.cost, rel=1e-4)
-    assert cost < 0.5 * (misfits(told, links) ** 2).sum()
-    assert (found[0] == told[0]).all()
+    assert cost < 0.5 * (misfits(odometry_poses, links) ** 2).sum()
+    assert (optimised[0] == odometry_poses[0]).all()
 
 
 def test_a_closed_ring_is_nearer_to_the_truth():
     better = 0
     for seed in range(10):
-        truth, told, links = ring_of_links(np.random.default_rng(seed), 30, 1.0)
-        found = optimised_poses(told, links)
-        away = [np.linalg.norm((p - truth)[:, :3, 3], axis=1) for p in (told, found)]
+        truth, odometry_poses, links = ring_of_links(np.random.default_rng(seed), 30, 1.0)
+        optimised = optimised_poses(odometry_poses, links)
+        away = [np.linalg.norm((p - truth)[:, :3, 3], axis=1) for p in (odometry_poses, optimised)]
         assert away[1][-1] < 0.1
         better += away[1].mean() < away[0].mean()
     assert better >= 8
@@ -78,8 +80,10 @@ def test_icp_brings_points_onto_points():
     motion = exp_se3(np.array([1.0, -0.5, 0.1, 0.01, 0, 0.03]))
     points = (target - motion[:3, 3]) @ motion[:3, :3]
     assert best_motion(points, target) == pytest.approx(motion)
-    found = icp_motion(np.vstack([points, rng.uniform(50, 60, (20, 3))]), target, np.eye(4), 5.0)
-    assert np.abs(log_se3(inverse(motion) @ found)).max() < 1e-3
+    estimated_motion = icp_motion(
+        np.vstack([points, rng.uniform(50, 60, (20, 3))]), target, np.eye(4), 5.0
+    )
+    assert np.abs(log_se3(inverse(motion) @ estimated_motion)).max() < 1e-3
     assert (icp_motion(points + 500, target, np.eye(4), 5.0) == np.eye(4)).all()
     half = np.vstack([points, points + np.array([0, 0, 50])])
     assert overlap(half, target, motion, 0.1) == 0.5
@@ -100,18 +104,18 @@ def driven_round(truth_of, drift):
     """Keyframes of a ring driven slightly more than once, with drift."""
     rng = np.random.default_rng(0)
     edges, planes = poles(rng)
-    told, truth, frames = truth_of(0), [], []
+    estimate, truth, frames = truth_of(0), [], []
     for k in range(STEPS + 4):
         truth.append(truth_of(k))
         if k:
-            told = told @ inverse(truth[-2]) @ truth[-1] @ exp_se3(drift)
+            estimate = estimate @ inverse(truth[-2]) @ truth[-1] @ exp_se3(drift)
         parts = []
         for points in (edges, planes):
             near = points[np.linalg.norm(points - truth[-1][:3, 3], axis=1) < 25]
             own = (near - truth[-1][:3, 3]) @ truth[-1][:3, :3]
             parts.append(own + 0.01 * rng.standard_normal(own.shape))
         few = np.arange(0, len(parts[1]), 8)
-        frames.append(Keyframe(*parts, few, told, 2 * np.pi * RADIUS_M / STEPS * k))
+        frames.append(Keyframe(*parts, few, estimate, 2 * np.pi * RADIUS_M / STEPS * k))
     return frames, np.array(truth)
 
 
@@ -136,9 +140,9 @@ def test_a_loop_closes(ring):
             moved = taken[-1].map_from_lidar @ step
         taken.append(Keyframe(each.edges, each.planes, each.few, moved, each.driven_m))
         closing.add(taken)
-        found = closing.closed_by(taken)
-        if found is not None:
-            taken = found
+        corrected = closing.closed_by(taken)
+        if corrected is not None:
+            taken = corrected
             when.append(len(taken))
     away = np.linalg.norm([f.place - t[:3, 3] for f, t in zip(frames, truth, strict=True)], axis=1)
     closed = np.linalg.norm([f.place - t[:3, 3] for f, t in zip(taken, truth, strict=True)], axis=1)
@@ -197,15 +201,15 @@ def square():
 def test_a_loop_closes_in_a_drive(monkeypatch):
     scene = square()
     monkeypatch.setattr(toy_drive, "street", lambda: scene)
-    drive = Drive(8.0, 0.4)
+    drive = ToyDrive(8.0, 0.4)
     ends = {}
     for loop in (False, True):
         # A short map leaves the drift to the loop.
         odometry = LegoLoamOdometry(loop=loop, reach_m=8.0)
         for k in range(185):
-            told = odometry.update(drive.scan(k))
+            estimate = odometry.update(drive.scan(k))
         loops = odometry._mapping.loops
         assert (loops.closed if loops else 0) >= loop
-        ends[loop] = offset(told, drive.pose(told.stamp_s))[0]
+        ends[loop] = offset(estimate, drive.pose(estimate.stamp_s))[0]
     assert ends[True] < 0.5
     assert ends[True] <= ends[False] + 0.05

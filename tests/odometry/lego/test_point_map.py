@@ -12,9 +12,9 @@ HERE = np.eye(4)
 
 
 def known(points, thin_m=1e-9):
-    found = PointMap(thin_m=thin_m)
-    found.add(points)
-    return found
+    point_map = PointMap(thin_m=thin_m)
+    point_map.add(points)
+    return point_map
 
 
 @settings(max_examples=40, deadline=None)
@@ -24,11 +24,11 @@ def test_nearest_points_equal_those_of_the_slow_twin(seed, count):
     points = rng.uniform(-3, 3, (count, 3))
     held = known(points)
     for place in rng.uniform(-3.5, 3.5, (10, 3)):
-        found = np.empty(NEAREST, np.int64)
-        n = nearest_points(held.grid, place, found)
+        nearest_rows = np.empty(NEAREST, np.int64)
+        n = nearest_points(held.grid, place, nearest_rows)
         away = np.linalg.norm(points - place, axis=1)
         order = np.argsort(away)[: min(NEAREST, int((away < CUBE_M).sum()))]
-        assert found[:n].tolist() == order.tolist()
+        assert nearest_rows[:n].tolist() == order.tolist()
 
 
 def test_points_near_others_are_left_out_and_tables_grow():
@@ -42,8 +42,8 @@ def test_points_near_others_are_left_out_and_tables_grow():
         :200
     ]:
         own = held.points[rows]
-        apart = np.linalg.norm(own[:, None] - own, axis=2) + 9 * np.eye(len(own))
-        assert apart.min() >= 0.3
+        distances_m = np.linalg.norm(own[:, None] - own, axis=2) + 9 * np.eye(len(own))
+        assert distances_m.min() >= 0.3
     assert len(held) > 1 << 13
     held.add(held.points.copy())
     before = len(held)

@@ -6,7 +6,7 @@ from itertools import pairwise
 import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from toy_drive import Drive, emptied
+from toy_drive import ToyDrive, emptied
 
 from roadscope.odometry.lego import (
     GROUND,
@@ -37,7 +37,7 @@ def random_image(seed):
     return range_image(points, ring, column, *BOUNDS_M)
 
 
-def objects_slowly(image, ground, least):
+def slow_objects(image, ground, least):
     """Join whatever belongs together until nothing changes."""
     rings, columns = image.rows.shape
     group = {n: n for n in image.rows.ravel().tolist() if n != NONE and not ground[n]}
@@ -60,10 +60,10 @@ def objects_slowly(image, ground, least):
                         old, new = group[n], group[m]
                         group = {k: new if g == old else g for k, g in group.items()}
                         changed = True
-    found = {}
+    members = {}
     for n, g in group.items():
-        found.setdefault(g, set()).add(n)
-    return {frozenset(each) for each in found.values() if len(each) >= least}
+        members.setdefault(g, set()).add(n)
+    return {frozenset(each) for each in members.values() if len(each) >= least}
 
 
 @settings(max_examples=25, deadline=None)
@@ -72,8 +72,8 @@ def test_objects_equal_those_of_the_slow_twin(seed, least):
     image = random_image(seed)
     ground = np.random.default_rng(seed).random(len(image.points)) < 0.2
     labels = objects_of(image, ground, least)
-    found = {frozenset(np.flatnonzero(labels == k).tolist()) for k in range(labels.max() + 1)}
-    assert found == objects_slowly(image, ground, least)
+    objects = {frozenset(np.flatnonzero(labels == k).tolist()) for k in range(labels.max() + 1)}
+    assert objects == slow_objects(image, ground, least)
     assert (labels[ground] == NONE).all()
 
 
@@ -103,26 +103,26 @@ def test_the_image_contains_returns_within_bounds():
 
 
 def test_a_street_has_ground_and_houses_and_small_things_are_dropped():
-    scan = Drive(0.0, 0.0).scan(0)
-    found = ground_and_objects(scan)
-    height = found.points[:, 2] + 1.9
-    ground = found.labels == GROUND
+    scan = ToyDrive(0.0, 0.0).scan(0)
+    labelled_sweep = ground_and_objects(scan)
+    height = labelled_sweep.points[:, 2] + 1.9
+    ground = labelled_sweep.labels == GROUND
     # Where a house ends the road the slope up to it may be gentle: that is ground to the rule.
     assert (np.abs(height[ground]) < 0.3).mean() > 0.95
     assert (height[~ground] > 0.3).mean() > 0.95
     assert (ground & (np.abs(height) < 0.1)).sum() > 0.95 * (np.abs(height) < 0.1).sum()
     assert (
         len(ground_and_objects(scan, least=400))
-        < len(found)
+        < len(labelled_sweep)
         < len(ground_and_objects(scan, least=1))
     )
-    assert np.allclose(found.points, scan.points[found.rows])
+    assert np.allclose(labelled_sweep.points, scan.points[labelled_sweep.rows])
     assert len(ground_and_objects(emptied(scan))) == 0
 
 
 def test_edges_are_of_objects_and_matched_planes_of_the_ground():
-    found = ground_and_objects(Drive(0.0, 0.0).scan(0))
-    features = features_of(found, found.points)
+    labelled_sweep = ground_and_objects(ToyDrive(0.0, 0.0).scan(0))
+    features = features_of(labelled_sweep, labelled_sweep.points)
     assert (features.edge_labels != GROUND).all()
     assert (features.plane_labels[: features.flat] == GROUND).all()
     assert (features.plane_labels[features.flat :] != GROUND).any()

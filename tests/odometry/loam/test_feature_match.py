@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from scipy.optimize import least_squares
-from toy_drive import Drive
+from toy_drive import ToyDrive
 
 from roadscope.odometry import deskewed, exp_se3, log_se3
 from roadscope.odometry.loam import (
@@ -40,18 +40,18 @@ def off(match, drive, scans=1):
 
 @pytest.mark.parametrize(("speed_m_s", "yaw_rate_rad_s"), [(0, 0), (8, 0.1), (5, -0.6)])
 def test_finds_the_motion_between_two_scans(speed_m_s, yaw_rate_rad_s):
-    drive = Drive(speed_m_s, yaw_rate_rad_s)
-    found = match_features(features(drive, 1), features(drive, 0), np.eye(4))
-    away_m, turned = off(found, drive)
+    drive = ToyDrive(speed_m_s, yaw_rate_rad_s)
+    matched = match_features(features(drive, 1), features(drive, 0), np.eye(4))
+    away_m, turned = off(matched, drive)
     assert away_m < 0.1
     assert turned < 0.003
-    assert found.pair_count > 100
-    assert found.residual_m < 0.1
-    assert np.linalg.eigvalsh(found.information)[0] > 0
+    assert matched.pair_count > 100
+    assert matched.residual_m < 0.1
+    assert np.linalg.eigvalsh(matched.information)[0] > 0
 
 
 def test_the_start_matters_little():
-    drive = Drive()
+    drive = ToyDrive()
     now, before = features(drive, 1), features(drive, 0)
     from_rest = match_features(now, before, np.eye(4))
     from_truth = match_features(now, before, exp_se3(0.1 * drive.twist))
@@ -60,7 +60,7 @@ def test_the_start_matters_little():
 
 def test_two_steps_find_what_one_does():
     """Ground planes give height, roll and pitch; edges the rest (Shan and Englot 2018)."""
-    drive = Drive()
+    drive = ToyDrive()
     now, before = features(drive, 1), features(drive, 0)
     level = (False, False, True, True, True, False)
     first = match_features(now, before, np.eye(4), edges=False, free=level)
@@ -75,30 +75,30 @@ def test_two_steps_find_what_one_does():
 
 
 def test_ground_alone_does_not_determine_the_horizontal_motion():
-    drive = Drive()
+    drive = ToyDrive()
     low = [drive.scan(k).points[:, 2] < -1.6 for k in (0, 1)]
-    found = match_features(features(drive, 1, low[1]), features(drive, 0, low[0]), np.eye(4))
-    free, whole = np.linalg.eigvalsh(found.information)[[2, 3]]
+    matched = match_features(features(drive, 1, low[1]), features(drive, 0, low[0]), np.eye(4))
+    free, whole = np.linalg.eigvalsh(matched.information)[[2, 3]]
     assert whole > 20 * free
-    assert np.isfinite(found.before_from_now).all()
-    assert np.abs(log_se3(found.before_from_now)[[2, 3, 4]]).max() < 0.02
+    assert np.isfinite(matched.before_from_now).all()
+    assert np.abs(log_se3(matched.before_from_now)[[2, 3, 4]]).max() < 0.02
 
 
 @pytest.mark.parametrize("rows", [np.zeros(0, int), np.arange(12)])
 def test_nothing_to_match_is_no_motion(rows):
-    drive = Drive()
+    drive = ToyDrive()
     whole, poor = features(drive, 0), features(drive, 1, rows)
     start = exp_se3(np.array([1.0, 2, 3, 0.1, 0.2, 0.3]))
     for now, before in ((poor, whole), (whole, poor), (poor, poor)):
-        found = match_features(now, before, start)
-        assert found.before_from_now == pytest.approx(start)
-        assert found.pair_count == 0
-        assert np.isnan(found.residual_m)
-        assert not found.information.any()
+        matched = match_features(now, before, start)
+        assert matched.before_from_now == pytest.approx(start)
+        assert matched.pair_count == 0
+        assert np.isnan(matched.residual_m)
+        assert not matched.information.any()
 
 
-def test_labels_keep_features_apart():
-    drive = Drive()
+def test_labels_separate_features():
+    drive = ToyDrive()
     now, before = features(drive, 1), features(drive, 0)
     swapped = exp_se3(np.zeros(6))
     assert match_features(now, before, swapped).pair_count > 100
@@ -126,15 +126,15 @@ def planes_at(rng, truth, count, wrong):
 def test_wrong_pairs_have_no_weight():
     truth = exp_se3(np.array([0.1, 0.05, 0.02, 0.003, 0.002, 0.01]))
     pairs = planes_at(np.random.default_rng(0), truth, 200, 60)
-    found = settle([lambda pose: pairs], np.eye(4))
-    assert np.abs(log_se3(np.linalg.inv(truth) @ found.before_from_now)).max() < 5e-3
-    assert found.pair_count <= 145
+    matched = settle([lambda pose: pairs], np.eye(4))
+    assert np.abs(log_se3(np.linalg.inv(truth) @ matched.before_from_now)).max() < 5e-3
+    assert matched.pair_count <= 145
 
 
 def test_the_motion_equals_that_of_a_slow_reweighting():
     truth = exp_se3(np.array([0.1, 0.05, 0.02, 0.003, 0.002, 0.01]))
     pairs = planes_at(np.random.default_rng(1), truth, 120, 12)
-    found = settle([lambda pose: pairs], np.eye(4), most=40).before_from_now
+    matched = settle([lambda pose: pairs], np.eye(4), most=40).before_from_now
     slow = truth
     for _ in range(20):
         away = distances(pairs, slow)
@@ -147,7 +147,7 @@ def test_the_motion_equals_that_of_a_slow_reweighting():
             xtol=1e-14,
         ).x
         slow = moved(slow, x)
-    assert found == pytest.approx(slow, abs=2e-4)
+    assert matched == pytest.approx(slow, abs=2e-4)
 
 
 def distances_signed(pairs, motion):
@@ -157,13 +157,13 @@ def distances_signed(pairs, motion):
 
 def test_information_comes_from_the_pairs_with_weight():
     pairs = planes_at(np.random.default_rng(2), np.eye(4), 150, 20)
-    found = settle([lambda pose: pairs], np.eye(4))
-    weights = pair_weights([pairs], found.before_from_now)
-    H, _, cost = normal_equations(pairs, weights, found.before_from_now)
-    assert found.information == pytest.approx(H)
-    assert found.residual_m == pytest.approx(np.sqrt(cost / weights.sum()))
+    matched = settle([lambda pose: pairs], np.eye(4))
+    weights = pair_weights([pairs], matched.before_from_now)
+    H, _, cost = normal_equations(pairs, weights, matched.before_from_now)
+    assert matched.information == pytest.approx(H)
+    assert matched.residual_m == pytest.approx(np.sqrt(cost / weights.sum()))
     assert weights.max() <= 1 / NOISE_M**2
-    assert found.pair_count == (weights > 0).sum() < 140
+    assert matched.pair_count == (weights > 0).sum() < 140
 
 
 def test_each_kind_is_weighted_by_its_own_scatter():

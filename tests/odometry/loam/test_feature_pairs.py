@@ -60,10 +60,10 @@ def test_edges_are_paired_with_the_line_through_two_rings():
     table = ring_table(np.vstack([pole, other]), np.tile([0, 1, 2, 3], 2), np.repeat([7, 8], 4))
     points = np.array([[5.2, 1.3, 0.1], [5, 3.8, 0]])
     labels, rings = np.array([7, 8]), np.array([2, 2])
-    found = lines_of(points, labels, rings, table, NOWHERE, 5.0)
-    assert found.points == pytest.approx(points)
-    assert found.anchors[:, 1].tolist() == [1, 4]
-    for axes in found.axes:
+    pairs = lines_of(points, labels, rings, table, NOWHERE, 5.0)
+    assert pairs.points == pytest.approx(points)
+    assert pairs.anchors[:, 1].tolist() == [1, 4]
+    for axes in pairs.axes:
         assert axes @ axes.T == pytest.approx(np.eye(2))
         assert axes[:, 2] == pytest.approx(0)
     swapped = lines_of(points, labels[::-1].copy(), rings, table, NOWHERE, 5.0)
@@ -80,30 +80,32 @@ def test_neighbours_are_searched_at_the_pose(rng):
     motion = exp_se3(np.array([1.0, 0.5, 0, 0, 0, 0.3]))
     there = (points - motion[:3, 3]) @ motion[:3, :3]
     for kernel in (lines_of, planes_of):
-        found = kernel(there, np.full(200, -1), ring, table, motion, 5.0)
-        assert len(found.points) > 150
-        placed = found.points @ motion[:3, :3].T + motion[:3, 3]
-        assert placed == pytest.approx(found.anchors, abs=1e-9)
+        pairs = kernel(there, np.full(200, -1), ring, table, motion, 5.0)
+        assert len(pairs.points) > 150
+        placed = pairs.points @ motion[:3, :3].T + motion[:3, 3]
+        assert placed == pytest.approx(pairs.anchors, abs=1e-9)
 
 
-@pytest.mark.parametrize("way", [(0, 0, 1), (1, 0, 0), (0.1, 0.1, -3), (1, 1, 1), (-2, 5, 0.3)])
-def test_axes_of_a_line_are_across_it(way):
-    line = np.array([[4.0, 2, 0], np.array([4.0, 2, 0]) + way])
+@pytest.mark.parametrize(
+    "direction", [(0, 0, 1), (1, 0, 0), (0.1, 0.1, -3), (1, 1, 1), (-2, 5, 0.3)]
+)
+def test_axes_of_a_line_are_across_it(direction):
+    line = np.array([[4.0, 2, 0], np.array([4.0, 2, 0]) + direction])
     table = ring_table(line, np.array([0, 1]), np.zeros(2, int))
-    found = lines_of(line[:1], np.zeros(1, int), np.zeros(1, int), table, NOWHERE, 50.0)
-    assert found.axes[0] @ way == pytest.approx(0, abs=1e-9)
-    assert found.axes[0] @ found.axes[0].T == pytest.approx(np.eye(2))
+    pairs = lines_of(line[:1], np.zeros(1, int), np.zeros(1, int), table, NOWHERE, 50.0)
+    assert pairs.axes[0] @ direction == pytest.approx(0, abs=1e-9)
+    assert pairs.axes[0] @ pairs.axes[0].T == pytest.approx(np.eye(2))
 
 
 def test_a_plane_goes_through_three_points_of_two_rings(rng):
     plane = np.array([[4.0, -0.2, 0], [4.0, 0.3, 0], [4.1, 0, 0.5]])
     table = ring_table(plane, np.array([0, 0, 1]), np.zeros(3, int))
     point = np.array([[3.5, 0, 0.1]])
-    found = planes_of(point, np.zeros(1, int), np.zeros(1, int), table, NOWHERE, 5.0)
+    pairs = planes_of(point, np.zeros(1, int), np.zeros(1, int), table, NOWHERE, 5.0)
     normal = np.cross(plane[1] - plane[0], plane[2] - plane[0])
     expected = abs((point[0] - plane[0]) @ normal) / np.linalg.norm(normal)
-    assert abs(found.axes[0, 0] @ (point[0] - found.anchors[0])) == pytest.approx(expected)
-    assert not found.axes[0, 1].any()
+    assert abs(pairs.axes[0, 0] @ (point[0] - pairs.anchors[0])) == pytest.approx(expected)
+    assert not pairs.axes[0, 1].any()
 
 
 def test_features_without_a_line_or_plane_are_left_out():

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from toy_drive import Drive
+from toy_drive import ToyDrive
 
 from roadscope.odometry.loam import (
     ADJACENT,
@@ -73,81 +73,87 @@ def test_roughness_equals_that_of_the_slow_twin_in_any_order(seed, count, neighb
     points, ring, column = as_scanned(
         rng.uniform(-20, 20, (count, 3)), rng.integers(0, 4, count), rng.permutation(count)
     )
-    found = roughness(points, ring, column, neighbours=neighbours)
-    assert found == pytest.approx(roughness_slowly(points, ring, column, neighbours), nan_ok=True)
+    roughness_values = roughness(points, ring, column, neighbours=neighbours)
+    assert roughness_values == pytest.approx(
+        roughness_slowly(points, ring, column, neighbours), nan_ok=True
+    )
 
 
 def test_literal_roughness_is_the_distance_from_the_clusters_centre(rng):
     points, labels = rng.uniform(-9, 9, (60, 3)), rng.integers(-1, 4, 60)
-    found = cluster_roughness(points, labels)
+    roughness_values = cluster_roughness(points, labels)
     for n, (point, label) in enumerate(zip(points, labels, strict=True)):
         own = points[labels == label]
         slow = np.linalg.norm((own - point).sum(axis=0)) / (len(own) * np.linalg.norm(point))
-        assert found[n] == pytest.approx(slow) if label >= 0 else np.isnan(found[n])
+        assert (
+            roughness_values[n] == pytest.approx(slow)
+            if label >= 0
+            else np.isnan(roughness_values[n])
+        )
 
 
 def test_a_corner_is_an_edge_and_walls_are_planes(rng):
     points, ring, column, _ = scrambled(rng, *corner_room(noise_m=2e-3))
-    found = extract(points, ring, column, np.zeros(len(points), int))
-    corner = np.hypot(found.edges[:, 0] - 10, np.abs(found.edges[:, 1]) - 6)
-    assert (np.bincount(found.edge_rings[corner < 0.15], minlength=4) > 0).all()
-    assert (corner[: found.sharp] < 0.3).mean() > 0.5
-    flat = found.planes[: found.flat]
+    features = extract(points, ring, column, np.zeros(len(points), int))
+    corner = np.hypot(features.edges[:, 0] - 10, np.abs(features.edges[:, 1]) - 6)
+    assert (np.bincount(features.edge_rings[corner < 0.15], minlength=4) > 0).all()
+    assert (corner[: features.sharp] < 0.3).mean() > 0.5
+    flat = features.planes[: features.flat]
     on_wall = np.minimum(np.abs(flat[:, 0] - 10), np.abs(np.abs(flat[:, 1]) - 6))
     assert on_wall.max() < 0.02
     assert np.hypot(flat[:, 0] - 10, np.abs(flat[:, 1]) - 6).min() > 0.2
-    assert len(found.planes) > found.flat > 40
+    assert len(features.planes) > features.flat > 40
 
 
 def test_features_have_the_rows_of_their_returns(rng):
     points, ring, column, _ = scrambled(rng, *corner_room(noise_m=5e-3))
     labels = rng.integers(0, 3, len(points))
-    found = extract(points, ring, column, labels)
+    features = extract(points, ring, column, labels)
     for kind in ("edge", "plane"):
-        rows = getattr(found, f"{kind}_rows")
+        rows = getattr(features, f"{kind}_rows")
         assert len(set(rows.tolist())) == len(rows)
-        assert (getattr(found, f"{kind}s") == points[rows]).all()
-        assert (getattr(found, f"{kind}_rings") == ring[rows]).all()
-        assert (getattr(found, f"{kind}_labels") == labels[rows]).all()
-    assert not set(found.edge_rows) & set(found.plane_rows)
-    shifted = found.at(points + 1.0)
-    assert (shifted.edges == (points + 1.0)[found.edge_rows]).all()
-    assert (shifted.planes == (points + 1.0)[found.plane_rows]).all()
+        assert (getattr(features, f"{kind}s") == points[rows]).all()
+        assert (getattr(features, f"{kind}_rings") == ring[rows]).all()
+        assert (getattr(features, f"{kind}_labels") == labels[rows]).all()
+    assert not set(features.edge_rows) & set(features.plane_rows)
+    shifted = features.at(points + 1.0)
+    assert (shifted.edges == (points + 1.0)[features.edge_rows]).all()
+    assert (shifted.planes == (points + 1.0)[features.plane_rows]).all()
 
 
 def test_limits_hold_for_each_sector_and_for_each_cluster(rng):
     points, ring, column = corner_room(noise_m=0.02)
     limits = FeatureLimits(sharp=1, edges=3, flat=2, planes=5, thin_m=0.0)
     sweep = sweep_of(points, ring, column)
-    found = extract(points, ring, column, np.zeros(len(points), int), limits=limits)
+    features = extract(points, ring, column, np.zeros(len(points), int), limits=limits)
     group = sectors_of(sweep, 6)
-    assert np.bincount(group[found.edge_rows]).max() <= 3
-    assert np.bincount(group[found.edge_rows[: found.sharp]]).max() == 1
-    assert np.bincount(group[found.plane_rows[: found.flat]]).max() == 2
-    assert np.bincount(group[found.plane_rows]).max() <= 5 + 2
+    assert np.bincount(group[features.edge_rows]).max() <= 3
+    assert np.bincount(group[features.edge_rows[: features.sharp]]).max() == 1
+    assert np.bincount(group[features.plane_rows[: features.flat]]).max() == 2
+    assert np.bincount(group[features.plane_rows]).max() <= 5 + 2
     labels = rng.integers(0, 4, len(points))
-    found = extract(points, ring, column, labels, limits=limits, by_cluster=True)
-    assert np.bincount(found.edge_labels).max() <= 3
-    assert np.bincount(found.plane_labels[: found.flat]).tolist() == [2, 2, 2, 2]
+    features = extract(points, ring, column, labels, limits=limits, by_cluster=True)
+    assert np.bincount(features.edge_labels).max() <= 3
+    assert np.bincount(features.plane_labels[: features.flat]).tolist() == [2, 2, 2, 2]
 
 
 def test_some_returns_give_no_features_and_some_no_edges():
     points, ring, column = corner_room(noise_m=5e-3)
     labels = np.where(points[:, 1] > 0, 0, -1)
-    found = extract(points, ring, column, labels)
-    assert found.edges[:, 1].min() > 0
-    assert found.planes[:, 1].min() > 0
-    found = extract(points, ring, column, np.zeros(len(points), int), edge_rows=labels == 0)
-    assert found.edges[:, 1].min() > 0
-    assert found.planes[:, 1].min() < -5
+    features = extract(points, ring, column, labels)
+    assert features.edges[:, 1].min() > 0
+    assert features.planes[:, 1].min() > 0
+    features = extract(points, ring, column, np.zeros(len(points), int), edge_rows=labels == 0)
+    assert features.edges[:, 1].min() > 0
+    assert features.planes[:, 1].min() < -5
 
 
 @pytest.mark.parametrize("count", [0, 1, 3, 11])
 def test_few_points_give_few_features(count):
     points, ring, column = (each[:count] for each in corner_room())
-    found = extract(points, ring, column, np.zeros(count, int))
-    assert found.sharp <= len(found.edges) <= max(count - 10, 0)
-    assert found.flat <= len(found.planes) <= max(count - 10, 0)
+    features = extract(points, ring, column, np.zeros(count, int))
+    assert features.sharp <= len(features.edges) <= max(count - 10, 0)
+    assert features.flat <= len(features.planes) <= max(count - 10, 0)
     none = extract(points, ring, column, np.full(count, -1), by_cluster=True)
     assert len(none.edges) == len(none.planes) == 0
     assert len(cluster_roughness(points, np.full(count, -1))) == count
@@ -156,9 +162,9 @@ def test_few_points_give_few_features(count):
 def test_points_that_are_not_finite_are_no_features():
     points, ring, column = corner_room()
     points[::40] = np.nan
-    found = extract(points, ring, column, np.zeros(len(points), int))
-    assert np.isfinite(found.planes).all()
-    assert np.isfinite(found.edges).all()
+    features = extract(points, ring, column, np.zeros(len(points), int))
+    assert np.isfinite(features.planes).all()
+    assert np.isfinite(features.edges).all()
 
 
 def test_returns_beside_an_occlusion_are_unreliable():
@@ -169,9 +175,9 @@ def test_returns_beside_an_occlusion_are_unreliable():
     # Of the wall behind, on both sides; of the nearer body, nothing.
     assert np.flatnonzero(bad).tolist() == [*range(294, 300), *range(340, 346)]
     # A gap of columns hides nothing.
-    apart = np.where(column >= 300, column + ADJACENT + 1, column)
-    apart = np.where(column >= 340, apart + ADJACENT + 1, apart)
-    assert not unreliable(sweep_of(points, ring, apart), 5).any()
+    spread_columns = np.where(column >= 300, column + ADJACENT + 1, column)
+    spread_columns = np.where(column >= 340, spread_columns + ADJACENT + 1, spread_columns)
+    assert not unreliable(sweep_of(points, ring, spread_columns), 5).any()
 
 
 def test_a_surface_along_the_beam_is_unreliable():
@@ -188,9 +194,9 @@ def test_a_surface_along_the_beam_is_unreliable():
     assert np.exp(1e-3 / 0.02) - 1 < JUMP
 
 
-def picked_slowly(sweep, rough, usable, group, rule):
+def slowly_picked(sweep, rough, usable, group, rule):
     most, bound, sign, neighbours = rule
-    usable, order, found = usable.copy(), sweep.order.tolist(), []
+    usable, order, picked_rows = usable.copy(), sweep.order.tolist(), []
     for g in range(int(group.max()) + 1):
         for rank in range(most):
             best = [
@@ -199,18 +205,18 @@ def picked_slowly(sweep, rough, usable, group, rule):
             if not best:
                 break
             top = max(best, key=lambda n: sign * rough[n])
-            found.append((top, rank))
-            for way in (-1, 1):
+            picked_rows.append((top, rank))
+            for step in (-1, 1):
                 k = order.index(top)
                 for _ in range(neighbours):
-                    k, last = k + way, k
+                    k, last = k + step, k
                     if not 0 <= k < len(order) or sweep.ring[order[k]] != sweep.ring[top]:
                         break
                     if np.linalg.norm(sweep.points[order[k]] - sweep.points[order[last]]) > SAME_M:
                         break
                     usable[order[k]] = False
             usable[top] = False
-    return found, usable
+    return picked_rows, usable
 
 
 @settings(max_examples=30, deadline=None)
@@ -223,7 +229,7 @@ def test_picks_equal_those_of_the_slow_twin(seed, sign):
     rough, usable = rng.random(60), rng.random(60) > 0.2
     group = rng.integers(0, 3, 60)
     rule = PickRule(3, 0.5, sign, 2)
-    slow, left = picked_slowly(sweep, rough, usable, group, rule)
+    slow, left = slowly_picked(sweep, rough, usable, group, rule)
     rows, ranks = picked(sweep, rough, usable, members(group, sweep.order), rule)
     assert list(zip(rows.tolist(), ranks.tolist(), strict=True)) == slow
     assert (usable == left).all()
@@ -241,11 +247,11 @@ def test_members_leave_out_negative_groups():
 
 
 def test_a_street_has_edges_at_its_poles():
-    scan = Drive(0.0, 0.0, noise_m=0.005).scan(0)
+    scan = ToyDrive(0.0, 0.0, noise_m=0.005).scan(0)
     standing = scan.points[:, 2] > -1.5
-    found = extract(
+    features = extract(
         scan.points, scan.ring, scan.column, np.zeros(len(scan), int), edge_rows=standing
     )
-    assert len(found.edges) > 20
-    assert found.edges[:, 2].min() > -1.5
-    assert found.planes[:, 2].min() < -1.8
+    assert len(features.edges) > 20
+    assert features.edges[:, 2].min() > -1.5
+    assert features.planes[:, 2].min() < -1.8

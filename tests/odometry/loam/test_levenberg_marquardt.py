@@ -1,4 +1,4 @@
-"""Distances from lines and planes, how they change, and the way down."""
+"""Distances from lines and planes, their derivatives, and the descent."""
 
 import numpy as np
 import pytest
@@ -79,9 +79,9 @@ def test_the_descent_ends_at_scipys_minimum(kind):
     truth = exp_se3(np.array([0.4, -0.3, 0.1, 0.02, -0.03, 0.05]))
     pairs = pairs_at(rng, truth, noise_m=0.02, **kind)
     weights = rng.uniform(0.2, 2, len(pairs.points))
-    found = np.eye(4)
+    minimum = np.eye(4)
     for _ in range(4):
-        found = descend(pairs, weights, found, ALL)
+        minimum = descend(pairs, weights, minimum, ALL)
     slow = least_squares(
         lambda x: (np.sqrt(weights)[:, None] * offsets(pairs, stepped(np.eye(4), x))).ravel(),
         np.zeros(6),
@@ -89,8 +89,8 @@ def test_the_descent_ends_at_scipys_minimum(kind):
         ftol=1e-14,
         gtol=1e-14,
     )
-    assert found == pytest.approx(stepped(np.eye(4), slow.x), abs=1e-6)
-    assert np.abs(log_se3(np.linalg.inv(truth) @ found)).max() < 0.02
+    assert minimum == pytest.approx(stepped(np.eye(4), slow.x), abs=1e-6)
+    assert np.abs(log_se3(np.linalg.inv(truth) @ minimum)).max() < 0.02
 
 
 @settings(max_examples=20, deadline=None)
@@ -111,11 +111,11 @@ def test_only_free_unknowns_change():
     truth = exp_se3(np.array([0.2, 0.1, -0.1, 0.01, 0.02, 0.03]))
     pairs = pairs_at(rng, truth)
     free = np.array([False, False, True, True, True, False])
-    found = descend(pairs, np.ones(120), np.eye(4), free)
-    assert found[:2, 3].tolist() == [0, 0]
-    assert abs(found[2, 3]) > 0.01
+    minimum = descend(pairs, np.ones(120), np.eye(4), free)
+    assert minimum[:2, 3].tolist() == [0, 0]
+    assert abs(minimum[2, 3]) > 0.01
     # Turned about level axes alone: nothing of the yaw but what two such turns make of one another.
-    assert abs(found[1, 0] - found[0, 1]) < 1e-3
+    assert abs(minimum[1, 0] - minimum[0, 1]) < 1e-3
     assert (descend(pairs, np.ones(120), truth, ~ALL) == truth).all()
 
 
@@ -125,8 +125,8 @@ def test_unknowns_without_pairs_stay():
     axes = np.zeros((50, 2, 3))
     axes[:, 0, 2] = 1.0
     pairs = Pairs(ground - [0, 0, 0.3], ground, axes)
-    found = descend(pairs, np.ones(50), np.eye(4), ALL)
-    assert found[2, 3] == pytest.approx(0.3, abs=1e-4)
-    assert np.abs(log_se3(found)[[0, 1, 3, 4, 5]]).max() < 1e-4
+    minimum = descend(pairs, np.ones(50), np.eye(4), ALL)
+    assert minimum[2, 3] == pytest.approx(0.3, abs=1e-4)
+    assert np.abs(log_se3(minimum)[[0, 1, 3, 4, 5]]).max() < 1e-4
     none = Pairs(np.empty((0, 3)), np.empty((0, 3)), np.empty((0, 2, 3)))
     assert (descend(none, np.empty(0), np.eye(4), ALL) == np.eye(4)).all()

@@ -11,18 +11,18 @@ PERIOD_S, WAY_M = 0.1, 0.8
 
 def stepped(progress, ways_m, turn=0.0):
     """Poses' x and reasons after steps of given lengths by features, one for each scan."""
-    told = []
-    for way_m in ways_m:
+    progress_log = []
+    for distance_m in ways_m:
         stamp_s = 0.0 if np.isnan(progress.stamp_s) else progress.stamp_s + PERIOD_S
         predicted = progress.predicted(stamp_s)
         if not stamp_s:
             progress.carry_on(predicted, stamp_s, counts=True)
             continue
-        motion = exp_se3(np.array([way_m, 0, 0, 0, 0, turn]))
-        found = FeatureMatch(motion, 1e6 * np.eye(6), 0.01, 100)
-        _, reason = progress.step(predicted, found, stamp_s)
-        told.append((progress.pose[0, 3], reason))
-    return [x for x, _ in told], [reason for _, reason in told]
+        motion = exp_se3(np.array([distance_m, 0, 0, 0, 0, turn]))
+        feature_match = FeatureMatch(motion, 1e6 * np.eye(6), 0.01, 100)
+        _, reason = progress.step(predicted, feature_match, stamp_s)
+        progress_log.append((progress.pose[0, 3], reason))
+    return [x for x, _ in progress_log], [reason for _, reason in progress_log]
 
 
 def driving(steps):
@@ -38,8 +38,8 @@ def test_a_leap_from_a_sure_prediction_is_rejected_at_first():
     places, reasons = stepped(progress, [0.0] * (PATIENCE + 2))
     assert all("a leap of 0.8 m" in reason for reason in reasons[: PATIENCE + 1])
     assert reasons[-1] == ""
-    gone = WAY_M * np.minimum(np.arange(1, PATIENCE + 3), PATIENCE)
-    assert places == pytest.approx(start + gone)
+    travelled_m = WAY_M * np.minimum(np.arange(1, PATIENCE + 3), PATIENCE)
+    assert places == pytest.approx(start + travelled_m)
 
 
 def test_a_leap_that_ends_leaves_no_trace():

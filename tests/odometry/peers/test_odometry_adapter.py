@@ -49,10 +49,10 @@ def far(estimate, k):
 def test_the_truth_passes_through():
     runs = adapter()
     for k, (scan, imu) in enumerate(INPUTS):
-        told = runs.update(scan, imu)
-        assert told.ok
+        estimate = runs.update(scan, imu)
+        assert estimate.ok
         # Adapters' clocks begin at 0, this drive at 0.05 s.
-        assert np.linalg.norm(told.start_from_lidar.translation) == pytest.approx(
+        assert np.linalg.norm(estimate.start_from_lidar.translation) == pytest.approx(
             np.linalg.norm(DRIVE.pose(scan.stamp_s)[:3, 3]), abs=1e-6
         ), k
 
@@ -66,8 +66,8 @@ def test_poor_and_late_scans_do_not_reach_the_library():
     assert "repeats the last" in runs.update(emptied(INPUTS[4][0]), None).reason
     assert "before it" in runs.update(INPUTS[2][0], None).reason
     assert len(library.given) == 4
-    told = runs.update(*INPUTS[5])
-    assert told.ok
+    estimate = runs.update(*INPUTS[5])
+    assert estimate.ok
     assert library.given[-1].elapsed_s == pytest.approx(0.2)
     assert runs._library is library
 
@@ -87,24 +87,24 @@ def test_a_library_that_refuses_scans_is_restarted():
 
 
 @pytest.mark.parametrize(
-    ("bad", "said"), [(np.nan, "not finite"), (1e3, "not the speed of a vehicle")]
+    ("bad", "message"), [(np.nan, "not finite"), (1e3, "not the speed of a vehicle")]
 )
-def test_impossible_poses_are_rejected(bad, said):
+def test_impossible_poses_are_rejected(bad, message):
     runs = adapter(lambda pose, s: pose + bad * np.eye(4, k=3) if 0.45 < s < 0.55 else pose)
-    told = [runs.update(scan, imu) for scan, imu in INPUTS]
-    assert said in told[5].reason
-    assert told[6].reason == "the library was restarted"
-    assert all(each.ok for each in told[7:])
-    assert max(np.linalg.norm(each.start_from_lidar.translation) for each in told) < 10
+    estimates = [runs.update(scan, imu) for scan, imu in INPUTS]
+    assert message in estimates[5].reason
+    assert estimates[6].reason == "the library was restarted"
+    assert all(each.ok for each in estimates[7:])
+    assert max(np.linalg.norm(each.start_from_lidar.translation) for each in estimates) < 10
 
 
 def test_a_jump_of_speed_is_reported():
     back = np.eye(4)
     back[0, 3] = -0.8
     runs = adapter(lambda pose, s: pose @ back if s > 0.45 else pose)
-    told = [runs.update(scan, imu) for scan, imu in INPUTS]
-    assert "the speed jumps by 8 m/s" in told[5].reason
-    assert all(each.ok for k, each in enumerate(told) if k != 5)
+    estimates = [runs.update(scan, imu) for scan, imu in INPUTS]
+    assert "the speed jumps by 8 m/s" in estimates[5].reason
+    assert all(each.ok for k, each in enumerate(estimates) if k != 5)
 
 
 def test_samples_are_passed_on_once_on_the_adapters_clock():
@@ -116,20 +116,22 @@ def test_samples_are_passed_on_once_on_the_adapters_clock():
     for scan, imu in shifted:
         runs.update(scan, imu)
         runs.update(scan, imu)
-    stamps = np.concatenate([given.imu.stamps_s for given in runs._library.given])
+    stamps = np.concatenate([library_input.imu.stamps_s for library_input in runs._library.given])
     assert len(stamps) == sum(len(i.stamps_s) for _, i in INPUTS)
     assert (np.diff(stamps) > 0).all()
-    ends = [given.stamp_s + given.after_s.max() for given in runs._library.given]
-    last = [given.imu.stamps_s[-1] for given in runs._library.given]
+    ends = [
+        library_input.stamp_s + library_input.after_s.max() for library_input in runs._library.given
+    ]
+    last = [library_input.imu.stamps_s[-1] for library_input in runs._library.given]
     assert np.abs(np.subtract(ends, last)).max() < 0.005
 
 
 def test_missing_samples_are_reported_if_the_library_uses_them():
-    for kind, said in ((InertialAdapter, "no inertial samples"), (OdometryAdapter, "")):
+    for kind, reason in ((InertialAdapter, "no inertial samples"), (OdometryAdapter, "")):
         runs = kind(lambda _: Knowing(lambda pose, _: pose))
-        told = [runs.update(s, None if k in (4, 5) else i) for k, (s, i) in enumerate(INPUTS)]
+        estimates = [runs.update(s, None if k in (4, 5) else i) for k, (s, i) in enumerate(INPUTS)]
         # The sweep before the first scan with samples again reached beyond its stamp.
-        assert [each.reason for each in told[3:8]] == ["", said, said, said, ""]
+        assert [each.reason for each in estimates[3:8]] == ["", reason, reason, reason, ""]
     runs = InertialAdapter(lambda _: Knowing(lambda pose, _: pose))
     assert all(runs.update(scan, None).ok for scan, _ in INPUTS)
 

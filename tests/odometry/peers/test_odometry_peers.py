@@ -7,7 +7,7 @@ from functools import cache
 
 import numpy as np
 import pytest
-from toy_drive import Drive, offset
+from toy_drive import ToyDrive, offset
 
 from roadscope.core import NotInstalledError, Pose, Requirement
 from roadscope.odometry import ODOMETRIES, hat
@@ -27,7 +27,7 @@ def name(request):
 @cache
 def ridden(speed_m_s, yaw_rate_rad_s, scans):
     """From rest to speed within two seconds."""
-    drive = Drive(speed_m_s, yaw_rate_rad_s, ramp_s=2.0)
+    drive = ToyDrive(speed_m_s, yaw_rate_rad_s, ramp_s=2.0)
     return drive, [(drive.scan(k), drive.imu(k)) for k in range(scans)]
 
 
@@ -35,8 +35,8 @@ def off(spec, drive, inputs, mounting=None):
     """Errors of the last pose in metres and radians."""
     odometry = ODOMETRIES.make(spec)
     odometry.reset(mounting)
-    told = [odometry.update(scan, imu) for scan, imu in inputs]
-    return offset(told[-1], drive.pose(inputs[-1][0].stamp_s))
+    estimates = [odometry.update(scan, imu) for scan, imu in inputs]
+    return offset(estimates[-1], drive.pose(inputs[-1][0].stamp_s))
 
 
 def test_five_of_four_libraries():
@@ -138,8 +138,8 @@ def test_rko_lio_prints_nothing():
         pytest.skip(ODOMETRIES.missing("rko-lio"))
     code = (
         "import sys; sys.path.insert(0, 'tests'); from toy_drive import driven;"
-        "from roadscope.odometry import ODOMETRIES; told = ODOMETRIES.make('rko-lio');"
-        "[told.update(*each) for each in driven(3)[1]]; print('done')"
+        "from roadscope.odometry import ODOMETRIES; odometry = ODOMETRIES.make('rko-lio');"
+        "[odometry.update(*each) for each in driven(3)[1]]; print('done')"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout == "done\n"

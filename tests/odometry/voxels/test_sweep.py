@@ -4,14 +4,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from toy_drive import Drive, emptied
+from toy_drive import ToyDrive, emptied
 
 from roadscope.odometry.voxels import ENOUGH, ThinnedScan
 
 
 @pytest.fixture(scope="module")
 def scan():
-    return Drive(0.0, 0.0).scan(0)
+    return ToyDrive(0.0, 0.0).scan(0)
 
 
 def shrunk(scan, factor):
@@ -27,9 +27,9 @@ def test_on_a_road_one_return_of_each_cube_is_matched(scan):
 
 
 def test_in_a_room_more_of_the_selected_returns_are_matched(scan):
-    room = shrunk(scan, 0.1)
-    sweep = ThinnedScan.of(room, 0.3, 0.8)
-    coarse = len(np.unique(np.floor(room.points[sweep.rows] / 0.8), axis=0))
+    small_scan = shrunk(scan, 0.1)
+    sweep = ThinnedScan.of(small_scan, 0.3, 0.8)
+    coarse = len(np.unique(np.floor(small_scan.points[sweep.rows] / 0.8), axis=0))
     assert coarse < len(sweep.matched_rows) <= len(sweep.rows)
     assert sweep.close
     assert len(np.unique(sweep.matched_rows)) == len(sweep.matched_rows)

@@ -21,7 +21,7 @@ from roadscope.odometry.voxels import (
 NOTHING_HELD, UP = np.zeros((6, 6)), np.array([0.0, 0.0, 1.0])
 
 
-def room(rng, n=6000):
+def room_points(rng, n=6000):
     """Points on the floor and four walls of a room, with poles in it."""
     u, v = rng.uniform(-8, 8, (2, n))
     up = rng.uniform(0, 3, n)
@@ -41,22 +41,22 @@ def rng():
 
 @pytest.fixture
 def known(rng):
-    found = VoxelMap(reach_m=50.0)
-    found.add(room(rng), np.zeros(3))
-    return found
+    voxel_map = VoxelMap(reach_m=50.0)
+    voxel_map.add(room_points(rng), np.zeros(3))
+    return voxel_map
 
 
 def test_a_scan_is_matched_with_the_map(rng, known):
     truth = exp_se3(np.array([0.3, -0.2, 0.1, 0.02, -0.01, 0.04]))
     inverse = np.linalg.inv(truth)
-    points = room(np.random.default_rng(1), 2000) @ inverse[:3, :3].T + inverse[:3, 3]
-    found = match(known.voxels, points, PosePrior(np.eye(4), NOTHING_HELD))
-    assert np.abs(log_se3(np.linalg.inv(truth) @ found.map_from_sensor)).max() < 3e-3
-    assert found.agreement > 0.7
-    assert 1000 < found.matched_points <= found.points == 2000
+    points = room_points(np.random.default_rng(1), 2000) @ inverse[:3, :3].T + inverse[:3, 3]
+    matched = match(known.voxels, points, PosePrior(np.eye(4), NOTHING_HELD))
+    assert np.abs(log_se3(np.linalg.inv(truth) @ matched.map_from_sensor)).max() < 3e-3
+    assert matched.agreement > 0.7
+    assert 1000 < matched.matched_points <= matched.points == 2000
 
 
-def held_slowly(voxels, slot, off, height_m):
+def slowly_held(voxels, slot, off, height_m):
     """How firmly a point is held along each axis, 1/m^2.
 
     off: (3,) from the mean, along the axes. height_m: (3,), how far off along them it may be
@@ -71,10 +71,10 @@ def held_slowly(voxels, slot, off, height_m):
 
 
 def test_equations_equal_those_of_the_slow_twin(rng, known):
-    points = room(np.random.default_rng(2), 200)
+    points = room_points(np.random.default_rng(2), 200)
     pose, scale = exp_se3(0.02 * rng.standard_normal(6)), 4.0
-    H, b, told = normal_equations(known.voxels, points, pose, scale, FLOOR_M)
-    slow_H, slow_b, slow_told = np.zeros((6, 6)), np.zeros(6), np.zeros(3)
+    H, b, statistics = normal_equations(known.voxels, points, pose, scale, FLOOR_M)
+    slow_H, slow_b, slow_statistics = np.zeros((6, 6)), np.zeros(6), np.zeros(3)
     voxels = known.voxels
     for point in points:
         arm = pose[:3, :3] @ point
@@ -85,7 +85,7 @@ def test_equations_equal_those_of_the_slow_twin(rng, known):
         along = voxels.axes[slot] @ pose[:3, :3]
         rising = pose[:3, 2] @ arm > 0
         unknown_m = TRACED_RAD * np.linalg.norm(arm) * along[:, 2] * rising
-        firm = held_slowly(voxels, slot, off, unknown_m)
+        firm = slowly_held(voxels, slot, off, unknown_m)
         squared = firm @ off**2
         share = 1 / (1 + squared / scale**2) ** 2
         shrunk = along**3 / (along**2 + TILT**2) @ pose[:3, :3].T
@@ -95,21 +95,21 @@ def test_equations_equal_those_of_the_slow_twin(rng, known):
         weights = share * firm * (into**2 / (into**2 + GRAZING**2) if rises else 1.0)
         slow_H += rows.T @ (weights[:, None] * rows)
         slow_b += rows.T @ (weights * off)
-        slow_told += (1, share, share * squared)
+        slow_statistics += (1, share, share * squared)
     assert np.allclose(H, slow_H)
     assert np.allclose(b, slow_b)
-    assert np.allclose(told, slow_told)
+    assert np.allclose(statistics, slow_statistics)
 
 
 def test_one_beams_trace_on_a_road_is_no_surface(rng):
-    found = VoxelMap(reach_m=50.0)
+    voxel_map = VoxelMap(reach_m=50.0)
     angle = rng.uniform(-0.5, 0.5, 4000)
     trace = np.column_stack([9 * np.cos(angle), 9 * np.sin(angle), np.full(4000, -1.9)])
-    found.add(trace + 0.02 * rng.standard_normal(trace.shape), np.zeros(3))
+    voxel_map.add(trace + 0.02 * rng.standard_normal(trace.shape), np.zeros(3))
     # Where the ring bends enough within a voxel, its plane is the road's: that holds no way along.
-    upright = np.abs(found.voxels.axes[:, 0, 2])[found.voxels.fixed_axes > 0]
+    upright = np.abs(voxel_map.voxels.axes[:, 0, 2])[voxel_map.voxels.fixed_axes > 0]
     assert (upright > 0.9).all()
-    assert (found.voxels.fixed_axes < 2).all()
+    assert (voxel_map.voxels.fixed_axes < 2).all()
 
 
 def test_one_beams_trace_over_a_crown_has_little_information_about_height(rng):
@@ -124,9 +124,9 @@ def test_one_beams_trace_over_a_crown_has_little_information_about_height(rng):
         known.add(points + rng.normal(0, 0.01, points.shape), np.zeros(3))
         forward = np.eye(4)
         forward[0, 3] = 0.5
-        H, _, told = normal_equations(known.voxels, points[::4].copy(), forward, 1.0, FLOOR_M)
-        assert told[0] > 50
-        firm[name] = H[2, 2] / told[1]
+        H, _, statistics = normal_equations(known.voxels, points[::4].copy(), forward, 1.0, FLOOR_M)
+        assert statistics[0] > 50
+        firm[name] = H[2, 2] / statistics[1]
     assert firm["trace"] < 0.2 * firm["ceiling"]
 
 
@@ -139,22 +139,24 @@ def test_tilted_surfaces_inform_falling_beams_more_than_rising_ones(rng):
         points = np.column_stack([30 + lean * height, across, up + height])
         known = VoxelMap(reach_m=60.0)
         known.add(points + rng.normal(0, 0.03, points.shape), np.zeros(3))
-        H, _, told = normal_equations(known.voxels, points[::4].copy(), np.eye(4), 3.0, FLOOR_M)
-        firm[name] = np.diag(H)[:3] / told[1]
+        H, _, statistics = normal_equations(
+            known.voxels, points[::4].copy(), np.eye(4), 3.0, FLOOR_M
+        )
+        firm[name] = np.diag(H)[:3] / statistics[1]
     assert firm["rising"][2] < 0.1 * firm["falling"][2]
     assert firm["wall"][0] > firm["falling"][0]
 
 
 def test_far_voxels_are_dropped_and_the_table_grows(rng):
-    found = VoxelMap(reach_m=30.0)
+    voxel_map = VoxelMap(reach_m=30.0)
     for step in range(60):
         at = np.array([10.0 * step, 0, 0])
-        found.add(at + rng.uniform(-20, 20, (3000, 3)) * (1, 1, 0.1), at)
-    assert len(found) < 0.5 * len(found.voxels.keys)
-    last = found.voxels.means[found.voxels.counts > 5]
+        voxel_map.add(at + rng.uniform(-20, 20, (3000, 3)) * (1, 1, 0.1), at)
+    assert len(voxel_map) < 0.5 * len(voxel_map.voxels.keys)
+    last = voxel_map.voxels.means[voxel_map.voxels.counts > 5]
     assert last[:, 0].max() > 590
     assert last[:, 0].min() > 400
-    assert found.voxels.counts.sum() > 3 * 3000
+    assert voxel_map.voxels.counts.sum() > 3 * 3000
 
 
 def test_points_out_of_range_are_left_out(known):
@@ -173,24 +175,24 @@ def corridor(rng, n=8000):
 
 
 def test_between_near_walls_the_floor_has_its_own_voxels(rng):
-    found = VoxelMap(reach_m=50.0)
+    voxel_map = VoxelMap(reach_m=50.0)
     points, side = corridor(rng)
-    found.add(points, np.zeros(3))
+    voxel_map.add(points, np.zeros(3))
     level = points[(side >= 2) & (np.abs(points[:, 1]) < 0.9)]
-    slots = np.array([surface_at(found.voxels, *point) for point in level])
-    upright = np.abs(found.voxels.axes[slots, 0, 2])
+    slots = np.array([surface_at(voxel_map.voxels, *point) for point in level])
+    upright = np.abs(voxel_map.voxels.axes[slots, 0, 2])
     assert (slots >= 0).mean() > 0.95
     assert (upright[slots >= 0] > 0.95).mean() > 0.95
 
 
 def test_a_full_voxel_does_not_change(rng):
     flat = np.column_stack([rng.uniform(0, 1, (2 * int(MOST), 2)), np.full(2 * int(MOST), 0.2)])
-    found = VoxelMap(reach_m=50.0)
-    found.add(flat, np.zeros(3))
-    slot = surface_at(found.voxels, 0.5, 0.5, 0.2)
-    found.add(flat + 0.1 * UP, np.zeros(3))
-    assert found.voxels.counts[slot] == MOST
-    assert found.voxels.means[slot, 2] == pytest.approx(0.2)
+    voxel_map = VoxelMap(reach_m=50.0)
+    voxel_map.add(flat, np.zeros(3))
+    slot = surface_at(voxel_map.voxels, 0.5, 0.5, 0.2)
+    voxel_map.add(flat + 0.1 * UP, np.zeros(3))
+    assert voxel_map.voxels.counts[slot] == MOST
+    assert voxel_map.voxels.means[slot, 2] == pytest.approx(0.2)
 
 
 def test_points_off_a_surface_contradict_it_and_rough_ones_do_not(rng, known):

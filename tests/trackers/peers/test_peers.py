@@ -44,7 +44,7 @@ def test_six_of_three_libraries():
     }
 
 
-def test_cars_are_confirmed_and_followed_at_their_speed(peer):
+def test_cars_are_confirmed_and_tracked_at_their_speed(peer):
     last = run(peer, cars(25))[-1]
     assert (last.states == CONFIRMED).all()
     order = np.argsort(last.centres[:, 1])
@@ -53,8 +53,8 @@ def test_cars_are_confirmed_and_followed_at_their_speed(peer):
 
 
 def test_a_gap_is_bridged(peer):
-    seen = cars(30)
-    gap = [d.select(np.zeros(len(d), bool)) if 12 <= k < 17 else d for k, d in enumerate(seen)]
+    frames = cars(30)
+    gap = [d.select(np.zeros(len(d), bool)) if 12 <= k < 17 else d for k, d in enumerate(frames)]
     tracks = run(peer, gap)
     assert len(identities(tracks)) == 2
     assert all((each.states == TrackState.TENTATIVE).all() for each in tracks[12:17])
@@ -190,7 +190,9 @@ def test_listing_loads_no_library():
 def test_boxes_along_the_axes_hold_the_turned_ones():
     from roadscope.trackers._peers import upright_boxes
 
-    found = detections([[1.0, 2.0]] * 3, yaws=[0.0, np.pi / 2, np.pi / 4], sizes=(4.0, 2.0, 1.5))
+    turned_boxes = detections(
+        [[1.0, 2.0]] * 3, yaws=[0.0, np.pi / 2, np.pi / 4], sizes=(4.0, 2.0, 1.5)
+    )
     half = 3 / np.sqrt(2)
     expected = [[-1, 1, 3, 3], [0, 0, 2, 4], [1 - half, 2 - half, 1 + half, 2 + half]]
-    np.testing.assert_allclose(upright_boxes(found), expected, atol=1e-12)
+    np.testing.assert_allclose(upright_boxes(turned_boxes), expected, atol=1e-12)

@@ -1,4 +1,4 @@
-"""Errors of trajectories against the slow way, other programs and what must hold."""
+"""Errors of trajectories equal a slow computation and other programs, and obey invariants."""
 
 import io
 import math
@@ -69,7 +69,7 @@ def aligned_slowly(both, how):
 
 @pytest.mark.parametrize("how", ALIGNMENTS)
 @pytest.mark.parametrize("seed", range(3))
-def test_absolute_errors_are_those_of_the_slow_way(how, seed):
+def test_absolute_errors_equal_the_slow_computation(how, seed):
     both = drive(seed)
     errors = absolute_errors(both, how)
     moved = aligned_slowly(both, how)
@@ -89,13 +89,13 @@ def test_no_alignment_is_better_than_the_best():
 
 
 @pytest.mark.parametrize("step", [1, 7])
-def test_relative_errors_are_those_of_the_slow_way(step):
+def test_relative_errors_equal_the_slow_computation(step):
     both = drive(3)
     errors = relative_errors(both, step)
     for k in range(len(both) - step):
         true = np.linalg.inv(both.truth[k]) @ both.truth[k + step]
-        told = np.linalg.inv(both.estimate[k]) @ both.estimate[k + step]
-        rest = np.linalg.inv(true) @ told
+        estimated_motion = np.linalg.inv(both.estimate[k]) @ both.estimate[k + step]
+        rest = np.linalg.inv(true) @ estimated_motion
         assert errors.translations_m[k] == pytest.approx(np.linalg.norm(rest[:3, 3]), abs=1e-10)
         assert errors.rotations_rad[k] == pytest.approx(turned(rest[:3, :3]), abs=1e-10)
     assert len(errors) == len(both) - step
@@ -106,20 +106,27 @@ def test_relative_errors_are_those_of_the_slow_way(step):
     assert math.isnan(none.rmse_rad)
 
 
-def kitti_slowly(both, lengths, every):
-    """KITTI's definition, one stretch after the other."""
-    way = [0.0]
+def slow_kitti_drift(both, lengths, every):
+    """Return the errors of KITTI's definition, computed segment by segment."""
+    distances_m = [0.0]
     for a, b in zip(both.truth[:-1], both.truth[1:], strict=True):
-        way.append(way[-1] + math.dist(a[:3, 3], b[:3, 3]))
+        distances_m.append(distances_m[-1] + math.dist(a[:3, 3], b[:3, 3]))
     rows = []
     for first in range(0, len(both), every):
         for length in lengths:
-            last = next((k for k in range(first, len(both)) if way[k] > way[first] + length), None)
+            last = next(
+                (
+                    k
+                    for k in range(first, len(both))
+                    if distances_m[k] > distances_m[first] + length
+                ),
+                None,
+            )
             if last is None:
                 continue
             true = np.linalg.inv(both.truth[first]) @ both.truth[last]
-            told = np.linalg.inv(both.estimate[first]) @ both.estimate[last]
-            rest = np.linalg.inv(told) @ true
+            estimated_motion = np.linalg.inv(both.estimate[first]) @ both.estimate[last]
+            rest = np.linalg.inv(estimated_motion) @ true
             rows.append((np.linalg.norm(rest[:3, 3]) / length, turned(rest[:3, :3]) / length))
     return np.array(rows).reshape(-1, 2)
 
@@ -127,13 +134,13 @@ def kitti_slowly(both, lengths, every):
 @pytest.mark.parametrize(("lengths", "every"), [((50, 100, 200), 1), (KITTI_M, 10)])
 def test_drift_is_kittis(lengths, every):
     both = drive(5, n=600)
-    found, slow = drift(both, lengths, every=every), kitti_slowly(both, lengths, every)
-    assert len(found) == len(slow) > 50
-    assert found.translations == pytest.approx(slow[:, 0], abs=1e-10)
-    assert found.rotations == pytest.approx(slow[:, 1], abs=1e-10)
-    assert found.t_rel == pytest.approx(100 * slow[:, 0].mean())
-    assert [n for *_, n in found.curve()] == [
-        (found.lengths_m == m).sum() for m in lengths if m in found.lengths_m
+    errors, slow = drift(both, lengths, every=every), slow_kitti_drift(both, lengths, every)
+    assert len(errors) == len(slow) > 50
+    assert errors.translations == pytest.approx(slow[:, 0], abs=1e-10)
+    assert errors.rotations == pytest.approx(slow[:, 1], abs=1e-10)
+    assert errors.t_rel == pytest.approx(100 * slow[:, 0].mean())
+    assert [n for *_, n in errors.curve()] == [
+        (errors.lengths_m == m).sum() for m in lengths if m in errors.lengths_m
     ]
 
 
@@ -144,17 +151,19 @@ def test_kiss_icp_agrees_on_drift(seed):
     t_rel, r_rel = metrics.sequence_error(list(both.truth), list(both.estimate))
     ours = drift(both, KITTI_M)
     assert t_rel == pytest.approx(ours.t_rel, rel=1e-6)
-    # Its degrees are made with 3.14 and told for one metre.
+    # Its degrees are computed with 3.14 and given for one metre.
     assert 100 * r_rel * 3.14 / math.pi == pytest.approx(ours.r_rel, rel=1e-6)
 
 
-def told_by(folder, program, *arguments):
+def run_evo(folder, program, *arguments):
     """Run one of evo's programs, in the folders of ROADSCOPE_WITNESSES or on the path."""
-    found = shutil.which(program, path=os.environ.get("ROADSCOPE_WITNESSES", os.environ["PATH"]))
-    if found is None:
+    executable = shutil.which(
+        program, path=os.environ.get("ROADSCOPE_WITNESSES", os.environ["PATH"])
+    )
+    if executable is None:
         pytest.skip(f"{program} is not installed")
     result = folder / "result.zip"
-    command = [found, *arguments, "--save_results", str(result), "--no_warnings"]
+    command = [executable, *arguments, "--save_results", str(result), "--no_warnings"]
     environment = {k: v for k, v in os.environ.items() if k != "PYTHONPATH"}
     subprocess.run(
         command, capture_output=True, text=True, check=True, env=environment | {"HOME": str(folder)}
@@ -179,8 +188,8 @@ def test_evo_agrees_on_absolute_errors(written, tmp_path, how, options):
     both, files = written
     ours = absolute_errors(both, how)
     for relation, values in (("trans_part", ours.positions_m), ("angle_rad", ours.rotations_rad)):
-        told = told_by(tmp_path, "evo_ape", "kitti", *files, "-r", relation, *options)
-        assert values == pytest.approx(told, abs=1e-8)
+        evo_errors = run_evo(tmp_path, "evo_ape", "kitti", *files, "-r", relation, *options)
+        assert values == pytest.approx(evo_errors, abs=1e-8)
 
 
 @pytest.mark.parametrize("step", [1, 5])
@@ -192,8 +201,8 @@ def test_evo_agrees_on_relative_errors(written, tmp_path, step):
         ("trans_part", ours.translations_m),
         ("angle_rad", ours.rotations_rad),
     ):
-        told = told_by(tmp_path, "evo_rpe", "kitti", *files, "-r", relation, *options)
-        assert values == pytest.approx(told, abs=1e-8)
+        evo_errors = run_evo(tmp_path, "evo_rpe", "kitti", *files, "-r", relation, *options)
+        assert values == pytest.approx(evo_errors, abs=1e-8)
 
 
 def test_perfect_poses_have_no_error():

@@ -29,7 +29,7 @@ from roadscope.odometry import exp_se3
 seeds = st.integers(0, 9999)
 
 
-def way(rng, n, speed=1.0, spread=0.05):
+def random_trajectory(rng, n, speed=1.0, spread=0.05):
     poses = [exp_se3(rng.standard_normal(6))]
     for _ in range(n - 1):
         step = np.array([speed, 0, 0, 0, 0, 0]) + spread * rng.standard_normal(6)
@@ -47,7 +47,7 @@ def straight(n, speed=1.0):
 @given(seed=seeds)
 def test_frames_of_either_trajectory_do_not_matter(seed):
     rng = np.random.default_rng(seed)
-    both = Trajectories(way(rng, 80), way(rng, 80))
+    both = Trajectories(random_trajectory(rng, 80), random_trajectory(rng, 80))
     a, b = exp_se3(3 * rng.standard_normal(6)), exp_se3(3 * rng.standard_normal(6))
     moved = Trajectories(a @ both.estimate, b @ both.truth)
     for one, other in (
@@ -64,7 +64,10 @@ def test_frames_of_either_trajectory_do_not_matter(seed):
 @given(seed=seeds)
 def test_where_the_sensor_sits_matters_to_places_not_to_turns(seed):
     rng = np.random.default_rng(seed)
-    both, mounted = Trajectories(way(rng, 40), way(rng, 40)), exp_se3(rng.standard_normal(6))
+    both, mounted = (
+        Trajectories(random_trajectory(rng, 40), random_trajectory(rng, 40)),
+        exp_se3(rng.standard_normal(6)),
+    )
     moved = Trajectories(both.estimate @ mounted, both.truth @ mounted)
     one, other = relative_errors(both), relative_errors(moved)
     assert one.rotations_rad == pytest.approx(other.rotations_rad, abs=1e-7)
@@ -75,12 +78,12 @@ def test_a_wrong_scale_is_the_drift(scale):
     truth = straight(300, 0.5)
     estimate = truth.copy()
     estimate[:, 0, 3] *= scale
-    found = drift(Trajectories(estimate, truth), (50.0, 100.0), every=1)
+    errors = drift(Trajectories(estimate, truth), (50.0, 100.0), every=1)
     # A stretch ends with the first pose beyond its length, half a metre farther here.
-    exact = 100 * abs(scale - 1) * (found.lengths_m + 0.5) / found.lengths_m
-    assert 100 * found.translations == pytest.approx(exact)
-    assert found.r_rel == 0
-    assert len(found.over(50.0)) == 300 - 101
+    exact = 100 * abs(scale - 1) * (errors.lengths_m + 0.5) / errors.lengths_m
+    assert 100 * errors.translations == pytest.approx(exact)
+    assert errors.r_rel == 0
+    assert len(errors.over(50.0)) == 300 - 101
 
 
 def test_a_gyros_bias_is_the_turn_a_metre():
@@ -88,8 +91,8 @@ def test_a_gyros_bias_is_the_turn_a_metre():
         np.array([exp_se3(k * np.array([1.0, 0, 0, 0, 0, rate])) for k in range(120)])
         for rate in (0.0, 0.001)
     )
-    found = drift(Trajectories(turning, level), (50.0,), every=1)
-    assert found.rotations == pytest.approx(0.001 * 51 / 50)
+    errors = drift(Trajectories(turning, level), (50.0,), every=1)
+    assert errors.rotations == pytest.approx(0.001 * 51 / 50)
 
 
 @settings(max_examples=25, deadline=None)
@@ -103,12 +106,12 @@ def test_alignment_is_a_rigid_motion_whatever_the_places(seed, kind):
     if kind == "mirror":
         aim = aim * [1, 1, -1]
     for yaw_only in (False, True):
-        found = truth_from_estimate(places, aim, yaw_only=yaw_only)
-        assert found[:3, :3] @ found[:3, :3].T == pytest.approx(np.eye(3), abs=1e-12)
-        assert np.linalg.det(found[:3, :3]) == pytest.approx(1)
+        aligned = truth_from_estimate(places, aim, yaw_only=yaw_only)
+        assert aligned[:3, :3] @ aligned[:3, :3].T == pytest.approx(np.eye(3), abs=1e-12)
+        assert np.linalg.det(aligned[:3, :3]) == pytest.approx(1)
     if kind != "mirror":
-        found = truth_from_estimate(places, aim)
-        assert places @ found[:3, :3].T + found[:3, 3] == pytest.approx(aim, abs=1e-9)
+        aligned = truth_from_estimate(places, aim)
+        assert places @ aligned[:3, :3].T + aligned[:3, 3] == pytest.approx(aim, abs=1e-9)
 
 
 @pytest.mark.parametrize("how", ["none", "origin", "yaw", "se3"])
@@ -138,7 +141,7 @@ def test_a_sensor_that_stood_has_no_drift_and_may_have_failed():
         assert all(score.n == 0 for score in curves.values())
 
 
-def test_a_way_shorter_than_all_lengths():
+def test_a_trajectory_shorter_than_all_lengths_has_no_drift():
     both = Trajectories(straight(40), straight(40))
     assert len(drift(both, (50.0, 100.0))) == 0
     assert math.isnan(drift(both, (50.0,)).t_rel)
@@ -155,8 +158,8 @@ def test_a_way_shorter_than_all_lengths():
     assert len(relative_errors(both, 40)) == 0
 
 
-def rests_slowly(places, stamps):
-    found, first = [], None
+def slow_rests(places, stamps):
+    intervals, first = [], None
     for k in range(len(places)):
         still = k + 1 < len(places) and np.linalg.norm(places[k + 1] - places[k]) <= AT_REST_M_S * (
             stamps[k + 1] - stamps[k]
@@ -165,21 +168,21 @@ def rests_slowly(places, stamps):
             first = k
         if not still and first is not None:
             if stamps[k] - stamps[first] >= LEAST_REST_S - 1e-9:
-                found.append((first, k))
+                intervals.append((first, k))
             first = None
-    return found
+    return intervals
 
 
 @settings(max_examples=40, deadline=None)
 @given(seed=seeds, n=st.integers(0, 80))
-def test_rests_are_those_of_the_slow_way(seed, n):
+def test_rests_equal_the_slow_computation(seed, n):
     rng = np.random.default_rng(seed)
     truth = np.tile(np.eye(4), (n, 1, 1))
     speeds = np.repeat(rng.choice([0.0, 0.05, 3.0], 12), rng.integers(1, 20, 12))[:n]
     truth[: len(speeds), 0, 3] = 0.1 * np.cumsum(speeds)
     truth[len(speeds) :, 0, 3] = 0.1 * speeds.sum()
     stamps = 0.1 * np.arange(n)
-    assert rests(Trajectories(truth, truth), stamps) == rests_slowly(truth[:, :3, 3], stamps)
+    assert rests(Trajectories(truth, truth), stamps) == slow_rests(truth[:, :3, 3], stamps)
 
 
 def test_what_a_resting_sensor_truly_moves_is_no_false_motion():
@@ -190,16 +193,16 @@ def test_what_a_resting_sensor_truly_moves_is_no_false_motion():
 
 @settings(max_examples=15, deadline=None)
 @given(seed=seeds)
-def test_curves_are_read_where_the_way_passes_a_mark(seed):
+def test_curves_are_read_where_the_trajectory_passes_a_mark(seed):
     rng = np.random.default_rng(seed)
-    both = Trajectories(way(rng, 130), way(rng, 130))
+    both = Trajectories(random_trajectory(rng, 130), random_trajectory(rng, 130))
     curves, errors = by_distance(both), absolute_errors(both, "origin")
     for mark_m in MARKS_M:
-        told = curves[part_name("position_error", DISTANCE, str(mark_m))]
+        score = curves[part_name("position_error", DISTANCE, str(mark_m))]
         beyond = np.flatnonzero(errors.distances_m > mark_m)
-        assert told.n == min(len(beyond), 1)
+        assert score.n == min(len(beyond), 1)
         if len(beyond):
-            assert told.value == errors.positions_m[beyond[0]]
+            assert score.value == errors.positions_m[beyond[0]]
         known = drift(both, (float(mark_m),), every=1)
         for metric in ("t_rel", "r_rel"):
             curve = curves[part_name(metric, DISTANCE, str(mark_m))]
@@ -224,7 +227,7 @@ def test_false_motion_is_the_farthest_and_the_last_of_a_rest():
     assert score.false_motion.n == 21
 
 
-def test_who_never_stands_has_no_false_motion():
+def test_a_drive_without_rest_has_no_false_motion():
     score = score_standing(*ahead([1.0] * 30, [1.0] * 30))
     assert score.false_motion.n == 0
     assert score.false_motion.weight == 0
@@ -232,9 +235,9 @@ def test_who_never_stands_has_no_false_motion():
 
 
 def test_dynamic_returns_are_counted_over_scans():
-    told = [np.array([1, 1, 0, 0], bool), np.array([1, 0, 0], bool)]
+    predicted = [np.array([1, 1, 0, 0], bool), np.array([1, 0, 0], bool)]
     true = [np.array([1, 0, 1, 1], bool), np.array([0, 0, 1], bool)]
-    scores = score_moving(told, true)
+    scores = score_moving(predicted, true)
     assert scores.dynamic_precision.value == pytest.approx(1 / 3)
     assert scores.dynamic_recall.value == pytest.approx(1 / 4)
     none = score_moving([np.zeros(3, bool)], [np.zeros(3, bool)])

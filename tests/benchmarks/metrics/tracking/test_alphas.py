@@ -24,16 +24,16 @@ NAMES = ("hota", *CURVES)
 def scored(seed, objects):
     """An episode of ten frames, objects 5 m apart, followed more or less closely."""
     rng = np.random.default_rng(seed)
-    truths, followed = [], []
+    truths, reported_tracks = [], []
     for _ in range(10):
         places = np.column_stack([5.0 * np.arange(objects) + 5, np.zeros(objects)])
         truths.append(truth(list(places), ids=list(range(objects))))
-        found = np.flatnonzero(rng.random(objects) < 0.8)
-        near = places[found] + rng.uniform(-1, 1, (len(found), 2))
-        followed.append(tracks(list(near), [int(i) + 50 for i in found]))
-    pairings = RULE.pairings(followed, truths)
-    scores = score_each_alpha(followed, truths, pairings)
-    assert scores.items() >= score_tracks(followed, truths, pairings).named().items()
+        detected = np.flatnonzero(rng.random(objects) < 0.8)
+        near = places[detected] + rng.uniform(-1, 1, (len(detected), 2))
+        reported_tracks.append(tracks(list(near), [int(i) + 50 for i in detected]))
+    pairings = RULE.pairings(reported_tracks, truths)
+    scores = score_each_alpha(reported_tracks, truths, pairings)
+    assert scores.items() >= score_tracks(reported_tracks, truths, pairings).named().items()
     return scores
 
 
@@ -57,11 +57,11 @@ def test_without_objects_there_is_none():
 def test_the_board_of_simulated_traffic_has_a_curve_whose_mean_is_its_figure():
     jobs = plan(load_suite("quick"), ["gnn", "nearest"], boards=["tracking"], only=True).jobs
     outcomes = {job.key: Outcome(scored(k, 2 + k % 4)) for k, job in enumerate(jobs)}
-    found = gather(jobs, outcomes, {})
-    rows = [row for row in found.breakdown(BY_ALPHA, "tracking") if row.entry == "gnn"]
+    results = gather(jobs, outcomes, {})
+    rows = [row for row in results.breakdown(BY_ALPHA, "tracking") if row.entry == "gnn"]
     for name in NAMES:
         curve = [row.value for row in rows if row.metric == name]
         assert len(curve) == len(ALPHA_BANDS)
-        assert np.mean(curve) == pytest.approx(found.row("tracking", "gnn", name).value)
-    titles = [table.title for table in breakdown_tables(found, "tracking", BY_ALPHA, 160)]
+        assert np.mean(curve) == pytest.approx(results.row("tracking", "gnn", name).value)
+    titles = [table.title for table in breakdown_tables(results, "tracking", BY_ALPHA, 160)]
     assert titles == ["HOTA by alpha", "DetA by alpha", "AssA by alpha", "LocA by alpha"]

@@ -18,36 +18,36 @@ def sureness(s: TrackedSequence) -> np.ndarray:
 @pytest.mark.parametrize("seeds", [(0,), (7,), (1, 2, 3)])
 def test_as_defined(seeds) -> None:
     parts = [wandering(seed, frames=30) for seed in seeds]
-    found = amota(*parts)
-    reached = np.isfinite(found.least_scores)
+    figures = amota(*parts)
+    reached = np.isfinite(figures.least_scores)
     assert reached.any()
     for k in np.flatnonzero(reached):
         counts = [
-            clear(without(s, np.flatnonzero(sureness(s) < found.least_scores[k] - 1e-9)))
+            clear(without(s, np.flatnonzero(sureness(s) < figures.least_scores[k] - 1e-9)))
             for s in parts
         ]
         c = sum(counts[1:], counts[0])
         wrong = c.misses + c.false_alarms + c.id_switches
         recall = (k + 1) / 40
         scaled = 1 - (wrong - (1 - recall) * c.present) / (recall * c.present)
-        assert found.mota[k] == pytest.approx(1 - wrong / c.present)
-        assert found.smota[k] == pytest.approx(np.clip(scaled, 0, 1))
-        assert found.motp[k] == pytest.approx(c.motp)
-    for curve in (found.mota, found.smota, found.motp):
+        assert figures.mota[k] == pytest.approx(1 - wrong / c.present)
+        assert figures.smota[k] == pytest.approx(np.clip(scaled, 0, 1))
+        assert figures.motp[k] == pytest.approx(c.motp)
+    for curve in (figures.mota, figures.smota, figures.motp):
         assert (curve[~reached] == 0).all()
-    assert found.amota == pytest.approx(found.mota.sum() / 40)
-    assert found.samota == pytest.approx(found.smota.sum() / 40)
+    assert figures.amota == pytest.approx(figures.mota.sum() / 40)
+    assert figures.samota == pytest.approx(figures.smota.sum() / 40)
 
 
 def reference(scores: np.ndarray, present: int) -> list[float]:
-    """AB3DMOT's rule as it is told: a score for each recall, the first for none."""
-    found, wanted, ordered = [], 0.0, sorted(scores, reverse=True)
+    """AB3DMOT's rule as published: a score for each recall, the first for none."""
+    thresholds, wanted, ordered = [], 0.0, sorted(scores, reverse=True)
     for k, score in enumerate(ordered):
         here, after = (k + 1) / present, (k + 2) / present
         if k + 1 == len(ordered) or not after - wanted < wanted - here:
-            found.append(score)
+            thresholds.append(score)
             wanted += 1 / 40
-    return found[1:]
+    return thresholds[1:]
 
 
 @pytest.mark.parametrize("present", [61, 100, 200, 1001])
@@ -59,9 +59,9 @@ def test_thresholds_as_ab3dmot_takes_them(present, share) -> None:
 
 @pytest.mark.parametrize("present", [1, 5, 39, 40, 60])
 def test_every_recall_has_a_threshold_where_all_is_matched(present) -> None:
-    found = least_scores(np.random.default_rng(present).random(present), present)
-    assert len(found) == 40
-    assert (np.diff(found) <= 0).all()
+    thresholds = least_scores(np.random.default_rng(present).random(present), present)
+    assert len(thresholds) == 40
+    assert (np.diff(thresholds) <= 0).all()
 
 
 def test_scores_that_reach_each_recall() -> None:
@@ -73,8 +73,8 @@ def test_scores_that_reach_each_recall() -> None:
 
 def test_perfect_tracks_that_are_all_sure() -> None:
     s = sequence(*[([1, 2], [7, 8], [1.0, 0.0, 0.0, 1.0])] * 30)
-    found = amota(s)
-    assert (found.amota, found.samota, found.amotp) == (1.0, 1.0, 1.0)
+    figures = amota(s)
+    assert (figures.amota, figures.samota, figures.amotp) == (1.0, 1.0, 1.0)
 
 
 @pytest.mark.parametrize(
@@ -88,6 +88,6 @@ def test_perfect_tracks_that_are_all_sure() -> None:
     ],
 )
 def test_nothing_matched_is_nothing(s) -> None:
-    found = amota(s)
-    assert (found.amota, found.samota, found.amotp) == (0.0, 0.0, 0.0)
-    assert np.isnan(found.least_scores).all()
+    figures = amota(s)
+    assert (figures.amota, figures.samota, figures.amotp) == (0.0, 0.0, 0.0)
+    assert np.isnan(figures.least_scores).all()

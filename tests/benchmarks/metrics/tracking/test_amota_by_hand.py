@@ -24,23 +24,23 @@ FAR_M = 50.0
 
 def scene(frames: int, objects: int, tracks: TrackTable, scores=None) -> TrackedSequence:
     """Objects 0 to n - 1 that are always there; scores: of tracks frame by frame, if not one."""
-    ids, alike, apart, sure = [], [], [], []
+    ids, alike, distances_m, sure = [], [], [], []
     for t in range(frames):
         here = [k for k, (when, _, _) in tracks.items() if t in when]
         on = np.array([[tracks[k][1] == i for k in here] for i in range(objects)], bool)
         on = on.reshape(objects, len(here))
         ids.append(here)
         alike.append(np.where(on, SIMILARITY, 0.0))
-        apart.append(np.where(on, DISTANCE_M, FAR_M))
+        distances_m.append(np.where(on, DISTANCE_M, FAR_M))
         sure.append([tracks[k][2] if scores is None else scores[k][t] for k in here])
     return TrackedSequence.of(
-        [list(range(objects))] * frames, ids, alike, distances_m=apart, scores=sure
+        [list(range(objects))] * frames, ids, alike, distances_m=distances_m, scores=sure
     )
 
 
 def figures(*scenes: TrackedSequence) -> list[float]:
-    found = amota(*scenes)
-    return pytest.approx([found.amota, found.samota, found.amotp], abs=1e-12)
+    result = amota(*scenes)
+    return pytest.approx([result.amota, result.samota, result.amotp], abs=1e-12)
 
 
 def test_an_object_handed_from_one_track_to_another() -> None:
@@ -55,8 +55,8 @@ def test_a_false_track_counts_from_its_score_on_and_nuscenes_averages_otherwise(
 
     nuScenes asks for recalls from 0.1 on: 18 of 40 lie at or below 1/2, and it leaves 0 for others.
     """
-    told = {1: (range(40), 0, 0.9), 2: (range(40, 80), 0, 0.5), 3: (range(80), None, 0.7)}
-    s = scene(80, 1, told)
+    tracks = {1: (range(40), 0, 0.9), 2: (range(40, 80), 0, 0.5), 3: (range(80), None, 0.7)}
+    s = scene(80, 1, tracks)
     assert figures(s) == [(20 * 0.5 - 20 / 80) / 40, 0.5, SIMILARITY]
     assert amota_nuscenes(s).amota == pytest.approx(18 / 40)
 
@@ -86,8 +86,8 @@ def test_a_track_is_as_sure_as_the_mean_of_its_scores(false, accuracy) -> None:
 def test_frames_without_a_match_are_part_of_the_mean_and_false() -> None:
     """Half of a track of 160 frames lies on nothing, at 0.2: with 1.0 on the object it is 0.6."""
     scores = {1: [1.0] * 80 + [0.2] * 80, 2: [0.65] * 160}
-    told = {1: (range(160), 0, 0.0), 2: (range(160), None, 0.0)}
-    s = scene(160, 1, told, scores)
+    tracks = {1: (range(160), 0, 0.0), 2: (range(160), None, 0.0)}
+    s = scene(160, 1, tracks, scores)
     there = TrackedSequence.of(
         [[0] if t < 80 else [] for t in range(160)],
         [[1, 2]] * 160,
@@ -111,41 +111,41 @@ def test_a_sequence_without_objects_gives_its_false_alarms() -> None:
     bare = scene(20, 0, {1: (range(20), None, 0.95)})
     scaled = sum(max(0.0, min(1.0, 1 - (20 - 80 * (1 - k / 40)) / (2 * k))) for k in range(1, 41))
     assert [0.75, scaled / 40, SIMILARITY] == figures(held, bare)
-    found = amota(bare)
-    assert (found.amota, found.samota, found.amotp) == (0.0, 0.0, 0.0)
+    result = amota(bare)
+    assert (result.amota, result.samota, result.amotp) == (0.0, 0.0, 0.0)
 
 
 def drawn(rng: np.random.Generator) -> tuple[int, int, dict[int, tuple[range, int | None, float]]]:
     """Stretches of objects, each under a track of its own, and false tracks."""
-    frames, objects, told = 80, 3, {}
+    frames, objects, tracks = 80, 3, {}
     for i in range(objects):
         cuts = np.sort(rng.choice(np.arange(5, frames), 3, replace=False))
         for a, b in zip([0, *cuts], [*cuts, frames], strict=True):
             if rng.random() < 0.8:
-                told[len(told)] = (range(a, b), i, float(rng.random()))
+                tracks[len(tracks)] = (range(a, b), i, float(rng.random()))
     for _ in range(3):
         a = int(rng.integers(60))
-        told[len(told)] = (range(a, a + 15), None, float(rng.random()))
-    return frames, objects, told
+        tracks[len(tracks)] = (range(a, a + 15), None, float(rng.random()))
+    return frames, objects, tracks
 
 
 @pytest.mark.parametrize("seed", range(20))
 def test_scenes_of_chance_counted_in_words(seed) -> None:
     """Recall k / 40 of 240 object frames is reached by match 6 k.
 
-    No track lies on two objects, so matches, false alarms and switches can be told off by fingers.
+    No track lies on two objects, so matches, false alarms and switches can be counted by hand.
     """
-    frames, objects, told = drawn(np.random.default_rng(seed))
+    frames, objects, tracks = drawn(np.random.default_rng(seed))
     present = frames * objects
     scores = sorted(
-        (s for when, i, s in told.values() if i is not None for _ in when), reverse=True
+        (s for when, i, s in tracks.values() if i is not None for _ in when), reverse=True
     )
     accuracies, scaled = [], []
     for k in range(1, 41):
         r, match = k / 40, 6 * k
         if match > len(scores):
             break
-        alive = {n: v for n, v in told.items() if v[2] >= scores[match - 1]}
+        alive = {n: v for n, v in tracks.items() if v[2] >= scores[match - 1]}
         hits = sum(len(when) for when, i, _ in alive.values() if i is not None)
         false = sum(len(when) for when, i, _ in alive.values() if i is None)
         switches = sum(
@@ -154,10 +154,10 @@ def test_scenes_of_chance_counted_in_words(seed) -> None:
         wrong = present - hits + false + switches
         accuracies.append(1 - wrong / present)
         scaled.append(min(1.0, max(0.0, 1 - (wrong - (1 - r) * present) / (r * present))))
-    found = amota(scene(frames, objects, told))
+    result = amota(scene(frames, objects, tracks))
     n = len(accuracies)
     # The last match stands for one recall more where that is nearer to it than to nothing.
-    reached = np.isfinite(found.least_scores).sum()
+    reached = np.isfinite(result.least_scores).sum()
     assert n <= reached <= n + 1
-    np.testing.assert_allclose(found.mota[:n], accuracies, atol=1e-12)
-    np.testing.assert_allclose(found.smota[:n], scaled, atol=1e-12)
+    np.testing.assert_allclose(result.mota[:n], accuracies, atol=1e-12)
+    np.testing.assert_allclose(result.smota[:n], scaled, atol=1e-12)

@@ -46,8 +46,8 @@ def stone_soup(metric: Any, frames: list[tuple[np.ndarray, np.ndarray]]) -> list
         for side, positions in zip(joined, frame, strict=True):
             side += [state(p.reshape(2, 1), timestamp=START + timedelta(t)) for p in positions]
     truths, tracks = joined
-    found = metric.compute_over_time(tracks, range(len(tracks)), truths, range(len(truths)))
-    return [part.value for part in found.value]
+    metric_result = metric.compute_over_time(tracks, range(len(tracks)), truths, range(len(truths)))
+    return [part.value for part in metric_result.value]
 
 
 @pytest.mark.parametrize("order", [1, 2, 3.5])
@@ -87,7 +87,7 @@ def test_as_defined(m, n, seed, order) -> None:
     costs = costs if m <= n else costs.T
     small, large = costs.shape
     ways = itertools.permutations(range(large), small)
-    best = min(sum(costs[i, j] for i, j in enumerate(way)) for way in ways)
+    best = min(sum(costs[i, j] for i, j in enumerate(assignment)) for assignment in ways)
     s = sequence_of(distances)
     penalty = 4.0**order * (large - small)
     expected = ((best + penalty) / large) ** (1 / order) if large else 0.0
@@ -98,12 +98,12 @@ def test_as_defined(m, n, seed, order) -> None:
 def test_by_hand() -> None:
     s = sequence_of([[1.0, 9.0], [9.0, 9.0]], [[3.0]], np.empty((0, 2)), np.empty((0, 0)))
     assert ospa(s, 2.0).distances.tolist() == [1.5, 2.0, 2.0, 0.0]
-    found = gospa(s, 2.0)
-    assert found.distances.tolist() == [3.0, 2.0, 2.0, 0.0]
-    assert found.localisation.tolist() == [1.0, 0.0, 0.0, 0.0]
-    assert found.missed.tolist() == [1.0, 1.0, 0.0, 0.0]
-    assert found.false.tolist() == [1.0, 1.0, 2.0, 0.0]
-    assert found.mean == 7 / 4
+    result = gospa(s, 2.0)
+    assert result.distances.tolist() == [3.0, 2.0, 2.0, 0.0]
+    assert result.localisation.tolist() == [1.0, 0.0, 0.0, 0.0]
+    assert result.missed.tolist() == [1.0, 1.0, 0.0, 0.0]
+    assert result.false.tolist() == [1.0, 1.0, 2.0, 0.0]
+    assert result.mean == 7 / 4
 
 
 def test_parts_sum() -> None:

@@ -38,18 +38,18 @@ def test_the_track_before_may_have_ended_before_the_object_was_hidden() -> None:
     assert rows(of(visible(7), visible(None), GONE, visible(7))) == [(1, True, 0)]
 
 
-def test_nobody_that_had_no_track_is_counted() -> None:
+def test_objects_that_had_no_track_are_not_counted() -> None:
     assert rows(of(visible(None), GONE, visible(7))) == []
     assert rows(of(visible(7), visible(8))) == []
 
 
 def test_hidden_twice() -> None:
-    found = of(visible(7), GONE, visible(None), GONE, GONE, GONE, visible(7), visible(7))
-    assert rows(found) == [(1, False, NEVER), (3, True, 0)]
-    assert found.reassociated.tolist() == [False, True]
+    recoveries = of(visible(7), GONE, visible(None), GONE, GONE, GONE, visible(7), visible(7))
+    assert rows(recoveries) == [(1, False, NEVER), (3, True, 0)]
+    assert recoveries.reassociated.tolist() == [False, True]
 
 
-def test_frames_in_which_others_are_seen_count_too() -> None:
+def test_frames_in_which_others_are_visible_count_too() -> None:
     assert rows(of(visible(7), ([2], [9], [1.0]), GONE, visible(7))) == [(2, True, 0)]
 
 
@@ -63,7 +63,7 @@ def slow(s: TrackedSequence) -> list[tuple[int, bool, int]]:
     f = match_tracks(s)
     at = {(t, g): k for t, g, k in zip(f.frames, f.objects, f.tracks, strict=True)}
     truths = np.split(s.truths, s.truth_starts[1:-1])
-    found = []
+    expected_rows = []
     for g in range(s.distinct_objects):
         last, open_, hidden, length, returned = None, False, 0, 0, 0
         for t in range(len(s)):
@@ -72,22 +72,22 @@ def slow(s: TrackedSequence) -> list[tuple[int, bool, int]]:
                 continue
             if hidden and last is not None:
                 if open_:
-                    found.append((length, False, NEVER))
+                    expected_rows.append((length, False, NEVER))
                 open_, length, returned = True, hidden, t
             hidden = 0
             track = at.get((t, g))
             if track is not None:
                 if open_:
-                    found.append((length, track == last, t - returned))
+                    expected_rows.append((length, track == last, t - returned))
                     open_ = False
                 last = track
         if open_:
-            found.append((length, False, NEVER))
-    return found
+            expected_rows.append((length, False, NEVER))
+    return expected_rows
 
 
 def test_as_the_slow_one_has_it() -> None:
     many = [wandering(seed) for seed in range(20)]
-    found = [rows(recovery(s, match_tracks(s))) for s in many]
-    assert found == [slow(s) for s in many]
-    assert sum(map(len, found)) > 100
+    recovery_rows = [rows(recovery(s, match_tracks(s))) for s in many]
+    assert recovery_rows == [slow(s) for s in many]
+    assert sum(map(len, recovery_rows)) > 100

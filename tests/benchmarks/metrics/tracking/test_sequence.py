@@ -20,8 +20,8 @@ def test_ids_are_numbered_and_frames_found_again() -> None:
 
 
 def test_similarities_by_distances() -> None:
-    ids, apart = [np.array([1])], [np.array([[0.0, 1.0, 9.0]])]
-    s = TrackedSequence.of(ids, [np.array([7, 8, 9])], distances_m=apart, gate_m=1.0)
+    ids, distances_m = [np.array([1])], [np.array([[0.0, 1.0, 9.0]])]
+    s = TrackedSequence.of(ids, [np.array([7, 8, 9])], distances_m=distances_m, gate_m=1.0)
     assert s.similarities.tolist() == [1.0, 0.5, 0.0]
     with pytest.raises(ValueError, match="needs similarities or distances_m, got neither"):
         TrackedSequence.of(ids, ids)

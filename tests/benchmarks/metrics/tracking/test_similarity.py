@@ -41,12 +41,14 @@ def test_distances() -> None:
 
 def test_by_hand() -> None:
     """Boxes of 4.5 x 1.8 x 1.5 m, the track half a length ahead."""
-    there, found = [truth([[10, 0], [30, 0]], ids=[1, 2])], [tracks([[12.25, 0]], [7])]
-    values = {name: tracked_sequence(found, there, name).similarities for name in SIMILARITIES}
+    there, reported_tracks = [truth([[10, 0], [30, 0]], ids=[1, 2])], [tracks([[12.25, 0]], [7])]
+    values = {
+        name: tracked_sequence(reported_tracks, there, name).similarities for name in SIMILARITIES
+    }
     assert values["centre"].tolist() == [1 - 2.25 / 4, 0.0]
     assert values["iou_bev"] == pytest.approx([1 / 3, 0.0])
     assert values["iou_3d"] == pytest.approx([1 / 3, 0.0])
-    wide = tracked_sequence(found, there, gate_m=4.5)
+    wide = tracked_sequence(reported_tracks, there, gate_m=4.5)
     assert wide.similarities.tolist() == [0.75, 0.0]
     assert wide.distances_m.tolist() == [2.25, 17.75]
 
@@ -54,15 +56,15 @@ def test_by_hand() -> None:
 @pytest.mark.parametrize("name", SIMILARITIES)
 def test_metrics_work_on_any_of_them(name) -> None:
     there = [truth([[x, 0], [x, 9]], ids=[1, 2]) for x in range(5)]
-    found = [tracks([[x, 0.0], [x, 9.0]], [7, 8]) for x in range(5)]
-    s = tracked_sequence(found, there, name)
+    reported_tracks = [tracks([[x, 0.0], [x, 9.0]], [7, 8]) for x in range(5)]
+    s = tracked_sequence(reported_tracks, there, name)
     assert hota(s).hota == pytest.approx(np.ones(19))
     assert clear(s).mota == 1.0
 
 
 def test_a_function_of_ones_own_and_unknown_names() -> None:
-    there, found = [truth([[10, 0]])], [tracks([[10, 0]], [7])]
-    own = tracked_sequence(found, there, lambda g, t: np.full((len(g), len(t)), 0.25))
+    there, reported_tracks = [truth([[10, 0]])], [tracks([[10, 0]], [7])]
+    own = tracked_sequence(reported_tracks, there, lambda g, t: np.full((len(g), len(t)), 0.25))
     assert own.similarities.tolist() == [0.25]
     with pytest.raises(ValueError, match="no similarity 'iou'; known: centre, iou_bev, iou_3d"):
-        tracked_sequence(found, there, "iou")
+        tracked_sequence(reported_tracks, there, "iou")

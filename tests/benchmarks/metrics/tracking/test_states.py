@@ -24,19 +24,19 @@ def errors(
     yaw: float = 0.0, covariance: np.ndarray | None = None, speed_m_s: float = 10.0
 ) -> StateErrors:
     """One track 0.6 m to the right, 5 m/s too fast."""
-    found = tracks([[10.0, 0.6]], [7], velocities=np.array([[13.0, 4.0]]))
-    found = replace(found, yaws=np.array([yaw]))
+    reported_tracks = tracks([[10.0, 0.6]], [7], velocities=np.array([[13.0, 4.0]]))
+    reported_tracks = replace(reported_tracks, yaws=np.array([yaw]))
     if covariance is not None:
-        found = replace(found, covariances=covariance[None])
+        reported_tracks = replace(reported_tracks, covariances=covariance[None])
     there = truth([[10.0, 0.0]], velocities=np.array([[speed_m_s, 0.0]]))
-    return state_errors([found], [there], [FrameRows(FIRST, FIRST)])
+    return state_errors([reported_tracks], [there], [FrameRows(FIRST, FIRST)])
 
 
 def test_by_hand() -> None:
-    found = errors(yaw=0.3)
-    assert found.positions == pytest.approx(np.array([[0.0, 0.6]]))
-    assert found.velocities == pytest.approx(np.array([[3.0, 4.0]]))
-    assert found.headings == pytest.approx([0.3])
+    state = errors(yaw=0.3)
+    assert state.positions == pytest.approx(np.array([[0.0, 0.6]]))
+    assert state.velocities == pytest.approx(np.array([[3.0, 4.0]]))
+    assert state.headings == pytest.approx([0.3])
 
 
 def test_headings_are_errors_around_the_circle() -> None:
@@ -54,11 +54,11 @@ def test_of_standing_objects_front_and_rear_are_the_same() -> None:
 
 
 def test_no_pairs_no_errors() -> None:
-    found = state_errors([], [], [])
-    assert len(found) == 0
-    assert math.isnan(nees(found).mean)
-    assert math.isnan(nees(found).inside)
-    assert nees(found).band() == (0.0, 0.0)
+    no_errors = state_errors([], [], [])
+    assert len(no_errors) == 0
+    assert math.isnan(nees(no_errors).mean)
+    assert math.isnan(nees(no_errors).inside)
+    assert nees(no_errors).band() == (0.0, 0.0)
 
 
 def test_nees_by_hand() -> None:
@@ -86,12 +86,12 @@ def drawn(n: int, scale: float) -> StateErrors:
 
 @pytest.mark.parametrize("velocity", [False, True])
 def test_consistent_errors_lie_in_the_band(velocity) -> None:
-    found = nees(drawn(4000, 1.0), velocity=velocity)
-    low, high = found.band()
-    assert low < found.mean < high
-    assert found.inside == pytest.approx(0.95, abs=0.015)
+    statistic = nees(drawn(4000, 1.0), velocity=velocity)
+    low, high = statistic.band()
+    assert low < statistic.mean < high
+    assert statistic.inside == pytest.approx(0.95, abs=0.015)
     sure = nees(drawn(4000, 0.5), velocity=velocity)
-    assert sure.mean == pytest.approx(2 * found.mean)
+    assert sure.mean == pytest.approx(2 * statistic.mean)
     assert sure.mean > sure.band()[1]
     modest = nees(drawn(4000, 2.0), velocity=velocity)
     assert modest.mean < modest.band()[0]
@@ -105,9 +105,9 @@ def test_quantiles_as_scipy_has_them(freedom, probability) -> None:
 
 
 def test_values_that_go_together_widen_the_band() -> None:
-    found = nees(drawn(4000, 1.2))
-    assert not found.in_band(4000)
-    assert found.in_band(50)
+    statistic = nees(drawn(4000, 1.2))
+    assert not statistic.in_band(4000)
+    assert statistic.in_band(50)
     assert not nees(drawn(4000, 8.0)).in_band(50)
     assert not nees(drawn(0, 1.0)).in_band(0)
-    assert found.band(independent=4000) == found.band()
+    assert statistic.band(independent=4000) == statistic.band()

@@ -10,14 +10,14 @@ from roadscope.benchmarks.metrics.tracking import count_matches, match_tracks
 from roadscope.metrics import TrackedSequence, clear
 
 
-def without(s: TrackedSequence, gone: np.ndarray) -> TrackedSequence:
+def without(s: TrackedSequence, removed: np.ndarray) -> TrackedSequence:
     """The same sequence as if some tracks, by number, had never been."""
     frames = []
     for t, alike in enumerate(s.matrices(s.similarities)):
         columns = np.arange(s.track_starts[t], s.track_starts[t + 1])
-        kept = ~np.isin(s.tracks[columns], gone)
+        remaining = ~np.isin(s.tracks[columns], removed)
         truth_ids = s.truth_ids[s.truth_starts[t] : s.truth_starts[t + 1]]
-        frames.append((truth_ids, s.track_ids[columns[kept]], alike[:, kept]))
+        frames.append((truth_ids, s.track_ids[columns[remaining]], alike[:, remaining]))
     return sequence(*frames)
 
 

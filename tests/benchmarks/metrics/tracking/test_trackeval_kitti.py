@@ -22,18 +22,18 @@ LINK_M = 2.0
 def linked(detections: list[Detections]) -> Iterator[np.ndarray]:
     """Give every detection the id of the nearest one of the frame before, first come first."""
     fresh, ids, before = 0, np.empty(0, int), np.empty((0, 3))
-    for found in detections:
-        apart = centre_distances(found.centres, before)
-        own = np.full(len(found), -1)
-        for flat in np.argsort(apart, axis=None):
-            i, j = np.unravel_index(flat, apart.shape)
-            if apart[i, j] > LINK_M:
+    for frame_detections in detections:
+        distances_m = centre_distances(frame_detections.centres, before)
+        own = np.full(len(frame_detections), -1)
+        for flat in np.argsort(distances_m, axis=None):
+            i, j = np.unravel_index(flat, distances_m.shape)
+            if distances_m[i, j] > LINK_M:
                 break
             if own[i] < 0 and ids[j] not in own:
                 own[i] = ids[j]
         new = own < 0
         own[new] = fresh + np.arange(new.sum())
-        fresh, ids, before = fresh + int(new.sum()), own, found.centres
+        fresh, ids, before = fresh + int(new.sum()), own, frame_detections.centres
         yield own
 
 
@@ -62,15 +62,15 @@ def recordings(count: int | None) -> list[KittiSequence]:
 def test_real_sequences(similarity, count) -> None:
     good = 0
     for real in recordings(count):
-        found = [
+        detections = [
             d.moved(pose, "world")
             for d, pose in zip(real.detections, real.world_from_ego, strict=True)
         ]
-        ids = list(linked(found))
+        ids = list(linked(detections))
         if similarity == "image":
             s = in_the_image(real, ids)
         else:
-            s = tracked_sequence(list(map(Tracks.of, found, ids)), real.truths, similarity)
+            s = tracked_sequence(list(map(Tracks.of, detections, ids)), real.truths, similarity)
         check(s)
         check(s, 0.25)
         good += clear(s, 0.25).recall > 0.5

@@ -51,9 +51,11 @@ def check(s: TrackedSequence, threshold: float = 0.5) -> None:
         (theirs.CLEAR(settings_), clear(s, threshold), COUNTS),
         (theirs.Identity(settings_), identity(s, threshold), SHARES),
     ):
-        found = metric.eval_sequence(data)
+        trackeval_result = metric.eval_sequence(data)
         for name, own in names.items():
-            assert getattr(ours, own) == pytest.approx(found[name], abs=1e-9, rel=0), name
+            assert getattr(ours, own) == pytest.approx(trackeval_result[name], abs=1e-9, rel=0), (
+                name
+            )
 
 
 @st.composite
@@ -100,6 +102,10 @@ def test_several_sequences_add_up() -> None:
         (theirs.CLEAR({"PRINT_CONFIG": False}), clear(a) + clear(b) + clear(c), COUNTS),
         (theirs.Identity({"PRINT_CONFIG": False}), identity(a) + identity(b) + identity(c), SHARES),
     ):
-        found = metric.combine_sequences({n: metric.eval_sequence(d) for n, d in data.items()})
+        trackeval_result = metric.combine_sequences(
+            {n: metric.eval_sequence(d) for n, d in data.items()}
+        )
         for name, own in names.items():
-            assert getattr(ours, own) == pytest.approx(found[name], abs=1e-9, rel=0), name
+            assert getattr(ours, own) == pytest.approx(trackeval_result[name], abs=1e-9, rel=0), (
+                name
+            )

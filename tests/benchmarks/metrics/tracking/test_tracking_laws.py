@@ -43,7 +43,7 @@ def changed(s: TrackedSequence, seed: int, *, rename: bool, reorder: bool) -> Tr
     frames: list[list[Any]] = [[], [], [], [], []]
     assert s.distances_m is not None
     pairs = zip(s.matrices(s.similarities), s.matrices(s.distances_m), strict=True)
-    for t, (alike, apart) in enumerate(pairs):
+    for t, (alike, distances_m) in enumerate(pairs):
         rows = np.arange(s.truth_starts[t], s.truth_starts[t + 1])
         columns = np.arange(s.track_starts[t], s.track_starts[t + 1])
         orders = [np.arange(len(rows)), np.arange(len(columns))]
@@ -55,7 +55,7 @@ def changed(s: TrackedSequence, seed: int, *, rename: bool, reorder: bool) -> Tr
             names[0][s.truths[rows]],
             names[1][s.tracks[columns]],
             alike[place],
-            apart[place],
+            distances_m[place],
             s.scores[columns],
         )
         for column, values in zip(frames, frame, strict=True):
@@ -106,10 +106,10 @@ def test_perfect_tracks_get_the_best_of_everything(seed) -> None:
     assert [i.idf1, i.idp, i.idr] == [1.0] * 3
     assert [a.amota, a.samota, a.amotp] == pytest.approx([1.0] * 3)
     assert ospa(s).mean == gospa(s).mean == 0.0
-    found = recovery(s, match_tracks(s))
-    assert len(found)
-    assert found.same_track.all()
-    assert not found.delays.any()
+    recoveries = recovery(s, match_tracks(s))
+    assert len(recoveries)
+    assert recoveries.same_track.all()
+    assert not recoveries.delays.any()
 
 
 @given(SEEDS)

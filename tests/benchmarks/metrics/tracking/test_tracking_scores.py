@@ -13,15 +13,15 @@ RULE = Eligibility(range_m=(0.0, 60.0), min_returns=10)
 A, B = [10.0, 0.0], [20.0, 0.0]
 
 
-def score(followed, truths):
-    return score_tracks(followed, truths, RULE.pairings(followed, truths))
+def score(reported_tracks, truths):
+    return score_tracks(reported_tracks, truths, RULE.pairings(reported_tracks, truths))
 
 
 def episode(rows):
     """Rows of ({object: position}, {track: position}) to truths and tracks."""
     truths = [truth(list(t.values()), ids=list(t)) for t, _ in rows]
-    followed = [tracks(list(f.values()), list(f)) for _, f in rows]
-    return followed, truths
+    reported_tracks = [tracks(list(f.values()), list(f)) for _, f in rows]
+    return reported_tracks, truths
 
 
 def test_perfect_tracks() -> None:
@@ -79,7 +79,7 @@ def test_mostly_tracked_and_lost() -> None:
     assert s.mostly_tracked.value == s.mostly_lost.value == 0.5
 
 
-def test_a_match_is_kept_while_it_lies_within_the_gate() -> None:
+def test_a_match_continues_while_it_lies_within_the_gate() -> None:
     # In frame 2 track 8 is nearer to the object, but 7 had it and is near enough.
     near, far = [10.2, 0.0], [11.5, 0.0]
     s = score(*episode([({1: A}, {7: A}), ({1: A}, {7: far, 8: near})]))
@@ -87,12 +87,12 @@ def test_a_match_is_kept_while_it_lies_within_the_gate() -> None:
     assert s.motp_m.value == pytest.approx(0.75)
 
 
-def test_identity_lasts_over_a_time_in_which_the_object_cannot_be_seen() -> None:
-    seen, hidden = truth([A], ids=[1]), truth([A], ids=[1], returns=0)
-    kept = score([tracks([A], [7])] * 3, [seen, hidden, seen])
-    assert kept.mota.value == 1.0
-    assert kept.recall.n == 2
-    lost = score([tracks([A], [i]) for i in (7, 7, 8)], [seen, hidden, seen])
+def test_identity_lasts_while_the_object_is_hidden() -> None:
+    visible, hidden = truth([A], ids=[1]), truth([A], ids=[1], returns=0)
+    same_identity = score([tracks([A], [7])] * 3, [visible, hidden, visible])
+    assert same_identity.mota.value == 1.0
+    assert same_identity.recall.n == 2
+    lost = score([tracks([A], [i]) for i in (7, 7, 8)], [visible, hidden, visible])
     assert lost.id_switches.value == 1
 
 
@@ -132,8 +132,8 @@ def test_perfect_tracks_in_all_other_scores() -> None:
 
 
 def test_tracks_after_an_occlusion() -> None:
-    seen, hidden = truth([A], ids=[1]), truth([A], ids=[1], returns=0)
-    truths = [seen, hidden, hidden, seen, seen, seen, hidden, seen]
+    visible, hidden = truth([A], ids=[1]), truth([A], ids=[1], returns=0)
+    truths = [visible, hidden, hidden, visible, visible, visible, hidden, visible]
     ids = [[7], [7], [7], [], [7], [7], [], [8]]
     s = score([tracks([A] * len(i), i) for i in ids], truths)
     assert (s.kept_through_occlusion.value, s.kept_through_occlusion.n) == (0.5, 2)
@@ -163,12 +163,12 @@ def test_errors_of_states_and_consistency() -> None:
 def test_any_similarity() -> None:
     """Half a length ahead: within 2 m but a third of the boxes only."""
     ahead = [12.0, 0.0]
-    followed, truths = episode([({1: A}, {7: ahead})] * 3)
-    pairings = RULE.pairings(followed, truths)
-    assert score_tracks(followed, truths, pairings).mota.value == 1.0
-    by_box = score_tracks(followed, truths, pairings, similarity="iou_3d")
+    reported_tracks, truths = episode([({1: A}, {7: ahead})] * 3)
+    pairings = RULE.pairings(reported_tracks, truths)
+    assert score_tracks(reported_tracks, truths, pairings).mota.value == 1.0
+    by_box = score_tracks(reported_tracks, truths, pairings, similarity="iou_3d")
     assert by_box.mota.value == -1.0
-    loose = score_tracks(followed, truths, pairings, similarity="iou_bev", threshold=0.25)
+    loose = score_tracks(reported_tracks, truths, pairings, similarity="iou_bev", threshold=0.25)
     assert loose.mota.value == 1.0
     assert loose.motp.value == pytest.approx(2.5 / 6.5)
     assert loose.motp_m.value == 2.0
@@ -184,13 +184,13 @@ def test_an_empty_episode_has_no_mota() -> None:
 @settings(max_examples=40, deadline=None)
 def test_names_of_tracks_and_order_do_not_matter(frames, n, m, seed) -> None:
     rng = np.random.default_rng(seed)
-    followed, truths, renamed = [], [], []
+    reported_tracks, truths, renamed = [], [], []
     names = rng.permutation(100)
     for _ in range(frames):
         truths.append(truth(rng.uniform(-5, 5, (m, 2)), ids=np.arange(m)))
         xy, ids, order = rng.uniform(-5, 5, (n, 2)), rng.permutation(8)[:n], rng.permutation(n)
-        followed.append(tracks(xy, ids))
+        reported_tracks.append(tracks(xy, ids))
         renamed.append(tracks(xy[order], names[ids][order]))
-    a, b = score(followed, truths).named(), score(renamed, truths).named()
+    a, b = score(reported_tracks, truths).named(), score(renamed, truths).named()
     for name in a:
         assert a[name].value == pytest.approx(b[name].value, nan_ok=True), name

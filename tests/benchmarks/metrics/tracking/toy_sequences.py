@@ -33,20 +33,24 @@ def wandering(
         places = places + rng.normal(0, 0.4, places.shape)
         if rng.random() < 0.2:
             names = rng.permutation(objects + 2)[:objects]
-        there, seen = rng.random(objects) < 0.8, rng.random(objects) < 0.8
+        there, detected = rng.random(objects) < 0.8, rng.random(objects) < 0.8
         false = rng.uniform(0, 12, (int(rng.integers(0, 3)), 2))
-        found = np.concatenate([places[seen] + rng.normal(0, 0.8, (seen.sum(), 2)), false])
-        ids = np.concatenate([names[seen], 100 + rng.permutation(5)[: len(false)]])
-        apart = np.linalg.norm(places[there][:, None] - found[None], axis=-1)
+        detected_places = np.concatenate(
+            [places[detected] + rng.normal(0, 0.8, (detected.sum(), 2)), false]
+        )
+        ids = np.concatenate([names[detected], 100 + rng.permutation(5)[: len(false)]])
+        distances_m = np.linalg.norm(places[there][:, None] - detected_places[None], axis=-1)
         order = rng.permutation(len(ids))
         frame = (
             np.flatnonzero(there),
             ids[order],
-            np.maximum(0, 1 - apart / (2 * GATE_M))[:, order],
-            apart[:, order],
+            np.maximum(0, 1 - distances_m / (2 * GATE_M))[:, order],
+            distances_m[:, order],
             rng.uniform(0, 1, len(ids)) * 0.2 + (ids % 5) / 7,
         )
         for column, values in zip(columns, frame, strict=True):
             column.append(values)
-    truth_ids, track_ids, alike, apart_m, scores = columns
-    return TrackedSequence.of(truth_ids, track_ids, alike, distances_m=apart_m, scores=scores)
+    truth_ids, track_ids, alike, pair_distances_m, scores = columns
+    return TrackedSequence.of(
+        truth_ids, track_ids, alike, distances_m=pair_distances_m, scores=scores
+    )
