@@ -567,7 +567,7 @@ class Ground:
             visible = across * np.cos(half_angle) - along * np.sin(half_angle) <= reach
             visible |= half_angle >= np.pi / 2
             depths = (along - reach) * horizontal_length - lens.origin[2] * lens.rotation[2, 2]
-            visible &= depths <= _deepest_m(lens, level) * (1.0 + 1e-9)
+            visible &= depths <= 1.001 * _deepest_m(lens, level)  # kernels round to 32 bits
             for column, row in tiles[visible].tolist():
                 self._paint(level, column, row)
         return self.cells
