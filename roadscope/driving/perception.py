@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections import deque
 from collections.abc import Callable, Iterable
 from dataclasses import replace
@@ -25,12 +26,27 @@ from roadscope.trackers import TRACKERS, is_offline
 
 PLUS = " + "
 """Separates the detector from the tracker in the text of a stack."""
+_DELAY = re.compile(rf"{re.escape(PLUS)}(\d+(?:\.\d+)?) ?ms$")
 TRUTH, BLIND = "truth", "blind"
 """Stacks without sensors: the true road users, and no road users."""
 
 
+ROUNDING_S = 1e-6
+"""Instants that differ by less are the same."""
 MakePlugin = Callable[[Registry[Any], Spec], Any]
 """Makes a plug-in of a registry."""
+
+
+class StackParts(NamedTuple):
+    """What a stack is made of.
+
+    detector, tracker: their specs; that of the tracker resolved. delay_s: from the stamp of a scan
+    to the moment when its tracks are known, at the earliest.
+    """
+
+    detector: Spec
+    tracker: Spec
+    delay_s: float
 
 
 class ProcessedScan(NamedTuple):
@@ -51,17 +67,20 @@ def in_this_process(registry: Registry[Any], spec: Spec) -> Any:
     return plugin
 
 
-def parts_of(text: str) -> tuple[Spec, Spec]:
-    """Return the specs of the detector and of the tracker of a stack; that of the tracker resolved.
-
-    Raise `SpecError` for a text that is no stack.
-    """
-    detector, plus, tracker = text.rpartition(PLUS)
+def parts_of(text: str) -> StackParts:
+    """Return what a stack is made of; `SpecError` for a text that is no stack."""
+    delay = _DELAY.search(text)
+    detector, plus, tracker = (text[: delay.start()] if delay else text).rpartition(PLUS)
     if not plus:
         raise SpecError(
             f"'{text}' names no perception stack{_suggestion(text)}: expected "
             f"'DETECTOR{PLUS}TRACKER', such as 'distance-l-shape{PLUS}existence', or '{TRUTH}' or "
             f"'{BLIND}'"
+        )
+    if PLUS in detector:
+        raise SpecError(
+            f"'{text}' has too many parts: expected 'DETECTOR{PLUS}TRACKER' or, with the time that "
+            f"the stack needs, 'DETECTOR{PLUS}TRACKER{PLUS}200 ms'"
         )
     spec = Spec.parse(detector)
     if spec.name in CAMERA_DETECTORS and spec.name not in DETECTORS:
@@ -69,7 +88,7 @@ def parts_of(text: str) -> tuple[Spec, Spec]:
             f"'{detector}' is a camera detector: it gives boxes in images, without distance. "
             f"'fused?lidar=A&camera={detector}&fusion=C{PLUS}{tracker}' uses one"
         )
-    return spec, TRACKERS.resolve(tracker)
+    return StackParts(spec, TRACKERS.resolve(tracker), float(delay[1]) / 1e3 if delay else 0.0)
 
 
 def _suggestion(text: str) -> str:
@@ -86,7 +105,8 @@ class Perception:
 
     text: `DETECTOR + TRACKER`, each a spec. The detector is one of LiDAR or
         `fused?lidar=A&camera=B&fusion=C`. The tracker may have `?ego=ODOMETRY` or `?ego=none`;
-        otherwise it gets the true poses of the ego.
+        otherwise it gets the true poses of the ego. With `DETECTOR + TRACKER + 200 ms` the tracks
+        of a scan are known 0.2 s after its stamp, as if the stack computed for so long.
     rig: the sensors whose frames it gets.
     make: makes a plug-in of a registry from its spec; None makes them in this process.
 
@@ -95,7 +115,7 @@ class Perception:
 
     def __init__(self, text: str, rig: Rig, make: MakePlugin | None = None) -> None:
         make = make or in_this_process
-        detector, tracker = parts_of(text)
+        detector, tracker, self._delay_s = parts_of(text)
         self.text = text
         self._tracker = make(TRACKERS, tracker.plain)
         self._ego = _EgoPoses(tracker.ego, rig, make)
@@ -108,7 +128,9 @@ class Perception:
         self._source.reset()
         self._tracker.reset()
         self._ego.reset()
-        self._tracks: Tracks | None = None
+        self._known = Tracks.empty(0.0, "world")
+        self._last_stamp_s = -np.inf
+        self._computing: deque[Tracks] = deque()
         self._processed: list[ProcessedScan] = []
 
     def used_sensors(self, rig: Rig) -> Rig:
@@ -134,21 +156,26 @@ class Perception:
         return processed
 
     def tracks(self, now_s: float) -> Tracks:
-        """Return the tracks that are not tentative, frame `world`, moved on to `now_s`."""
-        if self._tracks is None:
-            return Tracks.empty(now_s, "world")
-        moved = self._tracks.centres.copy()
-        moved[:, :2] += (now_s - self._tracks.stamp_s) * self._tracks.velocities
-        return replace(self._tracks, centres=moved, stamp_s=now_s)
+        """Return the tracks that are not tentative, frame `world`, moved on to `now_s`.
+
+        `now_s` must not be before that of an earlier call.
+        """
+        while self._computing and self._computing[0].stamp_s + self._delay_s <= now_s + ROUNDING_S:
+            self._known = self._computing.popleft()
+        moved = self._known.centres.copy()
+        moved[:, :2] += (now_s - self._known.stamp_s) * self._known.velocities
+        return replace(self._known, centres=moved, stamp_s=now_s)
 
     def _track(self, detections: Detections) -> None:
         # A detector that answers late has an empty answer for a frame first, and then another.
-        if self._tracks is not None and detections.stamp_s <= self._tracks.stamp_s:
+        if detections.stamp_s <= self._last_stamp_s:
             return
+        self._last_stamp_s = detections.stamp_s
         pose = self._ego.believed(detections.stamp_s)
         tracks = self._tracker.update(detections, pose).sure
-        self._tracks = self._ego.in_true_world(tracks, pose, detections.stamp_s)
-        self._processed.append(ProcessedScan(detections, self._tracks))
+        in_world = self._ego.in_true_world(tracks, pose, detections.stamp_s)
+        self._computing.append(in_world)
+        self._processed.append(ProcessedScan(detections, in_world))
 
 
 def stack_of(text: str, rig: Rig) -> Perception | str:

@@ -178,6 +178,21 @@ def test_what_is_near_is_perceived_where_it_is() -> None:
         assert speed_m_s < 3.0
 
 
+def test_a_delay_makes_tracks_as_old_as_it_says() -> None:
+    stacks = (STACK, f"{STACK} + 200 ms")
+    prompt, late = (PerceptionWrapper(highway(policy_frequency=5), s, rig="vlp16") for s in stacks)
+    known = [env.reset(seed=3)[1]["tracks"] for env in (prompt, late)]
+    for _ in range(8):
+        before = known[0]
+        known = [env.step(1)[4]["tracks"] for env in (prompt, late)]
+        assert np.array_equal(known[1].ids, before.ids)
+        assert known[1].stamp_s == known[0].stamp_s
+        moved = before.centres[:, :2] + before.velocities * (known[1].stamp_s - before.stamp_s)
+        assert np.allclose(known[1].centres[:, :2], moved, atol=1e-9)
+    assert len(known[1]) >= 2
+    assert not np.array_equal(known[0].velocities, known[1].velocities)
+
+
 @pytest.mark.parametrize("ego", ["none", "dead-reckoning"])
 def test_tracks_stand_where_the_ego_sees_them_whatever_its_poses(ego: str) -> None:
     stack, rig = Perception(f"{STACK}?ego={ego}", find_rig("vlp16-imu")), "vlp16-imu"
@@ -346,6 +361,8 @@ def test_environments_run_side_by_side() -> None:
         ("Truth", "vlp16", "did you mean 'truth'"),
         ("bilnd", "vlp16", "did you mean 'blind'"),
         ("existence", "vlp16", "'truth' or 'blind'"),
+        ("existence + 200 ms", "vlp16", "'truth' or 'blind'"),
+        ("distance-l-shape + existence + 200", "vlp16", "200 ms"),
     ],
 )
 def test_what_is_no_stack_is_refused(text: str, rig: str, word: str) -> None:

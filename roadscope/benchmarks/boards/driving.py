@@ -194,7 +194,7 @@ def check_stack(text: str, suite: Suite) -> None:
             check_plugin_spec(spec, KINDS[spec.kind])
         if traits_of(spec).offline:
             raise SpecError(f"'{spec}' needs the whole episode, so nobody can drive with it")
-    if stack.senses and parts_of(text)[0].name == FUSED:
+    if stack.senses and parts_of(text).detector.name == FUSED:
         check_camera(suite)
 
 

@@ -58,7 +58,7 @@ CLOSED_LOOP = "roadscope.driving.closed_loop"
 
 @dataclass(frozen=True)
 class Stack:
-    """A perception stack: `DETECTOR + TRACKER`, `truth` or `blind`."""
+    """A perception stack: `DETECTOR + TRACKER`, perhaps ` + 200 ms`, or `truth` or `blind`."""
 
     text: str
 
@@ -71,7 +71,7 @@ class Stack:
         """Return the resolved specs of all plug-ins in it; `SpecError` if it is no stack."""
         if not self.senses:
             return ()
-        detector, tracker = parts_of(self.text)
+        detector, tracker, _ = parts_of(self.text)
         specs = [tracker.plain]
         if detector.name == FUSED:
             kinds = {"lidar": DETECTOR, "camera": CAMERA_DETECTOR, "fusion": FUSION}
