@@ -11,7 +11,7 @@ from roadscope.benchmarks.metrics.breakdown import part_name, precision_by_score
 from roadscope.benchmarks.metrics.calibration import calibration_error, excess
 from roadscope.benchmarks.metrics.image_labels import FAMILIES, Labels
 from roadscope.benchmarks.metrics.matching import image_overlaps
-from roadscope.benchmarks.metrics.ranked_precision import RECALL_LEVELS
+from roadscope.benchmarks.metrics.ranked_precision import FALSE_ALARM, IGNORED, RECALL_LEVELS
 from roadscope.benchmarks.metrics.score import Score, ScoreFamily, averaged, mean, ratio
 from roadscope.core import Category, ImageDetections
 from roadscope.core.category import families_of
@@ -94,27 +94,35 @@ def hits_of(curve: PrecisionCurve) -> np.ndarray:
 
 
 def match_image(image: LabelledImage, least_iou: float = 0.5) -> tuple[np.ndarray, np.ndarray]:
-    """Return the rows of detections that count, (C,) by falling score, and (C,) bool: right or not.
+    """Return the rows of the C detections that count, by falling score, and which are right."""
+    order = np.argsort(-image.scores, kind="mergesort")
+    matched = matched_objects(image, least_iou)[order]
+    counts = matched != IGNORED
+    return order[counts], matched[counts] >= 0
+
+
+def matched_objects(image: LabelledImage, least_iou: float = 0.5) -> np.ndarray:
+    """Return (N,) int64, the eligible object of each detection, or `FALSE_ALARM` or `IGNORED`.
 
     From the highest score down, each detection is matched with the free object that it overlaps
-    most, eligible objects first. A detection that is matched with an ineligible object does not
-    count; one that is matched with nothing counts if `counted` says so.
+    most, eligible objects first. A detection that is matched with an ineligible object is ignored;
+    one that is matched with nothing is a false alarm if `counted` says that it counts.
     """
     order = np.argsort(-image.scores, kind="mergesort")
     eligible_first = np.argsort(~image.eligible, kind="mergesort")
     overlaps = image_overlaps(image.boxes[order], image.objects[eligible_first])
     eligible = image.eligible[eligible_first]
     free = np.ones(len(eligible), bool)
-    right, counts = np.zeros(len(order), bool), image.counted[order].copy()
-    for i, row in enumerate(overlaps):
+    matched = np.where(image.counted, FALSE_ALARM, IGNORED)
+    for detection, row in zip(order, overlaps, strict=True):
         possible = free & (row >= min(least_iou, 1 - 1e-10))
         column = _most_overlapping(row, possible & eligible)
         if column is None:
             column = _most_overlapping(row, possible & ~eligible)
         if column is not None:
             free[column] = False
-            right[i] = counts[i] = eligible[column]
-    return order[counts], right[counts]
+            matched[detection] = eligible_first[column] if eligible[column] else IGNORED
+    return matched
 
 
 def _most_overlapping(overlaps: np.ndarray, possible: np.ndarray) -> int | None:

@@ -126,11 +126,10 @@ class FusionNode(Node):
         if not self.episode.simulated:
             return ()
         true_projection = projection_of(rig(self.episode.rig))
-        image_s = np.array([t.stamp_s for t in camera.truths])
         targets = []
         for row in rows.tolist():
             truth = lidar.truths[row]
-            image = camera.truths[int(np.abs(image_s - truth.stamp_s).argmin())]
+            image = image_truth_of(truth, camera)
             moved = _moved(true_projection, lidar, row, image.stamp_s - truth.stamp_s)
             targets.append(targets_of(truth, image, lidar.parked, moved))
         return tuple(targets)
@@ -238,18 +237,30 @@ def _moved(projection: Projection, lidar: EpisodeDetections, row: int, gap_s: fl
     return moved_projection(projection, motion, now.stamp_s - before.stamp_s, gap_s)
 
 
+def image_truth_of(truth: Truth, camera: EpisodeImageDetections) -> Truth:
+    """Return the truth of the image nearest in time to a scan."""
+    image_s = np.array([image.stamp_s for image in camera.truths])
+    return camera.truths[int(np.abs(image_s - truth.stamp_s).argmin())]
+
+
+def rows_in_both(truth: Truth, image: Truth) -> np.ndarray:
+    """Return (R,) int64, the rows of a scan's objects that the truth of its image has too."""
+    return np.flatnonzero(np.isin(truth.ids, image.ids))
+
+
 def targets_of(
     truth: Truth, image: Truth, parked: np.ndarray, projection: Projection
 ) -> FusionTargets:
-    """Return the objects in a scan and its image; (P, 2) parked cars come last, not eligible.
+    """Return the objects in a scan and its image, in the order of `rows_in_both`.
+
+    (P, 2) parked cars come last, not eligible.
 
     Eligible are objects in the image, 3 to 60 m away, less than nine tenths hidden, with at least 5
     returns, or with 60 visible pixels and a height of 12.
     """
     assert image.image_boxes is not None
     row_in_image = {int(identity): row for row, identity in enumerate(image.ids)}
-    # The rows of the objects that the truths of scan and image have in common.
-    rows = np.array([k for k, i in enumerate(truth.ids.tolist()) if i in row_in_image], np.int64)
+    rows = rows_in_both(truth, image)
     image_rows = np.array([row_in_image[int(truth.ids[k])] for k in rows], np.int64)
     centres = truth.world_from_ego.inverse().apply(truth.centres[rows])
     boxes = image.image_boxes[image_rows]
