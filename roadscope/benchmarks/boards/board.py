@@ -97,7 +97,6 @@ class SuiteCheck(NamedTuple):
     argument: Any
 
 
-NO_IMAGE_REPLAY = "Answers on images have no replay: roadscope view shows them."
 NO_RECORDED_REPLAY = "Recorded objects are matched by rules of their own, and have no replay."
 
 

@@ -8,7 +8,6 @@ import numpy as np
 
 from roadscope.benchmarks.boards.board import (
     CONDITIONS,
-    NO_IMAGE_REPLAY,
     Board,
     Breakdown,
     Column,
@@ -53,7 +52,6 @@ class CameraBoard(Board):
 
     name = "camera"
     kind = CAMERA_DETECTOR
-    without_replay = NO_IMAGE_REPLAY
     settings_type = CameraSettings
     headline = "ap50"
     columns = (

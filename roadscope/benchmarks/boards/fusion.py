@@ -8,7 +8,6 @@ from typing import NamedTuple
 
 from roadscope.benchmarks.boards.board import (
     CONDITIONS,
-    NO_IMAGE_REPLAY,
     Board,
     Breakdown,
     Column,
@@ -67,7 +66,6 @@ class FusionBoard(Board):
 
     name = "fusion"
     kind = FUSION
-    without_replay = NO_IMAGE_REPLAY
     settings_type = FusionSettings
     headline = "ap"
     columns = (

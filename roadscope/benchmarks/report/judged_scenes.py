@@ -1,15 +1,21 @@
-"""Detections and tracks of an episode with what was right and wrong in each frame."""
+"""Answers of an episode with what was right and wrong in each frame: boxes in space, in images."""
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from roadscope.benchmarks.eligibility import Eligibility
+from roadscope.benchmarks.metrics import fusion as fusion_metrics
+from roadscope.benchmarks.metrics import image_detection as image_metrics
 from roadscope.benchmarks.metrics.detection import GATE_M
+from roadscope.benchmarks.metrics.fusion import FusionTargets, match_targets
+from roadscope.benchmarks.metrics.image_labels import FAMILIES, PARKED, Labels
 from roadscope.benchmarks.metrics.matching import Pairing, match
+from roadscope.benchmarks.metrics.ranked_precision import FALSE_ALARM
 from roadscope.benchmarks.metrics.tracking.clear import switched
 from roadscope.benchmarks.metrics.tracking.matching import match_tracks
 from roadscope.benchmarks.metrics.tracking.scores import (
@@ -17,29 +23,40 @@ from roadscope.benchmarks.metrics.tracking.scores import (
     counted_sequence,
     matched_rows,
 )
-from roadscope.benchmarks.records import EpisodeDetections, EpisodeTracks
-from roadscope.benchmarks.report.replay_records import FrameBoxes, boxes_of
-from roadscope.core import Tracks, Truth
+from roadscope.benchmarks.nodes.fusions import image_truth_of, rows_in_both
+from roadscope.benchmarks.records import (
+    EpisodeDetections,
+    EpisodeFusions,
+    EpisodeImageDetections,
+    EpisodeTracks,
+)
+from roadscope.benchmarks.report.replay_records import FrameBoxes, boxes_of, category_names
+from roadscope.core import Category, Detections, ImageDetections, Tracks, Truth
+from roadscope.core.category import families_of
+from roadscope.core.fused import FusedDetections
+from roadscope.core.projection import Projection
 
 SWITCHES, MISSES, ALARMS = "identity switches", "misses", "false alarms"
 MARGIN_M = 10.0
 """How far objects and lanes are shown beyond the range in which objects are eligible."""
+BEAM_M, BEAM_WIDTH_M = 30.0, 0.4
+"""Length, where no object gives one, and width of a beam; chosen by hand."""
 
 
 @dataclass(frozen=True, slots=True)
-class JudgedScene:
-    """An episode with what was right and wrong in each frame.
+class JudgedFrames(ABC):
+    """Frames of an episode with what was right and wrong in each.
 
-    objects, answers: true boxes, and those of the entry, with their states.
-    switches: by frame, texts about switches of identities.
-    reach_m: how far from the ego boxes are shown.
+    times_s: (T,). objects, answers: true boxes, and those of the entry, with their states.
     """
 
-    truths: Sequence[Truth]
+    times_s: np.ndarray
     objects: Sequence[FrameBoxes]
     answers: Sequence[FrameBoxes]
-    switches: Mapping[int, Sequence[str]]
-    reach_m: float
+
+    @abstractmethod
+    def object_text(self, frame: int, row: int) -> str:
+        """Return what an object is, where, and how much of it is seen."""
 
     def wrong(self, kind: str) -> list[np.ndarray]:
         """Return for each frame (N,) bool: which boxes are wrong, answers for false alarms.
@@ -59,6 +76,51 @@ class JudgedScene:
         return np.array([int(np.isin(frame.states, ("m", "s")).sum()) for frame in self.objects])
 
 
+@dataclass(frozen=True, slots=True)
+class JudgedScene(JudgedFrames):
+    """Frames whose boxes are seen from above.
+
+    truths: of the frames. switches: by frame, texts about switches of identities.
+    reach_m: how far from the ego boxes are shown.
+    given: the detections that the entry got, where they are shown beside its answers.
+    """
+
+    truths: Sequence[Truth]
+    switches: Mapping[int, Sequence[str]]
+    reach_m: float
+    given: Sequence[FrameBoxes] = ()
+
+    def object_text(self, frame: int, row: int) -> str:
+        """Return what an object is, where, and how much of it is seen."""
+        truth = self.truths[frame]
+        name = Category(int(truth.categories[row])).name.lower()
+        away_m = np.linalg.norm(truth.centres[row, :2] - truth.world_from_ego.translation[:2])
+        hidden = f"{100 * truth.occluded_fraction[row]:.0f} % hidden"
+        returns = truth.lidar_returns[row]
+        return f"{name} {truth.ids[row]} at {away_m:.0f} m with {returns} returns, {hidden}"
+
+
+@dataclass(frozen=True, slots=True)
+class JudgedImages(JudgedFrames):
+    """Frames whose boxes are in images: pixels, x to the right and y up from the left top corner.
+
+    rows: (T,) numbers of the images. labels: the objects of each.
+    """
+
+    rows: np.ndarray
+    labels: Sequence[Labels]
+
+    def object_text(self, frame: int, row: int) -> str:
+        """Return what an object is, where, and how much of it is seen."""
+        labels = self.labels[frame]
+        name, hidden = self.objects[frame].labels[row], f"{100 * labels.occluded[row]:.0f} % hidden"
+        return f"{name} at {labels.ranges_m[row]:.0f} m with {labels.pixels[row]} pixels, {hidden}"
+
+
+# --------------------------------------------------------------------------------------------------
+# Detections and tracks.
+
+
 def judged_scene(
     answers: EpisodeTracks | EpisodeDetections, inputs: EpisodeDetections, rule: Eligibility
 ) -> JudgedScene:
@@ -74,7 +136,12 @@ def judged_scene(
         pairings = rule.pairings(answers.detections, truths, inputs.parked)
         boxes = [boxes_of(each, np.full(len(each), -1)) for each in answers.detections]
         _judge_detections(pairings, objects, boxes)
-    return JudgedScene(truths, objects, boxes, switches, rule.range_m[1] + MARGIN_M)
+    reach_m = rule.range_m[1] + MARGIN_M
+    return JudgedScene(_times_of(truths), objects, boxes, truths, switches, reach_m)
+
+
+def _times_of(truths: Sequence[Truth]) -> np.ndarray:
+    return np.array([truth.stamp_s for truth in truths])
 
 
 def _judge_detections(
@@ -119,3 +186,124 @@ def _judge_tracks(
         objects[t].states[pair.objects] = letters
         boxes[t].states[pair.tracks] = letters
     return switches
+
+
+# --------------------------------------------------------------------------------------------------
+# Fused detections, and detections in images. Those of low scores are left out, as in the rates of
+# their boards.
+
+
+def judged_fusions(
+    answers: EpisodeFusions,
+    lidar: EpisodeDetections,
+    camera: EpisodeImageDetections,
+    projection: Projection,
+) -> JudgedScene:
+    """Match fused detections with the objects of their scans. projection: into the images."""
+    frames = answers.rows.tolist()
+    truths = [lidar.truths[frame] for frame in frames]
+    objects = [boxes_of(truth, truth.ids) for truth in truths]
+    boxes = []
+    for truth, true, fused, targets in zip(
+        truths, objects, answers.fused, answers.targets, strict=True
+    ):
+        shown = fused.select(fused.scores >= fusion_metrics.SCORE_THRESHOLD)
+        shown = shown.select(shown.has_box | shown.has_image_box)
+        matched = match_targets([shown], [targets]).targets
+        # Parked cars, the last ones among the targets, are never eligible.
+        rows = rows_in_both(truth, image_truth_of(truth, camera))
+        eligible = rows[targets.eligible[: len(rows)]]
+        true.states[eligible] = "x"
+        true.states[eligible[matched[matched >= 0]]] = "m"
+        placed = _with_beams(shown, targets, matched, projection)
+        placed = placed.moved(truth.world_from_ego, "world")
+        labels = _scored_names(shown)
+        labels = np.where(shown.has_box, labels, np.char.add(labels, ", camera alone"))
+        boxes.append(
+            boxes_of(placed, np.full(len(placed), -1))._replace(
+                states=_answer_states(matched), labels=labels
+            )
+        )
+    detected = [lidar.detections[frame] for frame in frames]
+    given = [boxes_of(each, np.full(len(each), -1)) for each in detected]
+    given = [each._replace(states=np.full(len(each.states), "d")) for each in given]
+    reach_m = fusion_metrics.FARTHEST_M + MARGIN_M
+    return JudgedScene(_times_of(truths), objects, boxes, truths, {}, reach_m, given)
+
+
+def _with_beams(
+    fused: FusedDetections, targets: FusionTargets, matched: np.ndarray, projection: Projection
+) -> Detections:
+    """Return fused detections in frame `ego`; one without a box becomes a beam in its direction.
+
+    The beam begins at the camera and ends at the matched object, or after `BEAM_M`.
+    """
+    ego_from_pixel = np.linalg.inv(projection.matrix[:, :3])
+    camera = -(ego_from_pixel @ projection.matrix[:, 3])[:2]
+    middles = (fused.image_boxes[:, :2] + fused.image_boxes[:, 2:]) / 2
+    rays = np.column_stack([middles, np.ones(len(fused))]) @ ego_from_pixel.T
+    yaws = np.arctan2(rays[:, 1], rays[:, 0])
+    lengths_m, hit = np.full(len(fused), BEAM_M), matched >= 0
+    ends = targets.centres[targets.eligible][matched[hit], :2]
+    lengths_m[hit] = np.linalg.norm(ends - camera, axis=1)
+    beams = camera + lengths_m[:, None] / 2 * np.column_stack([np.cos(yaws), np.sin(yaws)])
+    sizes = np.column_stack([lengths_m, np.full((len(fused), 2), BEAM_WIDTH_M)])
+    has_box = fused.has_box[:, None]
+    return Detections(
+        np.where(has_box, fused.centres, np.column_stack([beams, np.zeros(len(fused))])),
+        np.where(has_box, fused.sizes, sizes),
+        np.where(fused.has_box, fused.yaws, yaws),
+        fused.categories,
+        fused.scores,
+        "ego",
+        fused.stamp_s,
+    )
+
+
+def judged_images(answers: EpisodeImageDetections, extinction_per_m: float) -> JudgedImages:
+    """Match detections in images with the objects in them. extinction_per_m: of the air."""
+    labels = answers.labels(extinction_per_m)
+    objects, boxes = [], []
+    for detected, each in zip(answers.filled, labels, strict=True):
+        shown = detected.select(detected.scores >= image_metrics.SCORE_THRESHOLD)
+        names = category_names(np.where(each.categories == PARKED, Category.CAR, each.categories))
+        names = np.where(each.categories == PARKED, np.char.add("parked ", names), names)
+        true = _image_boxes(each.boxes, names)
+        own = _image_boxes(shown.boxes, _scored_names(shown))
+        true.states[each.eligible] = "x"
+        for family in range(len(FAMILIES)):
+            rows = np.flatnonzero(families_of(shown.categories) == family)
+            columns = np.flatnonzero(each.families == family)
+            (image,) = image_metrics.images_of_family([shown], [each], family)
+            matched = image_metrics.matched_objects(image)
+            own.states[rows] = _answer_states(matched)
+            true.states[columns[matched[matched >= 0]]] = "m"
+        objects.append(true)
+        boxes.append(own)
+    return JudgedImages(_times_of(answers.truths), objects, boxes, answers.rows, labels)
+
+
+def _image_boxes(boxes: np.ndarray, labels: np.ndarray) -> FrameBoxes:
+    """Return boxes of an image, not yet judged. boxes: (N, 4), left top right bottom."""
+    centres = (boxes[:, :2] + boxes[:, 2:]) / 2 * (1, -1)
+    count = len(boxes)
+    return FrameBoxes(
+        np.full(count, -1),
+        centres,
+        boxes[:, 2:] - boxes[:, :2],
+        np.zeros(count),
+        np.full(count, "i"),
+        labels,
+    )
+
+
+def _answer_states(matched: np.ndarray) -> np.ndarray:
+    """Return the states of answers. matched: object of each, or `FALSE_ALARM` or `IGNORED`."""
+    return np.select([matched >= 0, matched == FALSE_ALARM], ["m", "f"], "i")
+
+
+def _scored_names(detections: FusedDetections | ImageDetections) -> np.ndarray:
+    """Return (N,) categories and scores, `car 0.93`."""
+    names = category_names(detections.categories)
+    pairs = zip(names, detections.scores, strict=True)
+    return np.array([f"{name} {score:.2f}" for name, score in pairs], str)

@@ -1,4 +1,4 @@
-"""The worst moments of entries, for a bird's-eye replay: truth, answers and what was wrong.
+"""The worst moments of entries, for a replay: truth, answers and what was wrong.
 
 They are chosen by the scores of a run and read from its kept files; no plug-in runs again.
 """
@@ -6,16 +6,20 @@ They are chosen by the scores of a run and read from its kept files; no plug-in 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from io import BytesIO
 from itertools import zip_longest
 from typing import Any
 
 import numpy as np
+from PIL import Image
 
+from roadscope.benchmarks.boards import board_named
 from roadscope.benchmarks.boards.driving import drive_of
 from roadscope.benchmarks.cache import read_kept
 from roadscope.benchmarks.eligibility import Eligibility
 from roadscope.benchmarks.episode import Episode
 from roadscope.benchmarks.graph import Job
+from roadscope.benchmarks.images import camera_of, pictures, projection_of
 from roadscope.benchmarks.metrics.detection import GATE_M
 from roadscope.benchmarks.metrics.driving import (
     NEAR_MISS_S,
@@ -26,22 +30,37 @@ from roadscope.benchmarks.metrics.driving import (
 )
 from roadscope.benchmarks.metrics.trajectory_errors import absolute_errors, aligned, relative_errors
 from roadscope.benchmarks.nodes.drives import EpisodeDrive
+from roadscope.benchmarks.nodes.fusions import FusionNode
+from roadscope.benchmarks.nodes.images import ImageNode, extinction_per_m
 from roadscope.benchmarks.nodes.tracks import TrackNode
 from roadscope.benchmarks.nodes.tuned import TunedNode
 from roadscope.benchmarks.progress import Progress, silent
-from roadscope.benchmarks.records import EpisodeDetections, EpisodePoses, EpisodeTracks
+from roadscope.benchmarks.records import (
+    EpisodeDetections,
+    EpisodeFusions,
+    EpisodeImageDetections,
+    EpisodePoses,
+    EpisodeTracks,
+)
 from roadscope.benchmarks.report.judged_scenes import (
     ALARMS,
     MISSES,
     SWITCHES,
+    JudgedFrames,
+    JudgedImages,
     JudgedScene,
+    judged_fusions,
+    judged_images,
     judged_scene,
 )
 from roadscope.benchmarks.report.replay_records import (
     AROUND_S,
+    DECIMETRES,
     FrameBoxes,
+    MovingBox,
     ReplayMoment,
     boxes_of,
+    category_names,
     focus_on,
     lanes_of,
     motion_of,
@@ -52,7 +71,8 @@ from roadscope.benchmarks.report.replay_records import (
     series_of,
 )
 from roadscope.benchmarks.results import JobScores, Results
-from roadscope.core import Category, Detections, RecordError, Truth
+from roadscope.core import Category, Detections, RecordError
+from roadscope.envs.sensors.rigs import rig
 
 DRIFT, JUMP = "drift", "jump"
 COLLISION, NEAR_MISS, PHANTOM = "collision", "near miss", "phantom braking"
@@ -73,10 +93,16 @@ REACH_M = 40.0
 """
 MARKER_AHEAD_M = 1.45
 """How far the middle of the ego, as the page draws it, is ahead of its pose: the rear axle."""
+IMAGE_WIDTH_PX, JPEG_QUALITY = 400, 40
+"""Width and quality of the images of a moment, about 9 kB each; chosen by hand."""
+LEAST_VIEW = 0.5
+"""Share of the image's width and height that is in the first view at least; chosen by hand."""
 
 SEVERITIES: Mapping[type, Mapping[str, str]] = {
     EpisodeTracks: {SWITCHES: "id_switches", MISSES: "recall", ALARMS: "precision"},
     EpisodeDetections: {MISSES: "detection_rate", ALARMS: "precision"},
+    EpisodeFusions: {MISSES: "detection_rate", ALARMS: "precision"},
+    EpisodeImageDetections: {MISSES: "detection_rate", ALARMS: "false_alarms"},
     EpisodePoses: {DRIFT: "end", JUMP: "rpe"},
     EpisodeDrive: {COLLISION: "collided", NEAR_MISS: "near_misses", PHANTOM: "phantom_braking"},
 }
@@ -98,7 +124,8 @@ def worst_moments(
     for job, scored in zip(jobs, results.jobs, strict=True):
         record = job.answers.record
         shown = job.mark is None or record is EpisodeDrive
-        if scored.reason is None and shown and record in SEVERITIES:
+        replayable = record in SEVERITIES and not board_named(job.board.name).without_replay
+        if scored.reason is None and shown and replayable:
             of_entry.setdefault((job.board.name, job.entry), []).append((job, scored))
     queues: list[list[ReplayMoment]] = []
     for done, pairs in enumerate(of_entry.values(), start=1):
@@ -116,8 +143,11 @@ def _worst(pairs: Sequence[tuple[Job, JobScores]], kind: str, metric: str) -> li
     """Return the job with the worst score, if it is not perfect; of collisions, all jobs."""
     scores = [scored.scores[metric] for _, scored in pairs]
     if kind in (MISSES, ALARMS):
-        # The metric is a ratio of `n` samples: how many of them are failures.
-        severities = [(1.0 - score.value) * score.n for score in scores]
+        # The metric is a mean of `n` samples: how many failures there are in all.
+        severities = [
+            (score.value if score.better == "lower" else 1.0 - score.value) * score.n
+            for score in scores
+        ]
     else:
         severities = [score.value for score in scores]
     severities = np.nan_to_num(severities, nan=0.0).tolist()
@@ -135,32 +165,45 @@ def _read(job: Job, kind: str) -> list[ReplayMoment]:
             return _of_poses(job, kind, answers)
         if isinstance(answers, EpisodeDrive):
             return _of_drive(job, kind, answers)
-        if not isinstance(job.settings, Eligibility):
-            return []  # Recorded data are matched by rules of their own.
-        inputs = answers
-        if isinstance(job.answers, TrackNode | TunedNode):
-            source = job.answers.detections
-            inputs = read_kept(source.path, source.record.load)
+        judged = _judged(job, answers)
     except (OSError, RecordError):
         return []
+    return [_of_frames(job, kind, judged, event) for event in _events(judged, kind)]
+
+
+def _judged(job: Job, answers: Any) -> JudgedFrames:
+    """Return the answers of a job with what was right and wrong; read what they are made from."""
     assert isinstance(job.episode, Episode)
-    scene, lanes = judged_scene(answers, inputs, job.settings), lanes_of(job.episode)
-    return [_of_scene(job, kind, scene, int(event), lanes) for event in _events(scene, kind)]
+    if isinstance(answers, EpisodeImageDetections):
+        return judged_images(answers, extinction_per_m(job.episode))
+    if isinstance(job.answers, FusionNode):
+        lidar, camera = job.answers.lidar, job.answers.camera
+        return judged_fusions(
+            answers,
+            read_kept(lidar.path, lidar.record.load),
+            read_kept(camera.path, camera.record.load),
+            projection_of(rig(job.episode.rig)),
+        )
+    inputs = answers
+    if isinstance(job.answers, TrackNode | TunedNode):
+        source = job.answers.detections
+        inputs = read_kept(source.path, source.record.load)
+    assert isinstance(job.settings, Eligibility)
+    return judged_scene(answers, inputs, job.settings)
 
 
 # --------------------------------------------------------------------------------------------------
-# Detections and tracks.
+# Detections, tracks, fused detections, and detections in images.
 
 
-def _events(scene: JudgedScene, kind: str) -> list[int]:
+def _events(judged: JudgedFrames, kind: str) -> list[int]:
     """Return the frames in which most goes wrong, some seconds apart, the worst one first."""
-    counts = scene.counts(kind)
+    counts, times_s = judged.counts(kind), judged.times_s
     sums = counts
     if kind != SWITCHES:
         # The mode "same" of NumPy returns more than there is of an episode of few frames.
         sums = np.convolve(counts, np.ones(SUMMED_FRAMES))[SUMMED_FRAMES // 2 :][: len(counts)]
     sums = np.where(counts > 0, sums, 0)
-    times_s = np.array([truth.stamp_s for truth in scene.truths])
     events: list[int] = []
     while len(events) < MOST_OF_A_KIND and sums.max(initial=0) > 0:
         events.append(int(np.argmax(sums)))
@@ -168,13 +211,31 @@ def _events(scene: JudgedScene, kind: str) -> list[int]:
     return events
 
 
-def _of_scene(
-    job: Job, kind: str, scene: JudgedScene, event: int, lanes: Sequence[Any]
-) -> ReplayMoment:
+def _of_frames(job: Job, kind: str, judged: JudgedFrames, event: int) -> ReplayMoment:
     """Return the moment around an event. event: number of its frame in the episode."""
-    times_s = np.array([truth.stamp_s for truth in scene.truths])
+    times_s = judged.times_s
     near = np.flatnonzero(abs(times_s - times_s[event]) <= AROUND_S + 1e-9)
     frames: list[int] = near[abs(near - event) <= MOST_FRAMES_AROUND].tolist()
+    if isinstance(judged, JudgedImages):
+        shown = _in_images(job, kind, judged, frames, event)
+    else:
+        assert isinstance(judged, JudgedScene)
+        shown = _from_above(job, kind, judged, frames, event)
+    return ReplayMoment(
+        **named(job),
+        kind=kind,
+        text=_text(judged, kind, event),
+        event=frames.index(event),
+        times_s=[round(float(times_s[t]), 2) for t in frames],
+        **shown,
+    )
+
+
+def _from_above(
+    job: Job, kind: str, scene: JudgedScene, frames: Sequence[int], event: int
+) -> dict[str, Any]:
+    """Return the fields of a moment that is seen from above."""
+    assert isinstance(job.episode, Episode)
     truths = [scene.truths[t] for t in frames]
     origin = planar(scene.truths[event].world_from_ego.matrix[None])[0]
     egos = planar(np.array([truth.world_from_ego.matrix for truth in truths]))
@@ -185,44 +246,92 @@ def _of_scene(
     if np.linalg.norm(in_view, axis=1).min() < NEAR_M:
         ego = np.zeros(2)
         in_view = np.vstack([in_view, ego])
-    return ReplayMoment(
-        **named(job),
-        kind=kind,
-        text=_text(scene, kind, event),
-        event=frames.index(event),
-        times_s=[round(truth.stamp_s, 2) for truth in truths],
-        ego=motion_of(moved_into(egos, origin)),
-        focus=focus_on(in_view),
-        objects=series_of([scene.objects[t] for t in frames], origin, egos, scene.reach_m),
-        answers=series_of([scene.answers[t] for t in frames], origin, egos, scene.reach_m),
-        lanes=near_lanes(lanes, origin, egos, scene.reach_m),
-    )
+
+    def series(of_episode: Sequence[FrameBoxes]) -> list[MovingBox]:
+        return series_of([of_episode[t] for t in frames], origin, egos, scene.reach_m)
+
+    return {
+        "ego": motion_of(moved_into(egos, origin)),
+        "focus": focus_on(in_view),
+        "objects": series(scene.objects),
+        "answers": [*series(scene.answers), *(series(scene.given) if scene.given else ())],
+        "lanes": near_lanes(lanes_of(job.episode), origin, egos, scene.reach_m),
+    }
 
 
-def _text(scene: JudgedScene, kind: str, event: int) -> str:
+def _in_images(
+    job: Job, kind: str, judged: JudgedImages, frames: Sequence[int], event: int
+) -> dict[str, Any]:
+    """Return the fields of a moment in images."""
+    assert isinstance(job.episode, Episode)
+    pinhole = camera_of(rig(job.episode.rig)).spec.pinhole
+    size_px = np.array([pinhole.width, pinhole.height])
+    boxes, wrong = (judged.answers if kind == ALARMS else judged.objects)[event], judged.wrong(kind)
+
+    def series(of_episode: Sequence[FrameBoxes]) -> list[MovingBox]:
+        middles = np.tile(size_px / 2 * (1, -1), (len(frames), 1))
+        return series_of([of_episode[t] for t in frames], np.zeros(3), middles, np.inf)
+
+    return {
+        "ego": [],
+        "focus": _focus_in_image(boxes.centres[wrong[event]], boxes.sizes[wrong[event]], size_px),
+        "objects": series(judged.objects),
+        "answers": series(judged.answers),
+        "size_px": tuple(size_px.tolist()),
+        "images": _images(job, [int(judged.rows[t]) for t in frames]),
+    }
+
+
+def _focus_in_image(
+    centres: np.ndarray, sizes: np.ndarray, size_px: np.ndarray
+) -> tuple[int, int, int, int]:
+    """Return the centre, half width and half height of a view of boxes within the image."""
+    low, high = (centres - sizes / 2).min(axis=0), (centres + sizes / 2).max(axis=0)
+    half = np.clip(0.75 * (high - low), LEAST_VIEW * size_px / 2, size_px / 2)
+    first, last = np.array([0, -size_px[1]]), np.array([size_px[0], 0])
+    middle = np.clip((low + high) / 2, first + half, last - half)
+    x, y, width, height = np.rint(np.append(middle, half) * DECIMETRES).astype(int).tolist()
+    return x, y, width, height
+
+
+def _images(job: Job, rows: Sequence[int]) -> list[bytes]:
+    """Draw the images with these numbers again, as small files."""
+    assert isinstance(job.answers, ImageNode)
+    files = []
+    for picture in pictures(job.answers.episode, tuple(rows)):
+        file, image = BytesIO(), picture.frame.camera
+        if image is not None:
+            width, height = image.size_px
+            size = (IMAGE_WIDTH_PX, round(IMAGE_WIDTH_PX * height / width))
+            small = Image.fromarray(image.pixels).resize(size, Image.Resampling.BOX)
+            small.save(file, "JPEG", quality=JPEG_QUALITY, optimize=True)
+        files.append(file.getvalue())
+    return files
+
+
+def _text(judged: JudgedFrames, kind: str, event: int) -> str:
     """Return what happens in the frame of an event."""
     if kind == SWITCHES:
-        return "; ".join(scene.switches[event])
-    truth, objects = scene.truths[event], scene.objects[event]
-    rows = np.flatnonzero(scene.wrong(kind)[event])
+        assert isinstance(judged, JudgedScene)
+        return "; ".join(judged.switches[event])
+    objects, answers = judged.objects[event], judged.answers[event]
+    rows = np.flatnonzero(judged.wrong(kind)[event])
     if kind == MISSES:
         counted = int((objects.states != "i").sum())
-        named = [_object_text(truth, int(row)) for row in rows[:3]]
-        more = [f"{len(rows) - 3} more"] if len(rows) > 3 else []
-        return f"{len(rows)} of {counted} objects are missed: {'; '.join([*named, *more])}"
-    answers = scene.answers[event]
+        named = [judged.object_text(event, int(row)) for row in rows[:3]]
+        return f"{len(rows)} of {counted} objects are missed: {_listed(named, len(rows))}"
+    text = f"{len(rows)} of {len(answers.states)} boxes are false alarms"
+    if any(answers.labels):
+        return f"{text}: {_listed(answers.labels[rows[:3]].tolist(), len(rows))}"
     gaps = np.linalg.norm(answers.centres[rows][:, None] - objects.centres[None], axis=2)
     nearest = [f"{gap:.1f} m" for gap in gaps.min(axis=1)[:3]] if gaps.size else []
-    beside = f"; the nearest objects are {', '.join(nearest)} away" if nearest else ""
-    return f"{len(rows)} of {len(answers.states)} boxes are false alarms{beside}"
+    return f"{text}; the nearest objects are {', '.join(nearest)} away" if nearest else text
 
 
-def _object_text(truth: Truth, row: int) -> str:
-    name = Category(int(truth.categories[row])).name.lower()
-    away = np.linalg.norm(truth.centres[row, :2] - truth.world_from_ego.translation[:2])
-    hidden = f", {100 * truth.occluded_fraction[row]:.0f} % hidden"
-    returns = truth.lidar_returns[row]
-    return f"{name} {truth.ids[row]} at {away:.0f} m with {returns} returns{hidden}"
+def _listed(first: Sequence[str], count: int) -> str:
+    """Return the first ones of a list in words, and how many more there are."""
+    more = [f"{count - len(first)} more"] if count > len(first) else []
+    return "; ".join([*first, *more])
 
 
 # --------------------------------------------------------------------------------------------------
@@ -291,7 +400,8 @@ def _of_drive(job: Job, kind: str, answers: EpisodeDrive) -> list[ReplayMoment]:
         object_states = np.where(gaps_m.min(axis=1, initial=np.inf) <= GATE_M, "m", "x")
         track_states = np.where(gaps_m.min(axis=0, initial=np.inf) <= GATE_M, "m", "f")
         ids, sizes = answers.ids[others], answers.sizes[others, :2]
-        objects.append(FrameBoxes(ids, poses[:, :2], sizes, poses[:, 2], object_states))
+        names = category_names(answers.categories[others])
+        objects.append(FrameBoxes(ids, poses[:, :2], sizes, poses[:, 2], object_states, names))
         believed.append(boxes_of(tracks, tracks.ids)._replace(states=track_states))
     origin, egos = answers.poses[event, 0], answers.poses[near, 0]
     # A drive has the poses of box centres. The page gets those of the rear axle, and draws the

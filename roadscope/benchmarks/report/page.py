@@ -113,9 +113,9 @@ Boards = list[dict[str, Any]]
 def save_page(runs: Sequence[Run], path: Path, *, most_bytes: int = MOST_BYTES) -> list[str]:
     """Write the page of some runs; return what is not on it, and why.
 
-    It is not larger than `most_bytes`. Moments are left out first, the least bad ones before
-    others. Where a page without any is too large, parts of boards are left out, one kind after the
-    other, until it fits.
+    It is not larger than `most_bytes`. Images of moments are left out first, then moments, the
+    least bad ones before others. Where a page without any is too large, parts of boards are left
+    out, one kind after the other, until it fits.
     """
     boards = [board for run in runs for board in _boards(run)]
     moments = [board.pop("moments") for board in boards]
@@ -132,25 +132,49 @@ def save_page(runs: Sequence[Run], path: Path, *, most_bytes: int = MOST_BYTES) 
         left_out = [each for each in left_out if each.split()[0] != note.split()[0]] + [note]
         text = _rendered(bare, left_out)
     space = most_bytes - NOTICE_BYTES - len(text.encode())
-    shown: list[list[Any]] = [[] for _ in bare]
+    shown, without_images = _fitting(moments[: len(bare)], space)
     every = sum(map(len, moments))
-    too_much = sum(map(len, moments[len(bare) :]))
-    # One of each board at a time, the worst ones first.
-    for place, number in sorted((p, n) for n in range(len(bare)) for p in range(len(moments[n]))):
-        moment = moments[number][place]
-        size = len(_as_json(moment)) + 1
-        if size > space:
-            too_much += 1
-        else:
-            space -= size
-            shown[number].append(moment)
-    if too_much:
+    if too_much := every - sum(map(len, shown)):
         left_out.append(
             f"{too_much} of {every} moments are left out, as the page would be too large."
+        )
+    if without_images:
+        left_out.append(
+            f"The images of {without_images} moments are left out, as the page would be too large."
         )
     full = [_with_moments(*each) for each in zip(bare, moments, shown, strict=False)]
     write_text(path, _rendered(full, left_out))
     return left_out
+
+
+def _fitting(
+    moments: Sequence[Sequence[ReplayMoment]], space: int
+) -> tuple[list[list[ReplayMoment]], int]:
+    """Return the moments of each board that fit into a number of bytes.
+
+    The second value is how many of them are shown without their images.
+    """
+    shown: list[list[ReplayMoment]] = [[] for _ in moments]
+    with_images = []
+    # One of each board at a time, the worst ones first; then their images, in the same order.
+    for place, number in sorted((p, n) for n, own in enumerate(moments) for p in range(len(own))):
+        whole = moments[number][place]
+        moment = msgspec.structs.replace(whole, images=[])
+        size = len(_as_json(moment)) + 1
+        if size <= space:
+            space -= size
+            shown[number].append(moment)
+            if whole.images:
+                with_images.append((number, len(shown[number]) - 1, whole))
+    without_images = 0
+    for number, row, whole in with_images:
+        size = len(_as_json(whole.images))
+        if size <= space:
+            space -= size
+            shown[number][row] = whole
+        else:
+            without_images += 1
+    return shown, without_images
 
 
 def _with_moments(

@@ -12,7 +12,7 @@ from roadscope.benchmarks.cache import read_kept
 from roadscope.benchmarks.episode import Episode
 from roadscope.benchmarks.graph import Job
 from roadscope.benchmarks.nodes.traffic import TrafficNode
-from roadscope.core import Detections, RecordError, Tracks, Truth
+from roadscope.core import Category, Detections, RecordError, Tracks, Truth
 
 AROUND_S = 2.0
 """Length of a moment before its event and after it; chosen by hand."""
@@ -23,7 +23,8 @@ VIEW_MARGIN_M = 12.0
 LANE_TOLERANCE_M = 0.15
 """Points of a lane that are nearer than this to its simplified line are left out."""
 DECIMETRES, CENTIRADIANS = 10.0, 100.0
-"""Decimetres of a metre and hundredths of a radian: the units of files for the page."""
+"""Decimetres of a metre and hundredths of a radian: the units of files for the page. Boxes in an
+image have pixels in place of metres."""
 
 
 class LaneStrip(msgspec.Struct, frozen=True, array_like=True):
@@ -34,15 +35,16 @@ class LaneStrip(msgspec.Struct, frozen=True, array_like=True):
 
 
 class MovingBox(msgspec.Struct, frozen=True, array_like=True):
-    """A box over consecutive frames of a moment.
+    """A box over consecutive frames of a moment; one in an image is of a single frame.
 
     number: id of an object or track; -1 for a detection. first: its first frame.
     states: a letter for each frame from there on: m matched, x missed, f false alarm, s matched
-        after a switch of identities, i does not count, d a detection that a driver's tracks are
-        made from, and . absent.
+        after a switch of identities, i does not count, d a detection that a driver's tracks or
+        fused detections are made from, and . absent.
     length, width: decimetres.
     motion: x, y (decimetres) and yaw (0.01 rad) of the first frame, then the differences from each
         frame to the next in which it is present.
+    label: category of an object, or category and score of an answer; often empty.
     """
 
     number: int
@@ -51,17 +53,25 @@ class MovingBox(msgspec.Struct, frozen=True, array_like=True):
     length: int
     width: int
     motion: list[int]
+    label: str = ""
 
 
 class ReplayMoment(msgspec.Struct, frozen=True, kw_only=True):
-    """Some seconds of an episode around an event; coordinates are those of the ego at the event.
+    """Some seconds of an episode around an event.
+
+    Coordinates are those of the ego at the event: x ahead, y left. In an image x is to the right
+    and y up from its left top corner, in tenths of a pixel.
 
     kind: such as `misses`. text: what happens. event: number of its frame.
     times_s: of the frames, seconds. ego: its motion, as in `MovingBox`.
     objects, answers: true boxes, and those of the entry.
     estimate: motion of the ego as an odometry estimates it; empty on other boards.
     errors: centimetres from the true position in each frame, for odometries.
-    focus: x, y, half length and half width of the first view, decimetres, from the ego.
+    focus: x, y, half length and half width of the first view, decimetres, from the ego; in an
+        image tenths of a pixel, from its corner.
+    size_px: width and height of the image that the boxes are in; zeros: they are seen from above.
+    images: JPEG files of the frames, empty where there was no image; none of a moment from above,
+        or where the page has no space for them.
     """
 
     board: str
@@ -81,6 +91,8 @@ class ReplayMoment(msgspec.Struct, frozen=True, kw_only=True):
     lanes: list[LaneStrip] = []
     estimate: list[int] = []
     errors: list[int] = []
+    size_px: tuple[int, int] = (0, 0)
+    images: list[bytes] = []
 
 
 def named(job: Job) -> dict[str, Any]:
@@ -102,10 +114,11 @@ def named(job: Job) -> dict[str, Any]:
 
 
 class FrameBoxes(NamedTuple):
-    """The N boxes of a frame from above.
+    """The N boxes of a frame, from above or in an image.
 
     numbers: (N,). centres, sizes: (N, 2). yaws: (N,).
     states: (N,) letters as in `MovingBox`; they are `i` until the boxes are judged.
+    labels: (N,) texts as in `MovingBox`.
     """
 
     numbers: np.ndarray
@@ -113,12 +126,24 @@ class FrameBoxes(NamedTuple):
     sizes: np.ndarray
     yaws: np.ndarray
     states: np.ndarray
+    labels: np.ndarray
 
 
 def boxes_of(record: Truth | Tracks | Detections, numbers: np.ndarray) -> FrameBoxes:
-    """Return the boxes of a record, not yet judged."""
-    states = np.full(len(record), "i")
-    return FrameBoxes(numbers, record.centres[:, :2], record.sizes[:, :2], record.yaws, states)
+    """Return the boxes of a record, not yet judged; those of objects have labels."""
+    states, labels = np.full(len(record), "i"), np.full(len(record), "")
+    if isinstance(record, Truth):
+        labels = category_names(record.categories)
+    centres, sizes = record.centres[:, :2], record.sizes[:, :2]
+    return FrameBoxes(numbers, centres, sizes, record.yaws, states, labels)
+
+
+def category_names(categories: np.ndarray) -> np.ndarray:
+    """Return (N,) names of categories, `car`."""
+    return _CATEGORY_NAMES[np.asarray(categories, np.int64)]
+
+
+_CATEGORY_NAMES = np.array([category.name.lower() for category in Category])
 
 
 def series_of(
@@ -137,19 +162,24 @@ def series_of(
             number = max(int(boxes.numbers[row]), -1)
             # A detection has no identity: each is a box of its own.
             key = (number, -1) if number >= 0 else (t, int(row))
-            box = _BoxInFrame(t, number, str(boxes.states[row]), poses[row], boxes.sizes[row])
+            state, label = str(boxes.states[row]), str(boxes.labels[row])
+            box = _BoxInFrame(t, number, state, poses[row], boxes.sizes[row], label)
             series.setdefault(key, []).append(box)
     return [_moving_box(each) for each in series.values()]
 
 
 class _BoxInFrame(NamedTuple):
-    """A box in one frame of a moment: its number or -1, state, planar pose, length and width."""
+    """A box in one frame of a moment.
+
+    number: -1 without one. pose: planar. size: length and width.
+    """
 
     frame: int
     number: int
     state: str
     pose: np.ndarray
     size: np.ndarray
+    label: str
 
 
 def _moving_box(boxes: Sequence[_BoxInFrame]) -> MovingBox:
@@ -160,7 +190,8 @@ def _moving_box(boxes: Sequence[_BoxInFrame]) -> MovingBox:
         states[box.frame - first] = box.state
     length, width = np.rint(np.median([box.size for box in boxes], axis=0) * DECIMETRES)
     motion = motion_of(np.array([box.pose for box in boxes]))
-    return MovingBox(boxes[0].number, first, "".join(states), int(length), int(width), motion)
+    text = "".join(states)
+    return MovingBox(boxes[0].number, first, text, int(length), int(width), motion, boxes[0].label)
 
 
 # --------------------------------------------------------------------------------------------------

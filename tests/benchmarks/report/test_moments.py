@@ -2,29 +2,45 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
+from io import BytesIO
+from typing import Any
 
 import numpy as np
 import pytest
 import toy_boxes
+from PIL import Image
 
 from roadscope.benchmarks import (
     CallTimes,
     Eligibility,
     Episode,
     EpisodeDetections,
+    EpisodeFusions,
+    EpisodeImageDetections,
     EpisodePoses,
     EpisodeTracks,
     Job,
     RunOptions,
     detection_source,
+    image_source,
     timeline_of,
     write_kept,
 )
 from roadscope.benchmarks.boards import BOARDS, track_node
-from roadscope.benchmarks.nodes import DetectionNode, DriveNode, EpisodeDrive, PoseNode, Stack
+from roadscope.benchmarks.metrics import FusionTargets, ParkedBoxes
+from roadscope.benchmarks.nodes import (
+    DetectionNode,
+    DriveNode,
+    EpisodeDrive,
+    FusionNode,
+    ImageNode,
+    PoseNode,
+    Stack,
+)
 from roadscope.benchmarks.report import ReplayMoment, worst_moments
 from roadscope.benchmarks.results import JobScores, Results, results_of
-from roadscope.core import Detections, Pose, Spec, Tracks, Truth
+from roadscope.core import Category, Detections, Pose, Spec, Tracks, Truth
+from roadscope.core.fused import FusedDetections
 
 FRAMES = 60
 PERIOD_S = 0.1
@@ -199,6 +215,141 @@ def test_a_jump_of_an_odometry_is_its_event() -> None:
     assert moment.times_s[moment.event] == pytest.approx(PERIOD_S * jump)
     assert moment.errors[moment.event - 1 : moment.event + 1] == [0, 300]
     assert of_kind(moments, "drift").event == len(of_kind(moments, "drift").times_s) - 1
+
+
+# --------------------------------------------------------------------------------------------------
+# Detections in images, and fused detections.
+
+CAMERA_EPISODE = Episode("street", 7, "wide", 1.0)
+IMAGES = (0, 3, 6)
+CAR_BOX, PERSON_BOX = (100.0, 200.0, 180.0, 260.0), (400.0, 210.0, 420.0, 260.0)
+WRONG_BOX = (500.0, 100.0, 540.0, 140.0)
+
+
+def image_truth(
+    image: int, centres: Sequence[Sequence[float]] = ((12, 2, 1), (15, -4, 1))
+) -> Truth:
+    """Return the truth of an image: a car, a pedestrian in the second half, and one far away."""
+    return toy_boxes.truth(
+        [*centres, (90, 0, 1)],
+        ids=[4, 8, 9],
+        categories=np.array([Category.CAR, Category.PEDESTRIAN, Category.CAR]),
+        image_boxes=np.array([CAR_BOX, PERSON_BOX, (320.0, 238.0, 323.0, 240.0)]),
+        visible_pixels=np.array([4000, 900, 4]),
+        stamp_s=0.1 * image,
+    )
+
+
+def image_answers() -> EpisodeImageDetections:
+    """Return answers: the car always, a false alarm and no pedestrian in the last image."""
+    first = toy_boxes.image_detections([CAR_BOX], scores=0.93)
+    whole = toy_boxes.image_detections(
+        [CAR_BOX, PERSON_BOX], categories=[Category.CAR, Category.PEDESTRIAN]
+    )
+    unlikely = 0.2
+    last = toy_boxes.image_detections(
+        [CAR_BOX, WRONG_BOX, PERSON_BOX],
+        categories=[Category.CAR, Category.VAN, Category.PEDESTRIAN],
+        scores=[0.9, 0.71, unlikely],
+    )
+    parked = ParkedBoxes(np.empty((0, 4)), np.empty(0))
+    return EpisodeImageDetections(
+        (first, whole, last),
+        tuple(map(image_truth, IMAGES)),
+        (parked,) * len(IMAGES),
+        CallTimes.zero(len(IMAGES)),
+        np.array(IMAGES),
+    )
+
+
+def states_at(boxes: Sequence[Any], frame: int) -> list[tuple[str, str]]:
+    """Return the labels and states of the boxes that are of this frame alone."""
+    return sorted((box.label, box.states) for box in boxes if box.first == frame)
+
+
+def test_moments_of_a_camera_detector_are_in_its_images() -> None:
+    board = BOARDS["camera"]
+    node = ImageNode(board.check_entry(Spec.parse("colour-blobs")), CAMERA_EPISODE, 0.3)
+    job = Job(board, "colour-blobs", CAMERA_EPISODE, node)
+    write_kept(node.path, image_answers())
+    moments = worst_moments([job], scored([job], [board.score(job, image_answers(), RunOptions())]))
+    assert {moment.kind for moment in moments} == {"misses", "false alarms"}
+    alarm = of_kind(moments, "false alarms")
+    assert alarm.times_s == pytest.approx([0.0, 0.3, 0.6])
+    assert alarm.event == 2
+    assert alarm.size_px == (640, 480)
+    assert states_at(alarm.objects, 1) == [("car", "i"), ("car", "m"), ("pedestrian", "m")]
+    assert states_at(alarm.objects, 2) == [("car", "i"), ("car", "m"), ("pedestrian", "x")]
+    assert states_at(alarm.answers, 2) == [("car 0.90", "m"), ("van 0.71", "f")]
+    assert "van 0.71" in alarm.text
+    wrong = next(box for box in alarm.answers if box.states == "f")
+    # Tenths of a pixel, y upwards.
+    assert wrong.motion == [5200, -1200, 0]
+    assert (wrong.length, wrong.width) == (400, 400)
+    x, y, half_width, half_height = alarm.focus
+    assert abs(x - 5200) + 200 <= half_width
+    assert abs(y + 1200) + 200 <= half_height
+    assert x + half_width <= 6400
+    miss = of_kind(moments, "misses")
+    assert "pedestrian at 16 m with 900 pixels" in miss.text
+    for file in alarm.images:
+        image = Image.open(BytesIO(file))
+        assert image.format == "JPEG"
+        assert image.width / image.height == pytest.approx(640 / 480, rel=0.01)
+
+
+FUSION_EPISODE = Episode("street", 7, "li2021", 1.0)
+
+
+def fused_at(centres: Sequence[Sequence[float]], *extra: Sequence[float]) -> FusedDetections:
+    """Return the car by the LiDAR, the pedestrian by the camera, and false ones by the LiDAR."""
+    lidar = toy_boxes.detections([centres[0], *extra], sizes=CAR, frame="ego", scores=0.8)
+    camera = toy_boxes.image_detections([PERSON_BOX], categories=Category.PEDESTRIAN)
+    fused = FusedDetections.of(lidar, camera)
+    inside = np.tile((600.0, 200.0, 640.0, 220.0), (len(fused), 1))
+    boxes = np.where(fused.has_image_box[:, None], fused.image_boxes, inside)
+    return replace(fused, has_image_box=np.ones(len(fused), bool), image_boxes=boxes)
+
+
+def test_moments_of_a_fusion_are_seen_from_above() -> None:
+    board, centres = BOARDS["fusion"], [[12.0, 2.0, 1.0], [15.0, -4.0, 1.0]]
+    lidar = DetectionNode(detection_source("cluster-boxes"), FUSION_EPISODE, RULE)
+    camera = ImageNode(image_source("network"), FUSION_EPISODE, 0.3, of_scans=True)
+    node = FusionNode(lidar, camera, board.check_entry(Spec.parse("union")))
+    targets = FusionTargets(
+        np.array([0, 2, 0]),
+        np.array([*centres, [90.0, 0.0, 1.0]]),
+        image_truth(0).image_boxes,
+        np.array([True, True, False]),
+        np.zeros(3),
+    )
+    answers = EpisodeFusions(
+        np.array([0, 3]),
+        (fused_at(centres), fused_at([[30.0, 8.0, 1.0]], [20.0, 0.0, 1.0])),
+        (targets, targets),
+        CallTimes.zero(2),
+    )
+    truths = tuple(image_truth(scan) for scan in range(4))
+    given = toy_boxes.detections([centres[0]], sizes=CAR)
+    write_kept(node.path, answers)
+    write_kept(lidar.path, EpisodeDetections.recorded((given,) * 4, truths))
+    write_kept(camera.path, image_answers())
+    job = Job(board, "union", FUSION_EPISODE, node, inputs=node.inputs)
+    moments = worst_moments([job], scored([job], [board.score(job, answers, RunOptions())]))
+    miss = of_kind(moments, "misses")
+    assert miss.times_s == pytest.approx([0.0, 0.3])
+    assert miss.event == 1
+    assert "car 4 at 12 m" in miss.text
+    named = {box.number: (box.label, box.states) for box in miss.objects}
+    assert named == {4: ("car", "mx"), 8: ("pedestrian", "mm")}
+    alarm = of_kind(moments, "false alarms")
+    assert alarm.text.startswith("2 of 3 boxes")
+    assert [box.states for box in alarm.answers].count("d") == 2
+    beam = next(box for box in alarm.answers if "camera" in box.label)
+    assert beam.states == "m"
+    assert beam.length > 10 * beam.width
+    assert alarm.size_px == (0, 0)
+    assert alarm.images == []
 
 
 DRIVING_EPISODE = Episode("two-way", 3, "vlp16", 6.0)

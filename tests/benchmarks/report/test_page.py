@@ -66,6 +66,18 @@ def test_a_page_has_every_entry_failure_and_moment(tmp_path) -> None:
     assert low <= difference <= high
 
 
+def test_images_are_left_out_before_moments(tmp_path) -> None:
+    path, images = tmp_path / PAGE, [bytes(range(256)) * 2000]
+    moments = [moment("good", images=images), moment("poor", images=images)]
+    left_out = save_page([Run(results(), moments)], path)
+    assert left_out == []
+    left_out = save_page([Run(results(), moments)], path, most_bytes=900_000)
+    (board,) = content(path.read_text())
+    assert [bool(each["images"]) for each in board["moments"]] == [True, False]
+    assert any("images of 1 " in text for text in left_out)
+    assert path.stat().st_size <= 900_000
+
+
 def test_a_page_has_rank_correlations_with_both_intervals(tmp_path) -> None:
     jobs = [
         JobScores("driving", f"idm on {k}", "motorway", seed, "clear", str(k), scores, None)

@@ -2,11 +2,13 @@
 
 import shutil
 from collections.abc import Iterator
+from io import BytesIO
 from pathlib import Path
 from typing import Any
 
 import pytest
 from made_up_pages import HOSTILE, moment, results
+from PIL import Image
 
 from roadscope.benchmarks.report import Run, save_page
 
@@ -203,6 +205,40 @@ def test_collisions_stand_together_with_detections_and_how_many_are_left_out(vis
     assert "detection of the last scan" in page.locator(".legend").inner_text()
     page.locator(".choose", has_text="poor").first.click()
     assert page.locator(".left-out").inner_text() == ""
+
+
+def test_a_moment_in_images_shows_them_with_their_boxes(visit) -> None:
+    file = BytesIO()
+    Image.new("RGB", (64, 48), (90, 120, 150)).save(file, "JPEG")
+    place = [3200, -2400, 0]
+    in_images = moment(
+        "good",
+        ego=[],
+        lanes=[],
+        size_px=(640, 480),
+        focus=(3200, -2400, 1600, 1200),
+        times_s=[0.0, 0.5],
+        event=0,
+        images=[file.getvalue(), b""],
+        objects=[(-1, 0, "x", 400, 600, place, "pedestrian"), (-1, 1, "m", 400, 600, place, "van")],
+        answers=[(-1, 0, "f", 200, 200, [5000, -1000, 0], "car 0.71")],
+    )
+    page = visit(Run(results(), [in_images]))
+    page.locator(".choose", has_text="good").first.click()
+    scene = page.locator(".scene svg")
+    assert scene.locator("image").count() == 1
+    picture, missed = scene.locator("image").bounding_box(), scene.locator("polygon.truth.x")
+    box = missed.bounding_box()
+    assert box["x"] + box["width"] / 2 == pytest.approx(picture["x"] + picture["width"] / 2, abs=2)
+    assert box["height"] == pytest.approx(picture["height"] * 60 / 480, abs=6)
+    texts = scene.locator("text").all_text_contents()
+    assert {"pedestrian", "car 0.71"} <= set(texts)
+    assert scene.locator("polygon.ego, .ring").count() == 0
+    assert "ego" not in page.locator(".legend").inner_text().split()
+    page.get_by_role("slider", name="time").press("ArrowRight")
+    assert scene.locator("image").count() == 0
+    assert "no image" in page.locator(".state").inner_text()
+    assert scene.locator("polygon.truth.m").count() == 1
 
 
 def test_a_drive_shows_both_paths(visit) -> None:

@@ -342,11 +342,11 @@
     }
     return poses;
   };
-  const unpackedBox = ([number, first, states, length, width, motion]) => {
+  const unpackedBox = ([number, first, states, length, width, motion, label]) => {
     const poses = unpacked(motion);
     let next = 0;
     const frames = [...states].map((state) => (state === "." ? null : { state, pose: poses[next++] }));
-    return { number, first, length, width, at: (frame) => frames[frame - first] || null };
+    return { number, first, length, width, label, at: (frame) => frames[frame - first] || null };
   };
   const corners = ([x, y, yaw], length, width) => {
     const [cos, sin] = [Math.cos(yaw), Math.sin(yaw)];
@@ -359,7 +359,9 @@
       ["answer f", "false alarm"], ["answer s", "identity switch"], ["answer d", "detection of the last scan"], ["truth i", "object that does not count"], ["answer i", "answer that does not count"]],
     poses: [["ego", "true ego and its way"], ["estimate", "estimated ego and its way"], ["gap", "error"]],
   };
+  LEGEND.image = LEGEND.boxes.slice(1);
   const TAIL = 12;
+  const LEAST_PLAY_MS = 3000;
 
   function replay(section, board, chosenEntry) {
     const find = (selector) => section.querySelector(selector);
@@ -371,8 +373,9 @@
     const load = (chosenMoment) => {
       stop();
       moment = chosenMoment;
+      const inImage = moment.size_px[0] > 0;
       scene = {
-        ego: unpacked(moment.ego), estimate: unpacked(moment.estimate),
+        inImage, ego: inImage ? moment.times_s.map(() => [0, 0, 0]) : unpacked(moment.ego), estimate: unpacked(moment.estimate),
         objects: moment.objects.map(unpackedBox), answers: moment.answers.map(unpackedBox),
         lanes: moment.lanes.map(([width, flat]) => {
           let [x, y] = [0, 0];
@@ -386,12 +389,15 @@
       zoom.value = 0;
       moved = [0, 0];
       find(".event").textContent = `${moment.times_s[moment.event].toFixed(1)} s: ${moment.text}`;
-      const legend = scene.estimate.length ? LEGEND.poses : LEGEND.boxes;
+      find(".scene").setAttribute("aria-label", `${inImage ? "Image" : "Bird's-eye view"}; arrow keys move it`);
+      const legend = scene.estimate.length ? LEGEND.poses : inImage ? LEGEND.image : LEGEND.boxes;
       const seen = { truth: moment.objects.map((box) => box[2]).join(""), answer: moment.answers.map((box) => box[2]).join("") };
       const isSeen = ([kind]) => { const [what, state] = kind.split(" "); return seen[what] === undefined || !state || seen[what].includes(state); };
       find(".legend").replaceChildren(...legend.filter(isSeen)
         .map(([kind, text]) => el("li", null, svg("svg", { viewBox: "0 0 30 16", "aria-hidden": "true" },
           svg("rect", { class: `box ${kind}`, x: 2, y: 2, width: 26, height: 12 })), text)));
+      if (moment.answers.some((box) => box[6].endsWith("camera alone")))
+        find(".legend").append(el("li", null, "thin line: detected by the camera alone, which gives no distance"));
       list.querySelectorAll("button").forEach((button) => button.setAttribute("aria-pressed", button.moment === moment));
       draw();
     };
@@ -408,13 +414,14 @@
       const height = Math.max(2 * width, 2 * length / wide, 20) * 1.12 ** -Number(zoom.value);
       const unit = (height * wide) / (find(".scene").clientWidth || 700);  // Decimetres in a pixel.
       const picture = svg("svg", { viewBox: `${cx - height * wide / 2} ${cy - height / 2} ${height * wide} ${height}`, role: "img",
-        "aria-label": "Bird's-eye view: the ego drives to the right" });
+        class: scene.inImage ? "in-image" : null, "aria-label": scene.inImage ? "Image" : "Bird's-eye view: the ego drives to the right" });
       const text = (x, y, words, own) => svg("text", { x, y, "font-size": 12 * unit, style: `font-size:${12 * unit}px;stroke-width:3px`, class: own || null }, words);
+      if (scene.inImage) drawImage(picture, frame);
       for (const lane of scene.lanes) picture.append(svg("polyline", { class: "lane-edge", points: lane.points, "stroke-width": lane.width + 2 }));
       for (const lane of scene.lanes) picture.append(svg("polyline", { class: "lane", points: lane.points, "stroke-width": lane.width - 2 }));
       const far = height * wide;
       const step = [50, 100, 200, 500, 1000, 2000, 5000].find((metres) => metres > far / 8) || 10000;
-      for (let reach = step; reach < 1.6 * far + Math.hypot(x, y); reach += step)
+      for (let reach = step; !scene.inImage && reach < 1.6 * far + Math.hypot(x, y); reach += step)
         picture.append(svg("circle", { class: "ring", cx: ego[0], cy: ego[1], r: reach }),
           ...[[reach, 0], [-reach, 0], [0, reach], [0, -reach]].map(([dx, dy]) => text(ego[0] + dx, ego[1] + dy, `${reach / 10} m`, "soft")));
       picture.unit = unit;
@@ -426,12 +433,18 @@
       find(".state").textContent = stateText(frame);
     };
 
+    const drawImage = (picture, frame) => {
+      const [width, height] = moment.size_px.map((pixels) => 10 * pixels);
+      const file = moment.images[frame];
+      picture.append(svg("rect", { class: "plane", width, height }));
+      if (file) picture.append(svg("image", { href: `data:image/jpeg;base64,${file}`, width, height, preserveAspectRatio: "none" }));
+    };
     const car = (pose, length, width, kind) => {
       const group = svg("g");
       const [a, b, c, d] = corners(pose, length, width);
       const middle = [(a[0] + b[0]) / 2, (a[1] + b[1]) / 2];
-      group.append(svg("polygon", { class: `box ${kind}`, points: polygon([a, b, c, d]) }),
-        svg("line", { class: `box ${kind}`, x1: pose[0], y1: pose[1], x2: middle[0], y2: middle[1] }));
+      group.append(svg("polygon", { class: `box ${kind}`, points: polygon([a, b, c, d]) }));
+      if (!scene.inImage) group.append(svg("line", { class: `box ${kind}`, x1: pose[0], y1: pose[1], x2: middle[0], y2: middle[1] }));
       return group;
     };
     const egoMarker = (pose, kind) => {
@@ -441,6 +454,9 @@
       const points = [[38, 0], [26, 9], [-9, 9], [-9, -9], [26, -9]].map(([a, b]) => [x + a * cos - b * sin, y + a * sin + b * cos]);
       return svg("polygon", { class: kind, points: polygon(points) });
     };
+
+    // A box in an image has its label beside its right top corner.
+    const labelPlace = (box, [x, y]) => (scene.inImage ? [x + box.length / 2, y - box.width / 2] : [x, y]);
 
     const drawBoxes = (picture, frame, unit, text) => {
       const labels = [];
@@ -455,11 +471,12 @@
         const now = box.at(frame);
         if (!now) continue;
         const group = car(now.pose, box.length, box.width, `truth ${now.state}`);
-        group.append(title(`object ${box.number}`));
+        const name = [box.label || "object", box.number < 0 ? "" : box.number].join(" ").trim();
+        group.append(title(name));
         if (now.state === "x") {
           const [a, b, c, d] = corners(now.pose, box.length, box.width);
           for (const [p, q] of [[a, c], [b, d]]) group.append(svg("line", { class: "cross", x1: p[0], y1: p[1], x2: q[0], y2: q[1] }));
-          labels.push([0, now.pose, `object ${box.number}`]);
+          labels.push([0, labelPlace(box, now.pose), name]);
         }
         picture.append(group);
       }
@@ -467,12 +484,13 @@
         const now = box.at(frame);
         if (!now) continue;
         const group = car(now.pose, box.length, box.width, `answer ${now.state}`);
-        if (box.number >= 0) group.append(title(`track ${box.number}`));
+        if (box.number >= 0 || box.label) group.append(title(box.number >= 0 ? `track ${box.number}` : box.label));
         if (now.state === "s") group.append(svg("circle", { class: "halo", cx: now.pose[0], cy: now.pose[1], r: box.length * 0.6 + 6 * unit }));
         picture.append(group);
         if (box.number >= 0 && now.state !== "i") labels.push(["sfm".indexOf(now.state), now.pose, String(box.number)]);
+        if (box.number < 0 && now.state === "f" && box.label) labels.push([1, labelPlace(box, now.pose), box.label]);
       }
-      picture.append(egoMarker(scene.ego[frame], "ego"));
+      if (!scene.inImage) picture.append(egoMarker(scene.ego[frame], "ego"));
       if (names.checked) placeLabels(picture, labels, unit, text);
     };
     // The most important first; those without room are left out.
@@ -506,7 +524,8 @@
       const { right, x, f, s, d } = countsAt(frame);
       const counted = (count, noun, more = "s") => `${count} ${noun}${count === 1 ? "" : more}`;
       return time + [`${counted(right, "object")} found`, `${x} missed`, counted(f, "false alarm"),
-        s ? counted(s, "identity switch", "es") : "", d ? `${counted(d, "detection")} in the last scan` : ""].filter(Boolean).join(", ");
+        s ? counted(s, "identity switch", "es") : "", d ? `${counted(d, "detection")} in the last scan` : "",
+        moment.images.length && !moment.images[frame] ? "no image" : ""].filter(Boolean).join(", ");
     };
     const strip = (frame) => {
       const frames = moment.times_s.length;
@@ -575,7 +594,7 @@
         if (Number(slider.value) >= Number(slider.max)) { stop(); return; }
         slider.value = Number(slider.value) + 1;
         draw();
-      }, 120);
+      }, Math.max(120, LEAST_PLAY_MS / moment.times_s.length));
     });
     let shownEntry = null;
     return () => {
