@@ -29,6 +29,7 @@ def results(
     log: str = "last words",
     more: int = 0,
     detectors: tuple[str, ...] = ("pag",),
+    seeds: int = 4,
 ) -> Results:
     """Return a tracking board of `good`, of an entry that fails on one seed, and of a mark.
 
@@ -40,7 +41,7 @@ def results(
         _job(name, scenario, seed, base, detector)
         for name, base in (("good", 0.8), (entry, 0.5), ("good on oracle", 0.95), *crowd)
         for scenario in SCENARIOS
-        for seed in range(4)
+        for seed in range(seeds)
         for detector in detectors
     ]
     failed = JobScores(

@@ -239,6 +239,8 @@ def _boards(run: Run) -> Iterator[dict[str, Any]]:
         columns = measured_columns(results, board)
         calibration = str(results.manifest.get("calibration", ""))
         scale = _Scale.of([results.row(name, entry, board.headline) for entry in entries])
+        rows = [_entry(results, name, entry, columns) for entry in entries]
+        differences = _differences(results, board, columns)
         yield {
             "name": name,
             "summary": board.summary,
@@ -254,14 +256,12 @@ def _boards(run: Run) -> Iterator[dict[str, Any]]:
             },
             "columns": [_column(results, board, each) for each in columns],
             "entries": [
-                {
-                    **_entry(results, name, entry, columns),
-                    "drawn": scale.drawn(results.row(name, entry, board.headline)),
-                }
-                for entry in entries
+                {**each, "drawn": scale.drawn(results.row(name, entry, board.headline))}
+                for each, entry in zip(rows, entries, strict=True)
             ],
             "breakdowns": list(_breakdowns(results, board)),
-            "differences": _differences(results, board, columns),
+            "differences": differences,
+            "differences_note": _differences_note(board, differences),
             "moments": [
                 msgspec.structs.replace(each, entry=one_line(each.entry))
                 for each in run.moments
@@ -269,7 +269,7 @@ def _boards(run: Run) -> Iterator[dict[str, Any]]:
             ],
             "replayable": any(each.board == name for each in run.moments),
             "without_replay": board.without_replay or NO_MOMENTS,
-            "intervals": any(row.low is not None for row in results.rows if row.board == name),
+            "intervals": any(cell["interval"] for each in rows for cell in each["cells"]),
             "failures": _failures(results, name),
             "manifest": results.manifest,
         }
@@ -390,6 +390,18 @@ def _differences(results: Results, board: Board, columns: Sequence[Column]) -> l
         if pairs:
             compared.append({"metric": column.metric, "pairs": pairs})
     return compared
+
+
+def _differences_note(board: Board, differences: Sequence[Mapping[str, Any]]) -> str:
+    """Return what differences are over, and which of them have intervals."""
+    if not board.sample:
+        return "Over all frames together, without intervals."
+    text = f"Paired on the same {board.sample} of each scenario"
+    with_interval = [low is not None for each in differences for _, _, _, low, _ in each["pairs"]]
+    if not any(with_interval):
+        return f"{text}, which are too few for intervals."
+    text += ", with 95 % intervals, each by itself"
+    return f"{text}." if all(with_interval) else f"{text}, where there are enough {board.sample}."
 
 
 def _failures(results: Results, board: str) -> list[dict[str, Any]]:

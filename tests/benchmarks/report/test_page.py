@@ -78,6 +78,19 @@ def test_images_are_left_out_before_moments(tmp_path) -> None:
     assert path.stat().st_size <= 900_000
 
 
+@pytest.mark.parametrize(("seeds", "has_intervals"), [(1, False), (4, True)])
+def test_a_page_speaks_of_intervals_where_it_has_some(tmp_path, seeds, has_intervals) -> None:
+    path = tmp_path / PAGE
+    save_page([Run(results(seeds=seeds))], path)
+    (board,) = content(path.read_text())
+    pairs = [pair for each in board["differences"] for pair in each["pairs"]]
+    assert any(low is not None for _, _, _, low, _ in pairs) == has_intervals
+    texts = read(path.read_text()).texts
+    (hint,) = [text for text in texts if text.startswith("Paired on")]
+    assert ("95 %" in hint) == has_intervals
+    assert any("Small figures are 95 %" in text for text in texts) == has_intervals
+
+
 def test_a_page_has_rank_correlations_with_both_intervals(tmp_path) -> None:
     jobs = [
         JobScores("driving", f"idm on {k}", "motorway", seed, "clear", str(k), scores, None)

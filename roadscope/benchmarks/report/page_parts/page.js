@@ -26,6 +26,8 @@
     return value.toFixed(size >= 100 ? 0 : size >= 10 ? 1 : size >= 0.1 || size === 0 ? 2 : 3);
   };
 
+  const inBrackets = (interval) => (interval ? ` [${interval}]` : "");
+
   const canvas = document.createElement("canvas").getContext("2d");
   const textWidth = (text, bold) => {
     canvas.font = `${bold ? "bold " : ""}12px ${getComputedStyle(document.body).fontFamily}`;
@@ -234,7 +236,7 @@
       const [px, py] = [atX(point.x), atY(point.y[0])];
       const own = point.index === chosen ? " is-chosen" : "";
       const mark = point.entry.mark === null ? "" : " is-mark";
-      const text = `${point.entry.name}: ${board.columns[y].heading} ${point.entry.cells[y].text} [${point.entry.cells[y].interval}], ${point.entry.cells[x].text} ${board.columns[x].heading}`;
+      const text = `${point.entry.name}: ${board.columns[y].heading} ${point.entry.cells[y].text}${inBrackets(point.entry.cells[y].interval)}, ${point.entry.cells[x].text} ${board.columns[x].heading}`;
       const group = clickable(svg("g", { class: "dot" }), () => choose(point.index), text);
       if (point.y[1] !== null)
         group.append(svg("line", { class: `point bar${own}`, x1: px, x2: px, y1: atY(point.y[1]), y2: atY(point.y[2]) }));
@@ -287,7 +289,7 @@
       const clear = from !== null && (from > 0 || to < 0);
       const kind = !clear ? "level" : better * value > 0 ? "better" : "worse";
       const figure = (value > 0 ? "+" : "") + digits(value);
-      const text = `${board.entries[index].name}: ${figure} [${digits(from)}, ${digits(to)}]` +
+      const text = `${board.entries[index].name}: ${figure}${from === null ? "" : inBrackets(`${digits(from)}, ${digits(to)}`)}` +
         (clear ? `, ${kind} than ${board.entries[chosen].name}` : "");
       const group = clickable(svg("g", { class: "difference" }), () => choose(index), text);
       group.append(svg("rect", { x: 0, y: y - 14, width, height: rowHeight, fill: "transparent" }),
