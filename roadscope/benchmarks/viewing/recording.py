@@ -8,6 +8,7 @@ mounting pose. The optical frame of a camera is z ahead, x right, y down.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from itertools import cycle
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -38,6 +39,7 @@ from roadscope.core.palette import (
     GROUND_COLOUR,
     MARKING_COLOUR,
     ODOMETRY_COLOUR,
+    PAPER_COLOURS,
     RETURN_COLOURS,
     TRUTH_COLOUR,
     track_colour,
@@ -61,12 +63,18 @@ TRIANGLES = np.array([[0, 1, 2], [2, 1, 3]])
 """Corners of the two triangles between a point of a lane, left and right, and the next."""
 BELOW_M = 0.02
 """How far below the ground the asphalt is drawn, so that it hides no line."""
-EYE_M = (-30.0, 0.0, 18.0)
-"""Where the eye of the viewer is at first, ego frame."""
+EYE_M, LOOK_AT_M = (-30.0, 0.0, 18.0), (12.0, 0.0, 0.0)
+"""Where the eye of the viewer is at first, and what it looks at, ego frame."""
 LINE_PX = 1.5
 RETURN_PX = 1.2
 """Radii of lines and returns on the screen. They, the length of tails and the quality of images are
 chosen by hand."""
+COLOUR_NOTE = (
+    "White is what is true. Warm colours are detections, cool ones tracks: with their number, an "
+    "arrow as long as their motion in one second, and a line where they were in the last "
+    f"{TAIL_S:g} s. Pink is the ego where an odometry takes it to be. Point at a box to read its "
+    "label."
+)
 
 
 def save_recording(
@@ -123,12 +131,12 @@ class _ViewLogger:
             self.at(truth.stamp_s)
             self._write_ego(truth)
             names = _object_names(truth)
-            boxes = self._boxes(truth, class_ids=truth.categories, labels=names, show_labels=False)
+            boxes = self._outlines(truth, class_ids=truth.categories, labels=names)
             self.log("world/truth", boxes, static=False)
         for detections in view.detections:
             self.at(detections.stamp_s)
             place = "world" if detections.frame == "world" else "world/ego"
-            boxes = self._boxes(detections, **_looks(detections), show_labels=False)
+            boxes = self._outlines(detections, **_looks(detections))
             self.log(f"{place}/detections", boxes, static=False)
         self._write_tracks(view.tracks)
         self._write_scores()
@@ -222,9 +230,10 @@ class _ViewLogger:
                 path = (poses.trajectories.truth @ lidar_from_ego)[:, :3, 3]
             self._write_path("world/paths/odometry", estimates[:, :3, 3], ODOMETRY_COLOUR)
             box = self.rr.Boxes3D(half_sizes=[[1.0, 0.5, 0.2]], colors=ODOMETRY_COLOUR)
-            self.log("world/odometry", box)
-            for stamp_s, estimate in zip(poses.stamps_s, estimates, strict=True):
+            for k, (stamp_s, estimate) in enumerate(zip(poses.stamps_s, estimates, strict=True)):
                 self.at(stamp_s)
+                if k == 0:  # Before its first pose it has no place.
+                    self.log("world/odometry", box, static=False)
                 pose = self.rr.Transform3D(translation=estimate[:3, 3], mat3x3=estimate[:3, :3])
                 self.log("world/odometry", pose, static=False)
         if len(path):
@@ -263,9 +272,11 @@ class _ViewLogger:
             self.log("world/tracks/tails", strips, static=False)
 
     def _write_scores(self) -> None:
-        for curve in self.view.curves:
+        for curve, colour in zip(self.view.curves, cycle(PAPER_COLOURS)):
             entity = f"scores/{curve.board}/{curve.metric}"
-            self.log(entity, self.rr.SeriesLines(names=f"{curve.board}: {curve.metric}"))
+            rgb = [int(colour[k : k + 2], 16) for k in (1, 3, 5)]
+            name = f"{curve.board}: {curve.metric}"
+            self.log(entity, self.rr.SeriesLines(names=name, colors=rgb, widths=2 * LINE_PX))
             self.stream.send_columns(
                 entity,
                 indexes=[self.rr.TimeColumn(TIMELINE, duration=curve.stamps_s)],
@@ -338,7 +349,14 @@ class _ViewLogger:
         )
 
     def _image_boxes(self, boxes: np.ndarray, **looks: Any) -> Any:
-        return self.rr.Boxes2D(array=boxes, array_format=self.rr.Box2DFormat.XYXY, **looks)
+        return self.rr.Boxes2D(
+            array=boxes, array_format=self.rr.Box2DFormat.XYXY, show_labels=False, **looks
+        )
+
+    def _outlines(self, record: Truth | Detections, **looks: Any) -> Any:
+        """Return boxes without faces, which hide no returns; labels are shown when pointed at."""
+        mode = self.rr.components.FillMode.MajorWireframe
+        return self._boxes(record, fill_mode=mode, show_labels=False, **looks)
 
     def _boxes(
         self, record: Truth | Detections | Tracks, px: float | list[float] = LINE_PX, **looks: Any
@@ -412,9 +430,9 @@ def _at_stamp(scan: LidarScan, before: Pose, now: Pose, after: Pose, passed_s: f
 
 def _summary(view: EpisodeView) -> str:
     """Return the scores of the whole episode, and what is not shown, as Markdown."""
-    lines = [f"**{view.title}**", ""]
+    lines = [f"**{view.title}**", "", COLOUR_NOTE, ""]
     for name, scores in view.scores.items():
-        lines += ["| | |", "|---|---|"]
+        lines += [f"| {name} | |", "|---|---|"]
         for column in board_named(name).columns:
             if column.metric in scores and np.isfinite(scores[column.metric].value):
                 value = f"{scores[column.metric].value:.{column.decimals}f}"
@@ -427,7 +445,9 @@ def _layout(view: EpisodeView) -> Any:
     """Return which views are shown at first: the world large, images and scores beside it."""
     import rerun.blueprint as rrb
 
-    beside = rrb.Vertical(*_views_beside(view, rrb))
+    views = list(_views_beside(view, rrb))
+    # The first one, mostly the image, is larger than the others.
+    beside = rrb.Vertical(*views, row_shares=[2, *[1] * (len(views) - 1)])
     return rrb.Blueprint(
         rrb.Horizontal(_world_view(view, rrb), beside, column_shares=[3, 2]),
         rrb.TimePanel(timeline=TIMELINE, state="collapsed"),
@@ -436,14 +456,13 @@ def _layout(view: EpisodeView) -> Any:
 
 
 def _world_view(view: EpisodeView, rrb: Any) -> Any:
-    """Return the world from behind the ego, which the view follows."""
-    eye: dict[str, Any] = {"tracking_entity": "world/ego"}
-    if len(view.truths):
-        start = view.truths[0].world_from_ego
-        eye |= {"position": start.apply(np.array(EYE_M)), "look_target": start.translation}
+    """Return the world from behind the ego, in whose frame it is: so the eye goes with it."""
+    has_ego = len(view.truths) > 0
+    eye = {"position": EYE_M, "look_target": LOOK_AT_M} if has_ego else {}
     # Colours are made for a dark background, whatever the user's theme is.
     return rrb.Spatial3DView(
-        origin="world",
+        origin="world/ego" if has_ego else "world",
+        contents="/world/**",
         name="world",
         background=GROUND_COLOUR,
         eye_controls=rrb.EyeControls3D(**eye),
@@ -460,7 +479,12 @@ def _views_beside(view: EpisodeView, rrb: Any) -> Iterator[Any]:
         own = [curve for curve in view.curves if curve.unit == unit]
         entities = [f"scores/{each.board}/{each.metric}" for each in own]
         if unit == "1":
-            yield rrb.TimeSeriesView(origin="/", contents=entities, name="ratios so far")
+            # MOTA may be negative.
+            least = min([0.0, *(float(each.values.min(initial=0.0)) for each in own)])
+            axis = rrb.ScalarAxis(range=(least, 1.0))
+            yield rrb.TimeSeriesView(
+                origin="/", contents=entities, name="ratios so far", axis_y=axis
+            )
         else:
             name = f"{', '.join(each.metric for each in own)} ({unit})"
             behind.append(rrb.TimeSeriesView(origin="/", contents=entities, name=name))

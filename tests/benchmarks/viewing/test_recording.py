@@ -165,6 +165,8 @@ def test_scores_end_with_those_of_the_episode(view, logged) -> None:
 def test_an_odometry_that_stands_still_stays_at_the_start(view, logged) -> None:
     first, last = view.truths[0], view.truths[-1]
     drawn = pose(logged["/world/odometry"], last.stamp_s)
+    # Before its first pose it is nowhere, not at the origin of the world.
+    assert logged["/world/odometry"]["Boxes3D:half_sizes"].times() == pytest.approx([first.stamp_s])
     np.testing.assert_allclose(drawn.translation, first.world_from_ego.translation, atol=1e-3)
     (error_m,) = logged["/scores/odometry/position_error"]["Scalars:scalars"].at(last.stamp_s)
     mount = find_rig(RIG).lidar.ego_from_lidar
