@@ -39,8 +39,7 @@ from roadscope.benchmarks.nodes import (
 )
 from roadscope.benchmarks.report import ReplayMoment, worst_moments
 from roadscope.benchmarks.results import JobScores, Results, results_of
-from roadscope.core import Category, Detections, Pose, Spec, Tracks, Truth
-from roadscope.core.fused import FusedDetections
+from roadscope.core import Category, Detections, FusedDetections, Pose, Spec, Tracks, Truth
 
 FRAMES = 60
 PERIOD_S = 0.1
