@@ -45,7 +45,7 @@ def _verdicts(verdicts: Iterable[Row]) -> list[str]:
         [each["claim"], each["method"], _figure(each["value"], each, each["unit"]), each["verdict"]]
         for each in verdicts
     )
-    return _table(["claim", "of", "ours [95 %]", "verdict"], cells)
+    return markdown_table(["claim", "of", "ours [95 %]", "verdict"], cells)
 
 
 def _figures(rows: Sequence[Row], methods: Sequence[str] | None) -> list[str]:
@@ -59,10 +59,11 @@ def _figures(rows: Sequence[Row], methods: Sequence[str] | None) -> list[str]:
         lines.append([method, *(_figure(row["ours"], row) for row in own)])
         if any(row["paper"] is not None for row in own):
             lines.append(["*paper*", *(_number(row["paper"], digits=6) for row in own)])
-    return _table(["", *heads], lines)
+    return markdown_table(["", *heads], lines)
 
 
-def _table(heads: Sequence[str], lines: Iterable[Sequence[str]]) -> list[str]:
+def markdown_table(heads: Sequence[str], lines: Iterable[Sequence[str]]) -> list[str]:
+    """Return the lines of a table."""
     rows = [heads, ["---"] * len(heads), *lines]
     return ["| " + " | ".join(cells).lstrip() + " |" for cells in rows]
 
