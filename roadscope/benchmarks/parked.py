@@ -10,7 +10,7 @@ import numpy as np
 
 from roadscope.benchmarks.episode import Episode, timeline_of, traffic_of
 from roadscope.benchmarks.metrics.image_labels import ParkedBoxes
-from roadscope.core import Pose, Truth
+from roadscope.core import GROUND, Pose, Truth
 from roadscope.core.projection import Projection
 
 if TYPE_CHECKING:
@@ -28,7 +28,7 @@ BEHIND_M = 0.3
 
 def parked_owners(truth: Truth) -> set[int]:
     """Return the numbers (`Truth.sources`) of the parked cars that gave returns to a scan."""
-    owners = np.unique(truth.sources)
+    owners = np.unique(truth.sources[truth.sources < GROUND])
     return set(owners[_are_parked_cars(owners)].tolist())
 
 

@@ -125,18 +125,16 @@ class Tracks(Record):
 
     def select(self, index: np.ndarray) -> Tracks:
         """Return the rows that a mask or an index array selects."""
-        return Tracks(
-            self.ids[index],
-            self.centres[index],
-            self.sizes[index],
-            self.yaws[index],
-            self.velocities[index],
-            self.covariances[index],
-            self.categories[index],
-            self.scores[index],
-            self.states[index],
-            self.frame,
-            self.stamp_s,
+        return self._trusted(
+            ids=self.ids[index],
+            centres=self.centres[index],
+            sizes=self.sizes[index],
+            yaws=self.yaws[index],
+            velocities=self.velocities[index],
+            covariances=self.covariances[index],
+            categories=self.categories[index],
+            scores=self.scores[index],
+            states=self.states[index],
         )
 
     @property
@@ -151,16 +149,10 @@ class Tracks(Record):
         Velocities are only rotated: the motion of the frames relative to each other is not added.
         """
         turn = np.kron(np.eye(2), a_from_b.rotation[:2, :2])
-        return Tracks(
-            self.ids,
-            a_from_b.apply(self.centres),
-            self.sizes,
-            wrap_angle(self.yaws + a_from_b.yaw),
-            self.velocities @ a_from_b.rotation[:2, :2].T,
-            turn @ self.covariances @ turn.T,
-            self.categories,
-            self.scores,
-            self.states,
-            frame,
-            self.stamp_s,
+        return self._trusted(
+            centres=a_from_b.apply(self.centres),
+            yaws=wrap_angle(self.yaws + a_from_b.yaw),
+            velocities=self.velocities @ a_from_b.rotation[:2, :2].T,
+            covariances=turn @ self.covariances @ turn.T,
+            frame=frame,
         )

@@ -58,8 +58,11 @@ class Cloud(Record):
     def select(self, index: np.ndarray) -> Cloud:
         """Return the rows that a mask or an index array selects."""
         rows = np.flatnonzero(index) if index.dtype == np.bool_ else index
-        return Cloud(
-            self.points[rows], self.ring[rows], self.column[rows], self.rows[rows], self.origin
+        return self._trusted(
+            points=self.points[rows],
+            ring=self.ring[rows],
+            column=self.column[rows],
+            rows=self.rows[rows],
         )
 
     @property

@@ -343,13 +343,14 @@ def features(
 
 def _steepest(cloud: Cloud, height_m: float) -> float:
     """Return the slope, rise per metre, of the highest beam with a return."""
-    top = cloud.ring == cloud.ring.max()
-    return float(np.median((cloud.points[top, 2] - height_m) / np.maximum(cloud.ranges[top], 0.1)))
+    top = cloud.select(cloud.ring == cloud.ring.max())
+    return float(np.median((top.points[:, 2] - height_m) / np.maximum(top.ranges, 0.1)))
 
 
 def _without_copies(cloud: Cloud) -> Cloud:
     """Return the cloud without copies of returns; it is sorted, so equal returns are neighbours."""
-    same = (np.diff(cloud.column) == 0) & (np.diff(cloud.ring) == 0)
+    column, ring = cloud.column, cloud.ring
+    same = (column[1:] == column[:-1]) & (ring[1:] == ring[:-1])
     rows = np.flatnonzero(same)
     copies = rows[(cloud.points[rows + 1] == cloud.points[rows]).all(axis=1)] + 1
     return cloud.select(np.delete(np.arange(len(cloud)), copies)) if len(copies) else cloud

@@ -79,8 +79,9 @@ class ClusterDetector:
         scan = without_faint(frame.lidar, self._faint)
         ego_from_lidar = frame.calibration.pose(scan.sensor)
         cloud = Cloud.of(scan, ego_from_lidar)
-        ground = GroundSurface.of(cloud) if self._level else GroundSurface(None, cloud.origin)
-        cloud = ground.levelled(cloud)
+        ground = GroundSurface(None, cloud.origin)
+        if self._level:
+            ground, cloud = GroundSurface.levelled(cloud)
         vehicles, horizon = self.propose(cloud, ego_from_lidar.yaw)
         height_m = float(ego_from_lidar.translation[2] - ground.below(cloud.origin[None])[0])
         probabilities = scores(vehicles, cloud, horizon, height_m)

@@ -22,10 +22,22 @@ def order_by(values: np.ndarray) -> np.ndarray:
     numbers = np.ascontiguousarray(values, np.int64)
     if not len(numbers):
         return np.empty(0, np.int64)
-    low, high = int(numbers.min()), int(numbers.max())
+    low, high, sorted_already = _bounds(numbers)
+    if sorted_already:
+        return np.arange(len(numbers))
     if high - low >= max(BUCKETS, 8 * len(numbers)):
         return np.argsort(numbers, kind="stable")
     return _counted_order(numbers, low, high - low)
+
+
+@compiled()
+def _bounds(values: np.ndarray) -> tuple[int, int, bool]:
+    """Return the least and the greatest of (N,) numbers, N at least 1, and whether they rise."""
+    low, high, rises = values[0], values[0], True
+    for row in range(1, len(values)):
+        low, high = min(low, values[row]), max(high, values[row])
+        rises &= values[row] >= values[row - 1]
+    return low, high, rises
 
 
 @compiled()

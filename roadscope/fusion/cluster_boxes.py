@@ -67,9 +67,8 @@ class ClusterBoxes:
         """
         if frame.lidar is None:
             return Detections.empty(frame.stamp_s)
-        cloud = self._cloud(frame)
-        ground = GroundSurface.of(cloud)
-        shapes, _ = self._boxes(ground.levelled(cloud))
+        ground, cloud = GroundSurface.levelled(self._cloud(frame))
+        shapes, _ = self._boxes(cloud)
         if not len(shapes):
             return Detections.empty(frame.lidar.stamp_s)
         mount = frame.calibration.pose(frame.lidar.sensor).translation[:2]
@@ -92,8 +91,7 @@ class ClusterBoxes:
         Boxes are (N, 8): x, y, z, length, width, height, yaw, number of returns. Returns are N
         arrays (K, 3). All are in metres and radians, ego frame, z from the ground.
         """
-        cloud = self._cloud(frame)
-        return self._boxes(GroundSurface.of(cloud).levelled(cloud))
+        return self._boxes(GroundSurface.levelled(self._cloud(frame))[1])
 
     def _cloud(self, frame: Frame) -> Cloud:
         assert frame.lidar is not None

@@ -20,8 +20,9 @@ from roadscope.benchmarks.episode import Episode
 from roadscope.benchmarks.graph import Job
 from roadscope.benchmarks.kinds import DETECTOR, DRIVER, KINDS, check_plugin_spec, traits_of
 from roadscope.benchmarks.loop import RunOptions
-from roadscope.benchmarks.metrics.detection import score_detections
+from roadscope.benchmarks.metrics.detection import GATE_M, count_scores
 from roadscope.benchmarks.metrics.driving import ScoredDrive, score_drive
+from roadscope.benchmarks.metrics.matching import match_all
 from roadscope.benchmarks.metrics.tracking import score_tracks
 from roadscope.benchmarks.nodes.drives import DriveNode, EpisodeDrive, Stack, duration_of
 from roadscope.benchmarks.references import LOWER_MARK, UPPER_MARK, check_detection_source
@@ -168,7 +169,7 @@ class DrivingBoard(Board):
             scores |= call_cost(answers.perception_times, (50,))
             truths, parked = answers.sensed, answers.parked
             pairings = job.settings.pairings(answers.detected, truths, parked)
-            detected = score_detections(answers.detected, truths, pairings).named()
+            detected = count_scores(match_all(pairings, GATE_M))
             pairings = job.settings.pairings(answers.believed, truths, parked)
             tracked = score_tracks(answers.believed, truths, pairings).named()
             scores |= {name: detected[name] for name in DETECTED}

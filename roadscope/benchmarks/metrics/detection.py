@@ -89,20 +89,27 @@ def score_detections(
     detections, truths: of each frame, in the world frame. pairings: of each frame.
     """
     matches = match_all(pairings, gate_m)
-    hits = sum(len(m.detected) for m in matches)
-    false_alarms = sum(len(m.false_alarms) for m in matches)
-    misses = sum(len(m.misses) for m in matches)
-    objects = hits + misses
     return DetectionScores(
-        detection_rate=ratio(hits, objects),
-        precision=ratio(hits, hits + false_alarms),
-        f1=ratio(hits, hits + (misses + false_alarms) / 2),
-        false_alarms_per_frame=mean(false_alarms, len(matches), "1/frame"),
-        objects_per_frame=mean(objects, len(matches), "1/frame", "higher"),
+        **count_scores(matches),
         calibration_error=calibration_error(excess(*scores_and_hits(detections, matches))),
         **_average_precisions(detections, truths, pairings, gate_m=gate_m),
         **_error_scores(box_errors(detections, truths, matches)),
     )
+
+
+def count_scores(matches: Sequence[Match]) -> dict[str, Score]:
+    """Return the scores of an episode that count pairs only."""
+    hits = sum(len(m.detected) for m in matches)
+    false_alarms = sum(len(m.false_alarms) for m in matches)
+    misses = sum(len(m.misses) for m in matches)
+    objects = hits + misses
+    return {
+        "detection_rate": ratio(hits, objects),
+        "precision": ratio(hits, hits + false_alarms),
+        "f1": ratio(hits, hits + (misses + false_alarms) / 2),
+        "false_alarms_per_frame": mean(false_alarms, len(matches), "1/frame"),
+        "objects_per_frame": mean(objects, len(matches), "1/frame", "higher"),
+    }
 
 
 def scores_and_hits(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -81,7 +81,12 @@ class GroundSurface:
 
     @staticmethod
     def of(cloud: Cloud, rule: GroundRule = RULE) -> GroundSurface:
-        """Estimate the ground of a whole scan.
+        """Estimate the ground of a whole scan."""
+        return GroundSurface.levelled(cloud, rule)[0]
+
+    @staticmethod
+    def levelled(cloud: Cloud, rule: GroundRule = RULE) -> tuple[GroundSurface, Cloud]:
+        """Return the ground of a whole scan, and the scan with heights above it in place of z.
 
         A plane is fitted to the ground near the ego, beginning with the calibrated one. From there
         the estimate proceeds outwards, bin by bin in all sectors: in each sector a Kalman filter
@@ -90,29 +95,25 @@ class GroundSurface:
         left out.
         """
         if not len(cloud) or 0 < cloud.ring.max() < LEAST_BEAMS - 1:
-            return GroundSurface(None, cloud.origin)
+            return GroundSurface(None, cloud.origin), cloud
         sector, place = _polar(cloud.points, cloud.origin)
         ranges, lows = _lowest(cloud.points, cloud.origin, sector, place)
         heights, accepted = _front(ranges, lows, _near_plane(ranges, lows, rule), rule)
         bins = accepted.sum(axis=1)[accepted.any(axis=1)]
         enough = len(bins) >= LEAST_SECTORS and bins.mean() >= LEAST_BINS
         share = (np.abs(heights) - FLAT_GROUND_M) / (UNEVEN_GROUND_M - FLAT_GROUND_M)
-        uneven = enough and bool((share > 0).any())
-        return GroundSurface(heights * np.clip(share, 0, 1) if uneven else None, cloud.origin)
+        if not enough or not (share > 0).any():
+            return GroundSurface(None, cloud.origin), cloud
+        heights *= np.clip(share, 0, 1)
+        points = cloud.points.copy()
+        points[:, 2] -= _between(heights, sector, place)
+        return GroundSurface(heights, cloud.origin), cloud._trusted(points=points)
 
     def below(self, points: np.ndarray) -> np.ndarray:
         """Return the height of the ground below (N, 2 or 3) points, (N,) metres."""
         if self.heights is None:
             return np.zeros(len(points))
         return _between(self.heights, *_polar(points, self.origin))
-
-    def levelled(self, cloud: Cloud) -> Cloud:
-        """Return the cloud with heights above the ground in place of z."""
-        if self.heights is None:
-            return cloud
-        points = cloud.points.copy()
-        points[:, 2] -= self.below(points)
-        return replace(cloud, points=points)
 
 
 def bin_edges() -> np.ndarray:

@@ -98,15 +98,11 @@ def searched_heading(points: np.ndarray, criterion: int, near_m: float) -> float
     1.5 degrees is refined to a quarter degree. Of several neighbouring headings that are equally
     good the middle one is taken, so that a mirrored outline has the mirrored heading.
     """
-    first, second = np.empty(len(points)), np.empty(len(points))
-    step, values = 0.5 * np.pi / COARSE, np.empty(COARSE)
-    for i in range(COARSE):
-        values[i] = _criterion_value(points, i * step, criterion, near_m, first, second)
-    centre = step * _middle_of_best(values, True)
-    fine, values = step / FINE, np.empty(2 * FINE + 1)
-    for i in range(len(values)):
-        heading = centre + (i - FINE) * fine
-        values[i] = _criterion_value(points, heading, criterion, near_m, first, second)
+    step = 0.5 * np.pi / COARSE
+    values = _criterion_values(points, step * np.arange(COARSE), criterion, near_m)
+    centre, fine = step * _middle_of_best(values, True), step / FINE
+    headings = centre + (np.arange(2 * FINE + 1) - FINE) * fine
+    values = _criterion_values(points, headings, criterion, near_m)
     return (centre + fine * (_middle_of_best(values, False) - FINE)) % (0.5 * np.pi)
 
 
@@ -129,53 +125,60 @@ def _middle_of_best(values: np.ndarray, around: bool) -> float:
 
 
 @compiled()
-def _criterion_value(
-    points: np.ndarray,
-    heading: float,
-    criterion: int,
-    near_m: float,
-    first: np.ndarray,
-    second: np.ndarray,
-) -> float:
-    """Return the value of a criterion for one heading; greater is better (algorithms 3 to 5).
+def _criterion_values(
+    points: np.ndarray, headings: np.ndarray, criterion: int, near_m: float
+) -> np.ndarray:
+    """Return the value of a criterion for each heading; greater is better (algorithms 3 to 5).
 
-    first, second: (M,) distances from the nearer side along and across, filled in.
+    In all loops the headings come last: what is summed for one does not wait for another.
     """
-    cos, sin = np.cos(heading), np.sin(heading)
+    values, cos, sin = np.zeros(len(headings)), np.cos(headings), np.sin(headings)
     if criterion == AREA:
-        return -_area(points, cos, sin)
-    _fill_distances(points, cos, sin, first)
-    _fill_distances(points, -sin, cos, second)
-    total = 0.0
+        for h in range(len(headings)):
+            values[h] = -_area(points, cos[h], sin[h])
+        return values
+    first, second = _distances(points, cos, sin), _distances(points, -sin, cos)
     if criterion == CLOSENESS:
         for i in range(len(points)):
-            total += 1.0 / max(min(first[i], second[i]), near_m)
-        return total
-    for side in range(2):
-        values, others = (first, second) if side == 0 else (second, first)
-        count, linear, squares = 0, 0.0, 0.0
-        for i in range(len(values)):
-            if values[i] < others[i]:
-                count += 1
-                linear += values[i]
-                squares += values[i] * values[i]
-        total -= squares / count - (linear / count) ** 2 if count else 0.0
-    return total
+            for h in range(len(headings)):
+                values[h] += 1.0 / max(min(first[i, h], second[i, h]), near_m)
+        return values
+    for h in range(len(headings)):
+        for side in range(2):
+            own, others = (first, second) if side == 0 else (second, first)
+            count, linear, squares = 0, 0.0, 0.0
+            for i in range(len(points)):
+                if own[i, h] < others[i, h]:
+                    count += 1
+                    linear += own[i, h]
+                    squares += own[i, h] * own[i, h]
+            values[h] -= squares / count - (linear / count) ** 2 if count else 0.0
+    return values
 
 
 @compiled()
-def _fill_distances(points: np.ndarray, x: float, y: float, out: np.ndarray) -> None:
-    """Write the distances of (M, 2) points, along the axis (x, y), from the end nearer to most."""
-    low, high = np.inf, -np.inf
+def _distances(points: np.ndarray, x: np.ndarray, y: np.ndarray) -> np.ndarray:
+    """Return (M, H) distances of (M, 2) points along H axes (x, y) from the end nearer to most."""
+    out, size = np.empty((len(points), len(x))), len(x)
+    low, high = np.full(size, np.inf), np.full(size, -np.inf)
     for i in range(len(points)):
-        out[i] = points[i, 0] * x + points[i, 1] * y
-        low, high = min(low, out[i]), max(high, out[i])
-    from_low, from_high = 0.0, 0.0
-    for value in out:
-        from_low += (value - low) ** 2
-        from_high += (high - value) ** 2
-    for i in range(len(out)):
-        out[i] = out[i] - low if from_low <= from_high else high - out[i]
+        for h in range(size):
+            out[i, h] = points[i, 0] * x[h] + points[i, 1] * y[h]
+        for h in range(size):
+            low[h] = min(low[h], out[i, h])
+        for h in range(size):
+            high[h] = max(high[h], out[i, h])
+    surplus, deficit = np.zeros(size), np.zeros(size)
+    for i in range(len(points)):
+        for h in range(size):
+            surplus[h] += (out[i, h] - low[h]) ** 2
+        for h in range(size):
+            deficit[h] += (high[h] - out[i, h]) ** 2
+    for i in range(len(points)):
+        for h in range(size):
+            from_low, from_high = out[i, h] - low[h], high[h] - out[i, h]
+            out[i, h] = from_low if surplus[h] <= deficit[h] else from_high
+    return out
 
 
 @compiled()

@@ -63,7 +63,8 @@ def truth_of_sweep(timeline: Timeline, around: States, sweep_truth: SweepTruth) 
     around: of `_Placed`.
     """
     sources = sweep_truth.owners.astype(np.int64)
-    sources[sources >= 0] = timeline.ids[sources[sources >= 0]]
+    actors = np.flatnonzero(sources >= 0)
+    sources[actors] = timeline.ids[sources[actors]]
     rows, states = _present_users(timeline, around)
     return Truth(
         **states,
