@@ -41,22 +41,18 @@ Fit = Callable[[Cluster, Horizon], Vehicle | None]
 def bodies_in(cluster: Cluster, horizon: Horizon, fit: Fit, *, cuts: int = CUTS) -> list[Vehicle]:
     """Return the road user that fits a cluster, or those that fit its parts.
 
-    The cluster is cut if no road user fits, or if the outline departs from the faces of the one
-    that fits best.
+    The cluster is cut if it is too large, if no road user fits, or if the outline departs from the
+    faces of the one that fits best.
     """
-    vehicle = fit(cluster, horizon) if is_body_sized(cluster) else None
+    extent_m = diagonal(cluster.points)
+    if len(cluster.points) < MIN_POINTS or extent_m < LEAST_M:
+        return []  # Its parts are no larger.
+    vehicle = fit(cluster, horizon) if extent_m <= LONGEST_M + WIDEST_M else None
     if vehicle is not None and vehicle.residual_m <= RAGGED_M:
         return [vehicle]
     parts = cut(cluster) if cuts else []
     bodies = [body for part in parts for body in bodies_in(part, horizon, fit, cuts=cuts - 1)]
     return bodies if bodies or vehicle is None else [vehicle]
-
-
-def is_body_sized(cluster: Cluster) -> bool:
-    """Return whether a cluster has enough returns and the extent of a road user."""
-    if len(cluster.points) < MIN_POINTS:
-        return False
-    return bool(LEAST_M <= diagonal(cluster.points) <= LONGEST_M + WIDEST_M)
 
 
 def cut(cluster: Cluster) -> list[Cluster]:

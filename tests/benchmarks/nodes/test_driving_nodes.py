@@ -91,6 +91,25 @@ def test_a_drive_is_stored_whole_and_repeats() -> None:
     assert EpisodeDrive.load(file).tracks == first.tracks
 
 
+def test_a_driver_with_the_same_commands_has_the_same_drive(monkeypatch) -> None:
+    """On a two-way road nobody changes lanes, so MOBIL changes nothing."""
+    stack, episode = "distance + gnn", Episode("two-way", 1, "vlp16", 2.0)
+    first, steps = drive("idm-mobil", stack, episode), []
+    step = ClosedLoop.step
+    monkeypatch.setattr(ClosedLoop, "step", lambda *args: (steps.append(1), step(*args)))
+    repeated = drive("idm", stack, episode)
+    assert not steps
+    assert len(repeated.driver_times.wall_ms) == len(first.driver_times.wall_ms)
+    again = drive("idm", stack, episode)
+    assert len(steps) == len(again.stamps_s)
+    for name in ("speeds", "accelerations", "poses", "reference_accelerations"):
+        assert np.array_equal(getattr(repeated, name), getattr(again, name), equal_nan=True), name
+    assert repeated.tracks == again.tracks
+    assert repeated.believed == again.believed
+    braking = drive("emergency-brake", stack, episode)
+    assert not np.array_equal(braking.speeds, again.speeds)
+
+
 def test_truth_and_blind_need_no_sensors() -> None:
     truth, blind = drive("idm", "truth"), drive("idm", "blind")
     assert truth.sensed == blind.sensed == ()
