@@ -50,7 +50,9 @@ class EpisodeRecord(Record):
 
     def save(self, file: BinaryIO) -> None:
         """Write all fields; equal records give the same bytes."""
-        file.write(zlib.compress(msgspec.msgpack.encode(self, enc_hook=_array_as_message)))
+        message = msgspec.msgpack.encode(self, enc_hook=_array_as_message)
+        # The default level takes 1.6 times as long for 6 % less space, measured on a drive.
+        file.write(zlib.compress(message, level=1))
 
     @classmethod
     def load(cls, file: BinaryIO) -> Self:

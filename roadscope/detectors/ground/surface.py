@@ -183,7 +183,7 @@ def _near_plane(ranges: np.ndarray, lows: np.ndarray, rule: GroundRule) -> np.nd
     reach, z = ranges[s, b], lows[s, b]
     azimuth = (s + 0.5) / SECTORS * 2 * np.pi - np.pi
     rows = np.column_stack([np.ones(len(s)), reach * np.cos(azimuth), reach * np.sin(azimuth)])
-    weight = np.array([rule.height_m, rule.tilt, rule.tilt]) ** -2.0
+    prior = np.diag(np.array([rule.height_m, rule.tilt, rule.tilt]) ** -2.0)
     plane = np.zeros(3)
     for gate_m in GATES_M:
         off = z - rows @ plane
@@ -191,7 +191,7 @@ def _near_plane(ranges: np.ndarray, lows: np.ndarray, rule: GroundRule) -> np.nd
         # Errors of near bins are correlated, so all bins together weigh at most as much as 100.
         bin_weight = 1.0 / (rule.noise_m**2 * max(near.sum() / 100.0, 1.0))
         chosen = rows[near]
-        normal = np.diag(weight) + bin_weight * chosen.T @ chosen
+        normal = prior + bin_weight * chosen.T @ chosen
         plane = np.linalg.solve(normal, bin_weight * chosen.T @ z[near])
     return plane
 
