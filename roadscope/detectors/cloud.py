@@ -79,8 +79,7 @@ class Cloud(Record):
 
 def _sweep_order(scan: LidarScan) -> np.ndarray:
     """Return the order by column, ring and position, (N,)."""
-    order = order_by(scan.ring)
-    order = order[order_by(scan.column[order])]
+    order = order_by(scan.column * (int(scan.ring.max(initial=0)) + 1) + scan.ring)
     ring, column = scan.ring[order], scan.column[order]
     # A beam has one return in a column, unless returns are copies or the sensor reports several.
     if ((ring[1:] == ring[:-1]) & (column[1:] == column[:-1])).any():

@@ -92,7 +92,9 @@ def starts_of(*keys: np.ndarray) -> np.ndarray:
     """Return where each run of rows with equal keys, (N,) each, begins, and N: (G + 1,) int64."""
     if not len(keys[0]):
         return np.zeros(1, np.int64)
-    changes = np.any([key[1:] != key[:-1] for key in keys], axis=0)
+    changes = keys[0][1:] != keys[0][:-1]
+    for key in keys[1:]:
+        changes |= key[1:] != key[:-1]
     return np.concatenate([[0], np.flatnonzero(changes) + 1, [len(keys[0])]])
 
 
