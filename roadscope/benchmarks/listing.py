@@ -13,7 +13,6 @@ from roadscope.benchmarks.noisy_camera import CAMERA_NOISES
 from roadscope.benchmarks.noisy_odometry import ODOMETRY_NOISES
 from roadscope.benchmarks.recorded.mot import MOT
 from roadscope.benchmarks.recorded.suite import KITTI, recorded_table
-from roadscope.benchmarks.references import CLUSTER_BOXES
 from roadscope.benchmarks.suite_files import SUITES, load_suite
 from roadscope.core import Registry, SpecError
 from roadscope.core.names import unknown
@@ -56,7 +55,6 @@ def listed_kinds() -> dict[str, Callable[[], DescribedNames]]:
 
 def _detectors() -> DescribedNames:
     composed = [
-        (CLUSTER_BOXES, "A box for every cluster, people too; for fusions."),
         (FUSED, "LiDAR and camera fused: ?lidar=A&camera=B&fusion=C."),
         (ORACLE, "The true boxes of all eligible objects."),
     ]

@@ -14,7 +14,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import Any
 
 from roadscope.benchmarks.kinds import (
     CAMERA_DETECTOR,
@@ -29,7 +28,7 @@ from roadscope.benchmarks.kinds import (
 from roadscope.benchmarks.noisy import NOISES
 from roadscope.benchmarks.noisy_camera import CAMERA_NOISES
 from roadscope.benchmarks.noisy_odometry import ODOMETRY_NOISES
-from roadscope.core import Registry, Spec, SpecError
+from roadscope.core import Spec, SpecError
 from roadscope.core.spec import FUSED, FUSED_PARTS, NO_POSES, ORACLE, TRUE_POSES
 from roadscope.fusion.calibration import read_calibration
 
@@ -42,21 +41,12 @@ LIDAR_ALONE, CAMERA_ALONE = "LiDAR alone", "camera alone"
 CALIBRATION = "calibration"
 """Argument of `fused`: a file of `roadscope calibrate`, whose calibration the fusion gets."""
 
-CLUSTER_BOXES = "cluster-boxes"
 ONE_CLUSTER = "one-cluster"
 """The lower mark of the detection board: all returns above ground are one cluster and one box."""
-NAMED_BY_SUITES: Registry[object] = Registry(
-    DETECTOR.name,
-    {
-        CLUSTER_BOXES: "roadscope.fusion.cluster_boxes:ClusterBoxes",
-        ONE_CLUSTER: "roadscope.detectors.pipeline:ClusterDetector?clustering=one&shape=rectangle",
-    },
-)
-"""Detectors that suites may name but boards do not rank: inputs of fusions, and a mark."""
 LOWER_ODOMETRIES = ("still", "dead-reckoning")
 """The lower marks of the odometry board: odometries that use no scan."""
 FUSED_DEFAULTS: Mapping[str, str] = {
-    "lidar": CLUSTER_BOXES,
+    "lidar": "cluster-boxes",
     "camera": "network",
     "fusion": "consistent",
 }
@@ -81,10 +71,9 @@ def detection_source(text: str | Spec) -> Spec:
     _refuse_parts_of_oracle(spec)
     if spec.name == FUSED:
         return _fused(spec)
-    for registry in (NOISES, NAMED_BY_SUITES):
-        if spec.name in registry:
-            return registry.resolve(spec)
-    return DETECTOR.registry.resolve(spec, also_possible=(ORACLE, FUSED, *NOISES, *NAMED_BY_SUITES))
+    if spec.name in NOISES:
+        return NOISES.resolve(spec)
+    return DETECTOR.registry.resolve(spec, also_possible=(ORACLE, FUSED, *NOISES))
 
 
 def image_source(text: str | Spec) -> Spec:
@@ -120,11 +109,6 @@ def pose_source(text: str | Spec) -> Spec:
 def missing_for_poses(source: Spec) -> str:
     """Return what a `pose_source` needs and is not installed; empty if nothing."""
     return "" if is_noise(source) else traits_of(source.parts.get(ODOMETRY.name, source)).requires
-
-
-def resolved_plugin(registry: Registry[Any], spec: Spec) -> Spec:
-    """Return the resolved spec of a plug-in, also of a detector that only suites may name."""
-    return (NAMED_BY_SUITES if spec.name in NAMED_BY_SUITES else registry).resolve(spec)
 
 
 def _refuse_parts_of_oracle(spec: Spec) -> None:
@@ -175,7 +159,7 @@ def check_ego(text: str | Spec) -> None:
 def _checked(spec: Spec, kind: Kind) -> Spec:
     if spec.kind == ORACLE:
         return spec
-    if is_noise(spec) or spec.name in NAMED_BY_SUITES:
+    if is_noise(spec):
         make_once(spec)
         return spec
     return check_plugin_spec(spec, kind)

@@ -15,7 +15,7 @@ from roadscope.benchmarks.cache import FolderError, cache_dir, usable_folder
 from roadscope.benchmarks.episode import Episode
 from roadscope.benchmarks.graph import Job, Node, plugins_of, run_jobs
 from roadscope.benchmarks.isolation import Limits
-from roadscope.benchmarks.kinds import DETECTOR, Kind, entry_kind
+from roadscope.benchmarks.kinds import Kind, entry_kind
 from roadscope.benchmarks.loop import RunOptions
 from roadscope.benchmarks.nodes.traffic import TrafficNode
 from roadscope.benchmarks.nodes.tuned import is_tuned
@@ -23,7 +23,6 @@ from roadscope.benchmarks.noisy import NOISES
 from roadscope.benchmarks.progress import Progress, silent
 from roadscope.benchmarks.recorded.kitti_drive import LIDAR_HEIGHT_M
 from roadscope.benchmarks.recorded.mot import mot_suite
-from roadscope.benchmarks.references import NAMED_BY_SUITES
 from roadscope.benchmarks.report.board_files import check_targets, label_of
 from roadscope.benchmarks.report.export import save_all, save_logs
 from roadscope.benchmarks.report.moments import worst_moments
@@ -358,7 +357,7 @@ def _by_board(
     for board in boards:
         kinds.setdefault(board.kind.name, board.kind)
     for spec in specs:
-        kind = _entry_kind(spec, list(kinds.values()), recorded=recorded)
+        kind = _entry_kind(spec, list(kinds.values()))
         fitting = [board for board in boards if board.kind.name == kind.name]
         if not fitting:
             wanted = " or ".join(dict.fromkeys(str(board.kind) for board in boards))
@@ -368,15 +367,10 @@ def _by_board(
     return by_board
 
 
-def _entry_kind(spec: Spec, possible: Sequence[Kind], *, recorded: bool) -> Kind:
-    """Return the kind of an entry; refuse a source of detections that no board ranks.
-
-    On recorded data detectors that only suites name are entries too.
-    """
-    if recorded and spec.name in NAMED_BY_SUITES:
-        return DETECTOR
+def _entry_kind(spec: Spec, possible: Sequence[Kind]) -> Kind:
+    """Return the kind of an entry; refuse a source of detections that no board ranks."""
     is_row = spec.name == ORACLE and not spec.parts
-    if is_row or spec.name in (FUSED, *NOISES, *NAMED_BY_SUITES):
+    if is_row or spec.name in (FUSED, *NOISES):
         row = "a row beside the detectors of a suite, and " if is_row else ""
         use = "input of trackers in simulated traffic"
         raise SpecError(f"'{spec}' is no entry: it is {row}{use}, --detections '{spec}'")

@@ -48,6 +48,9 @@ DETECTORS: Registry[Detector] = Registry(
         "&clustering=dbscan&shape=l-shape&min_score=0.5&exclusive=True&faint=0.01",
         "range-angle-filter": "roadscope.detectors.pipeline:ClusterDetector"
         "?clustering=range-angle&shape=matched-filter&min_score=0.5&exclusive=True&faint=0.01",
+        "cluster-boxes": "roadscope.fusion.cluster_boxes:ClusterBoxes",
+        "one-cluster": "roadscope.detectors.pipeline:ClusterDetector"
+        "?clustering=one&shape=rectangle",
         "zhang2017": "roadscope.detectors.long_range:LongRangeDetector?fit=single&faint=0.01",
         "zhang2017-multi": "roadscope.detectors.long_range:LongRangeDetector"
         "?fit=multi&late=True&faint=0.01",
@@ -75,6 +78,8 @@ DETECTORS: Registry[Detector] = Registry(
         "distance-body": "distance-lines with rounded bodies; ours.",
         "dbscan-l-shape": "distance-l-shape with polar ground removal and DBSCAN.",
         "range-angle-filter": "distance-filter with Zhang 2022's clustering.",
+        "cluster-boxes": "A box for every cluster, people too (Li 2021).",
+        "one-cluster": "One box around all that stands; the lower mark.",
         "zhang2017": "Moving vehicles; the paper's fit to one frame.",
         "zhang2017-multi": "Moving vehicles; fit to three frames, one frame late.",
         "zhang2017-multi-causal": "zhang2017-multi for the newest frame, no delay; ours.",

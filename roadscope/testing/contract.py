@@ -10,11 +10,10 @@ from importlib.util import find_spec
 
 from roadscope.benchmarks.boards import plugin_kinds
 from roadscope.benchmarks.isolation import Limits, PluginError, probing
-from roadscope.benchmarks.kinds import DETECTOR, TRACKER, Kind, entry_kind, traits_of
+from roadscope.benchmarks.kinds import TRACKER, Kind, entry_kind, traits_of
 from roadscope.benchmarks.noisy import NOISES
 from roadscope.benchmarks.noisy_camera import CAMERA_NOISES
 from roadscope.benchmarks.noisy_odometry import ODOMETRY_NOISES
-from roadscope.benchmarks.references import NAMED_BY_SUITES, resolved_plugin
 from roadscope.core import Spec, SpecError
 from roadscope.core.answers import AnswerError
 from roadscope.core.names import unknown
@@ -214,9 +213,8 @@ def _resolved(text: str, kind: str | None) -> tuple[Spec, Kind]:
     if kind is not None:
         resolved_kind = _kind_named(kind)
     else:
-        possible = tuple(plugin_kinds().values())
-        resolved_kind = DETECTOR if spec.name in NAMED_BY_SUITES else entry_kind(spec, possible)
-    plugin = resolved_plugin(resolved_kind.registry, spec)
+        resolved_kind = entry_kind(spec, tuple(plugin_kinds().values()))
+    plugin = resolved_kind.registry.resolve(spec)
     if failure := traits_of(plugin).failure:
         raise SpecError(failure)
     return plugin, resolved_kind

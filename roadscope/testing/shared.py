@@ -6,7 +6,6 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 from roadscope.benchmarks.kinds import traits_of
-from roadscope.benchmarks.references import resolved_plugin
 from roadscope.core import Spec
 from roadscope.testing.subject import Instance, Promise, PromiseError, Subject
 
@@ -42,7 +41,7 @@ def start_promises(
 
 def made_without_arguments(subject: Subject) -> str:
     """Refuse a constructor with arguments that have no default or can be given by position."""
-    spec = resolved_plugin(subject.kind.registry, Spec.parse(subject.spec.name))
+    spec = subject.kind.registry.resolve(Spec.parse(subject.spec.name))
     traits = traits_of(spec)
     if traits.problem:
         raise PromiseError(f"{traits.problem}; give every argument of the constructor a default")

@@ -328,9 +328,7 @@ def test_bad_settings_are_refused(suite, tmp_path) -> None:
         leaderboard(suite, out_dir=tmp_path / "file")
 
 
-@pytest.mark.parametrize(
-    "entry", ["oracle", "noisy?miss=0.2", "cluster-boxes", "fused?lidar=cluster-boxes"]
-)
+@pytest.mark.parametrize("entry", ["oracle", "noisy?miss=0.2", "fused?lidar=cluster-boxes"])
 def test_an_unranked_source_of_detections_is_distinguished_from_an_unknown_name(suite, entry):
     with pytest.raises(SpecError) as error:
         leaderboard(suite, [entry], boards=["detection"])

@@ -15,7 +15,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from toy_boxes import tracks
 
-from roadscope import SpecError, Tracks
+from roadscope import SpecError, Tracks, load_suite
+from roadscope.benchmarks.boards import DrivingSettings
 from roadscope.driving import BelievedObservation, Perception, PerceptionWrapper
 from roadscope.envs import env_ids, find_rig
 from roadscope.envs.traffic import ForeignEnvError, to_world
@@ -176,6 +177,13 @@ def test_what_is_near_is_perceived_where_it_is() -> None:
         near_m, speed_m_s = off_nearest(track, expected)
         assert near_m < 1.0
         assert speed_m_s < 3.0
+
+
+@pytest.mark.parametrize("suite", ["driving", "driving-camera", "driving-faults"])
+def test_stacks_of_boards_serve_environments_too(suite: str) -> None:
+    loaded = load_suite(suite)
+    for text in loaded.settings("driving", DrivingSettings).stacks:
+        assert Perception(text, find_rig(loaded.rig)).text == text
 
 
 def test_a_delay_makes_tracks_as_old_as_it_says() -> None:

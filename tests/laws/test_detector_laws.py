@@ -29,6 +29,11 @@ STAGED = {name for name in DETECTORS.names() if "ClusterDetector" in DETECTORS.t
 FEW = {"cluster", "pag-residual", "distance-body", "range-angle-filter"}
 WHOLLY = [name for name in DETECTORS.names() if name in FEW or name not in STAGED]
 """Those of which everything is asked: a few pipelines, and all other detectors."""
+AS_SEEN = {"cluster-boxes"}
+"""Boxes of the returns as they lie, for fusions: where a face or two are seen, the box ends there.
+Headings are whole multiples of 5 degrees, so of two faces that fit alike the first one counts."""
+COMPLETED = [name for name in WHOLLY if name not in AS_SEEN]
+"""Those whose boxes are whole road users, so that they move with them."""
 
 
 @pytest.fixture(params=WHOLLY)
@@ -95,11 +100,13 @@ def test_order_of_points_is_irrelevant(detector):
         assert [detector.detect(f) for f in frames] == first
 
 
-def test_a_full_turn_of_a_scanner_on_the_roof(detector):
+@pytest.mark.parametrize("name", COMPLETED)
+def test_a_full_turn_of_a_scanner_on_the_roof(name):
     """The car behind lies across the column in which the turn begins; it is one car, or none to
     those who tell what moves alone."""
     behind = (-12, 0.3, 4.6, 1.85, 1.5, 0)
     frames = film([*SCENE[1:], behind], azimuths=AROUND, elevations=np.linspace(-15, 5, 16))
+    detector = DETECTORS.make(name)
     boxes = [detector.detect(f) for f in frames][-1]
     x = 22 + (frames[-1].stamp_s - boxes.stamp_s) / 0.1
     off_m = [np.hypot(*(boxes.centres[:, :2] - p).T) for p in ((x, 0), behind[:2], SCENE[2][:2])]
@@ -148,7 +155,7 @@ def runs_like_the_ego(name: str) -> bool:
     return "ClusterDetector" in target and ("shape=" not in target or "shape=iepf" in target)
 
 
-TURNING = [name for name in WHOLLY if not by_cells_of_the_bounding_box(name)]
+TURNING = [name for name in COMPLETED if not by_cells_of_the_bounding_box(name)]
 
 
 @cache
@@ -209,12 +216,12 @@ PARTS = {
 
 
 films = pytest.mark.parametrize("speed_m_s", [0.0, 8.0], ids=["standing", "driving"])
-wholly = pytest.mark.parametrize("name", WHOLLY)
+completed = pytest.mark.parametrize("name", COMPLETED)
 many = settings(max_examples=8, phases=[Phase.explicit, Phase.generate])
 
 
 @pytest.mark.sampled(2)
-@wholly
+@completed
 @films
 @many
 @given(k=st.integers(1, 3), x=st.integers(-30, 30), y=st.integers(-30, 30))
@@ -239,7 +246,7 @@ def test_rigid_motion_moves_the_boxes(name, speed_m_s, turn, x, y):
     assert (off <= allowed(name, **tolerances)).all()
 
 
-@wholly
+@completed
 @films
 def test_left_and_right_are_alike(name, speed_m_s):
     frames = drive(speed_m_s=speed_m_s)

@@ -52,13 +52,7 @@ from roadscope.benchmarks.records import (
     EpisodeFusions,
     EpisodeImageDetections,
 )
-from roadscope.benchmarks.references import (
-    NAMED_BY_SUITES,
-    UPPER_MARK,
-    check_detection_source,
-    detection_source,
-    image_source,
-)
+from roadscope.benchmarks.references import UPPER_MARK, detection_source, image_source
 from roadscope.benchmarks.suite import Suite
 from roadscope.core import Category, Family, Pose, Spec
 from roadscope.core.fused import FusedDetections
@@ -218,11 +212,6 @@ class KittiDetectionBoard(OneSensorBoard):
     simulated_board = DetectionBoard.name
     sensors = (SCANS,)
     overlaps = ("3d", "bev")
-
-    def check_entry(self, spec: Spec) -> Spec:
-        """Return a detector's resolved spec; those that only suites name are entries here too."""
-        named = spec.name in NAMED_BY_SUITES
-        return check_detection_source(spec) if named else super().check_entry(spec)
 
     def node(self, source: Spec, drive: KittiDrive) -> Node:
         """Return the node with the boxes of a detector in a drive."""

@@ -34,7 +34,6 @@ from roadscope.benchmarks.nodes.detections import in_world
 from roadscope.benchmarks.nodes.traffic import SensingNode
 from roadscope.benchmarks.parked import parked_centres_on, parked_owners
 from roadscope.benchmarks.records import CallTimes, EpisodeRecord, without_sources
-from roadscope.benchmarks.references import resolved_plugin
 from roadscope.core import (
     Detections,
     DrivingCommand,
@@ -78,11 +77,9 @@ class Stack:
             missing = [key for key in kinds if key not in detector.parts]
             if missing:
                 raise SpecError(f"'{detector}': expected {'=, '.join(missing)}= too")
-            specs += [
-                resolved_plugin(kind.registry, detector.parts[key]) for key, kind in kinds.items()
-            ]
+            specs += [kind.registry.resolve(detector.parts[key]) for key, kind in kinds.items()]
         else:
-            specs.append(resolved_plugin(DETECTOR.registry, detector))
+            specs.append(DETECTOR.registry.resolve(detector))
         if tracker.ego is not None and str(tracker.ego) not in (TRUE_POSES, NO_POSES):
             specs.append(ODOMETRY.registry.resolve(tracker.ego))
         return tuple(specs)
@@ -342,7 +339,7 @@ class _StackCalls:
 
     def make(self, registry: Registry[Any], spec: Spec) -> Any:
         """Make a plug-in of a registry, in a process of its own unless it is ours."""
-        resolved = resolved_plugin(registry, spec)
+        resolved = registry.resolve(spec)
         handle = self._opened.enter_context(open_with(self._options, resolved))
         return _CalledPlugin(self, handle, resolved, KINDS[registry.kind])
 
