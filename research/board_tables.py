@@ -37,7 +37,8 @@ def rewritten(page: str, results: Mapping[str, Results]) -> str:
 def _scores(results: Results, metrics: Sequence[str]) -> list[str]:
     """Return the table of a board, best entry first, without those that are not installed."""
     (board,) = results.boards()
-    columns = [next(c for c in BOARDS[board].columns if c.metric == metric) for metric in metrics]
+    of_metric = {column.metric: column for column in BOARDS[board].columns}
+    columns = [of_metric[metric] for metric in metrics]
     lines = []
     for entry in results.entries(board):
         if results.not_installed(entry):

@@ -48,8 +48,8 @@ def leaderboard(
     ),
     detections: list[str] | None = option(
         "SPEC",
-        "Detector whose detections trackers get, or stack (DETECTOR + TRACKER) of drivers; "
-        "repeatable",
+        "Detector whose detections trackers get, or stack (DETECTOR + TRACKER [+ N ms]) of "
+        "drivers; repeatable",
         CHOICE,
         names=completion.detectors,
     ),

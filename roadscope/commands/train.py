@@ -55,7 +55,7 @@ def camera(
 def driver(
     perception: list[str] | None = option(
         "STACK",
-        "What it drives on: DETECTOR + TRACKER, truth (default) or blind; if repeated, "
+        "What it drives on: DETECTOR + TRACKER [+ N ms], truth (default) or blind; if repeated, "
         "each drive draws one",
     ),
     scenario: list[str] | None = option(

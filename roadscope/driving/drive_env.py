@@ -31,7 +31,7 @@ class DriveEnv(gym.Env[np.ndarray, np.int64]):
 
     scenario: one that the board `driving` takes, or several, of which each episode has one at
         random.
-    perception: a stack, `DETECTOR + TRACKER`; `truth`; `blind`; or several, likewise.
+    perception: a stack, `DETECTOR + TRACKER [+ N ms]`; `truth`; `blind`; or several, likewise.
     rig: for all stacks. duration_s: of an episode; None: that of the scenario.
     weather, light, faults: of the sensors in all episodes, as in `SensorWrapper`; `truth` and
         `blind` have no sensors.

@@ -26,7 +26,8 @@ from roadscope.trackers import TRACKERS, is_offline
 
 PLUS = " + "
 """Separates the detector from the tracker in the text of a stack."""
-_DELAY = re.compile(rf"{re.escape(PLUS)}(\d+(?:\.\d+)?) ?ms$")
+_DELAY = re.compile(r" *\+ *([0-9]{1,5}) *ms\Z")
+"""The delay at the end of a stack, whole milliseconds."""
 TRUTH, BLIND = "truth", "blind"
 """Stacks without sensors: the true road users, and no road users."""
 
@@ -70,17 +71,18 @@ def in_this_process(registry: Registry[Any], spec: Spec) -> Any:
 def parts_of(text: str) -> StackParts:
     """Return what a stack is made of; `SpecError` for a text that is no stack."""
     delay = _DELAY.search(text)
-    detector, plus, tracker = (text[: delay.start()] if delay else text).rpartition(PLUS)
+    stack = text[: delay.start()] if delay else text
+    detector, plus, tracker = stack.rpartition(PLUS)
     if not plus:
         raise SpecError(
-            f"'{text}' names no perception stack{_suggestion(text)}: expected "
+            f"'{text}' names no perception stack{_suggestion(stack)}: expected "
             f"'DETECTOR{PLUS}TRACKER', such as 'distance-l-shape{PLUS}existence', or '{TRUTH}' or "
-            f"'{BLIND}'"
+            f"'{BLIND}', which have no delay"
         )
-    if PLUS in detector:
+    if tracker[:1].isdigit():
         raise SpecError(
-            f"'{text}' has too many parts: expected 'DETECTOR{PLUS}TRACKER' or, with the time that "
-            f"the stack needs, 'DETECTOR{PLUS}TRACKER{PLUS}200 ms'"
+            f"'{text}': '{tracker}' is no delay: expected whole milliseconds, "
+            f"'{detector}{PLUS}200 ms'"
         )
     spec = Spec.parse(detector)
     if spec.name in CAMERA_DETECTORS and spec.name not in DETECTORS:
@@ -94,7 +96,7 @@ def parts_of(text: str) -> StackParts:
 def _suggestion(text: str) -> str:
     """Return which stack may have been meant, for error texts; empty if none is similar."""
     detector, plus, tracker = text.rpartition(PLUS.strip())
-    close = get_close_matches(text.lower(), (TRUTH, BLIND), n=1)
+    close = [each for each in get_close_matches(text.lower(), (TRUTH, BLIND), n=1) if each != text]
     if plus:
         close = [f"{detector.strip()}{PLUS}{tracker.strip()}"]
     return f" (did you mean '{close[0]}'?)" if close else ""
@@ -106,7 +108,8 @@ class Perception:
     text: `DETECTOR + TRACKER`, each a spec. The detector is one of LiDAR or
         `fused?lidar=A&camera=B&fusion=C`. The tracker may have `?ego=ODOMETRY` or `?ego=none`;
         otherwise it gets the true poses of the ego. With `DETECTOR + TRACKER + 200 ms` the tracks
-        of a scan are known 0.2 s after its stamp, as if the stack computed for so long.
+        of a scan are known 0.2 s after its stamp, as if the stack computed for so long. The tracker
+        itself gets every scan at once.
     rig: the sensors whose frames it gets.
     make: makes a plug-in of a registry from its spec; None makes them in this process.
 

@@ -35,7 +35,7 @@ class PerceptionWrapper(gym.Wrapper[np.ndarray, Any, Any, Any], RecordConstructo
 
     env: a single-agent environment with an observation of type `Kinematics`, `OccupancyGrid` or
         `TimeToCollision`. The space and the layout of the observation stay as they are.
-    perception: `DETECTOR + TRACKER`, such as `distance-l-shape + existence` (see `Perception`);
+    perception: `DETECTOR + TRACKER` or `DETECTOR + TRACKER + 200 ms` (see `Perception`);
         `truth`: highway-env's own observation; `blind`: no other vehicle is ever observed.
     rig, seed, style, weather, light, faults: of the sensors, as in `SensorWrapper`.
 

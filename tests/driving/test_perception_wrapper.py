@@ -199,6 +199,7 @@ def test_a_delay_makes_tracks_as_old_as_it_says() -> None:
         assert np.allclose(known[1].centres[:, :2], moved, atol=1e-9)
     assert len(known[1]) >= 2
     assert not np.array_equal(known[0].velocities, known[1].velocities)
+    assert len(late.reset(seed=3)[1]["tracks"]) == 0
 
 
 @pytest.mark.parametrize("ego", ["none", "dead-reckoning"])
@@ -370,7 +371,11 @@ def test_environments_run_side_by_side() -> None:
         ("bilnd", "vlp16", "did you mean 'blind'"),
         ("existence", "vlp16", "'truth' or 'blind'"),
         ("existence + 200 ms", "vlp16", "'truth' or 'blind'"),
-        ("distance-l-shape + existence + 200", "vlp16", "200 ms"),
+        ("distance-l-shape + existence + 200", "vlp16", "'200' is no delay"),
+        ("distance-l-shape + existence + 0.2 s", "vlp16", "'0.2 s' is no delay"),
+        ("distance-l-shape + existence + 200 ms\n", "vlp16", "is no delay"),
+        ("truth + 200 ms", "vlp16", "no perception stack: .* no delay"),
+        ("distance+gnn+200 ms", "vlp16", "did you mean 'distance \\+ gnn'"),
     ],
 )
 def test_what_is_no_stack_is_refused(text: str, rig: str, word: str) -> None:

@@ -42,7 +42,7 @@ TRACKED = ("recall", "precision", "hota", "velocity_rmse_m_s")
 class DrivingSettings(BoardSettings, frozen=True, kw_only=True):
     """The table `[driving]`.
 
-    stacks: perception stacks, `DETECTOR + TRACKER`; every driver drives with each.
+    stacks: perception stacks, `DETECTOR + TRACKER [+ N ms]`; every driver drives with each.
     """
 
     stacks: Names = ()

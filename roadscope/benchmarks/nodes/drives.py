@@ -57,7 +57,7 @@ CLOSED_LOOP = "roadscope.driving.closed_loop"
 
 @dataclass(frozen=True)
 class Stack:
-    """A perception stack: `DETECTOR + TRACKER`, perhaps ` + 200 ms`, or `truth` or `blind`."""
+    """A perception stack: `DETECTOR + TRACKER [+ N ms]`, `truth` or `blind`."""
 
     text: str
 
@@ -138,7 +138,8 @@ class DriveNode(SensingNode):
     part of roadscope. The report reads the lanes from the recorded traffic.
 
     A driver that gives the same commands as the one before it, in the same scenes, has the same
-    drive: it is not simulated again, and the times of the stack are those of that drive.
+    drive: it is not simulated again, and the times of the stack are those of that drive. Only so if
+    driver and stack are part of roadscope: other drivers may not see a drive before their own.
     """
 
     driver: Spec
@@ -159,6 +160,8 @@ class DriveNode(SensingNode):
 
     def compute(self, options: RunOptions) -> EpisodeDrive:
         """Drive until the time is up, the road ends or the ego collides."""
+        if any(spec.isolated for spec in self.plugins()):
+            return self._driven(options).drive
         content = self.content()
         key = fingerprint({name: value for name, value in content.items() if name != "driver"})
         last = _last_drive.get(key)

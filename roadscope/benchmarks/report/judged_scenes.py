@@ -91,11 +91,11 @@ class JudgedScene(JudgedFrames):
     given: Sequence[FrameBoxes] = ()
 
     def object_text(self, frame: int, row: int) -> str:
-        """Return what an object is, where, and how much of it is seen."""
+        """Return what an object is, where, and how much of it the LiDAR sees."""
         truth = self.truths[frame]
         name = Category(int(truth.categories[row])).name.lower()
         away_m = np.linalg.norm(truth.centres[row, :2] - truth.world_from_ego.translation[:2])
-        hidden = f"{100 * truth.occluded_fraction[row]:.0f} % hidden"
+        hidden = f"{100 * truth.occluded_fraction[row]:.0f} % hidden from the LiDAR"
         returns = truth.lidar_returns[row]
         return f"{name} {truth.ids[row]} at {away_m:.0f} m with {returns} returns, {hidden}"
 

@@ -140,7 +140,8 @@ def save_page(runs: Sequence[Run], path: Path, *, most_bytes: int = MOST_BYTES) 
         )
     if without_images:
         left_out.append(
-            f"The images of {without_images} moments are left out, as the page would be too large."
+            f"Images are left out in {without_images} of {every} moments, as the page would be too "
+            "large."
         )
     full = [_with_moments(*each) for each in zip(bare, moments, shown, strict=False)]
     write_text(path, _rendered(full, left_out))
@@ -394,6 +395,8 @@ def _differences(results: Results, board: Board, columns: Sequence[Column]) -> l
 
 def _differences_note(board: Board, differences: Sequence[Mapping[str, Any]]) -> str:
     """Return what differences are over, and which of them have intervals."""
+    if not differences:
+        return "There are no two entries to compare."
     if not board.sample:
         return "Over all frames together, without intervals."
     text = f"Paired on the same {board.sample} of each scenario"

@@ -94,6 +94,12 @@ class ReplayMoment(msgspec.Struct, frozen=True, kw_only=True):
     size_px: tuple[int, int] = (0, 0)
     images: list[bytes] = []
 
+    def __post_init__(self) -> None:
+        if not 0 <= self.event < len(self.times_s):
+            raise ValueError(f"event {self.event} of {len(self.times_s)} frames")
+        if min(self.size_px) < 0:
+            raise ValueError(f"size_px {self.size_px}")
+
 
 def named(job: Job) -> dict[str, Any]:
     """Return the fields of a moment that say whose it is."""

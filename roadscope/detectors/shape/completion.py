@@ -44,9 +44,9 @@ def bodies_in(cluster: Cluster, horizon: Horizon, fit: Fit, *, cuts: int = CUTS)
     The cluster is cut if it is too large, if no road user fits, or if the outline departs from the
     faces of the one that fits best.
     """
-    extent_m = diagonal(cluster.points)
-    if len(cluster.points) < MIN_POINTS or extent_m < LEAST_M:
-        return []  # Its parts are no larger.
+    # Parts are no larger.
+    if len(cluster.points) < MIN_POINTS or (extent_m := diagonal(cluster.points)) < LEAST_M:
+        return []
     vehicle = fit(cluster, horizon) if extent_m <= LONGEST_M + WIDEST_M else None
     if vehicle is not None and vehicle.residual_m <= RAGGED_M:
         return [vehicle]

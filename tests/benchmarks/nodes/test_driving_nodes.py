@@ -108,6 +108,7 @@ def test_a_driver_with_the_same_commands_has_the_same_drive(monkeypatch) -> None
     assert repeated.believed == again.believed
     braking = drive("emergency-brake", stack, episode)
     assert not np.array_equal(braking.speeds, again.speeds)
+    assert np.array_equal(drive("emergency-brake", stack, episode).poses, braking.poses)
 
 
 def test_truth_and_blind_need_no_sensors() -> None:
@@ -116,6 +117,15 @@ def test_truth_and_blind_need_no_sensors() -> None:
     assert not any(map(len, blind.tracks))
     present = np.isfinite(truth.poses[0, 1:, 0]).sum()
     assert len(truth.tracks[0]) == present
+
+
+def test_a_strangers_driver_sees_no_drive_before_its_own(plugins, monkeypatch) -> None:
+    model, steps = drive("idm-mobil", "truth"), []
+    step = ClosedLoop.step
+    monkeypatch.setattr(ClosedLoop, "step", lambda *args: (steps.append(1), step(*args)))
+    changed = drive(f"{plugins}:Changes", "truth")
+    assert len(steps) == len(changed.stamps_s)
+    assert np.array_equal(changed.poses, model.poses, equal_nan=True)
 
 
 def test_a_strangers_driver_acts_on_the_world(plugins) -> None:

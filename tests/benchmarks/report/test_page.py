@@ -74,7 +74,7 @@ def test_images_are_left_out_before_moments(tmp_path) -> None:
     left_out = save_page([Run(results(), moments)], path, most_bytes=900_000)
     (board,) = content(path.read_text())
     assert [bool(each["images"]) for each in board["moments"]] == [True, False]
-    assert any("images of 1 " in text for text in left_out)
+    assert any(" in 1 of " in text for text in left_out)
     assert path.stat().st_size <= 900_000
 
 

@@ -202,7 +202,7 @@ def test_collisions_stand_together_with_detections_and_how_many_are_left_out(vis
     assert [text.partition(",")[0] for text in buttons] == ["collision", "collision", "near miss"]
     assert page.locator(".left-out").inner_text().startswith("1 more moment")
     assert page.locator(".scene polygon.answer.d").count() == 1
-    assert "detection of the last scan" in page.locator(".legend").inner_text()
+    assert "detection before tracking or fusion" in page.locator(".legend").inner_text()
     page.locator(".choose", has_text="poor").first.click()
     assert page.locator(".left-out").inner_text() == ""
 

@@ -358,7 +358,7 @@
   const polygon = (points) => points.map(([x, y]) => `${x.toFixed(1)},${y.toFixed(1)}`).join(" ");
   const LEGEND = {
     boxes: [["ego", "ego"], ["truth m", "object, tracked or detected"], ["truth x", "object that is missed"], ["answer m", "answer on an object"],
-      ["answer f", "false alarm"], ["answer s", "identity switch"], ["answer d", "detection of the last scan"], ["truth i", "object that does not count"], ["answer i", "answer that does not count"]],
+      ["answer f", "false alarm"], ["answer s", "identity switch"], ["answer d", "detection before tracking or fusion"], ["truth i", "object that does not count"], ["answer i", "answer that does not count"]],
     poses: [["ego", "true ego and its way"], ["estimate", "estimated ego and its way"], ["gap", "error"]],
   };
   LEGEND.image = LEGEND.boxes.slice(1);
@@ -526,8 +526,8 @@
       const { right, x, f, s, d } = countsAt(frame);
       const counted = (count, noun, more = "s") => `${count} ${noun}${count === 1 ? "" : more}`;
       return time + [`${counted(right, "object")} found`, `${x} missed`, counted(f, "false alarm"),
-        s ? counted(s, "identity switch", "es") : "", d ? `${counted(d, "detection")} in the last scan` : "",
-        moment.images.length && !moment.images[frame] ? "no image" : ""].filter(Boolean).join(", ");
+        s ? counted(s, "identity switch", "es") : "", d ? `${counted(d, "detection")} before tracking or fusion` : "",
+        moment.size_px[0] && !moment.images[frame] ? "no image" : ""].filter(Boolean).join(", ");
     };
     const strip = (frame) => {
       const frames = moment.times_s.length;
