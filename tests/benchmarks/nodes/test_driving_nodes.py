@@ -108,7 +108,8 @@ def test_a_driver_with_the_same_commands_has_the_same_drive(monkeypatch) -> None
     assert repeated.believed == again.believed
     braking = drive("emergency-brake", stack, episode)
     assert not np.array_equal(braking.speeds, again.speeds)
-    assert np.array_equal(drive("emergency-brake", stack, episode).poses, braking.poses)
+    alone = drive("emergency-brake", stack, episode)
+    assert np.array_equal(alone.poses, braking.poses, equal_nan=True)
 
 
 def test_truth_and_blind_need_no_sensors() -> None:
