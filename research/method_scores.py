@@ -63,7 +63,7 @@ def _cell(results: Results, board: str, entry: str, column: Column) -> str:
 def main(arguments: Sequence[str] | None = None) -> None:
     """Write the pages."""
     parser = argparse.ArgumentParser(
-        prog="python -m research.board_tables",
+        prog="python -m research.method_scores",
         description=__doc__,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )

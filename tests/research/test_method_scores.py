@@ -4,7 +4,7 @@ import re
 
 import pytest
 
-from research.board_tables import MARK, PAGES, rewritten
+from research.method_scores import MARK, PAGES, rewritten
 from roadscope import load_suite
 from roadscope.benchmarks.boards import BOARDS
 from roadscope.benchmarks.results import Results, Row, Standing
