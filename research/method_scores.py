@@ -17,7 +17,7 @@ from roadscope.benchmarks import Results
 from roadscope.benchmarks.boards import BOARDS, Column
 
 MARK = re.compile(r"<!-- scores: ([^;]+); (.+) -->")
-PAGES = [Path("docs", f"{page}.md") for page in ("detectors", "trackers", "odometries", "fusion")]
+PAGES = [Path("docs", f"{page}.md") for page in ("detectors", "trackers")]
 
 
 def rewritten(page: str, results: Mapping[str, Results]) -> str:

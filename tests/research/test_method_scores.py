@@ -40,9 +40,11 @@ def test_tables_below_comments_are_made_anew_and_the_rest_stays() -> None:
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
-def test_comments_name_suites_and_columns(page) -> None:
-    marks = re.findall(MARK, page.read_text("utf-8"))
+def test_comments_name_suites_and_columns_of_the_table_below(page) -> None:
+    text = page.read_text("utf-8")
+    marks = re.findall(MARK, text)
     assert marks
+    assert len(re.findall(rf"{MARK.pattern}\n\n\| \| ", text)) == len(marks)
     for suite, metrics in marks:
         columns = [c.metric for name in load_suite(suite).boards for c in BOARDS[name].columns]
         assert set(metrics.split(", ")) <= set(columns)
