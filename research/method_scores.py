@@ -17,7 +17,7 @@ from roadscope.benchmarks import Results
 from roadscope.benchmarks.boards import BOARDS, Column
 
 MARK = re.compile(r"<!-- scores: ([^;]+); (.+) -->")
-PAGES = [Path("docs", f"{page}.md") for page in ("detectors", "trackers")]
+PAGES = [Path("docs", f"{page}.md") for page in ("detectors", "trackers", "fusion")]
 
 
 def rewritten(page: str, results: Mapping[str, Results]) -> str:
@@ -44,7 +44,9 @@ def _scores(results: Results, metrics: Sequence[str]) -> list[str]:
         if results.not_installed(entry):
             continue
         mark = results.standing(board, entry).mark
-        name = f"*{entry}* ({mark})" if mark else entry
+        name = f"*{entry}*" if mark else entry
+        if mark and mark not in entry:
+            name += f" ({mark})"
         lines.append([name, *(_cell(results, board, entry, column) for column in columns)])
     return markdown_table(["", *(column.heading for column in columns)], lines)
 
