@@ -318,8 +318,8 @@ def _match(
     a: ScoredRun, b: ScoredRun, entry_a: str, entry_b: str
 ) -> tuple[list[list[_Pair]], list[Unpaired]]:
     """Pair the jobs of two entries, board by board, and count those that only one side has."""
-    of_a = {job.name: job for job in a.jobs if job.entry == entry_a}
-    of_b = {job.name: job for job in b.jobs if job.entry == entry_b}
+    of_a = {_paired_by(job): job for job in a.jobs if job.entry == entry_a}
+    of_b = {_paired_by(job): job for job in b.jobs if job.entry == entry_b}
     pairs: dict[str, list[_Pair]] = {}
     for name in of_a:
         if name in of_b:
@@ -329,6 +329,15 @@ def _match(
     unpaired = [Unpaired("a", board, entry_a, "", count) for board, count in only_a.items()]
     unpaired += [Unpaired("b", board, entry_b, "", count) for board, count in only_b.items()]
     return list(pairs.values()), unpaired
+
+
+def _paired_by(job: JobScores) -> JobName:
+    """Return the name by which a job is paired: without inputs that the entry itself names.
+
+    So drivers on different perception stacks are compared on the same traffic.
+    """
+    names_inputs = bool(job.inputs) and job.entry.endswith(f" on {job.inputs}")
+    return job.name._replace(inputs="") if names_inputs else job.name
 
 
 def _failures(pairs: Iterable[_Pair]) -> Iterator[FailedJob]:

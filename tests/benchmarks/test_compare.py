@@ -191,6 +191,17 @@ def test_two_entries_of_one_run() -> None:
     assert "new" in d.entry
 
 
+def test_drivers_on_different_stacks_are_paired_by_traffic() -> None:
+    stacks = "truth", "distance + gnn"
+    jobs = [
+        job(f"idm on {stack}", seed, {"reward": 0.5 + 0.1 * seed - loss}, inputs=stack)
+        for stack, loss in zip(stacks, (0.0, 0.2), strict=True)
+        for seed in range(4)
+    ]
+    (d,) = compare(run(jobs), entries=[f"idm on {stack}" for stack in stacks]).differences
+    assert (d.n, d.difference) == (4, pytest.approx(-0.2))
+
+
 def test_metrics_by_name(tmp_path) -> None:
     scores = {"hota": 0.5, "mota": 0.4, "hota by alpha: 0.5": 0.3}
     one = run([job("mine", seed, scores) for seed in (0, 1)])
