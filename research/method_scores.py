@@ -12,7 +12,7 @@ import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from research.papers_page import markdown_table
+from research.page_tables import markdown_table, with_tables
 from roadscope.benchmarks import Results
 from roadscope.benchmarks.boards import BOARDS, Column
 
@@ -22,16 +22,12 @@ PAGES = [Path("docs", f"{page}.md") for page in ("detectors", "trackers", "fusio
 
 def rewritten(page: str, results: Mapping[str, Results]) -> str:
     """Return the page with its tables made anew; results: by suite."""
-    lines, out = page.split("\n"), []
-    while lines:
-        out.append(lines.pop(0))
-        mark = MARK.fullmatch(out[-1])
-        if mark is None or mark[1] not in results:
-            continue
-        while lines and (not lines[0] or lines[0].startswith("|")):
-            lines.pop(0)
-        out += ["", *_scores(results[mark[1]], mark[2].split(", ")), ""]
-    return "\n".join(out)
+
+    def table(comment: re.Match[str]) -> list[str] | None:
+        suite, metrics = comment.groups()
+        return _scores(results[suite], metrics.split(", ")) if suite in results else None
+
+    return with_tables(page, MARK, table)
 
 
 def _scores(results: Results, metrics: Sequence[str]) -> list[str]:

@@ -14,30 +14,27 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
+from research.page_tables import markdown_table, with_tables
+
 MARK = re.compile(r"<!-- (verdicts|figures): ([^;]+?)(?:; (.+?))?(?:; (.+?))? -->")
 Row = dict[str, Any]
 
 
 def rewritten(page: str, results: dict[str, dict[str, list[Row]]]) -> str:
     """Return the page with its tables made anew; results: content of the files, by paper."""
-    lines, out = page.split("\n"), []
-    while lines:
-        out.append(lines.pop(0))
-        mark = MARK.fullmatch(out[-1])
-        if mark is None or mark[2] not in results:
-            continue
-        while lines and (not lines[0] or lines[0].startswith("|")):
-            lines.pop(0)
-        kind, paper, experiment, methods = mark.groups()
+
+    def table(comment: re.Match[str]) -> list[str] | None:
+        kind, paper, experiment, methods = comment.groups()
+        if paper not in results:
+            return None
         if kind == "verdicts":
-            table = _verdicts(results[paper]["verdicts"])
-        else:
-            rows = [row for row in results[paper]["rows"] if row["experiment"] == experiment]
-            if not rows:
-                raise SystemExit(f"{paper} has no experiment {experiment!r}")
-            table = _figures(rows, methods.split(" / ") if methods else None)
-        out += ["", *table, ""]
-    return "\n".join(out)
+            return _verdicts(results[paper]["verdicts"])
+        rows = [row for row in results[paper]["rows"] if row["experiment"] == experiment]
+        if not rows:
+            raise SystemExit(f"{paper} has no experiment {experiment!r}")
+        return _figures(rows, methods.split(" / ") if methods else None)
+
+    return with_tables(page, MARK, table)
 
 
 def _verdicts(verdicts: Iterable[Row]) -> list[str]:
@@ -60,12 +57,6 @@ def _figures(rows: Sequence[Row], methods: Sequence[str] | None) -> list[str]:
         if any(row["paper"] is not None for row in own):
             lines.append(["*paper*", *(_number(row["paper"], digits=6) for row in own)])
     return markdown_table(["", *heads], lines)
-
-
-def markdown_table(heads: Sequence[str], lines: Iterable[Sequence[str]]) -> list[str]:
-    """Return the lines of a table."""
-    rows = [heads, ["---"] * len(heads), *lines]
-    return ["| " + " | ".join(cells).lstrip() + " |" for cells in rows]
 
 
 def _figure(value: float | None, row: Row, unit: str = "") -> str:
