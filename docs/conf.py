@@ -25,8 +25,13 @@ html_css_files = ["site.css"]
 html_show_sphinx = False
 html_copy_source = False
 
-# Tests run the notebooks; the build shows what they hold.
+# A build shows notebooks as they are stored, without outputs. The published site runs them, which
+# takes minutes: `sphinx-build -D nb_execution_mode=force docs build/site`.
 nb_execution_mode = "off"
+nb_execution_in_temp = True
+nb_execution_raise_on_error = True
+nb_execution_timeout = 1200
+nb_merge_streams = True
 myst_enable_extensions = ["html_image"]
 myst_heading_anchors = 3
 
