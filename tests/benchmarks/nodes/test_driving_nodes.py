@@ -167,6 +167,30 @@ def test_detections_within_the_stack_are_scored(plugins) -> None:
     assert "detection_rate" not in scores_of("truth", drive("idm", "truth"))
 
 
+@pytest.mark.parametrize(
+    ("stack", "rig"),
+    [
+        ("distance + gnn", "vlp16"),
+        ("distance + gnn?ego=dead-reckoning", "vlp16-imu"),
+        ("fused?lidar=distance&camera=colour-blobs&fusion=union + gnn", "wide"),
+    ],
+)
+def test_a_delay_changes_what_the_driver_knows_and_no_score(plugins, stack, rig) -> None:
+    """The driver looks at no tracks, so both drives are the same."""
+    episode, delayed = Episode("two-way", 0, rig, 2.0), f"{stack} + 400 ms"
+    prompt, late = (drive(f"{plugins}:Stops", each, episode) for each in (stack, delayed))
+    assert np.array_equal(prompt.poses, late.poses, equal_nan=True)
+    assert prompt.detected == late.detected
+    assert prompt.believed == late.believed
+    for now_s, known in zip(late.stamps_s, late.tracks, strict=True):
+        done = [each for each in late.believed if each.stamp_s + 0.4 <= now_s + 1e-9]
+        assert np.array_equal(known.ids, done[-1].ids if done else [])
+    assert len(late.tracks[-1]) > 0
+    scores = [scores_of(s, d) for s, d in ((stack, prompt), (delayed, late))]
+    for name in ("detection_rate", "recall", "hota", "reward"):
+        assert scores[0][name] == scores[1][name], name
+
+
 def test_a_strangers_detector_is_called_and_timed(plugins) -> None:
     nothing = drive("idm", f"{plugins}:Nothing + gnn")
     assert not any(map(len, nothing.believed))
