@@ -129,7 +129,7 @@ class FusionNode(Node):
         targets = []
         for row in rows.tolist():
             truth = lidar.truths[row]
-            image = image_truth_of(truth, camera)
+            image = camera.truths[nearest_image(truth, camera)]
             moved = _moved(true_projection, lidar, row, image.stamp_s - truth.stamp_s)
             targets.append(targets_of(truth, image, lidar.parked, moved))
         return tuple(targets)
@@ -237,10 +237,10 @@ def _moved(projection: Projection, lidar: EpisodeDetections, row: int, gap_s: fl
     return moved_projection(projection, motion, now.stamp_s - before.stamp_s, gap_s)
 
 
-def image_truth_of(truth: Truth, camera: EpisodeImageDetections) -> Truth:
-    """Return the truth of the image nearest in time to a scan."""
+def nearest_image(truth: Truth, camera: EpisodeImageDetections) -> int:
+    """Return which image of a record, lost or not, is nearest in time to a scan."""
     image_s = np.array([image.stamp_s for image in camera.truths])
-    return camera.truths[int(np.abs(image_s - truth.stamp_s).argmin())]
+    return int(np.abs(image_s - truth.stamp_s).argmin())
 
 
 def rows_in_both(truth: Truth, image: Truth) -> np.ndarray:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -23,20 +24,22 @@ from roadscope.benchmarks.metrics.tracking.scores import (
     counted_sequence,
     matched_rows,
 )
-from roadscope.benchmarks.nodes.fusions import image_truth_of, rows_in_both
+from roadscope.benchmarks.nodes.fusions import PARKED_SIZE_M, nearest_image, rows_in_both
 from roadscope.benchmarks.records import (
     EpisodeDetections,
     EpisodeFusions,
     EpisodeImageDetections,
     EpisodeTracks,
 )
-from roadscope.benchmarks.report.replay_records import FrameBoxes, boxes_of, category_names
+from roadscope.benchmarks.report.replay_records import FrameBoxes, boxes_of, category_names, joined
 from roadscope.core import Category, Detections, ImageDetections, Tracks, Truth
 from roadscope.core.category import families_of
 from roadscope.core.fused import FusedDetections
 from roadscope.core.projection import Projection
 
 SWITCHES, MISSES, ALARMS = "identity switches", "misses", "false alarms"
+PARKED_CAR, FIRST_PARKED = "parked car", -2
+"""Label of parked cars, and the number of the first one."""
 MARGIN_M = 10.0
 """How far objects and lanes are shown beyond the range in which objects are eligible."""
 BEAM_M, BEAM_WIDTH_M = 30.0, 0.4
@@ -76,19 +79,34 @@ class JudgedFrames(ABC):
         return np.array([int(np.isin(frame.states, ("m", "s")).sum()) for frame in self.objects])
 
 
+class ImageFrames(NamedTuple):
+    """Boxes in the images of T frames: pixels, x to the right and y up from the left top corner.
+
+    rows: (T,) numbers of the images. objects, answers: as in `JudgedFrames`.
+    """
+
+    rows: np.ndarray
+    objects: Sequence[FrameBoxes]
+    answers: Sequence[FrameBoxes]
+
+
 @dataclass(frozen=True, slots=True)
 class JudgedScene(JudgedFrames):
     """Frames whose boxes are seen from above.
 
     truths: of the frames. switches: by frame, texts about switches of identities.
     reach_m: how far from the ego boxes are shown.
+    parked: boxes of parked cars, which never count, of the whole episode.
     given: the detections that the entry got, where they are shown beside its answers.
+    images: the same frames in the camera's images, where these are shown too.
     """
 
     truths: Sequence[Truth]
     switches: Mapping[int, Sequence[str]]
     reach_m: float
+    parked: FrameBoxes
     given: Sequence[FrameBoxes] = ()
+    images: ImageFrames | None = None
 
     def object_text(self, frame: int, row: int) -> str:
         """Return what an object is, where, and how much of it the LiDAR sees."""
@@ -137,7 +155,24 @@ def judged_scene(
         boxes = [boxes_of(each, np.full(len(each), -1)) for each in answers.detections]
         _judge_detections(pairings, objects, boxes)
     reach_m = rule.range_m[1] + MARGIN_M
-    return JudgedScene(_times_of(truths), objects, boxes, truths, switches, reach_m)
+    parked = _parked_boxes(inputs)
+    return JudgedScene(_times_of(truths), objects, boxes, truths, switches, reach_m, parked)
+
+
+def _parked_boxes(inputs: EpisodeDetections) -> FrameBoxes:
+    """Return boxes of the parked cars; of size and yaw, which are not kept, likely ones."""
+    count = len(inputs.parked)
+    egos = [truth.world_from_ego for truth in inputs.truths]
+    places = np.array([ego.translation[:2] for ego in egos])
+    nearest = np.linalg.norm(inputs.parked[:, None] - places, axis=2).argmin(axis=1)
+    return FrameBoxes(
+        FIRST_PARKED - np.arange(count),
+        inputs.parked,
+        np.tile(PARKED_SIZE_M[:2], (count, 1)),
+        np.array([egos[k].yaw for k in nearest]),
+        np.full(count, "i"),
+        np.full(count, PARKED_CAR),
+    )
 
 
 def _times_of(truths: Sequence[Truth]) -> np.ndarray:
@@ -203,32 +238,67 @@ def judged_fusions(
     frames = answers.rows.tolist()
     truths = [lidar.truths[frame] for frame in frames]
     objects = [boxes_of(truth, truth.ids) for truth in truths]
-    boxes = []
-    for truth, true, fused, targets in zip(
-        truths, objects, answers.fused, answers.targets, strict=True
+    boxes: list[FrameBoxes] = []
+    images: list[int] = []
+    true_in_images: list[FrameBoxes] = []
+    own_in_images: list[FrameBoxes] = []
+    for k, (truth, fused, targets) in enumerate(
+        zip(truths, answers.fused, answers.targets, strict=True)
     ):
         shown = fused.select(fused.scores >= fusion_metrics.SCORE_THRESHOLD)
         shown = shown.select(shown.has_box | shown.has_image_box)
         matched = match_targets([shown], [targets]).targets
+        image = nearest_image(truth, camera)
         # Parked cars, the last ones among the targets, are never eligible.
-        rows = rows_in_both(truth, image_truth_of(truth, camera))
+        rows = rows_in_both(truth, camera.truths[image])
         eligible = rows[targets.eligible[: len(rows)]]
-        true.states[eligible] = "x"
-        true.states[eligible[matched[matched >= 0]]] = "m"
+        objects[k].states[eligible] = "x"
+        objects[k].states[eligible[matched[matched >= 0]]] = "m"
         placed = _with_beams(shown, targets, matched, projection)
         placed = placed.moved(truth.world_from_ego, "world")
-        labels = _scored_names(shown)
-        labels = np.where(shown.has_box, labels, np.char.add(labels, ", camera alone"))
-        boxes.append(
-            boxes_of(placed, np.full(len(placed), -1))._replace(
-                states=_answer_states(matched), labels=labels
-            )
+        states, labels = _answer_states(matched), _scored_names(shown)
+        alone = np.where(shown.has_box, labels, np.char.add(labels, ", camera alone"))
+        own = boxes_of(placed, np.full(len(placed), -1))
+        boxes.append(own._replace(states=states, labels=alone))
+        images.append(image)
+        true_in_images.append(_targets_in_image(objects[k].select(rows), targets))
+        fused_boxes = _image_boxes(shown.image_boxes, labels)._replace(states=states)
+        own_in_images.append(
+            joined(fused_boxes.select(shown.has_image_box), _detected_in(camera.filled[image]))
         )
-    detected = [lidar.detections[frame] for frame in frames]
-    given = [boxes_of(each, np.full(len(each), -1)) for each in detected]
-    given = [each._replace(states=np.full(len(each.states), "d")) for each in given]
+    given = [_given(lidar.detections[frame]) for frame in frames]
     reach_m = fusion_metrics.FARTHEST_M + MARGIN_M
-    return JudgedScene(_times_of(truths), objects, boxes, truths, {}, reach_m, given)
+    parked = _parked_boxes(lidar)
+    in_images = ImageFrames(camera.rows[images], true_in_images, own_in_images)
+    return JudgedScene(
+        _times_of(truths), objects, boxes, truths, {}, reach_m, parked, given, in_images
+    )
+
+
+def _given(detections: Detections) -> FrameBoxes:
+    """Return the detections of the LiDAR as a fusion gets them."""
+    boxes = boxes_of(detections, np.full(len(detections), -1))
+    return boxes._replace(states=np.full(len(detections), "d"))
+
+
+def _detected_in(detections: ImageDetections) -> FrameBoxes:
+    """Return the detections of an image as a fusion gets them."""
+    boxes = _image_boxes(detections.boxes, _scored_names(detections))
+    return boxes._replace(states=np.full(len(detections), "d"))
+
+
+def _targets_in_image(objects: FrameBoxes, targets: FusionTargets) -> FrameBoxes:
+    """Return the boxes of the targets that are near enough to be shown and in the image.
+
+    objects: the judged ones, in order.
+    """
+    parked = len(targets) - len(objects.states)
+    labels = np.append(objects.labels, np.full(parked, PARKED_CAR))
+    states = np.append(objects.states, np.full(parked, "i"))
+    sides = targets.image_boxes[:, 2:] - targets.image_boxes[:, :2]
+    boxes = _image_boxes(targets.image_boxes, labels)._replace(states=states)
+    near = targets.distances_m <= fusion_metrics.FARTHEST_M + MARGIN_M
+    return boxes.select(near & (sides > 0).all(axis=1))
 
 
 def _with_beams(
@@ -267,7 +337,7 @@ def judged_images(answers: EpisodeImageDetections, extinction_per_m: float) -> J
     for detected, each in zip(answers.filled, labels, strict=True):
         shown = detected.select(detected.scores >= image_metrics.SCORE_THRESHOLD)
         names = category_names(np.where(each.categories == PARKED, Category.CAR, each.categories))
-        names = np.where(each.categories == PARKED, np.char.add("parked ", names), names)
+        names = np.where(each.categories == PARKED, PARKED_CAR, names)
         true = _image_boxes(each.boxes, names)
         own = _image_boxes(shown.boxes, _scored_names(shown))
         true.states[each.eligible] = "x"

@@ -31,7 +31,7 @@ from roadscope.benchmarks.metrics.driving import (
 from roadscope.benchmarks.metrics.trajectory_errors import absolute_errors, aligned, relative_errors
 from roadscope.benchmarks.nodes.drives import EpisodeDrive
 from roadscope.benchmarks.nodes.fusions import FusionNode
-from roadscope.benchmarks.nodes.images import ImageNode, extinction_per_m
+from roadscope.benchmarks.nodes.images import extinction_per_m
 from roadscope.benchmarks.nodes.tracks import TrackNode
 from roadscope.benchmarks.nodes.tuned import TunedNode
 from roadscope.benchmarks.progress import Progress, silent
@@ -56,6 +56,7 @@ from roadscope.benchmarks.report.judged_scenes import (
 from roadscope.benchmarks.report.replay_records import (
     AROUND_S,
     DECIMETRES,
+    MOST_BOXES,
     FrameBoxes,
     MovingBox,
     ReplayMoment,
@@ -250,12 +251,28 @@ def _from_above(
     def series(of_episode: Sequence[FrameBoxes]) -> list[MovingBox]:
         return series_of([of_episode[t] for t in frames], origin, egos, scene.reach_m)
 
-    return {
+    shown = {
         "ego": motion_of(moved_into(egos, origin)),
         "focus": focus_on(in_view),
-        "objects": series(scene.objects),
+        "objects": [
+            *series(scene.objects),
+            *series_of([scene.parked] * len(frames), origin, egos, scene.reach_m),
+        ],
         "answers": [*series(scene.answers), *(series(scene.given) if scene.given else ())],
         "lanes": near_lanes(lanes_of(job.episode), origin, egos, scene.reach_m),
+    }
+    if scene.images is None:
+        return shown
+    size_px = _image_size(job.episode)
+    images = [int(scene.images.rows[t]) for t in frames]
+    in_image = (scene.images.answers if kind == ALARMS else scene.images.objects)[event]
+    in_focus = in_image.select(in_image.states == ("f" if kind == ALARMS else "x"))
+    return shown | {
+        "size_px": tuple(size_px.tolist()),
+        "images": _images(job.episode, images),
+        "image_focus": _focus_in_image(in_focus, size_px),
+        "image_objects": _series_in_images([scene.images.objects[t] for t in frames], size_px),
+        "image_answers": _series_in_images([scene.images.answers[t] for t in frames], size_px),
     }
 
 
@@ -264,29 +281,40 @@ def _in_images(
 ) -> dict[str, Any]:
     """Return the fields of a moment in images."""
     assert isinstance(job.episode, Episode)
-    pinhole = camera_of(rig(job.episode.rig)).spec.pinhole
-    size_px = np.array([pinhole.width, pinhole.height])
+    size_px = _image_size(job.episode)
     boxes, wrong = (judged.answers if kind == ALARMS else judged.objects)[event], judged.wrong(kind)
-
-    def series(of_episode: Sequence[FrameBoxes]) -> list[MovingBox]:
-        middles = np.tile(size_px / 2 * (1, -1), (len(frames), 1))
-        return series_of([of_episode[t] for t in frames], np.zeros(3), middles, np.inf)
-
     return {
         "ego": [],
-        "focus": _focus_in_image(boxes.centres[wrong[event]], boxes.sizes[wrong[event]], size_px),
-        "objects": series(judged.objects),
-        "answers": series(judged.answers),
+        "focus": _focus_in_image(boxes.select(wrong[event]), size_px),
+        "objects": _series_in_images([judged.objects[t] for t in frames], size_px),
+        "answers": _series_in_images([judged.answers[t] for t in frames], size_px),
         "size_px": tuple(size_px.tolist()),
-        "images": _images(job, [int(judged.rows[t]) for t in frames]),
+        "images": _images(job.episode, [int(judged.rows[t]) for t in frames]),
     }
 
 
-def _focus_in_image(
-    centres: np.ndarray, sizes: np.ndarray, size_px: np.ndarray
-) -> tuple[int, int, int, int]:
-    """Return the centre, half width and half height of a view of boxes within the image."""
-    low, high = (centres - sizes / 2).min(axis=0), (centres + sizes / 2).max(axis=0)
+def _image_size(episode: Episode) -> np.ndarray:
+    """Return width and height of the images of an episode."""
+    pinhole = camera_of(rig(episode.rig)).spec.pinhole
+    return np.array([pinhole.width, pinhole.height])
+
+
+def _series_in_images(frames: Sequence[FrameBoxes], size_px: np.ndarray) -> list[MovingBox]:
+    """Return the boxes of images; where there are too many, those that count and large ones."""
+    middles = np.tile(size_px / 2 * (1, -1), (len(frames), 1))
+    ranks = [np.lexsort((-boxes.sizes[:, 1], boxes.states == "i")) for boxes in frames]
+    shown = [
+        boxes.select(np.sort(rank[:MOST_BOXES])) for boxes, rank in zip(frames, ranks, strict=True)
+    ]
+    return series_of(shown, np.zeros(3), middles, np.inf)
+
+
+def _focus_in_image(boxes: FrameBoxes, size_px: np.ndarray) -> tuple[int, int, int, int]:
+    """Return the centre, half width and half height of a view of boxes; of no box, of all."""
+    corners = np.array([[0, -size_px[1]], [size_px[0], 0]])
+    if len(boxes.states):
+        corners = np.vstack([boxes.centres - boxes.sizes / 2, boxes.centres + boxes.sizes / 2])
+    low, high = corners.min(axis=0), corners.max(axis=0)
     half = np.clip(0.75 * (high - low), LEAST_VIEW * size_px / 2, size_px / 2)
     first, last = np.array([0, -size_px[1]]), np.array([size_px[0], 0])
     middle = np.clip((low + high) / 2, first + half, last - half)
@@ -294,11 +322,10 @@ def _focus_in_image(
     return x, y, width, height
 
 
-def _images(job: Job, rows: Sequence[int]) -> list[bytes]:
+def _images(episode: Episode, rows: Sequence[int]) -> list[bytes]:
     """Draw the images with these numbers again, as small files."""
-    assert isinstance(job.answers, ImageNode)
     files = []
-    for picture in pictures(job.answers.episode, tuple(rows)):
+    for picture in pictures(episode, tuple(rows)):
         file, image = BytesIO(), picture.frame.camera
         if image is not None:
             width, height = image.size_px

@@ -37,7 +37,7 @@ class LaneStrip(msgspec.Struct, frozen=True, array_like=True):
 class MovingBox(msgspec.Struct, frozen=True, array_like=True):
     """A box over consecutive frames of a moment; one in an image is of a single frame.
 
-    number: id of an object or track; -1 for a detection. first: its first frame.
+    number: id of an object or track; -1 for a detection or a parked car. first: its first frame.
     states: a letter for each frame from there on: m matched, x missed, f false alarm, s matched
         after a switch of identities, i does not count, d a detection that a driver's tracks or
         fused detections are made from, and . absent.
@@ -69,9 +69,12 @@ class ReplayMoment(msgspec.Struct, frozen=True, kw_only=True):
     errors: centimetres from the true position in each frame, for odometries.
     focus: x, y, half length and half width of the first view, decimetres, from the ego; in an
         image tenths of a pixel, from its corner.
-    size_px: width and height of the image that the boxes are in; zeros: they are seen from above.
-    images: JPEG files of the frames, empty where there was no image; none of a moment from above,
-        or where the page has no space for them.
+    size_px: width and height of images; zeros where none are shown.
+    images: JPEG files of the frames, empty where there was no image; none where the page has no
+        space for them.
+    image_objects, image_answers: boxes in images beside the view from above. Where there are only
+        images, all boxes are in `objects` and `answers`, and `ego` is empty.
+    image_focus: as `focus`, of these images.
     """
 
     board: str
@@ -93,6 +96,9 @@ class ReplayMoment(msgspec.Struct, frozen=True, kw_only=True):
     errors: list[int] = []
     size_px: tuple[int, int] = (0, 0)
     images: list[bytes] = []
+    image_objects: list[MovingBox] = []
+    image_answers: list[MovingBox] = []
+    image_focus: tuple[int, int, int, int] = (0, 0, 0, 0)
 
     def __post_init__(self) -> None:
         if not 0 <= self.event < len(self.times_s):
@@ -122,7 +128,8 @@ def named(job: Job) -> dict[str, Any]:
 class FrameBoxes(NamedTuple):
     """The N boxes of a frame, from above or in an image.
 
-    numbers: (N,). centres, sizes: (N, 2). yaws: (N,).
+    numbers: (N,), ids; -1 without one, and below for objects without an id that stay the same from
+        frame to frame. centres, sizes: (N, 2). yaws: (N,).
     states: (N,) letters as in `MovingBox`; they are `i` until the boxes are judged.
     labels: (N,) texts as in `MovingBox`.
     """
@@ -133,6 +140,15 @@ class FrameBoxes(NamedTuple):
     yaws: np.ndarray
     states: np.ndarray
     labels: np.ndarray
+
+    def select(self, rows: np.ndarray) -> FrameBoxes:
+        """Return some of the boxes. rows: numbers or (N,) bool."""
+        return FrameBoxes(*(values[rows] for values in self))
+
+
+def joined(*parts: FrameBoxes) -> FrameBoxes:
+    """Return the boxes of all parts."""
+    return FrameBoxes(*map(np.concatenate, zip(*parts, strict=True)))
 
 
 def boxes_of(record: Truth | Tracks | Detections, numbers: np.ndarray) -> FrameBoxes:
@@ -165,9 +181,9 @@ def series_of(
         away_m = np.linalg.norm(boxes.centres - ego[:2], axis=1)
         nearest = np.argsort(away_m, kind="stable")[:MOST_BOXES]
         for row in np.sort(nearest[away_m[nearest] <= reach_m]):
-            number = max(int(boxes.numbers[row]), -1)
+            number = int(boxes.numbers[row])
             # A detection has no identity: each is a box of its own.
-            key = (number, -1) if number >= 0 else (t, int(row))
+            key = (number, -1) if number != -1 else (t, int(row))
             state, label = str(boxes.states[row]), str(boxes.labels[row])
             box = _BoxInFrame(t, number, state, poses[row], boxes.sizes[row], label)
             series.setdefault(key, []).append(box)
@@ -177,7 +193,7 @@ def series_of(
 class _BoxInFrame(NamedTuple):
     """A box in one frame of a moment.
 
-    number: -1 without one. pose: planar. size: length and width.
+    number: as in `FrameBoxes`. pose: planar. size: length and width.
     """
 
     frame: int
@@ -196,8 +212,8 @@ def _moving_box(boxes: Sequence[_BoxInFrame]) -> MovingBox:
         states[box.frame - first] = box.state
     length, width = np.rint(np.median([box.size for box in boxes], axis=0) * DECIMETRES)
     motion = motion_of(np.array([box.pose for box in boxes]))
-    text = "".join(states)
-    return MovingBox(boxes[0].number, first, text, int(length), int(width), motion, boxes[0].label)
+    number, label = max(boxes[0].number, -1), boxes[0].label
+    return MovingBox(number, first, "".join(states), int(length), int(width), motion, label)
 
 
 # --------------------------------------------------------------------------------------------------

@@ -347,8 +347,31 @@ def test_moments_of_a_fusion_are_seen_from_above() -> None:
     beam = next(box for box in alarm.answers if "camera" in box.label)
     assert beam.states == "m"
     assert beam.length > 10 * beam.width
-    assert alarm.size_px == (0, 0)
-    assert alarm.images == []
+    assert alarm.ego
+    assert alarm.size_px == (1280, 960)
+    assert [image[:2] for image in alarm.images] == [b"\xff\xd8"] * 2
+    assert [box.states for box in miss.image_objects if box.first == 1] == ["x", "m"]
+    boxes = [box.states for box in alarm.image_answers if box.first == 1]
+    assert sorted(boxes) == sorted("ffm" + "d" * (len(boxes) - 3))
+
+
+def test_parked_cars_are_shown_and_do_not_count() -> None:
+    board, place = BOARDS["detection"], (8.0, -6.0)
+    node = DetectionNode(detection_source("distance"), FUSION_EPISODE, RULE)
+    truths = tuple(image_truth(scan) for scan in range(3))
+    nothing = toy_boxes.detections(np.empty((0, 3)))
+    answers = replace(
+        EpisodeDetections.recorded((nothing,) * 3, truths), parked=np.array([place, (500.0, 0.0)])
+    )
+    write_kept(node.path, answers)
+    job = Job(board, "distance", FUSION_EPISODE, node, settings=RULE)
+    moment = of_kind(
+        worst_moments([job], scored([job], [board.score(job, answers, RunOptions())])), "misses"
+    )
+    (parked,) = (box for box in moment.objects if box.label == "parked car")
+    assert (parked.number, parked.states) == (-1, "i" * 3)
+    ego = truths[1].world_from_ego.inverse().apply(np.array([[*place, 0.0]]))[0]
+    assert np.allclose(np.array(parked.motion[:2]) / 10, ego[:2], atol=0.1)
 
 
 DRIVING_EPISODE = Episode("two-way", 3, "vlp16", 6.0)

@@ -241,6 +241,39 @@ def test_a_moment_in_images_shows_them_with_their_boxes(visit) -> None:
     assert scene.locator("polygon.truth.m").count() == 1
 
 
+def test_a_moment_from_above_shows_the_image_beside_it(visit) -> None:
+    file = BytesIO()
+    Image.new("RGB", (64, 48), (90, 120, 150)).save(file, "JPEG")
+    place, times_s = [1600, -2400, 0], [0.0, 0.5]
+    seen_twice = moment(
+        "good",
+        ego=[0, 0, 0, 8, 0, 0],
+        times_s=times_s,
+        event=0,
+        objects=[(4, 0, "xm", 46, 18, [300, 30, 0, 8, 0, 0], "car")],
+        answers=[],
+        size_px=(640, 480),
+        images=[file.getvalue(), b""],
+        image_objects=[(-1, 0, "x", 200, 150, place, "car"), (-1, 1, "m", 200, 150, place, "car")],
+        image_answers=[(-1, 0, "d", 180, 140, place, "car 0.31")],
+        image_focus=(1600, -2400, 800, 600),
+    )
+    page = visit(Run(results(), [seen_twice]))
+    page.locator(".choose", has_text="good").first.click()
+    above, beside = page.locator(".scene svg"), page.locator(".beside svg")
+    assert above.locator("polygon.truth.x").count() == above.locator("polygon.ego").count() == 1
+    assert beside.locator("polygon.ego, .ring, .lane").count() == 0
+    image, missed = (beside.locator(each).bounding_box() for each in ("image", "polygon.truth.x"))
+    middle = [box["x"] + box["width"] / 2 for box in (image, missed)]
+    assert middle[0] - middle[1] == pytest.approx(image["width"] / 4, abs=2)
+    assert beside.locator("polygon.answer.d").count() == 1
+    assert "detection before tracking or fusion" in page.locator(".legend").inner_text()
+    page.get_by_role("slider", name="time").press("ArrowRight")
+    assert beside.locator("image").count() == 0
+    assert beside.locator("polygon.truth.m").count() == 1
+    assert above.locator("polygon.truth.m").count() == 1
+
+
 def test_a_drive_shows_both_paths(visit) -> None:
     motion = [0, 0, 0, *[8, 0, 0] * 10]
     drive = moment(

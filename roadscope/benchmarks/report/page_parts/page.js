@@ -375,9 +375,10 @@
     const load = (chosenMoment) => {
       stop();
       moment = chosenMoment;
-      const inImage = moment.size_px[0] > 0;
+      const inImage = moment.size_px[0] > 0 && !moment.ego.length;
       scene = {
-        inImage, ego: inImage ? moment.times_s.map(() => [0, 0, 0]) : unpacked(moment.ego), estimate: unpacked(moment.estimate),
+        inImage, beside: { inImage: true, objects: moment.image_objects.map(unpackedBox), answers: moment.image_answers.map(unpackedBox) },
+        ego: inImage ? moment.times_s.map(() => [0, 0, 0]) : unpacked(moment.ego), estimate: unpacked(moment.estimate),
         objects: moment.objects.map(unpackedBox), answers: moment.answers.map(unpackedBox),
         lanes: moment.lanes.map(([width, flat]) => {
           let [x, y] = [0, 0];
@@ -393,7 +394,8 @@
       find(".event").textContent = `${moment.times_s[moment.event].toFixed(1)} s: ${moment.text}`;
       find(".scene").setAttribute("aria-label", `${inImage ? "Image" : "Bird's-eye view"}; arrow keys move it`);
       const legend = scene.estimate.length ? LEGEND.poses : inImage ? LEGEND.image : LEGEND.boxes;
-      const seen = { truth: moment.objects.map((box) => box[2]).join(""), answer: moment.answers.map((box) => box[2]).join("") };
+      const states = (...boxes) => boxes.flat().map((box) => box[2]).join("");
+      const seen = { truth: states(moment.objects, moment.image_objects), answer: states(moment.answers, moment.image_answers) };
       const isSeen = ([kind]) => { const [what, state] = kind.split(" "); return seen[what] === undefined || !state || seen[what].includes(state); };
       find(".legend").replaceChildren(...legend.filter(isSeen)
         .map(([kind, text]) => el("li", null, svg("svg", { viewBox: "0 0 30 16", "aria-hidden": "true" },
@@ -404,11 +406,12 @@
       draw();
     };
 
+    const narrow = () => window.matchMedia("(max-width: 40rem)").matches;
     const draw = () => {
       if (!moment) return;
       const frame = Number(slider.value);
       const ego = scene.ego[frame];
-      const wide = window.matchMedia("(max-width: 40rem)").matches ? 4 / 3 : 16 / 9;
+      const wide = narrow() ? 4 / 3 : 16 / 9;
       const [x, y, length, width] = moment.focus;
       // A drift is seen on the whole drive, all else around the ego.
       const anchor = moment.kind === "drift" ? scene.ego[moment.event] : ego;
@@ -417,7 +420,7 @@
       const unit = (height * wide) / (find(".scene").clientWidth || 700);  // Decimetres in a pixel.
       const picture = svg("svg", { viewBox: `${cx - height * wide / 2} ${cy - height / 2} ${height * wide} ${height}`, role: "img",
         class: scene.inImage ? "in-image" : null, "aria-label": scene.inImage ? "Image" : "Bird's-eye view: the ego drives to the right" });
-      const text = (x, y, words, own) => svg("text", { x, y, "font-size": 12 * unit, style: `font-size:${12 * unit}px;stroke-width:3px`, class: own || null }, words);
+      const text = words(unit);
       if (scene.inImage) drawImage(picture, frame);
       for (const lane of scene.lanes) picture.append(svg("polyline", { class: "lane-edge", points: lane.points, "stroke-width": lane.width + 2 }));
       for (const lane of scene.lanes) picture.append(svg("polyline", { class: "lane", points: lane.points, "stroke-width": lane.width - 2 }));
@@ -428,25 +431,45 @@
           ...[[reach, 0], [-reach, 0], [0, reach], [0, -reach]].map(([dx, dy]) => text(ego[0] + dx, ego[1] + dy, `${reach / 10} m`, "soft")));
       picture.unit = unit;
       if (scene.estimate.length) drawPoses(picture, frame, unit, text);
-      else drawBoxes(picture, frame, unit, text);
+      else drawBoxes(picture, scene, frame, unit, text);
       find(".scene").replaceChildren(picture);
+      drawBeside(frame);
       find(".strip").replaceChildren(strip(frame));
       slider.setAttribute("aria-valuetext", `${moment.times_s[frame].toFixed(2)} seconds`);
       find(".state").textContent = stateText(frame);
     };
 
+    // The camera's image of a moment that is seen from above.
+    const drawBeside = (frame) => {
+      const beside = find(".beside");
+      beside.hidden = scene.inImage || !moment.size_px[0];
+      if (beside.hidden) { beside.replaceChildren(); return; }
+      const [x, y, length, width] = moment.image_focus;
+      const wide = narrow() ? 4 / 3 : 16 / 9;
+      const height = Math.max(2 * width, 2 * length / wide) * 1.12 ** -Number(zoom.value);
+      const [left, top] = [[x, height * wide], [-y, height]].map(([middle, view], axis) =>
+        Math.max(Math.min(middle - view / 2, 10 * moment.size_px[axis] - view), 0));
+      const picture = svg("svg", { viewBox: `${left} ${top} ${height * wide} ${height}`, role: "img",
+        class: "in-image", "aria-label": "Image of the camera" });
+      const unit = (height * wide) / (beside.clientWidth || 700);
+      drawImage(picture, frame);
+      drawBoxes(picture, scene.beside, frame, unit, words(unit));
+      beside.replaceChildren(picture);
+    };
+    const words = (unit) => (x, y, words, own) =>
+      svg("text", { x, y, "font-size": 12 * unit, style: `font-size:${12 * unit}px;stroke-width:3px`, class: own || null }, words);
     const drawImage = (picture, frame) => {
       const [width, height] = moment.size_px.map((pixels) => 10 * pixels);
       const file = moment.images[frame];
       picture.append(svg("rect", { class: "plane", width, height }));
       if (file) picture.append(svg("image", { href: `data:image/jpeg;base64,${file}`, width, height, preserveAspectRatio: "none" }));
     };
-    const car = (pose, length, width, kind) => {
+    const car = (view, pose, length, width, kind) => {
       const group = svg("g");
       const [a, b, c, d] = corners(pose, length, width);
       const middle = [(a[0] + b[0]) / 2, (a[1] + b[1]) / 2];
       group.append(svg("polygon", { class: `box ${kind}`, points: polygon([a, b, c, d]) }));
-      if (!scene.inImage) group.append(svg("line", { class: `box ${kind}`, x1: pose[0], y1: pose[1], x2: middle[0], y2: middle[1] }));
+      if (!view.inImage) group.append(svg("line", { class: `box ${kind}`, x1: pose[0], y1: pose[1], x2: middle[0], y2: middle[1] }));
       return group;
     };
     const egoMarker = (pose, kind) => {
@@ -458,41 +481,41 @@
     };
 
     // A box in an image has its label beside its right top corner.
-    const labelPlace = (box, [x, y]) => (scene.inImage ? [x + box.length / 2, y - box.width / 2] : [x, y]);
+    const labelPlace = (view, box, [x, y]) => (view.inImage ? [x + box.length / 2, y - box.width / 2] : [x, y]);
 
-    const drawBoxes = (picture, frame, unit, text) => {
+    const drawBoxes = (picture, view, frame, unit, text) => {
       const labels = [];
-      for (const box of scene.answers) {
+      for (const box of view.answers) {
         const now = box.at(frame);
         if (!now || box.number < 0) continue;
         const past = [];
         for (let t = Math.max(0, frame - TAIL); t <= frame; t++) { const then = box.at(t); if (then) past.push(then.pose); }
         picture.append(svg("polyline", { class: `tail ${now.state}`, points: polygon(past) }));
       }
-      for (const box of scene.objects) {
+      for (const box of view.objects) {
         const now = box.at(frame);
         if (!now) continue;
-        const group = car(now.pose, box.length, box.width, `truth ${now.state}`);
+        const group = car(view, now.pose, box.length, box.width, `truth ${now.state}`);
         const name = [box.label || "object", box.number < 0 ? "" : box.number].join(" ").trim();
         group.append(title(name));
         if (now.state === "x") {
           const [a, b, c, d] = corners(now.pose, box.length, box.width);
           for (const [p, q] of [[a, c], [b, d]]) group.append(svg("line", { class: "cross", x1: p[0], y1: p[1], x2: q[0], y2: q[1] }));
-          labels.push([0, labelPlace(box, now.pose), name]);
+          labels.push([0, labelPlace(view, box, now.pose), name]);
         }
         picture.append(group);
       }
-      for (const box of scene.answers) {
+      for (const box of view.answers) {
         const now = box.at(frame);
         if (!now) continue;
-        const group = car(now.pose, box.length, box.width, `answer ${now.state}`);
+        const group = car(view, now.pose, box.length, box.width, `answer ${now.state}`);
         if (box.number >= 0 || box.label) group.append(title(box.number >= 0 ? `track ${box.number}` : box.label));
         if (now.state === "s") group.append(svg("circle", { class: "halo", cx: now.pose[0], cy: now.pose[1], r: box.length * 0.6 + 6 * unit }));
         picture.append(group);
         if (box.number >= 0 && now.state !== "i") labels.push(["sfm".indexOf(now.state), now.pose, String(box.number)]);
-        if (box.number < 0 && now.state === "f" && box.label) labels.push([1, labelPlace(box, now.pose), box.label]);
+        if (box.number < 0 && now.state === "f" && box.label) labels.push([1, labelPlace(view, box, now.pose), box.label]);
       }
-      if (!scene.inImage) picture.append(egoMarker(scene.ego[frame], "ego"));
+      if (!view.inImage) picture.append(egoMarker(scene.ego[frame], "ego"));
       if (names.checked) placeLabels(picture, labels, unit, text);
     };
     // The most important first; those without room are left out.
