@@ -49,7 +49,6 @@ LONGEST = tuple(
         "benchmarks/isolation/test_cost",
         "benchmarks/test_keys",
         "torture/test_kept_files",
-        "torture/test_trust_and_sandbox",
         "benchmarks/boards/test_sixth_board",
         "envs/gym/test_agent_traffic",
         "benchmarks/test_target_views",
