@@ -5,6 +5,8 @@ import re
 import sys
 from pathlib import Path
 
+from sphinx.application import Sphinx
+
 ROOT = Path(__file__).parents[1]
 sys.path[:0] = [str(ROOT), str(ROOT / "docs")]
 
@@ -50,8 +52,14 @@ OUTSIDE = {
 """Pages whose text is a file outside of `docs`."""
 
 
-def read_page(app: object, page: str, content: list[str]) -> None:
+PRINTED = re.compile(r"(?ms)^(?:With the [^\n]* prints\n\n)?```text\n.*?^```\n\n")
+"""What a cell of a notebook printed, as its page tells it to those who do not run it."""
+
+
+def read_page(app: Sphinx, page: str, content: list[str]) -> None:
     """Put tables of the code into a page; into one of `OUTSIDE` its file, with links from there."""
+    if page.startswith("tutorials/") and app.config.nb_execution_mode != "off":
+        content[0] = PRINTED.sub("", content[0])
     if page not in OUTSIDE:
         content[0] = with_tables(content[0])
         return
@@ -70,11 +78,11 @@ def read_page(app: object, page: str, content: list[str]) -> None:
     content[0] = re.sub(r"\]\(([^)\s]+)\)", link, file.read_text("utf-8"))
 
 
-def setup(app: object) -> None:
+def setup(app: Sphinx) -> None:
     """Let Sphinx read our docstrings."""
 
     def process(app: object, what: str, name: str, item: object, options: object, lines) -> None:
         lines[:] = as_restructured_text(lines)
 
-    app.connect("autodoc-process-docstring", process)  # type: ignore[attr-defined]
-    app.connect("source-read", read_page)  # type: ignore[attr-defined]
+    app.connect("autodoc-process-docstring", process)
+    app.connect("source-read", read_page)
