@@ -229,7 +229,7 @@ class _Worker:
     def receive(self) -> Any:
         """Return the answers by row, or the exception that one of the environments raised."""
         try:
-            return self.connection.recv()
+            return _received(self.connection)
         except (EOFError, OSError) as error:
             raise self._lost() from error
 
@@ -300,13 +300,34 @@ def _work(connection: Connection, share: _Share) -> None:
             except Exception as error:
                 failed = failed or _sent(error)
         try:
-            connection.send(failed or answers)
+            _send(connection, failed or answers)
         except OSError:
             break
         except Exception as error:
-            connection.send(RuntimeError(f"what {call}() returned cannot be sent: {error}"))
+            _send(connection, RuntimeError(f"what {call}() returned cannot be sent: {error}"))
     for env in envs.values():
         env.close()
+
+
+def _send(connection: Connection, answer: Any) -> None:
+    """Send an answer and, after it, the contents of its arrays, which are not pickled."""
+    buffers: list[pickle.PickleBuffer] = []
+    pickled = pickle.dumps(answer, 5, buffer_callback=buffers.append)
+    contents = [buffer.raw() for buffer in buffers]
+    connection.send((pickled, [each.nbytes for each in contents]))
+    for each in contents:
+        if each.nbytes:
+            connection.send_bytes(each)
+
+
+def _received(connection: Connection) -> Any:
+    """Return what `_send` sent."""
+    pickled, sizes = connection.recv()
+    contents = [np.empty(size, np.uint8) for size in sizes]
+    for each in contents:
+        if each.nbytes:
+            connection.recv_bytes_into(each)
+    return pickle.loads(pickled, buffers=contents)
 
 
 def _sent(error: Exception) -> Exception:
