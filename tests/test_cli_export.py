@@ -109,6 +109,29 @@ def test_results_on_kitti_stand_beside_those_of_a_run(tmp_path, answer) -> None:
         ]
 
 
+def test_figures_of_several_sequences_are_those_of_the_board(tmp_path, answer) -> None:
+    """Without objects in a sequence its false alarms count all the same."""
+    kitti, results = write_kitti(tmp_path / "kitti"), tmp_path / "mine"
+    results.mkdir()
+    for labels in (kitti / "label_02").iterdir():
+        lines = [line for line in labels.read_text().splitlines() if " Car " in line]
+        (results / labels.name).write_text("".join(f"{line} 0.9\n" for line in lines))
+    (kitti / "label_02" / "0001.txt").write_text("")
+    submission = "submit", results, "--kitti", kitti
+    jobs = json.loads(answer(*submission, "--json")[1])["scores"]
+    of_cars = [job["scores"] for job in jobs if job["board"] == "kitti car"]
+    objects = sum(scores["mota"]["n"] for scores in of_cars)
+    false_alarms = of_cars[1]["false_alarms"]["value"]
+    assert false_alarms > 0
+    status, out, _ = answer(*submission)
+    assert status == 0
+    table = out.partition("mine on kitti car")[2].partition("mine on kitti pedestrian")[0]
+    rows = (line.split() for line in table.splitlines())
+    printed = {row[0]: row[1] for row in rows if len(row) > 2}
+    assert printed["mota"] == f"{1 - false_alarms / objects:.3f}"
+    assert float(printed["hota"]) < 1
+
+
 def test_missing_results_end_with_status_1(tmp_path, answer) -> None:
     suite, folder = tmp_path / "tiny.toml", tmp_path / "exported"
     suite.write_text(SUITE)

@@ -91,18 +91,19 @@ def _show(submission: Submission, every: bool, width: int | None) -> None:
     from roadscope.benchmarks.tables import score_table
 
     screen = console(width=width)
-    for board in submission.boards():
-        of_board = [e for e in submission.episodes if e.board == board]
+    for board_name in submission.boards():
+        board = board_named(board_name)
+        of_board = [e for e in submission.episodes if e.board == board_name]
         sound = [e.scores for e in of_board if e.reason is None]
-        title = f"{submission.name} on {board}: {len(sound)} of {len(of_board)} sequences"
+        title = f"{submission.name} on {board_name}: {len(sound)} of {len(of_board)} sequences"
         screen.print(Text(printable(title), style="bold"))
         if not sound:
             continue
         names = [metric for metric in sound[0] if not split_name(metric)[1]]
         if not every:
-            first = (column.metric for column in board_named(board).columns)
+            first = (column.metric for column in board.columns)
             names = [metric for metric in first if metric in names] or names
-        screen.print(score_table({n: merged([s[n] for s in sound]) for n in names}))
+        screen.print(score_table({name: merged(board.pooled(name, sound)) for name in names}))
 
 
 def _show_board(results: Results, width: int | None) -> None:
