@@ -67,12 +67,15 @@ def width_of(samples: Sequence[Path]) -> int:
 def _unknown(path: Path, numbers: np.ndarray) -> str:
     """Return that no points are recognised in the numbers of a file."""
     doubles = numbers[: len(numbers) // 2 * 2].view("<f8")
-    what = ", which look like float64" if not _are_odd(doubles) and _are_odd(numbers) else ""
+    what, remedy = "", "name the columns, such as --layout x,y,z,intensity,ring"
+    if not _are_odd(doubles) and _are_odd(numbers):
+        # A layout names columns of float32 too: it would make points of halves of these numbers.
+        what, remedy = ", which look like float64", "save them as float32, or as .npy"
     return (
         f"{path}: expected float32 x y z intensity, {FLOAT_BYTES * USUAL_WIDTH} bytes a point, or "
         f"points of {FLOAT_BYTES * FEWEST_COLUMNS} to {FLOAT_BYTES * MOST_COLUMNS} bytes, got "
-        f"{FLOAT_BYTES * len(numbers)} bytes{what}, in which no such points are recognised: name "
-        "the columns, such as --layout x,y,z,intensity,ring"
+        f"{FLOAT_BYTES * len(numbers)} bytes{what}, in which no such points are recognised: "
+        f"{remedy}"
     )
 
 

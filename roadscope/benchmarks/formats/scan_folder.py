@@ -202,10 +202,17 @@ def scan_files(root: Path) -> list[Path]:
 
 def _samples(files: Sequence[Source]) -> list[Source]:
     """Return some files from the whole folder, those without content only if all are."""
-    filled = [each for each in files if isinstance(each, BagMessage) or each.stat().st_size]
+    filled = [each for each in files if isinstance(each, BagMessage) or _has_content(each)]
     filled = filled or list(files)
     rows = np.linspace(0, len(filled) - 1, min(SAMPLES, len(filled))).round().astype(int)
     return [filled[k] for k in rows]
+
+
+def _has_content(path: Path) -> bool:
+    """Return whether a file has bytes; False for one that cannot be read, such as a broken link."""
+    with suppress(OSError):
+        return path.stat().st_size > 0
+    return False
 
 
 def _scans_of_bag(bag: Bag, columns: Sequence[str], topics: Sequence[str]) -> ScanFolder:

@@ -107,7 +107,9 @@ def test_points_that_are_not_recognised_are_refused(tmp_path, width, kind):
     others = [sweep.intensities, sweep.rings, *(sweep.times_s + k for k in range(11))]
     np.column_stack([sweep.points, *others])[:, :width].astype(kind).tofile(tmp_path / "0.bin")
     message = (
-        "look like float64" if kind == "<f8" else "no such points are recognised: name the col"
+        "look like float64, .* recognised: save them as float32"
+        if kind == "<f8"
+        else "no such points are recognised: name the col"
     )
     with pytest.raises(FormatError, match=message):
         ScanFolder.find(tmp_path)
@@ -285,6 +287,21 @@ def test_damaged_scans_are_empty_and_reported_and_the_others_are_read(tmp_path):
     assert note.startswith("1 scan is taken as empty: ")
     assert "3.bin" in note
     assert "1 scan is without points: " in empty
+
+
+def test_a_link_to_a_missing_file_is_an_empty_scan_and_the_others_are_read(tmp_path):
+    sweep = Sweep()
+    for k in range(3):
+        sweep.rows().tofile(tmp_path / f"{k}.bin")
+    (tmp_path / "3.bin").symlink_to(tmp_path / "missing.bin")
+    scans = ScanFolder.find(tmp_path)
+    assert [len(scan) for scan in scans] == [len(sweep.points)] * 3 + [0]
+    (note,) = scans.losses.notes()
+    assert note.startswith("1 scan is taken as empty: ")
+    for k in range(3):
+        (tmp_path / f"{k}.bin").unlink()
+    with pytest.raises(FormatError, match=r"3\.bin: cannot be read: No such file"):
+        ScanFolder.find(tmp_path)
 
 
 def test_a_scan_whose_times_are_odd_has_none_and_is_used(tmp_path):
