@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from roadscope.benchmarks.formats.bags import CLOUDS, Bag, open_bag
+from roadscope.benchmarks.formats.bags import CLOUDS, Bag, Source, open_bag
 from roadscope.benchmarks.formats.image_folder import IMAGE_ENDINGS, ImageFolder, read_image
 from roadscope.benchmarks.formats.kitti_cameras import KittiCameras
 from roadscope.benchmarks.formats.kitti_frames import CAMERA_FROM_EGO, LabelCamera
@@ -70,6 +70,9 @@ NO_GROUND = (
     "the scans show no ground below the LiDAR, or have no points: name its height, --height "
     "METRES, and if its z axis does not point up, --lidar-mounting"
 )
+CENTRAL = (1 / 3, 2 / 3)
+"""Where the principal point lies in an image, as shares of its width. Chosen by hand: it is at 0.49
+in KITTI's images, and at 0.25 or 1 with the calibration of images twice as small or large."""
 HEIGHT_SCANS = 20
 """Most scans by which the height of the LiDAR is estimated."""
 LAYER_M = 0.1
@@ -392,6 +395,8 @@ def detection_job(folder: Path, options: RecordingOptions) -> DetectionJob:
     scans = find_scans(
         folder, rate_hz=options.rate_hz, columns=options.columns, topics=options.topics, bag=bag
     )
+    if twins := shared_name(scans.files, scans.names):
+        raise FormatError(f"{folder}: {twins}: results are files of these names")
     cameras, notes = _cameras(options.calibration, scans.names, folder, scans.place)
     pairs = ImagePairs([ALONE] * len(scans), "no images")
     if images is not None:
@@ -405,6 +410,12 @@ def detection_job(folder: Path, options: RecordingOptions) -> DetectionJob:
         notes += [f"the images are not used: {problem}"] if images is not None and problem else []
     elif detectors.camera is not None and problem:
         raise FormatError(f"{folder}: {named} needs scans, images and a calibration: {problem}")
+    if detectors.camera is not None:
+        alone = pairs.rows.count(ALONE)
+        only = f"{alone} of {len(scans)} scans have no image: the LiDAR is used alone there"
+        notes += [only] if alone else []
+    if images is not None and not problem:
+        notes += _doubts_of_size(cameras, scans.names[0], images)
     poses, motion = _poses(scans, detectors, options.poses)
     ego_from_lidar, height = _mounting(scans, options)
     return DetectionJob(
@@ -491,8 +502,11 @@ def _image_job(
         raise FormatError(f"without effect on images alone, which {detectors.camera} gets: {names}")
     if images.size() is None:
         read_image(images.files[0])  # It says what is wrong with it.
+    if twins := shared_name(images.files, images.names):
+        raise FormatError(f"{images.place}: {twins}: results are files of these names")
     places = filter(None, (folder, images.place))
     cameras, notes = _cameras(options.calibration, images.names, *places)
+    notes += _doubts_of_size(cameras, images.names[0], images)
     stamps = _image_stamps(folder, images, rate_of(options.rate_hz))
     check_rate(options.rate_hz, measured=stamps.measured)
     assumed = (*(images.ordered.notes if images.ordered else ()), *stamps.notes)
@@ -547,6 +561,34 @@ def _cameras(
     return cameras, [] if named else [f"the calibration is that of {cameras.path}"]
 
 
+def _doubts_of_size(cameras: KittiCameras | None, name: str, images: ImageFolder) -> list[str]:
+    """Return in a sentence that a calibration seems to be of images of another size.
+
+    KITTI's files do not say of which size the images are.
+    """
+    size = None if cameras is None else images.size()
+    if cameras is None or size is None:
+        return []
+    matrix = cameras.of(name).projection
+    centre_px = matrix[0, 2] / matrix[2, 2]
+    if CENTRAL[0] < centre_px / size.width < CENTRAL[1]:
+        return []
+    return [
+        f"the principal point of {cameras.path} is {centre_px:.0f} px from the left, the images "
+        f"are {size.width} px wide: is the calibration of images of another size?"
+    ]
+
+
+def shared_name(files: Sequence[Source], names: Sequence[str]) -> str:
+    """Return which two files have one name but for the ending; empty if there are none."""
+    files_by_name: dict[str, Source] = {}
+    for file, name in zip(files, names, strict=True):
+        other = files_by_name.setdefault(name, file)
+        if other is not file:
+            return f"{other.name} and {file.name} have one name but for the ending"
+    return ""
+
+
 class ImagePairs(NamedTuple):
     """Which image belongs to each scan.
 
@@ -564,6 +606,8 @@ def paired_images(scans: ScanFolder, images: ImageFolder) -> ImagePairs:
 
     That of the same name; if there are none, or their stamps contradict that, the nearest in time.
     """
+    if twins := shared_name(images.files, images.names):
+        return ImagePairs([ALONE] * len(scans), twins)
     numbers = {name: row for row, name in enumerate(images.names)}
     rows = np.array([numbers.get(name, ALONE) for name in scans.names])
     paired = rows != ALONE

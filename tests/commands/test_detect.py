@@ -510,6 +510,42 @@ def test_lost_images_and_scans_are_reported_and_the_other_sensor_is_used(both):
     assert "1 scan is taken as empty" in done.stderr
 
 
+def test_scans_without_an_image_are_counted(both):
+    (both / "image_2" / "000001.png").unlink()
+    done, written = works(both, "--detector", fused_spec(both))
+    assert "1 of 3 scans have no image" in done.stderr
+    sensors = [[box["sensors"] for box in frame["detections"]] for frame in written["frames"]]
+    assert sensors == [[["lidar", "camera"]], [["lidar"]], [["lidar", "camera"]]]
+
+
+@pytest.mark.parametrize("twin", ["velodyne/000001.BIN", "image_2/000001.jpg"])
+def test_files_of_one_name_do_not_overwrite_each_other_s_results(both, twin):
+    path = both / twin
+    if path.suffix == ".BIN":
+        rows_of(CARS[:1]).tofile(path)
+    else:
+        Image.new("RGB", (WIDTH, HEIGHT)).save(path)
+    refused, _ = run(both, "--detector", fused_spec(both))
+    assert f"{path.name} and 000001." in str(refused.exception)
+    alone = (
+        f"{both.parent}/camera.py:Eye"
+        if path.suffix == ".jpg"
+        else f"{both.parent}/stranger.py:Echo"
+    )
+    refused, _ = run(path.parent, "--detector", alone)
+    assert "have one name but for the ending" in str(refused.exception)
+
+
+@pytest.mark.parametrize("scale", [0.5, 2])
+def test_a_calibration_of_images_of_another_size_is_doubted(both, scale):
+    for path in (both / "image_2").iterdir():
+        with Image.open(path) as image:
+            resized = image.resize((int(scale * WIDTH), int(scale * HEIGHT)))
+        resized.save(path)
+    done, _ = works(both, "--detector", fused_spec(both))
+    assert "is the calibration of images of another size?" in done.stderr
+
+
 def test_images_of_other_names_belong_to_scans_by_time(both):
     for k, path in enumerate(sorted((both / "image_2").iterdir())):
         path.rename(path.with_name(f"{k + 7:010d}.png"))
