@@ -88,17 +88,20 @@ def kitti_tracking_settings(place: DataFolder) -> dict[str, SequenceSettings]:
         for number, sequence in enumerate(files.sequences())
         if files.has_detections(sequence, category, detector)
     )
-    if not categories:
+    if not recordings:
         # A malformed file may be the reason; its reader says so.
         for sequence in files.sequences():
             read_kitti_labels(files.labels(sequence))
-        known = ", ".join(TYPE_NAMES[kind] for kind in DETECTED_TYPES.values())
-        raise FormatError(f"{files.root / 'label_02'}: expected labels of {known}, got none")
-    if not recordings:
+        kinds = [TYPE_NAMES[DETECTED_TYPES[each]] for each in categories or DETECTED_TYPES]
+        if not categories:
+            raise FormatError(
+                f"{files.root / 'label_02'}: expected labels of {', '.join(kinds)}, got none"
+            )
+        expected = " or ".join(f"{DETECTOR_PREFIX}NAME/{kind}/SEQ.txt" for kind in kinds)
         known = ", ".join(files.sequences()[:8])
         raise FormatError(
-            f"{files.root}: expected {DETECTOR_PREFIX}NAME/Car/SEQ.txt for a sequence of label_02 "
-            f"({known}), got {_detection_files(files)}"
+            f"{files.root}: expected {expected}, of a class that label_02 has, for a sequence of "
+            f"it ({known}), got {_detection_files(files)}"
         )
     for sequence in dict.fromkeys(recording.sequence for recording in recordings):
         # Both raise `FormatError` for a missing file.

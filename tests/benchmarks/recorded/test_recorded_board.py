@@ -274,7 +274,7 @@ def test_wrong_folders_and_boards_are_refused(folder, tmp_path):
         plan_of(kitti_suite(folder), ["pag"])
     for path in folder.glob("det_toy/*/*.txt"):
         path.unlink()
-    with pytest.raises(FormatError, match=r"expected det_NAME/Car/SEQ.txt for a sequence"):
+    with pytest.raises(FormatError, match=r"expected det_NAME/Car/SEQ.txt.* for a sequence"):
         kitti_suite(folder)
     (folder / "det_toy").rename(folder / "found")
     with pytest.raises(FormatError, match="got no det_NAME"):
@@ -309,6 +309,23 @@ def test_labels_without_a_tracked_class_are_refused(content, message, folder, tm
     for path in (where / "label_02").glob("*.txt"):
         path.write_bytes(content)
     with pytest.raises(FormatError, match=message):
+        kitti_suite(where)
+
+
+def test_detections_of_classes_without_labels_are_reported(folder, tmp_path):
+    """The message names the classes that labels have, or the file of labels that is malformed."""
+    where = Path(shutil.copytree(folder, tmp_path / "cars"))
+    for kind in ("Pedestrian", "Cyclist"):
+        shutil.rmtree(where / "det_toy" / kind)
+    for path in (where / "label_02").glob("*.txt"):
+        lines = path.read_text().splitlines()
+        path.write_text("".join(f"{line}\n" for line in lines if "Pedestrian" in line))
+    expected = r"expected det_NAME/Pedestrian/SEQ.txt, .*, got det_toy/Car/0000.txt"
+    with pytest.raises(FormatError, match=expected):
+        kitti_suite(where)
+    labels = where / "label_02" / "0000.txt"
+    labels.write_text((folder / "label_02" / "0000.txt").read_text(), encoding="utf-16")
+    with pytest.raises(FormatError, match=r"0000.txt, line 1: expected text, got binary data"):
         kitti_suite(where)
 
 
