@@ -210,7 +210,8 @@ class PoseErrors(NamedTuple):
         alignment.
     end_m: distance of the last pose from the true one, both from the same start.
     t_rel, r_rel: KITTI's drift over `lengths_m`, per cent and degrees in 100 m; None where the
-        trajectory is shorter than all of these.
+        trajectory is too short.
+    lengths_m: of the stretches in these: lengths that the trajectory has.
     compared, scans: how many scans have a true pose, of all.
     """
 
@@ -224,11 +225,14 @@ class PoseErrors(NamedTuple):
     scans: int
 
     def __str__(self) -> str:
+        from roadscope.benchmarks.metrics.trajectory_errors import SHORT_M
+
+        ends = dict.fromkeys((*self.lengths_m[:1], *self.lengths_m[-1:]))
+        lengths = " to ".join(f"{length_m:g}" for length_m in ends)
         drifts = (
-            f"too short for t_rel over {self.lengths_m[0]:g} m"
+            f"too short for t_rel over {SHORT_M[0]:g} m"
             if self.t_rel is None
-            else f"t_rel {self.t_rel:.2f} %, r_rel {self.r_rel:.2f} deg/100m over "
-            f"{self.lengths_m[0]:g} to {self.lengths_m[-1]:g} m"
+            else f"t_rel {self.t_rel:.2f} %, r_rel {self.r_rel:.2f} deg/100m over {lengths} m"
         )
         rest = self.scans - self.compared
         lacking = f"; {rest} of {self.scans} scans have no true pose near in time" if rest else ""
@@ -301,7 +305,7 @@ class TruePoses:
             float(absolute_errors(both, "origin").end_m),
             float(errors.t_rel) if len(errors) else None,
             float(errors.r_rel) if len(errors) else None,
-            tuple(lengths),
+            tuple(np.unique(errors.lengths_m).tolist()),
             len(pairs),
             len(poses),
         )

@@ -176,6 +176,21 @@ def test_imu_mounting_and_truth(recording, name):
     assert "too short for t_rel over 50 m" in done.stdout
 
 
+@pytest.mark.parametrize(
+    ("step_m", "lengths_m", "printed"),
+    [(15.0, [50], "over 50 m"), (40.0, [50, 100], "over 50 to 100 m"), (9.0, [], "too short")],
+)
+def test_drift_is_over_lengths_that_the_drive_has(folder, step_m, lengths_m, printed):
+    truth = folder / "truth.kitti"
+    poses = [Pose.planar(step_m * k, 0.0, 0.0) for k in range(6)]
+    truth.write_text(trajectory_text("kitti", poses, range(6)))
+    options = "--imu", "none", "--odometry", "still", "--truth", str(truth)
+    done, _ = run_odometry(folder, *options)
+    assert printed in done.stdout
+    done, _ = run_odometry(folder, *options, "--json")
+    assert json.loads(done.stdout)["errors"]["lengths_m"] == lengths_m
+
+
 TELLING = """
 from dataclasses import replace
 from roadscope.core import Pose
