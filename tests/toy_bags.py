@@ -85,11 +85,16 @@ def jpeg(stamp_s, content):
     return made(JPEG, header(stamp_s), "jpeg", np.frombuffer(content, np.uint8))
 
 
-def write_bag(path, messages, *, mcap=False):
-    """Write a folder. messages: stamp of recording in seconds, topic and message each."""
+def write_bag(path, messages, *, mcap=False, silent=()):
+    """Write a folder. messages: stamp of recording in seconds, topic and message each.
+
+    silent: topics of clouds without messages.
+    """
     plugin = StoragePlugin.MCAP if mcap else StoragePlugin.SQLITE3
     with Writer(path, version=9, storage_plugin=plugin) as writer:
         connections = {}
+        for topic in silent:
+            writer.add_connection(topic, CLOUD, typestore=TYPES)
         for _, topic, message in messages:
             kind = message.__msgtype__
             if topic not in connections:

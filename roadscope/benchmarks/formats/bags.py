@@ -81,10 +81,12 @@ class TopicMessages(NamedTuple):
     """Messages of a topic in the order of their stamps.
 
     left_out: how many have a stamp that is more than a day from those of the others.
+    by_recorder: whether the stamps are those of the recording, as those of headers do not differ.
     """
 
     messages: tuple[BagMessage, ...]
     left_out: int
+    by_recorder: bool = False
 
 
 class Bag:
@@ -111,7 +113,10 @@ class Bag:
 
     def listing(self) -> str:
         """Return all topics with their types, for error messages."""
-        return ", ".join(f"{each.topic} ({each.msgtype})" for each in self._reader.connections)
+        return ", ".join(
+            f"{each.topic} ({each.msgtype}{'' if each.msgcount else ', no messages'})"
+            for each in self._reader.connections
+        )
 
     def topics(self, types: Sequence[str]) -> list[str]:
         """Return the topics of these types that have messages, in order."""
@@ -130,6 +135,9 @@ class Bag:
             if name not in known:
                 raise FormatError(f"{self.path}: {unknown('topic', name, known)}")
         topics = self.topics(types)
+        for each in self._reader.connections:
+            if each.topic in named and each.msgtype in types and each.topic not in topics:
+                raise FormatError(f"{self.path}: topic '{each.topic}' has no messages")
         wanted = [name for name in topics if name in named] or topics
         if len(wanted) > 1:
             kind = types[0].rpartition("/")[2]
@@ -151,7 +159,8 @@ class Bag:
             earlier.append(earlier[-1] + 1 if same else 0)
             logged.append(log_ns)
             stamps.append(_header_stamp_ns(raw, log_ns))
-        if len(set(stamps)) < min(2, len(stamps)):
+        by_recorder = len(set(stamps)) < min(2, len(stamps))
+        if by_recorder:
             stamps = logged
         usable = self._near_others(topic, stamps, logged)
         set_back = clock_set_back(np.diff([stamps[row] for row in usable]) * NS)
@@ -166,7 +175,7 @@ class Bag:
             BagMessage(self, topic, number, stamps[row], row, logged[row], earlier[row])
             for number, row in enumerate(order)
         )
-        return TopicMessages(tuple(messages), len(stamps) - len(usable))
+        return TopicMessages(tuple(messages), len(stamps) - len(usable), by_recorder)
 
     def _near_others(self, topic: str, stamps: list[int], logged: list[int]) -> list[int]:
         """Return the messages whose stamps, nanoseconds, are of the clock of most others."""
@@ -285,7 +294,7 @@ def imu_rows(bag: Bag, topic: str) -> np.ndarray:
 
     Those of a message that cannot be used are nan.
     """
-    messages, left_out = bag.messages(topic)
+    messages, left_out, _ = bag.messages(topic)
     rows = [[np.nan] * 7] * left_out
     for message in messages:
         try:

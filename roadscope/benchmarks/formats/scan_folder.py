@@ -220,7 +220,7 @@ def _scans_of_bag(bag: Bag, columns: Sequence[str], topics: Sequence[str]) -> Sc
     if topic is None:
         listing = bag.listing() or "no topics"
         raise FormatError(f"{bag.path}: expected a topic of type PointCloud2, got {listing}")
-    messages, left_out = bag.messages(topic)
+    messages, left_out, by_recorder = bag.messages(topic)
     samples = _samples(messages)
     layout = layout_of(samples, columns)
     middle_s = _middle_s(layout, samples)
@@ -233,6 +233,8 @@ def _scans_of_bag(bag: Bag, columns: Sequence[str], topics: Sequence[str]) -> Sc
         else "stamps of messages are taken for the middle of the sweeps"
     )
     notes = (f"scans are those of {topic}", moved, *stamps.notes, *layout.notes)
+    if by_recorder:
+        notes += ("the stamps in the messages are all the same: those of the recording are used",)
     if left_out:
         why = "stamps more than a day from those of the others"
         notes += (f"{_scans_are(left_out)} left out: {why}",)

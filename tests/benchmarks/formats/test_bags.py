@@ -95,6 +95,31 @@ def test_one_of_several_topics_is_named(tmp_path, mcap):
         ScanFolder.find(bag, topics=["/point"])
 
 
+@pytest.mark.parametrize("mcap", [False, True])
+def test_a_topic_without_messages_is_named_as_such(tmp_path, mcap):
+    bag = write_bag(tmp_path / "bag", clouds(), mcap=mcap, silent=["/silent"])
+    assert len(ScanFolder.find(bag)) == 4
+    with pytest.raises(FormatError, match="topic '/silent' has no messages"):
+        ScanFolder.find(bag, topics=["/silent"])
+    bag = write_bag(tmp_path / "empty", [], mcap=mcap, silent=["/silent"])
+    with pytest.raises(FormatError, match=r"got /silent \(.*PointCloud2, no messages\)"):
+        ScanFolder.find(bag)
+
+
+def test_stamps_of_the_recording_are_used_and_reported_where_headers_have_none(tmp_path):
+    messages = clouds(late_s=0.0)
+    for _, _, message in messages:
+        message.header.stamp.sec = message.header.stamp.nanosec = 0
+    read = ScanFolder.find(write_bag(tmp_path / "bag", messages))
+    expected = [scan.stamp_s for scan in SCANS]
+    assert np.array(read.stamps_s) - START_S == pytest.approx(expected, abs=1e-3)
+    assert any("those of the recording are used" in note for note in read.notes)
+    assert not any(
+        "recording" in note
+        for note in ScanFolder.find(write_bag(tmp_path / "stamped", clouds())).notes
+    )
+
+
 def test_topics_are_of_bags(tmp_path):
     np.save(tmp_path / "0.npy", np.ones((5, 3)))
     with pytest.raises(FormatError, match="topics are of a bag"):
