@@ -123,11 +123,16 @@ def image_boxes(corners: np.ndarray, projection: np.ndarray) -> np.ndarray:
 def clipped_image_boxes(
     corners: np.ndarray, projection: np.ndarray, image_size: ImageSize
 ) -> np.ndarray:
-    """Return `image_boxes` clipped to the image; boxes outside of it become empty."""
+    """Return `image_boxes` clipped to the image; those of boxes outside of it are 0 0 0 0.
+
+    One that kept its height would be a false alarm in KITTI's own evaluation, which leaves out
+    detections by their height alone.
+    """
     width, height = image_size
     boxes = np.nan_to_num(image_boxes(corners, projection), nan=0.0)
     last = np.array([width - 1, height - 1] * 2, np.float64)
     clipped: np.ndarray = np.clip(boxes, 0.0, last)
+    clipped[(clipped[:, 2:] <= clipped[:, :2]).any(axis=1)] = 0.0
     return clipped
 
 

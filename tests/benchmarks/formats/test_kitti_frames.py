@@ -1,4 +1,5 @@
 import numpy as np
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
@@ -87,6 +88,13 @@ def test_boxes_behind_the_camera_are_empty_and_others_clipped():
         box_corners(np.array([[0.0, 1.7, 1.0]]), size, turned), P, (1200, 370)
     )[0]
     assert close[3] == 369
+
+
+@pytest.mark.parametrize("place", [(-30, 1.5, 10), (30, 1.5, 10), (0, 30, 10), (0, -30, 10)])
+def test_boxes_ahead_but_beside_the_image_have_no_height(place):
+    """KITTI's evaluation leaves out low boxes, not narrow ones."""
+    corners = box_corners(np.array([place]), np.array([[4.0, 1.7, 1.5]]), np.zeros(1))
+    assert not clipped_image_boxes(corners, P, (1200, 370)).any()
 
 
 def test_the_box_of_one_pixel_accuracy_by_hand():
