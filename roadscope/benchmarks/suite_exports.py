@@ -156,7 +156,8 @@ class Manifest(msgspec.Struct, frozen=True, kw_only=True):
 class ExportPlan:
     """What an export will write.
 
-    scans: number of all scans. bytes_at_most: size of scans and images if every ray had a return.
+    scans: number of scans at most: with an IMU the last ones are not complete.
+    bytes_at_most: size of scans and images if every ray had a return.
     done: number of sequences that an earlier run has written.
     """
 

@@ -54,8 +54,8 @@ def export(
         sequences = len(plan.manifest.sequences)
         done = f"; already there: {plan.done}" if plan.done else ""
         say(
-            f"{printable(plan.suite.title)}: {sequences} sequence{'s' * (sequences != 1)} with "
-            f"{plan.scans} scans, at most {size_text(plan.bytes_at_most)} in {folder}{done}"
+            f"{printable(plan.suite.title)}: {sequences} sequence{'s' * (sequences != 1)} with at "
+            f"most {plan.scans} scans and {size_text(plan.bytes_at_most)}, in {folder}{done}"
         )
     with progress_bars(quiet=quiet) as progress:
         export_suite(plan, progress=progress)

@@ -207,7 +207,8 @@ def _report_poses(odometry: str, poses: Sequence[Pose], reasons: Counter[str]) -
     """Print the last position, and in how many scans the odometry was degraded."""
     x, y, z = poses[-1].translation
     headline(
-        f"{odometry}: {len(poses)} scans, from the first to the last {x:.2f} {y:.2f} {z:.2f} m"
+        f"{odometry}: {len(poses)} scan{'s' * (len(poses) != 1)}, from the first to the last "
+        f"{x:.2f} {y:.2f} {z:.2f} m"
     )
     if reasons:
         show(

@@ -448,4 +448,4 @@ def _after(rows: np.ndarray, names: Sequence[str]) -> str:
     """Return the places behind some scans in words."""
     named = ", ".join(names[k] for k in rows[:MAX_NAMED].tolist())
     more = len(rows) - MAX_NAMED
-    return f"after {named}" + (f" and {more} others" if more > 0 else "")
+    return f"after {named}" + (f" and {more} more" if more > 0 else "")
