@@ -91,7 +91,7 @@ class SensorWrapper(gym.Wrapper[Observation, Any, Any, Any], RecordConstructorAr
             pixel_truth=pixel_truth,
         )
         gym.Wrapper.__init__(self, env)
-        _refuse_sensors(env)
+        refuse_sensors(env)
         refuse_multi_agent(env)
         chosen = rig_of(rig)
         suited = suited_style(env.unwrapped) if style is None else style
@@ -108,10 +108,7 @@ class SensorWrapper(gym.Wrapper[Observation, Any, Any, Any], RecordConstructorAr
         self._recorder = TrafficRecorder()
         self._constants: Constants = {}
         self._period_s = chosen.lidar.spec.period_s
-        self._history_s = chosen.memory_s
-        if chosen.inertial:
-            frequency = env.unwrapped.config["simulation_frequency"]  # type: ignore[attr-defined]
-            self._history_s += STATES_AROUND / frequency + 2 * RAW_S
+        self._history_s = 0.0
         self.observation_space = observation_space(chosen, goal=_goal(env.unwrapped) is not None)
         rate = env.unwrapped.config["policy_frequency"]  # type: ignore[attr-defined]
         self.metadata = {"render_modes": ["rgb_array"], "render_fps": rate}
@@ -122,6 +119,12 @@ class SensorWrapper(gym.Wrapper[Observation, Any, Any, Any], RecordConstructorAr
         """Begin an episode of traffic, and sense it from here on."""
         with original_constants(self._constants):
             _, info = self.env.reset(seed=seed, options=options)
+        rig = self._observer.rig
+        self._history_s = rig.memory_s
+        if rig.inertial:
+            # A reset may change the settings of the environment.
+            frequency = self.env.unwrapped.config["simulation_frequency"]  # type: ignore[attr-defined]
+            self._history_s += STATES_AROUND / frequency + 2 * RAW_S
         episode = self._observer.next_seed(seed)
         self._recorder = TrafficRecorder(seed=episode)
         self._recorder.attach(self.env.unwrapped)
@@ -136,6 +139,12 @@ class SensorWrapper(gym.Wrapper[Observation, Any, Any, Any], RecordConstructorAr
         before_s = self._recorder.stamp_s
         with own_constants(self._constants):
             _, reward, terminated, truncated, info = self.env.step(action)
+        if self._recorder.road is not self.env.unwrapped.road:  # type: ignore[attr-defined]
+            raise ForeignEnvError(
+                "the environment below SensorWrapper began another episode, which the sensors do "
+                "not follow: only call reset() of the outermost wrapper, and put wrappers such as "
+                "Autoreset around SensorWrapper"
+            )
         now_s = self._recorder.stamp_s
         # The oldest sweep that is still open began less than two periods before the step, or before
         # the instant until which the ego's motion was settled then.
@@ -182,7 +191,7 @@ def suited_style(env: Any) -> str:
     return next((STYLES_OF[kind] for kind in kinds if kind in STYLES_OF), "bare")
 
 
-def _refuse_sensors(env: gym.Env[Any, Any]) -> None:
+def refuse_sensors(env: gym.Env[Any, Any]) -> None:
     """Raise `ForeignEnvError` if any layer of an environment already has sensors."""
     layer = env
     while not _senses(layer) and isinstance(layer, gym.Wrapper):

@@ -138,6 +138,11 @@ class TrafficRecorder:
         self._record(road, since_s + count * dt)
 
     @property
+    def road(self) -> Any:
+        """The road that is recorded."""
+        return self._road
+
+    @property
     def stamp_s(self) -> float:
         """Seconds of physics since the start."""
         return self._snapshots[-1].stamp_s

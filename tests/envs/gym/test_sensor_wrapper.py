@@ -213,6 +213,30 @@ def test_live_frames_equal_those_of_the_whole_recording(name: str, weather: str)
         assert truth == live_truth
 
 
+def test_live_frames_equal_those_of_the_recording_when_a_reset_changed_the_rate() -> None:
+    config = {"vehicles_count": 3, "simulation_frequency": 30}
+    env = SensorWrapper(gym.make("highway-v0", config=config), "vlp16-imu", style="urban")
+    env.reset(seed=4, options={"config": {"simulation_frequency": 3}})
+    frames = [frame for action in (1, 3, 1, 4, 1) for frame in env.step(action)[-1]["frames"]]
+    whole = env.recording()
+    again = Sensing(find_rig("vlp16-imu"), 4, "urban").advance(whole, whole.end_s)
+    assert len(frames) > 10
+    assert frames == [frame for frame, _ in again]
+
+
+def test_an_episode_that_begins_below_the_sensors_is_an_error() -> None:
+    inner = gym.make("highway-v0", config={"vehicles_count": 3, "duration": 1})
+    env = SensorWrapper(gym.wrappers.Autoreset(inner), "lux")
+    env.reset(seed=0)
+    assert env.step(1)[3]
+    with pytest.raises(ForeignEnvError, match="Autoreset around SensorWrapper"):
+        env.step(1)
+    env.reset(seed=0)
+    env.unwrapped.reset(seed=1)
+    with pytest.raises(ForeignEnvError, match="reset"):
+        env.step(1)
+
+
 @pytest.mark.slow
 def test_live_frames_with_inertial_sensors_equal_those_of_the_recording() -> None:
     """Longer than the wrapper's history, in an environment whose motion jumps."""
