@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Mapping
-from functools import cache
 from typing import Any
 
 import numpy as np
+from gymnasium import spaces
+from highway_env.vehicle.kinematics import Vehicle
 
 from roadscope.core import Tracks
 from roadscope.envs.traffic.conversion import ForeignEnvError, from_world
@@ -36,6 +37,12 @@ class BelievedObservation:
         self._believed = _BelievedEnv(env, np.random.default_rng(seed))
         self._type = observation_factory(self._believed, settings)
 
+    @property
+    def space(self) -> spaces.Space[Any]:
+        """The space of the observations."""
+        space: spaces.Space[Any] = self._type.space()
+        return space
+
     def observe(self, tracks: Tracks) -> np.ndarray:
         """Return the observation; tracks: frame `world`, at the environment's instant."""
         self._believed.road = believed_road(self._believed.env, tracks)
@@ -60,6 +67,9 @@ class _BelievedEnv:
         self.env, self.road, self.np_random = env, env.road, np_random
 
     def __getattr__(self, name: str) -> Any:
+        # `copy` and `pickle` look for special methods; those of the environment copy that.
+        if name.startswith("__"):
+            raise AttributeError(name)
         return getattr(self.env, name)
 
 
@@ -72,7 +82,7 @@ def believed_road(env: Any, tracks: Tracks) -> Any:
     road.vehicles = [env.vehicle]
     states = from_world(tracks.centres[:, :2], tracks.yaws, tracks.velocities)
     for position, heading, velocity, size in zip(*states, tracks.sizes, strict=True):
-        vehicle = _believed_vehicle()(road, position, heading, 0.0)
+        vehicle = BelievedVehicle(road, position, heading, 0.0)
         vehicle.speed = float(velocity @ vehicle.direction)
         vehicle.velocity = velocity
         vehicle.LENGTH, vehicle.WIDTH = size[:2]
@@ -81,9 +91,7 @@ def believed_road(env: Any, tracks: Tracks) -> Any:
     return road
 
 
-@cache
-def _believed_vehicle() -> Any:
-    """Return a class of vehicles with estimated velocities, which may not be along the heading."""
-    from highway_env.vehicle.kinematics import Vehicle
+class BelievedVehicle(Vehicle):  # type: ignore[misc]
+    """A vehicle with an estimated velocity, which may not be along its heading."""
 
-    return type("BelievedVehicle", (Vehicle,), {"velocity": np.zeros(2)})
+    velocity = np.zeros(2)

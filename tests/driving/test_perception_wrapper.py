@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import copy
+import pickle
 import warnings
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -311,6 +314,20 @@ def bounds_of(space: gym.Space[Any]) -> str:
 
 
 @pytest.mark.parametrize("perception", ["truth", pytest.param(STACK, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("twin", [copy.deepcopy, lambda env: pickle.loads(pickle.dumps(env))])
+@pytest.mark.parametrize("perception", ["truth", "blind", STACK])
+def test_a_copy_drives_on_as_the_original(perception: str, twin: Callable[[Any], Any]) -> None:
+    env = PerceptionWrapper(highway(vehicles_count=5), perception)
+    env.reset(seed=2)
+    env.step(1)
+    other = twin(env)
+    for action in (3, 0):
+        expected, reward, *_ = env.step(action)
+        observed, own_reward, *_ = other.step(action)
+        assert np.array_equal(observed, expected)
+        assert own_reward == reward
+
+
 def test_stable_baselines3_accepts_flat_observations(perception: str) -> None:
     check = pytest.importorskip("stable_baselines3.common.env_checker").check_env
     env = gym.make("roadscope/Highway-v0", perception=perception, disable_env_checker=True)
