@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from contextlib import nullcontext
 from dataclasses import replace
 from typing import Any, SupportsFloat
@@ -16,7 +17,8 @@ from roadscope.driving.belief import BelievedObservation, check_observation
 from roadscope.driving.perception import BLIND, TRUTH, Perception
 from roadscope.envs.gym.highway import ScenarioEnv, observe_nothing
 from roadscope.envs.gym.observer import rig_of
-from roadscope.envs.gym.sensor_wrapper import SensorWrapper
+from roadscope.envs.gym.sensor_wrapper import SensorWrapper, refuse_sensors
+from roadscope.envs.gym.spaces import checked_action
 from roadscope.envs.gym.vector import PooledVectorEnv, pooled
 from roadscope.envs.imaging.light import Light
 from roadscope.envs.sensors.faults import Faults
@@ -24,6 +26,7 @@ from roadscope.envs.sensors.rig import Rig
 from roadscope.envs.sensors.weathers import Weather
 from roadscope.envs.traffic.conversion import (
     Constants,
+    ForeignEnvError,
     original_constants,
     own_constants,
     refuse_multi_agent,
@@ -34,7 +37,8 @@ class PerceptionWrapper(gym.Wrapper[np.ndarray, Any, Any, Any], RecordConstructo
     """Makes the observation of a highway-env environment of tracks in place of true vehicles.
 
     env: a single-agent environment with an observation of type `Kinematics`, `OccupancyGrid` or
-        `TimeToCollision`. The space and the layout of the observation stay as they are.
+        `TimeToCollision`. The space and the layout of the observation stay as they are. Wrappers
+        that change observations go around this one.
     perception: `DETECTOR + TRACKER` or `DETECTOR + TRACKER + 200 ms` (see `Perception`);
         `truth`: highway-env's own observation; `blind`: no other vehicle is ever observed.
     rig, seed, style, weather, light, faults: of the sensors, as in `SensorWrapper`.
@@ -74,18 +78,20 @@ class PerceptionWrapper(gym.Wrapper[np.ndarray, Any, Any, Any], RecordConstructo
         refuse_multi_agent(env)
         if perception != TRUTH:
             check_observation(_observation_of(env))
+            refuse_sensors(env)
+            _refuse_changed_observations(env)
         if perception in (TRUTH, BLIND):
             gym.Wrapper.__init__(self, env)
         else:
             self._stack = Perception(perception, rig_of(rig))
             sensed: gym.Env[Any, Any] = SensorWrapper(env, rig, **sensing)
             gym.Wrapper.__init__(self, sensed)
-        self.observation_space = env.observation_space
+        if perception != TRUTH:
+            self.observation_space = env.observation_space
         self._perception = perception
         self._belief: BelievedObservation | None = None
         self._believed_type: dict[str, Any] | None = None
         self._constants: Constants = {}
-        self._steps = 0
 
     @property
     def spec(self) -> EnvSpec | None:  # type: ignore[override]
@@ -105,16 +111,18 @@ class PerceptionWrapper(gym.Wrapper[np.ndarray, Any, Any, Any], RecordConstructo
             observation, info = self.env.reset(seed=seed, options=options)
         if self._perception != TRUTH:
             self._belief = BelievedObservation(self.env.unwrapped, seed or 0, self._believed_type)
+            # A reset may change the settings of the environment.
+            if self._belief.space != self.observation_space:
+                self.observation_space = self._belief.space
         if self._stack is not None:
             self._stack.reset()
-        self._steps = 0
         return self._observed(observation, info)
 
     def step(self, action: Any) -> tuple[np.ndarray, SupportsFloat, bool, bool, dict[str, Any]]:
         """Drive for one step; sense, detect and track meanwhile."""
+        action = checked_action(self.action_space, action)
         with own_constants(self._constants) if self._stack is None else nullcontext():
             observation, reward, terminated, truncated, info = self.env.step(action)
-        self._steps += 1
         if self._stack is not None:
             self._stack.update(info["frames"], info["truths"], info["time_s"])
         believed, info = self._observed(observation, info)
@@ -129,8 +137,10 @@ class PerceptionWrapper(gym.Wrapper[np.ndarray, Any, Any, Any], RecordConstructo
         self, observation: np.ndarray, info: dict[str, Any]
     ) -> tuple[np.ndarray, dict[str, Any]]:
         if self._stack is None:
-            rate = self.env.unwrapped.config["policy_frequency"]  # type: ignore[attr-defined]
-            info = {**info, "time_s": self._steps / rate}
+            inner: Any = self.env.unwrapped
+            # highway-env counts steps of the physics, of which a step may have too few for its
+            # nominal period; the sensors' clock counts them too.
+            info = {**info, "time_s": inner.steps * (1 / inner.config["simulation_frequency"])}
         if self._belief is None:
             return observation, info
         if self._stack is None:
@@ -138,6 +148,22 @@ class PerceptionWrapper(gym.Wrapper[np.ndarray, Any, Any, Any], RecordConstructo
         else:
             tracks = self._stack.tracks(info["time_s"])
         return self._belief.observe(tracks), {**info, "tracks": tracks}
+
+
+def _refuse_changed_observations(env: gym.Env[Any, Any]) -> None:
+    """Raise `ForeignEnvError` if a wrapper changes the observations of the environment.
+
+    Those of tracks are made above it, so it would have no effect.
+    """
+    layer = env
+    while isinstance(layer, gym.Wrapper):
+        changes = isinstance(layer, gym.ObservationWrapper)
+        if changes or layer.observation_space != layer.env.observation_space:
+            raise ForeignEnvError(
+                f"{type(layer).__name__} changes observations, but those of tracks are made by "
+                f"PerceptionWrapper: put {type(layer).__name__} around it"
+            )
+        layer = layer.env
 
 
 def _observation_of(env: gym.Env[Any, Any]) -> dict[str, Any]:
@@ -165,6 +191,18 @@ class PerceivedEnv(ScenarioEnv):
         super().__init__(scenario, **settings)
         if perception is not None:
             self.observation_space = _bounded(self.observation_space)
+
+    @property
+    def compute_reward(self) -> Callable[..., Any]:
+        """The reward of `parking-lot` on `truth`, of a goal achieved, a goal desired and an info.
+
+        Learning with other goals in hindsight calls it. Other environments do not have it, since
+        libraries recognise observations with goals by it.
+        """
+        if self._perception != TRUTH:
+            raise AttributeError("compute_reward: only with perception='truth'")
+        reward: Callable[..., Any] = self._inner.unwrapped.compute_reward  # type: ignore[attr-defined]
+        return reward
 
     def _with_sensors(self, traffic: gym.Env[Any, Any], rig: str | Rig, **sensing: Any) -> Any:
         if self._perception is None:

@@ -101,12 +101,81 @@ def test_the_observation_may_be_another_from_a_reset_on() -> None:
     settings = {"type": "Kinematics", "vehicles_count": 3}
     observed, _ = env.reset(seed=0, options={"config": {"observation": settings}})
     assert observed.shape == (3, 5)
+    assert env.observation_space.shape == (3, 5)
     with pytest.raises(ForeignEnvError, match="cannot be made of tracks"):
         env.reset(
             options={
                 "config": {"observation": {"type": "AttributesObservation", "attributes": ["road"]}}
             }
         )
+
+
+@pytest.mark.parametrize("perception", ["truth", "blind", STACK])
+@pytest.mark.parametrize(
+    "setting", [{"observation": {"type": "OccupancyGrid"}}, {"action": {"type": "DiscreteAction"}}]
+)
+def test_an_id_keeps_its_spaces_at_a_reset(perception: str, setting: dict[str, Any]) -> None:
+    env = gym.make("roadscope/Highway-v0", perception=perception, vehicles=3)
+    with pytest.raises(ValueError, match=f"{next(iter(setting))} decides a space"):
+        env.reset(seed=0, options={"config": setting})
+    env.reset(seed=0, options={"config": {"lanes_count": 2}})
+
+
+@pytest.mark.parametrize("perception", ["blind", STACK])
+@pytest.mark.parametrize(
+    "change",
+    [
+        gym.wrappers.FlattenObservation,
+        gym.wrappers.NormalizeObservation,
+        lambda env: gym.wrappers.FrameStackObservation(env, 2),
+    ],
+)
+def test_wrappers_of_observations_go_around_it(
+    perception: str, change: Callable[[Any], gym.Env[Any, Any]]
+) -> None:
+    with pytest.raises(ForeignEnvError, match=r"Observation changes observations.*around it"):
+        PerceptionWrapper(change(highway()), perception)
+    env = change(PerceptionWrapper(highway(vehicles_count=3), perception))
+    assert env.observation_space.contains(env.reset(seed=0)[0])
+
+
+@pytest.mark.parametrize("perception", ["truth", "blind", STACK])
+def test_the_clock_is_that_of_the_sensors(perception: str) -> None:
+    """A seventh of 15 steps a second is no whole number: highway-env takes two in each step."""
+    rates = {"simulation_frequency": 15, "policy_frequency": 7}
+    settings: dict[str, Any] = {"config": rates, "vehicles": 3, "duration_s": 1.0}
+    env = gym.make("roadscope/Highway-v0", perception=perception, **settings)
+    env.reset(seed=0)
+    times, truncated = [], False
+    while not truncated:
+        *_, truncated, info = env.step(1)
+        times.append(info["time_s"])
+    assert times == pytest.approx(np.arange(1, 9) * 2 / 15)
+
+
+@pytest.mark.parametrize("perception", ["truth", "blind", STACK])
+def test_actions_outside_the_space_are_refused(perception: str) -> None:
+    env = PerceptionWrapper(highway(vehicles_count=3), perception)
+    env.reset(seed=0)
+    with pytest.raises(ValueError, match="outside the action space"):
+        env.step(9)
+
+
+@pytest.mark.parametrize("settings", [{}, {"perception": "truth"}])
+def test_an_environment_of_ours_is_not_wrapped(settings: dict[str, Any]) -> None:
+    env = gym.make("roadscope/Highway-v0", **settings)
+    with pytest.raises(ForeignEnvError, match=r"perception= of gym\.make"):
+        PerceptionWrapper(env, "truth")
+
+
+def test_goals_in_hindsight_have_the_reward_of_the_environment() -> None:
+    plain = gym.make("parking-v0", config={"vehicles_count": 10}).unwrapped
+    env: Any = gym.make("roadscope/ParkingLot-v0", perception="truth").unwrapped
+    observed, info = env.reset(seed=0)
+    goals = observed["achieved_goal"], observed["desired_goal"]
+    assert env.compute_reward(*goals, info) == plain.compute_reward(*goals, info) < 0
+    assert env.compute_reward(goals[1], goals[1], info) == 0
+    assert not hasattr(gym.make("roadscope/ParkingLot-v0").unwrapped, "compute_reward")
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -245,6 +314,20 @@ def test_its_spec_makes_it_again(perception: str) -> None:
     assert np.array_equal(env.step(1)[0], again.step(1)[0])
 
 
+@pytest.mark.parametrize("twin", [copy.deepcopy, lambda env: pickle.loads(pickle.dumps(env))])
+@pytest.mark.parametrize("perception", ["truth", "blind", STACK])
+def test_a_copy_drives_on_as_the_original(perception: str, twin: Callable[[Any], Any]) -> None:
+    env = PerceptionWrapper(highway(vehicles_count=5), perception)
+    env.reset(seed=2)
+    env.step(1)
+    other = twin(env)
+    for action in (3, 0):
+        expected, reward, *_ = env.step(action)
+        observed, own_reward, *_ = other.step(action)
+        assert np.array_equal(observed, expected)
+        assert own_reward == reward
+
+
 # highway-env's own observations have infinite bounds, of which Gymnasium warns.
 @pytest.mark.filterwarnings("ignore:.*Box observation space (min|max)imum value is")
 @pytest.mark.filterwarnings("ignore:.*different from the unwrapped version")
@@ -314,20 +397,6 @@ def bounds_of(space: gym.Space[Any]) -> str:
 
 
 @pytest.mark.parametrize("perception", ["truth", pytest.param(STACK, marks=pytest.mark.slow)])
-@pytest.mark.parametrize("twin", [copy.deepcopy, lambda env: pickle.loads(pickle.dumps(env))])
-@pytest.mark.parametrize("perception", ["truth", "blind", STACK])
-def test_a_copy_drives_on_as_the_original(perception: str, twin: Callable[[Any], Any]) -> None:
-    env = PerceptionWrapper(highway(vehicles_count=5), perception)
-    env.reset(seed=2)
-    env.step(1)
-    other = twin(env)
-    for action in (3, 0):
-        expected, reward, *_ = env.step(action)
-        observed, own_reward, *_ = other.step(action)
-        assert np.array_equal(observed, expected)
-        assert own_reward == reward
-
-
 def test_stable_baselines3_accepts_flat_observations(perception: str) -> None:
     check = pytest.importorskip("stable_baselines3.common.env_checker").check_env
     env = gym.make("roadscope/Highway-v0", perception=perception, disable_env_checker=True)

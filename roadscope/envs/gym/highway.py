@@ -151,7 +151,8 @@ class ScenarioEnv(gym.Env[Observation, Any]):
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Observation, dict[str, Any]]:
-        """Begin an episode."""
+        """Begin an episode; `options` may have `config`, which changes settings of highway-env."""
+        _check_options(options or {})
         super().reset(seed=seed, options=options)
         observation, info = self._inner.reset(seed=seed, options=options)
         for name in ACTION_INFO:
@@ -184,6 +185,15 @@ def _driver(scenario: str, ego: str | None) -> str:
     if ego == "agent" and scenario not in TASKS:
         raise ValueError(f"'{scenario}' is only played, its ego drives itself: ego='idm'")
     return ego
+
+
+def _check_options(options: Mapping[str, Any]) -> None:
+    """Raise `ValueError` for options of a reset that would change the spaces."""
+    if of_spaces := {"observation", "action"} & set(options.get("config") or {}):
+        raise ValueError(
+            f"options['config']: {', '.join(sorted(of_spaces))} decides a space of the "
+            "environment, which stays; give it to gym.make, config="
+        )
 
 
 def _check_vehicles(vehicles: int | None, scenario: str, driver: str) -> None:

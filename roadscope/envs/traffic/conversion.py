@@ -85,6 +85,11 @@ def refuse_multi_agent(env: Any) -> None:
     inner = getattr(env, "unwrapped", env)
     spec = getattr(inner, "spec", None) or getattr(env, "spec", None)
     name = spec.id if spec is not None else type(inner).__name__
+    if name.startswith("roadscope/"):
+        raise ForeignEnvError(
+            f"'{name}' is an environment of roadscope, to which nothing is added: choose its "
+            "sensors by rig= and what is observed by perception= of gym.make"
+        )
     if not (hasattr(inner, "road") and hasattr(inner, "controlled_vehicles")):
         raise ForeignEnvError(f"'{name}' is not a highway-env environment: it has no road")
     agents = type(getattr(inner, "action_type", None)).__name__ == "MultiAgentAction"
