@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import gymnasium as gym
@@ -12,6 +12,7 @@ from roadscope.core import DrivingScene
 from roadscope.driving.agent import ACTIONS, DECISION_STEPS, LARGEST, OBSERVED, command_of, observed
 from roadscope.driving.closed_loop import ClosedLoop
 from roadscope.driving.perception import TRUTH, stack_of
+from roadscope.envs.gym.observer import checked_seed
 from roadscope.envs.gym.spaces import checked_action
 from roadscope.envs.gym.vector import PooledVectorEnv, pooled
 from roadscope.envs.imaging.light import Light
@@ -46,7 +47,7 @@ class DriveEnv(gym.Env[np.ndarray, np.int64]):
     start and `collided`.
 
     Gymnasium's own seed decides what is drawn for an episode. `options` of `reset` may have `seed`,
-    `scenario` and `perception`, which then are not drawn.
+    `scenario` and `perception`, which then are not drawn; None is drawn.
     """
 
     metadata = {"render_modes": []}  # noqa: RUF012
@@ -117,21 +118,21 @@ class DriveEnv(gym.Env[np.ndarray, np.int64]):
                 f"unknown options: {', '.join(map(repr, sorted(unknown)))}; "
                 f"possible: {', '.join(drawn)}"
             )
-        self._info = {**drawn, **(options or {})}
-        scenario, perception = self._info["scenario"], self._info["perception"]
+        info = {**drawn, **_checked(options or {})}
+        scenario, perception = info["scenario"], info["perception"]
         if perception not in self._stacks:
             self._stacks[perception] = stack_of(perception, self._rig)
         duration_s = find(scenario).duration_s if self._duration_s is None else self._duration_s
         self._loop = ClosedLoop(
             scenario,
-            self._info["seed"],
+            info["seed"],
             perception=self._stacks[perception],
             rig=self._rig,
             duration_s=duration_s,
             **self._conditions,
         )
-        self._scene = self._loop.scene(self._loop.tracks())
-        return observed(self._scene), dict(self._info)
+        self._info, self._scene = info, self._loop.scene(self._loop.tracks())
+        return observed(self._scene), dict(info)
 
     def step(self, action: np.int64 | int) -> tuple[np.ndarray, float, bool, bool, dict[str, Any]]:
         """Drive for 0.2 s; raise `ValueError` for an action that is not in the space."""
@@ -152,6 +153,17 @@ class DriveEnv(gym.Env[np.ndarray, np.int64]):
         collided = loop.traffic.collided_with is not None
         info = {**self._info, "time_s": loop.traffic.now_s, "collided": collided}
         return observed(scene), reward, collided, loop.over and not collided, info
+
+
+def _checked(options: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the options of a reset that are not None; raise an error for impossible values."""
+    chosen = {name: value for name, value in options.items() if value is not None}
+    for name, value in chosen.items():
+        if name == "seed":
+            chosen[name] = checked_seed(value)
+        elif not isinstance(value, str):
+            raise TypeError(f"options['{name}']: expected one name, got {value!r}")
+    return chosen
 
 
 def _several(names: Names) -> tuple[str, ...]:

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
 
-from roadscope import Episode, Spec
+from roadscope import Episode, Spec, SpecError
 from roadscope.benchmarks import Job, RunOptions
 from roadscope.benchmarks.boards import DrivingBoard
 from roadscope.benchmarks.nodes import DriveNode, Stack
@@ -101,6 +101,30 @@ def test_gymnasiums_seed_decides_everything_and_options_overrule_it() -> None:
     assert all(info["seed"] < 10_000 for info in drawn)
     chosen = {"scenario": "roundabout", "perception": "blind", "seed": 77}
     assert env.reset(seed=0, options=chosen)[1] == chosen
+
+
+@pytest.mark.parametrize(
+    ("options", "error", "word"),
+    [
+        ({"seed": -1}, ValueError, "seed: expected a whole number from 0 up"),
+        ({"seed": 1.5}, TypeError, "seed: expected a whole number"),
+        ({"scenario": ["merge"]}, TypeError, r"options\['scenario'\]: expected one name"),
+        ({"scenario": "tunnel"}, ScenarioError, "scripted"),
+        ({"perception": "nothing"}, SpecError, "perception stack"),
+    ],
+)
+def test_a_reset_that_fails_leaves_the_drive_as_it_is(options, error, word) -> None:
+    env = DriveEnv("motorway", perception="blind", duration_s=1.0)
+    _, before = env.reset(seed=3)
+    with pytest.raises(error, match=word):
+        env.reset(options=options)
+    *_, info = env.step(KEEP_SPEED)
+    assert {name: info[name] for name in before} == before
+
+
+def test_an_option_that_is_none_is_drawn() -> None:
+    env = DriveEnv("motorway", perception="blind", duration_s=1.0)
+    assert env.reset(seed=3, options={"seed": None})[1] == env.reset(seed=3)[1]
 
 
 def test_blind_agents_observe_no_road_user_and_others_those_around() -> None:
