@@ -70,6 +70,11 @@ def in_this_process(registry: Registry[Any], spec: Spec) -> Any:
 
 def parts_of(text: str) -> StackParts:
     """Return what a stack is made of; `SpecError` for a text that is no stack."""
+    if not isinstance(text, str):
+        raise TypeError(
+            f"perception: expected a text, '{TRUTH}', '{BLIND}' or 'DETECTOR{PLUS}TRACKER', "
+            f"got {text!r}"
+        )
     delay = _DELAY.search(text)
     stack = text[: delay.start()] if delay else text
     detector, plus, tracker = stack.rpartition(PLUS)

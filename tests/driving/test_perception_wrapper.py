@@ -469,6 +469,11 @@ def test_what_is_no_stack_is_refused(text: str, rig: str, word: str) -> None:
         PerceptionWrapper(highway(), text, rig=rig)
 
 
+def test_a_perception_is_a_text() -> None:
+    with pytest.raises(TypeError, match=r"perception: expected a text.* got None"):
+        PerceptionWrapper(highway(), None)  # type: ignore[arg-type]
+
+
 @pytest.mark.parametrize("perception", [STACK, "truth", "blind"])
 @pytest.mark.parametrize(
     ("foreign", "word"), [("CartPole-v1", "no road"), ("intersection-multi-agent-v0", "agents")]
