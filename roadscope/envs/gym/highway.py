@@ -12,6 +12,7 @@ import numpy as np
 from gymnasium.envs.registration import load_env_creator
 from highway_env.envs.highway_env import HighwayEnv
 
+from roadscope.envs.gym.observer import warn_without_render_mode
 from roadscope.envs.gym.playback import PlaybackEnv
 from roadscope.envs.gym.sensor_wrapper import SensorWrapper
 from roadscope.envs.gym.spaces import Observation
@@ -166,7 +167,14 @@ class ScenarioEnv(gym.Env[Observation, Any]):
         return observation, float(reward), terminated, truncated or overdue, info
 
     def render(self) -> Any:
-        """Return one picture of the latest scan and image, (720, 1280, 3) uint8."""
+        """Return one picture of the latest scan and image, (720, 1280, 3) uint8.
+
+        Without sensors, as with `perception="truth"`, the picture is highway-env's. Without a
+        render mode it warns and returns None.
+        """
+        if self.render_mode is None:
+            warn_without_render_mode()
+            return None
         image: Any = self._inner.render()
         return image
 

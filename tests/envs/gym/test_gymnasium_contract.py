@@ -262,9 +262,19 @@ def test_pictures_come_as_a_list_and_closing_twice_is_fine(name: str) -> None:
     env.close()
 
 
-@pytest.mark.parametrize("name", ["roadscope/Highway-v0", "roadscope/Lu2018Occlusion-v0"])
-def test_without_a_render_mode_it_warns_and_renders_nothing(name: str) -> None:
-    env = gym.make(name, rig="lux").unwrapped
+@pytest.mark.parametrize(
+    ("name", "settings"),
+    [
+        ("roadscope/Highway-v0", {}),
+        ("roadscope/Highway-v0", {"perception": "truth"}),
+        ("roadscope/Highway-v0", {"perception": "blind"}),
+        ("roadscope/Lu2018Occlusion-v0", {}),
+    ],
+)
+def test_without_a_render_mode_it_warns_and_renders_nothing(
+    name: str, settings: dict[str, Any]
+) -> None:
+    env = gym.make(name, rig="lux", **settings).unwrapped
     env.reset(seed=0)
     with pytest.warns(UserWarning, match="render_mode"):
         assert env.render() is None
