@@ -149,7 +149,7 @@ class DrivingBoard(Board):
                 self,
                 f"{driver} on {text}",
                 episode,
-                DriveNode(driver, stack, episode),
+                DriveNode(driver, stack, episode if stack.senses else _unsensed(episode)),
                 mark=marks.get(text),
                 inputs=text,
                 settings=suite.eligibility,
@@ -215,3 +215,8 @@ def drive_of(answers: EpisodeDrive, planned_s: float) -> ScoredDrive:
         planned_s=planned_s,
         collided=answers.collided_with >= 0,
     )
+
+
+def _unsensed(episode: Episode) -> Episode:
+    """Return the episode without what only sensors feel, so that one drive serves all faults."""
+    return Episode(episode.scenario, episode.seed, episode.rig, episode.duration_s)

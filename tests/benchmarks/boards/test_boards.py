@@ -70,6 +70,17 @@ def test_jobs_are_every_entry_on_every_episode_and_marks_where_they_are_wanted(n
     assert all(job.board is board for job in marked)
 
 
+def test_a_drive_without_sensors_serves_all_faults() -> None:
+    board, suite = BOARDS["driving"], load_suite("driving-faults")
+    jobs = board.jobs(suite, [board.check_entry(Spec.parse("idm"))], JobOptions(marks=True))
+    marked = [job for job in jobs if job.mark]
+    ranked = [job for job in jobs if not job.mark]
+    conditions = len({job.episode.condition for job in jobs})
+    assert conditions == 5
+    assert len(marked) == conditions * len({job.answers.path for job in marked})
+    assert len(ranked) == len({job.answers.path for job in ranked})
+
+
 def test_plug_ins_of_another_kind_are_refused_by_every_board() -> None:
     for name, board in BOARDS.items():
         for kind, text in ENTRY.items():
