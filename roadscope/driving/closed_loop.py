@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from roadscope.core import DrivingCommand, DrivingScene, Tracks, Truth
+from roadscope.core import DrivingCommand, DrivingScene, Frame, Tracks, Truth
 from roadscope.driving.perception import BLIND, TRUTH, Perception, ProcessedScan
 from roadscope.envs.imaging.light import Light
 from roadscope.envs.sensors.ego_motion import STATES_AROUND
@@ -46,6 +46,8 @@ class ClosedLoop:
         self.duration_s = duration_s
         self.truths: list[Truth] = []
         self.processed: list[tuple[Truth, ProcessedScan]] = []
+        self.scan: tuple[Frame, Truth] | None = None
+        """The latest frame with a scan, and its truth."""
         self._unprocessed: dict[float, Truth] = {}
         self._perception = perception
         self._sensing: Sensing | None = None
@@ -80,6 +82,7 @@ class ClosedLoop:
         assert self._sensing is not None
         pairs = self._sensing.advance(traffic.timeline(self._memory_s), traffic.now_s)
         self.truths = [truth for _, truth in pairs]
+        self.scan = next((pair for pair in reversed(pairs) if pair[0].lidar), self.scan)
         self._unprocessed |= {
             frame.lidar.stamp_s: truth for frame, truth in pairs if frame.lidar is not None
         }

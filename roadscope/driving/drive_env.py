@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import gymnasium as gym
 import numpy as np
@@ -12,7 +12,7 @@ from roadscope.core import DrivingScene
 from roadscope.driving.agent import ACTIONS, DECISION_STEPS, LARGEST, OBSERVED, command_of, observed
 from roadscope.driving.closed_loop import ClosedLoop
 from roadscope.driving.perception import TRUTH, stack_of
-from roadscope.envs.gym.observer import checked_seed
+from roadscope.envs.gym.observer import checked_seed, warn_without_render_mode
 from roadscope.envs.gym.spaces import checked_action
 from roadscope.envs.gym.vector import PooledVectorEnv, pooled
 from roadscope.envs.imaging.light import Light
@@ -23,6 +23,9 @@ from roadscope.envs.sensors.sensing import Sensing, check_light
 from roadscope.envs.sensors.weathers import Weather
 from roadscope.envs.traffic.driven import check_driven
 from roadscope.envs.traffic.scenarios import find
+
+if TYPE_CHECKING:
+    from roadscope.driving.picture import DrivePictures
 
 Names = str | Sequence[str]
 
@@ -43,6 +46,7 @@ class DriveEnv(gym.Env[np.ndarray, np.int64]):
     accelerations, and a change to the left and to the right. A step lasts 0.2 s. Its reward is its
     duration in seconds, times the ratio of speed to desired speed, which counts as at most 1. An
     episode terminates with a collision. It is truncated when the time is up or the road ends.
+    `render_mode="rgb_array"` draws what is true, what was sensed and what the agent believes.
     `info` has `scenario`, `seed`, `perception` and, from the first step on, `time_s` since the
     start and `collided`.
 
@@ -50,7 +54,7 @@ class DriveEnv(gym.Env[np.ndarray, np.int64]):
     `scenario` and `perception`, which then are not drawn; None is drawn.
     """
 
-    metadata = {"render_modes": []}  # noqa: RUF012
+    metadata = {"render_modes": ["rgb_array"], "render_fps": 5}  # noqa: RUF012
 
     def __init__(
         self,
@@ -63,8 +67,10 @@ class DriveEnv(gym.Env[np.ndarray, np.int64]):
         weather: str | Weather = "clear",
         light: str | Light | None = None,
         faults: Faults = (),
-        render_mode: None = None,
+        render_mode: str | None = None,
     ) -> None:
+        if render_mode not in (None, *self.metadata["render_modes"]):
+            raise ValueError(f"render_mode: expected 'rgb_array' or None, got {render_mode!r}")
         self.render_mode = render_mode
         self._scenarios, self._perceptions = _several(scenario), _several(perception)
         for name, values in (
@@ -88,6 +94,7 @@ class DriveEnv(gym.Env[np.ndarray, np.int64]):
         self.action_space = gym.spaces.Discrete(ACTIONS)
         self._loop: ClosedLoop | None = None
         self._scene: DrivingScene | None = None
+        self._pictures: DrivePictures | None = None
 
     @property
     def scene(self) -> DrivingScene:
@@ -132,6 +139,12 @@ class DriveEnv(gym.Env[np.ndarray, np.int64]):
             **self._conditions,
         )
         self._info, self._scene = info, self._loop.scene(self._loop.tracks())
+        self._reward = 0.0
+        if self.render_mode is not None:
+            from roadscope.driving.picture import DrivePictures
+
+            self._pictures = DrivePictures(f"{scenario}, {perception}")
+            self._pictures.add(self._loop, self._scene, self._reward)
         return observed(self._scene), dict(info)
 
     def step(self, action: np.int64 | int) -> tuple[np.ndarray, float, bool, bool, dict[str, Any]]:
@@ -150,9 +163,24 @@ class DriveEnv(gym.Env[np.ndarray, np.int64]):
             reward += (traffic.now_s - before_s) * speed_ratio
             scene = loop.scene(loop.tracks())
         self._scene = scene
+        self._reward += reward
+        if self._pictures is not None:
+            self._pictures.add(loop, scene, self._reward)
         collided = loop.traffic.collided_with is not None
         info = {**self._info, "time_s": loop.traffic.now_s, "collided": collided}
         return observed(scene), reward, collided, loop.over and not collided, info
+
+    def render(self) -> np.ndarray | None:
+        """Return a picture of what is true and what the agent believes, (720, 1280, 3) uint8.
+
+        Without a render mode it warns and returns None.
+        """
+        if self.render_mode is None:
+            warn_without_render_mode()
+            return None
+        if self._loop is None or self._pictures is None:
+            raise gym.error.ResetNeeded("call reset before render")
+        return self._pictures.draw(self._loop)
 
 
 def _checked(options: Mapping[str, Any]) -> dict[str, Any]:

@@ -44,6 +44,61 @@ def test_gymnasium_accepts_it(perception) -> None:
     check_env(env.unwrapped)
 
 
+def pictured(perception: str) -> np.ndarray:
+    """Return the picture of a drive after 2 s."""
+    env = gym.make(
+        "roadscope/Drive-v0",
+        scenario="two-way",
+        perception=perception,
+        duration_s=4.0,
+        render_mode="rgb_array",
+    )
+    env.reset(options={"seed": 1})
+    for _ in range(10):
+        env.step(KEEP_SPEED)
+    picture = env.render()
+    env.close()
+    return picture
+
+
+def test_it_draws_what_is_true_and_what_is_believed() -> None:
+    pictures = {each: pictured(each) for each in ("truth", "blind", "distance + nearest")}
+    for picture in pictures.values():
+        assert (picture.shape, picture.dtype) == ((720, 1280, 3), np.uint8)
+    views = {each: picture[:, :720].astype(int) for each, picture in pictures.items()}
+    grey = {each: np.ptp(view, axis=2) < 30 for each, view in views.items()}
+    # Road, returns and true road users are grey, tracks are in colours.
+    coloured = {each: int((~is_grey).sum()) for each, is_grey in grey.items()}
+    assert coloured["blind"] == 0
+    assert coloured["truth"] > 300
+    assert coloured["distance + nearest"] > 300
+    white = {each: (view > 240).all(axis=2) for each, view in views.items()}
+    assert (white["blind"] & (white["truth"] | ~grey["truth"])).sum() > 0.9 * white["blind"].sum()
+
+
+def test_without_a_render_mode_nothing_is_drawn() -> None:
+    env = DriveEnv("merge", duration_s=2.0)
+    env.reset(seed=0)
+    with pytest.warns(UserWarning, match="without a render mode"):
+        assert env.render() is None
+    with pytest.raises(gym.error.ResetNeeded):
+        DriveEnv("merge", render_mode="rgb_array").render()
+    with pytest.raises(ValueError, match=r"render_mode: expected .* got 'human'"):
+        DriveEnv("merge", render_mode="human")
+
+
+@pytest.mark.slow
+@pytest.mark.filterwarnings("ignore:.*Overwriting existing videos:UserWarning")
+def test_a_video_of_a_drive_is_recorded(tmp_path) -> None:
+    pytest.importorskip("moviepy", reason="needs the extra video")
+    env = gym.make("roadscope/Drive-v0", scenario="merge", duration_s=2.0, render_mode="rgb_array")
+    env = gym.wrappers.RecordVideo(env, str(tmp_path), episode_trigger=lambda episode: True)
+    drive(env)
+    env.close()
+    (video,) = tmp_path.glob("*.mp4")
+    assert video.stat().st_size > 1000
+
+
 def test_the_true_scene_differs_by_what_is_perceived_alone() -> None:
     env = DriveEnv("motorway", perception="blind", duration_s=2.0)
     with pytest.raises(gym.error.ResetNeeded):

@@ -6,7 +6,7 @@ _PARTS = {
     "birds_eye": "BirdsEyeView box_corners write_distances write_ids",
     "canvas": "Canvas text_px",
     "composed": "Snapshot composed_frame view_from_above",
-    "labels": "LabelPlacer LegendRow draw_legend legend_px",
+    "labels": "LabelPlacer LegendRow draw_legend legend_of",
 }
 """Names by the file that defines them, loaded when first used: the face of this folder."""
 

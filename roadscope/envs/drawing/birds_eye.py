@@ -434,13 +434,18 @@ def _ego_symbol(canvas: Canvas, low: np.ndarray, high: np.ndarray) -> None:
     _draw_own(canvas, _symbol(low, high))
 
 
-def truth_rows() -> Iterator[LegendRow]:
+def user_rows() -> Iterator[LegendRow]:
     """Yield the legend of the ego, its path and the true road users."""
     yield LegendRow("ego", _ego_symbol)
     yield LegendRow("ego's path", _path_symbol)
     for family in Family:
         draw = partial(_user_symbol, family=family, colour=TRUTH_COLOUR)
         yield LegendRow(f"true {family.value}", draw)
+
+
+def truth_rows() -> Iterator[LegendRow]:
+    """Yield the legend of the ego, its path and the true road users, seen or not."""
+    yield from user_rows()
     hidden = partial(_user_symbol, family=Family.VEHICLE, colour=HIDDEN_COLOUR)
     yield LegendRow("without returns", hidden)
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import NamedTuple
@@ -36,7 +36,7 @@ from roadscope.envs.drawing.birds_eye import (
     write_ids,
 )
 from roadscope.envs.drawing.canvas import Canvas, text_px
-from roadscope.envs.drawing.labels import LabelPlacer, LegendRow, draw_legend, legend_px
+from roadscope.envs.drawing.labels import LabelPlacer, LegendRow, legend_of
 from roadscope.envs.drawing.panels import (
     SMALL_PX,
     RunningScore,
@@ -52,6 +52,8 @@ WIDTH, HEIGHT = 1280, 720
 VIEW_PX = 720
 METRES_PER_PX = 0.15
 MARGIN, TITLE_PX = 12, 18
+SIDE_PX = WIDTH - VIEW_PX - 2 * MARGIN
+"""Width of what is beside the view."""
 SCAN_PX, MOST_SCAN_PX = 64, 160
 SCORES_PX, MOST_SCORES_PX = 84, 150
 """Heights of images of a scan and of scores: of rigs with a camera, and at most."""
@@ -92,8 +94,32 @@ def composed_frame(shown: Snapshot, *, colour_by: str = OBJECT) -> np.ndarray:
 
     colour_by: what returns in the bird's-eye view are coloured by, `object` or `intensity`.
     """
+    legend = _legend(_Contents.of(shown, colour_by), SIDE_PX)
+    panels = _panels(shown, SIDE_PX, HEIGHT - 2 * MARGIN - len(legend))
     left = view_from_above(shown, colour_by=colour_by)
-    return np.concatenate([left, _side(shown, WIDTH - VIEW_PX, colour_by=colour_by)], axis=1)
+    return framed(left, shown.title, shown.truth.stamp_s, panels, legend)
+
+
+def framed(
+    left: np.ndarray,
+    title: str,
+    stamp_s: float,
+    panels: Iterable[tuple[np.ndarray, int]],
+    legend: np.ndarray,
+) -> np.ndarray:
+    """Return a (720, 1280, 3) uint8 picture: a view, and beside it title, panels and legend.
+
+    left: (720, 720, 3). panels: images up to `SIDE_PX` wide, from top to bottom, with the gap below
+    each. legend: (H, `SIDE_PX`, 3).
+    """
+    picture = np.array(Image.new("RGB", (WIDTH, HEIGHT), GROUND_COLOUR))
+    picture[:, :VIEW_PX] = left
+    x, top = VIEW_PX + MARGIN, MARGIN
+    for panel, gap in ((_title(title, stamp_s), 8), *panels):
+        picture[top : top + panel.shape[0], x : x + panel.shape[1]] = panel
+        top += panel.shape[0] + gap
+    picture[HEIGHT - MARGIN - len(legend) : HEIGHT - MARGIN, x : x + SIDE_PX] = legend
+    return picture
 
 
 def view_from_above(
@@ -126,27 +152,11 @@ def view_from_above(
     return canvas.image()
 
 
-def _side(shown: Snapshot, width: int, *, colour_by: str) -> np.ndarray:
-    """Return title, camera image, range image, scores and legend, from top to bottom."""
-    inner = width - 2 * MARGIN
-    legend = _legend(_Contents.of(shown, colour_by), inner)
-    picture = np.array(Image.new("RGB", (width, HEIGHT), GROUND_COLOUR))
-    top = MARGIN
-    for panel, gap in (
-        (_title(shown, inner), 8),
-        *_panels(shown, inner, HEIGHT - 2 * MARGIN - len(legend)),
-    ):
-        picture[top : top + panel.shape[0], MARGIN : MARGIN + panel.shape[1]] = panel
-        top += panel.shape[0] + gap
-    picture[HEIGHT - MARGIN - len(legend) : HEIGHT - MARGIN, MARGIN : MARGIN + inner] = legend
-    return picture
-
-
-def _title(shown: Snapshot, width: int) -> np.ndarray:
-    canvas = Canvas(width, TITLE_PX + 4)
-    clock = f"{max(shown.truth.stamp_s, 0.0):.1f} s"
-    right = width - text_px(clock, TITLE_PX)[0]
-    canvas.text(_shortened(shown.title, right - MARGIN), np.zeros(2), TRUTH_COLOUR, TITLE_PX)
+def _title(title: str, stamp_s: float) -> np.ndarray:
+    canvas = Canvas(SIDE_PX, TITLE_PX + 4)
+    clock = f"{max(stamp_s, 0.0):.1f} s"
+    right = SIDE_PX - text_px(clock, TITLE_PX)[0]
+    canvas.text(_shortened(title, right - MARGIN), np.zeros(2), TRUTH_COLOUR, TITLE_PX)
     canvas.text(clock, np.array([right, 0]), TRUTH_COLOUR, TITLE_PX)
     return canvas.image()
 
@@ -230,6 +240,4 @@ def _legend(contents: _Contents, width: int) -> np.ndarray:
         rows.append(LegendRow("return: intensity", scale_symbol))
     else:
         rows += return_rows()
-    canvas = Canvas(width, legend_px(rows, width))
-    draw_legend(canvas, rows, np.zeros(2), width)
-    return canvas.image()
+    return legend_of(rows, width)

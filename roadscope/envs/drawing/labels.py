@@ -75,9 +75,11 @@ class LegendRow(NamedTuple):
     draw: Callable[[Canvas, np.ndarray, np.ndarray], None]
 
 
-def legend_px(rows: Sequence[LegendRow], width: int) -> int:
-    """Return the height of a legend of this width, pixels."""
-    return _lines(rows, width) * ROW_PX
+def legend_of(rows: Sequence[LegendRow], width: int) -> np.ndarray:
+    """Return a legend as an image, (H, width, 3) uint8."""
+    canvas = Canvas(width, _lines(rows, width) * ROW_PX)
+    draw_legend(canvas, rows, np.zeros(2), width)
+    return canvas.image()
 
 
 def draw_legend(canvas: Canvas, rows: Sequence[LegendRow], low: np.ndarray, width: int) -> None:
