@@ -90,6 +90,7 @@ class PerceptionWrapper(gym.Wrapper[np.ndarray, Any, Any, Any], RecordConstructo
             self.observation_space = env.observation_space
         self._perception = perception
         self._belief: BelievedObservation | None = None
+        self._tracks: Tracks | None = None
         self._believed_type: dict[str, Any] | None = None
         self._constants: Constants = {}
 
@@ -128,6 +129,13 @@ class PerceptionWrapper(gym.Wrapper[np.ndarray, Any, Any, Any], RecordConstructo
         believed, info = self._observed(observation, info)
         return believed, reward, terminated, truncated, info
 
+    def render(self) -> Any:
+        """Return the picture of the environment; that of sensors shows the tracks too."""
+        if self._stack is None or self.render_mode != "rgb_array":
+            return super().render()
+        sensors: Any = self.env
+        return sensors.draw(self._tracks)
+
     def _observe_tracks_only(self) -> None:
         """Let the environment make no observations of its own, which nobody reads."""
         self._believed_type = dict(_observation_of(self.env))
@@ -147,6 +155,7 @@ class PerceptionWrapper(gym.Wrapper[np.ndarray, Any, Any, Any], RecordConstructo
             tracks = Tracks.empty(info["time_s"], "world")
         else:
             tracks = self._stack.tracks(info["time_s"])
+        self._tracks = tracks
         return self._belief.observe(tracks), {**info, "tracks": tracks}
 
 

@@ -274,6 +274,23 @@ def test_a_delay_makes_tracks_as_old_as_it_says() -> None:
     assert len(late.reset(seed=3)[1]["tracks"]) == 0
 
 
+def test_the_picture_shows_the_tracks() -> None:
+    env = gym.make(
+        "roadscope/Highway-v0", perception=STACK, rig="hdl32e", render_mode="rgb_array", vehicles=20
+    )
+    env.reset(seed=0)
+    coloured = []
+    for _ in range(4):
+        above = env.render()[:, :720].astype(int)
+        coloured.append(int((np.ptp(above, axis=2) > 60).sum()))
+        *_, info = env.step(1)
+    assert len(info["tracks"])
+    # At the start nothing is tracked, and returns, road and road users are grey.
+    assert coloured[0] == 0
+    assert coloured[-1] > 200
+    env.close()
+
+
 @pytest.mark.parametrize("ego", ["none", "dead-reckoning"])
 def test_tracks_stand_where_the_ego_sees_them_whatever_its_poses(ego: str) -> None:
     stack, rig = Perception(f"{STACK}?ego={ego}", find_rig("vlp16-imu")), "vlp16-imu"

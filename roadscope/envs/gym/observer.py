@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from gymnasium import logger
 
-from roadscope.core import Frame, Truth
+from roadscope.core import Frame, Tracks, Truth
 from roadscope.envs.gym.spaces import LaneLocator, ego_state, imu_block, imu_samples, range_image
 from roadscope.envs.imaging.light import Light
 from roadscope.envs.sensors.faults import Faults
@@ -148,8 +148,11 @@ class Observer:
                 self._imu_block = imu_block(self._imu_block, frame.imu)
         return self._observation_and_info(pairs, timeline, until_s)
 
-    def render(self, timeline: Timeline) -> np.ndarray:
-        """Return a composed frame of the latest scan and image, (720, 1280, 3) uint8."""
+    def render(self, timeline: Timeline, tracks: Tracks | None = None) -> np.ndarray:
+        """Return a composed frame of the latest scan and image, (720, 1280, 3) uint8.
+
+        tracks: frame `world`; they are drawn where they are at the stamp of the scan.
+        """
         from roadscope.envs.drawing.composed import Snapshot, composed_frame
         from roadscope.envs.drawing.panels import RunningScore
 
@@ -173,6 +176,7 @@ class Observer:
             ),
             image=image,
             image_truth=image_truth,
+            tracks=None if tracks is None else _moved_to(tracks, truth.stamp_s),
             path=places,
         )
         return composed_frame(shown)
@@ -207,6 +211,13 @@ class Observer:
             info["frames"] = tuple(frame for frame, _ in pairs)
             info["truths"] = tuple(truth for _, truth in pairs)
         return observation, info
+
+
+def _moved_to(tracks: Tracks, stamp_s: float) -> Tracks:
+    """Return tracks at another instant, moved at constant velocity."""
+    centres = tracks.centres.copy()
+    centres[:, :2] += (stamp_s - tracks.stamp_s) * tracks.velocities
+    return replace(tracks, centres=centres, stamp_s=stamp_s)
 
 
 def warn_without_render_mode() -> None:

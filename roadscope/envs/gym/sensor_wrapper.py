@@ -9,7 +9,7 @@ import numpy as np
 from gymnasium import spaces
 from gymnasium.utils import RecordConstructorArgs
 
-from roadscope.core import Pose
+from roadscope.core import Pose, Tracks
 from roadscope.envs.gym.observer import Observer, checked_seed, rig_of, warn_without_render_mode
 from roadscope.envs.gym.spaces import Observation, checked_action, goal_state, observation_space
 from roadscope.envs.imaging.light import Light
@@ -162,10 +162,12 @@ class SensorWrapper(gym.Wrapper[Observation, Any, Any, Any], RecordConstructorAr
         if self.render_mode is None:
             warn_without_render_mode()
             return None
-        if self.render_mode != "rgb_array":
-            return self.env.render()
+        return self.env.render() if self.render_mode != "rgb_array" else self.draw()
+
+    def draw(self, tracks: Tracks | None = None) -> np.ndarray:
+        """Return the picture of `render`, whatever the mode. tracks: shown too, frame `world`."""
         self._require_reset("render()")
-        return self._observer.render(self._recorder.timeline(2 * self._period_s))
+        return self._observer.render(self._recorder.timeline(2 * self._period_s), tracks)
 
     def recording(self) -> Timeline:
         """Return the traffic of the episode so far."""
