@@ -12,7 +12,7 @@ import warnings
 from abc import ABC, abstractmethod
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager, nullcontext
+from contextlib import contextmanager, nullcontext, suppress
 from dataclasses import dataclass, fields
 from functools import cached_property, partial
 from graphlib import TopologicalSorter
@@ -269,9 +269,12 @@ class _StageRunner:
         return _WorkerTask(item, self._files.digests_for(node), self._recomputes(node))
 
     def _recomputes(self, node: Node) -> bool:
-        """Return whether to compute a node although it is kept: once in a fresh run."""
-        fresh = self._options.fresh and node.recomputed_if_fresh
-        return fresh and node.key not in self._computed
+        """Return whether to compute a node although it is kept.
+
+        That is so once in a fresh run, and once if code of others is trusted.
+        """
+        fresh = self._options.fresh or runs_trusted_code(node, self._options)
+        return fresh and node.recomputed_if_fresh and node.key not in self._computed
 
 
 @dataclass(frozen=True, slots=True)
@@ -351,6 +354,23 @@ class KeptFiles:
 def plugins_of(node: Node) -> Iterator[Spec]:
     """Yield the resolved specs of all plug-ins that compute a node and its sources."""
     return chain.from_iterable(each.plugins() for each in _with_sources(node))
+
+
+def runs_trusted_code(node: Node, options: RunOptions) -> bool:
+    """Return whether code of others computes a node inside the processes of the run."""
+    return options.trust and not all(spec.ours for spec in plugins_of(node))
+
+
+@contextmanager
+def trusted_files_removed(jobs: Sequence[Job], options: RunOptions) -> Iterator[None]:
+    """Remove at the end what trusted code of others computed, which no later run may use."""
+    try:
+        yield
+    finally:
+        nodes = (node for job in jobs for node in _with_sources(job.answers))
+        for path in {node.path for node in nodes if runs_trusted_code(node, options)}:
+            with suppress(OSError):
+                path.unlink(missing_ok=True)
 
 
 def _with_sources(node: Node) -> Iterator[Node]:

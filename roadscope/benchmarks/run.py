@@ -13,7 +13,14 @@ from roadscope.benchmarks.boards import Board, board_named, chosen_boards
 from roadscope.benchmarks.boards.board import JobOptions
 from roadscope.benchmarks.cache import FolderError, cache_dir, usable_folder
 from roadscope.benchmarks.episode import Episode
-from roadscope.benchmarks.graph import Job, Node, plugins_of, run_jobs
+from roadscope.benchmarks.graph import (
+    Job,
+    Node,
+    plugins_of,
+    run_jobs,
+    runs_trusted_code,
+    trusted_files_removed,
+)
 from roadscope.benchmarks.isolation import Limits
 from roadscope.benchmarks.kinds import Kind, entry_kind
 from roadscope.benchmarks.loop import RunOptions
@@ -110,7 +117,7 @@ def leaderboard(
         of `limits`, 300 s if they are left out.
     limits: of such a plug-in's process.
     trust: run such plug-ins inside the processes of the run, for debugging: they can then crash or
-        falsify it.
+        falsify it. Their answers and scores are computed anew and are not kept for later runs.
     sandbox: hide network, cache, results and the folder of recorded data from such plug-ins, and
         let them write no file (needs bubblewrap).
     backend: what provides worker processes, `loky` (on this machine), `ray` or `dask`.
@@ -153,31 +160,34 @@ def leaderboard(
         for text in dict.fromkeys(left_out):
             notice(text)
     board_names = [board.name for board in run_plan.boards]
-    about = manifest(run_plan.suite, jobs, board_names, calibration_file)
+    about = manifest(run_plan.suite, jobs, board_names, calibration_file, trust=trust)
     if out_dir is not None:
         check_targets(usable_folder(out_dir), label_of(about))
-    with Store(folder / DATABASE) as store:
-        outcomes = _outcomes(
-            store, run_plan, about, workers, options, progress or silent, compile_first
-        )
-        results = gather(run_plan.jobs, outcomes, about)
-        try:
-            with options.probing():
-                compared = agreements(results, run_plan, store.outcomes)
-            results = replace(results, agreements=compared)
-        except StoreError as error:
-            # The file was damaged during the run; the board is made from memory.
-            text = f"ranks are not compared with those of earlier runs: {error}"
-            warnings.warn(text, stacklevel=2)
-    results = save_logs(results, folder)
-    if out_dir is not None:
-        save_all(results, folder)
-        # A run that is stopped now leaves no moments of an earlier one beside its boards.
-        save_moments([], folder)
-    if out_dir is not None or page is not None:
-        latest = Run(results, worst_moments(run_plan.jobs, results, progress or silent))
-        board_folder = None if out_dir is None else folder
-        _save_moments_and_page(latest, board_folder, None if page is None else Path(page), notice)
+    with trusted_files_removed(run_plan.jobs, options):
+        with Store(folder / DATABASE) as store:
+            outcomes = _outcomes(
+                store, run_plan, about, workers, options, progress or silent, compile_first
+            )
+            results = gather(run_plan.jobs, outcomes, about)
+            try:
+                with options.probing():
+                    compared = agreements(results, run_plan, store.outcomes)
+                results = replace(results, agreements=compared)
+            except StoreError as error:
+                # The file was damaged during the run; the board is made from memory.
+                text = f"ranks are not compared with those of earlier runs: {error}"
+                warnings.warn(text, stacklevel=2)
+        results = save_logs(results, folder)
+        if out_dir is not None:
+            save_all(results, folder)
+            # A run that is stopped now leaves no moments of an earlier one beside its boards.
+            save_moments([], folder)
+        if out_dir is not None or page is not None:
+            latest = Run(results, worst_moments(run_plan.jobs, results, progress or silent))
+            board_folder = None if out_dir is None else folder
+            _save_moments_and_page(
+                latest, board_folder, None if page is None else Path(page), notice
+            )
     return results
 
 
@@ -391,7 +401,10 @@ def _outcomes(
     about: the manifest of the run. compile_first: whether kernels are compiled before all else.
     """
     run_number = store.begin(about)
-    stored = {} if options.fresh else store.outcomes([job.key for job in run_plan.jobs])
+    # What trusted code of others computes may be false, and is not kept.
+    trusted = {job.key for job in run_plan.jobs if runs_trusted_code(job.answers, options)}
+    kept_keys = [job.key for job in run_plan.jobs if job.key not in trusted]
+    stored = {} if options.fresh else store.outcomes(kept_keys)
     store_errors: list[str] = []
     # Failures are tried again.
     done = {key: outcome for key, outcome in stored.items() if outcome.reason is None}
@@ -409,6 +422,8 @@ def _outcomes(
             condition=episode.condition,
         )
         done[job.key] = outcome
+        if job.key in trusted:
+            return
         try:
             store.put(row, outcome, run_number)
         except StoreError as error:

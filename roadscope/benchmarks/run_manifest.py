@@ -25,14 +25,22 @@ LIBRARIES = ("numpy", "scipy", "numba", "gymnasium", "highway-env", "joblib")
 
 
 def manifest(
-    suite: Suite, jobs: int, boards: Sequence[str] = (), calibration: str = ""
+    suite: Suite,
+    jobs: int,
+    boards: Sequence[str] = (),
+    calibration: str = "",
+    *,
+    trust: bool = False,
 ) -> dict[str, Any]:
     """Return versions, code, machine, suite and boards of a run, as JSON can hold them.
 
     calibration: file that plug-ins get in place of the rig's calibration; empty: none.
+    trust: whether code of others ran inside the processes of the run, which it can falsify.
     """
-    believed = {"calibration": Path(calibration).name} if calibration else {}
-    return believed | {
+    chosen: dict[str, Any] = {"calibration": Path(calibration).name} if calibration else {}
+    if trust:
+        chosen["trust"] = True
+    return chosen | {
         "roadscope": __version__,
         "commit": commit(),
         "code": package_hash(),

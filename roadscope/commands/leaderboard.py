@@ -92,6 +92,7 @@ def leaderboard(
     """Rank methods on episodes; exit status 1 if an entry fails or is missing."""
     from roadscope.benchmarks.boards import chosen_boards
     from roadscope.benchmarks.cache import cache_dir
+    from roadscope.benchmarks.graph import trusted_files_removed
     from roadscope.benchmarks.isolation import Limits
     from roadscope.benchmarks.loop import RunOptions
     from roadscope.benchmarks.report.page import PAGE
@@ -147,9 +148,10 @@ def leaderboard(
             )
             with run_options.probing():
                 run_plan = plan(loaded, entry or (), only=only)
-            left_out = save_tracks(
-                run_plan.jobs, tracks, workers=settings, options=run_options, progress=progress
-            )
+            with trusted_files_removed(run_plan.jobs, run_options):
+                left_out = save_tracks(
+                    run_plan.jobs, tracks, workers=settings, options=run_options, progress=progress
+                )
     if page is not None:
         open_page(page)
     if json:

@@ -53,6 +53,45 @@ def test_trusted_plugins_run_in_the_processes_of_the_run(
     assert run.values() == {k: honest_run[1].values()[k] for k in run.values()}
 
 
+TWO_FACED = """
+import sys
+
+import numpy as np
+
+from roadscope import Tracks
+
+class TwoFaced:
+    kind = "tracker"
+
+    def reset(self):
+        pass
+
+    def update(self, detections, ego_pose):
+        if "roadscope.benchmarks.run" not in sys.modules:
+            raise RuntimeError("it is watched")
+        return Tracks.of(detections, np.arange(len(detections)))
+"""
+
+
+def test_what_trusted_plugins_answered_is_not_used_again(new_workshop: Made) -> None:
+    """They may have cheated: neither their answers nor their scores count in a later run."""
+    place = new_workshop(suite=ONE_EPISODE)
+    file = place.folder / "two_faced.py"
+    file.write_text(TWO_FACED)
+    entry = f"{file}:TwoFaced"
+    options = {"boards": ["tracking"], "out_dir": place.out}
+    isolated = place.run([entry], **options)
+    trusted = place.run([entry], trust=True, **options)
+    again = place.run([entry], **options)
+    assert trusted.reasons(entry) == [None]
+    for run in (isolated, again):
+        (reason,) = run.reasons(entry)
+        assert reason is not None
+        assert "it is watched" in reason
+    assert trusted.results.manifest["trust"] is True
+    assert "trust" not in again.results.manifest
+
+
 @needs_sandbox
 @pytest.mark.parametrize("jobs", [1, 2])
 def test_a_sandbox_holds(
