@@ -163,6 +163,17 @@ def test_all_problems_are_named_at_once(text: str, words: list[str]) -> None:
     assert not [word for word in words if word not in str(caught.value)]
 
 
+def test_boards_without_inputs_are_named_at_once() -> None:
+    tables = '[tracking]\nentries = ["nearest"]\n[driving]\nentries = ["idm"]\n'
+    tables += '[camera]\nentries = ["network"]\n[fusion]\nentries = ["union"]\n'
+    text = TINY.partition("[tracking]")[0] + tables
+    with pytest.raises(SuiteError) as caught:
+        plan(parse_suite(text, "mine.toml"), [])
+    keys = ("tracking.detectors", "fusion.lidar", "fusion.camera", "driving.stacks")
+    for words in (*keys, "camera: rig 'lux' has no camera", "fusion: rig 'lux' has no camera"):
+        assert words in str(caught.value)
+
+
 def test_nested_tables_reach_the_suite() -> None:
     tables = """
 [camera]

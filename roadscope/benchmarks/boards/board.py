@@ -25,7 +25,7 @@ from roadscope.benchmarks.references import (
     is_noise,
 )
 from roadscope.benchmarks.suite import BoardSettings, Suite
-from roadscope.core import Spec, Truth
+from roadscope.core import Spec, SpecError, Truth
 from roadscope.core.spec import ORACLE
 
 if TYPE_CHECKING:
@@ -267,6 +267,24 @@ def check_camera(suite: Suite) -> None:
     from roadscope.envs.sensors.rigs import rig
 
     camera_of(rig(suite.rig))
+
+
+def check_inputs(suite: Suite, key: str, names: Sequence[str]) -> None:
+    """Raise `SpecError` if a suite names nothing whose answers the entries of a board get.
+
+    key: of the suite's file, `tracking.detectors`. names: what it has there.
+    """
+    if not names:
+        raise SpecError(f"suite {suite.title} has no {key}, whose answers its entries get")
+
+
+def input_checks(suite: Suite, inputs: Mapping[str, Sequence[str]]) -> list[SuiteCheck]:
+    """Return the checks that there are inputs. inputs: names by key, as in `check_inputs`."""
+
+    def check(key: str) -> None:
+        check_inputs(suite, key, inputs[key])
+
+    return [SuiteCheck("", check, key) for key in inputs]
 
 
 def episodes(suite: Suite) -> list[Episode]:

@@ -13,6 +13,7 @@ from roadscope.benchmarks.boards.board import (
     Column,
     JobOptions,
     Scores,
+    SuiteCheck,
     call_cost,
     check_camera,
     episodes,
@@ -89,6 +90,10 @@ class CameraBoard(Board):
     def check_entry(self, spec: Spec) -> Spec:
         """Return a camera detector's resolved spec; noise models are entries too."""
         return check_image_source(spec)
+
+    def suite_checks(self, suite: Suite) -> list[SuiteCheck]:
+        """Return the check of the rig."""
+        return [SuiteCheck("camera", check_camera, suite)] if self.suite_entries(suite) else []
 
     def jobs(self, suite: Suite, entries: Sequence[Spec], options: JobOptions) -> list[Job]:
         """Return every detector on all episodes, and the true boxes as a mark."""

@@ -14,7 +14,9 @@ from roadscope.benchmarks.boards.board import (
     SuiteCheck,
     call_cost,
     check_camera,
+    check_inputs,
     episodes,
+    input_checks,
 )
 from roadscope.benchmarks.episode import Episode
 from roadscope.benchmarks.graph import Job
@@ -126,7 +128,8 @@ class DrivingBoard(Board):
             check_stack(text, suite)
 
         if not settings.stacks:
-            return []  # Nobody drives in this suite.
+            # Otherwise nobody drives in this suite.
+            return input_checks(suite, {"driving.stacks": ()} if settings.entries else {})
         return [
             *(SuiteCheck("scenarios", check_driven, name) for name in suite.scenarios),
             *(SuiteCheck("driving.stacks", check, text) for text in settings.stacks),
@@ -135,8 +138,7 @@ class DrivingBoard(Board):
     def jobs(self, suite: Suite, entries: Sequence[Spec], options: JobOptions) -> list[Job]:
         """Return every driver with every stack on all episodes; truth and blind are marks."""
         settings = suite.settings(self.name, DrivingSettings)
-        if not settings.stacks:
-            raise SpecError(f"suite {suite.title} names no driving.stacks that drivers get")
+        check_inputs(suite, "driving.stacks", settings.stacks)
         marks = {TRUTH: UPPER_MARK, BLIND: LOWER_MARK}
         named = [text for text in settings.stacks if text not in marks]
         if len(named) == 0:

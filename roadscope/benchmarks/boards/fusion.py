@@ -16,7 +16,9 @@ from roadscope.benchmarks.boards.board import (
     SuiteCheck,
     call_cost,
     check_camera,
+    check_inputs,
     episodes,
+    input_checks,
     slow_calls_column,
     time_columns,
 )
@@ -40,7 +42,7 @@ from roadscope.benchmarks.references import (
     is_noise,
 )
 from roadscope.benchmarks.suite import BoardSettings, Names, Positive, Suite
-from roadscope.core import Spec, SpecError
+from roadscope.core import Spec
 from roadscope.envs.sensors.rigs import rig
 
 INPUTS = "inputs"
@@ -59,6 +61,11 @@ class FusionSettings(BoardSettings, frozen=True, kw_only=True):
     lidar: Names = ()
     camera: Names = ()
     every_s: Positive = 0.4
+
+
+def _inputs(settings: FusionSettings) -> dict[str, Sequence[str]]:
+    """Return the detectors whose detections fusions get, by the key of the suite's file."""
+    return {"fusion.lidar": settings.lidar, "fusion.camera": settings.camera}
 
 
 class FusionBoard(Board):
@@ -113,9 +120,12 @@ class FusionBoard(Board):
     default_suite = "fusion"
 
     def suite_checks(self, suite: Suite) -> list[SuiteCheck]:
-        """Return the checks of the detectors whose detections fusions get."""
+        """Return the checks of the rig and of the detectors whose detections fusions get."""
         settings = suite.settings(self.name, FusionSettings)
+        inputs = _inputs(settings) if settings.entries else {}
         return [
+            *([SuiteCheck("fusion", check_camera, suite)] if settings.entries else []),
+            *input_checks(suite, inputs),
             *(SuiteCheck("fusion.lidar", check_detection_source, s) for s in settings.lidar),
             *(SuiteCheck("fusion.camera", check_image_source, s) for s in settings.camera),
         ]
@@ -126,8 +136,8 @@ class FusionBoard(Board):
         if options.calibration:
             fitting_calibration(options.calibration, projection_of(rig(suite.rig)))
         settings = suite.settings(self.name, FusionSettings)
-        if not (settings.lidar and settings.camera):
-            raise SpecError(f"suite {suite.title} names no fusion.lidar or no fusion.camera")
+        for key, names in _inputs(settings).items():
+            check_inputs(suite, key, names)
         rows = fusion_rows(entries, options)
         pairs = [
             (detection_source(lidar), image_source(camera))

@@ -19,7 +19,9 @@ from roadscope.benchmarks.boards.board import (
     SuiteCheck,
     call_cost,
     check_camera,
+    check_inputs,
     episodes,
+    input_checks,
     slow_calls_column,
     time_columns,
 )
@@ -54,7 +56,7 @@ from roadscope.benchmarks.references import (
     pose_source,
 )
 from roadscope.benchmarks.suite import SPLITS, BoardSettings, Names, Suite
-from roadscope.core import Spec, SpecError, Tracks, Truth
+from roadscope.core import Spec, Tracks, Truth
 from roadscope.core.spec import FUSED, NO_POSES, ORACLE, TRUE_POSES
 
 OFFLINE = "offline"
@@ -189,7 +191,9 @@ class TrackingBoard(Board):
             if check_detection_source(text).kind == FUSED:
                 check_camera(suite)
 
+        inputs = {"tracking.detectors": settings.detectors} if settings.entries else {}
         return [
+            *input_checks(suite, inputs),
             *(SuiteCheck("tracking.ego", check_ego, ego) for ego in settings.egos),
             *(SuiteCheck("tracking.detectors", check_detector, s) for s in settings.detectors),
         ]
@@ -200,10 +204,8 @@ class TrackingBoard(Board):
         If the oracle is the only detector, trackers are ranked on it.
         """
         settings, rule = suite.settings(self.name, TrackingSettings), suite.eligibility
-        if entries and not settings.detectors:
-            raise SpecError(
-                f"suite {suite.title} names no tracking.detectors whose detections trackers get"
-            )
+        if entries:
+            check_inputs(suite, "tracking.detectors", settings.detectors)
         sources = {name: detection_source(name) for name in settings.detectors}
         alone = settings.detectors == (ORACLE,)
         trackers = with_each_ego(entries, settings.egos)
