@@ -8,14 +8,16 @@ from __future__ import annotations
 
 import ast
 import json
+import os
 import sys
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import fields, is_dataclass
 from functools import cache, lru_cache
-from hashlib import sha256
+from hashlib import file_digest, sha256
+from importlib.machinery import EXTENSION_SUFFIXES
 from importlib.metadata import PackageNotFoundError, packages_distributions, version
-from importlib.util import resolve_name
+from importlib.util import find_spec, resolve_name
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -42,8 +44,12 @@ NUMERICAL_LIBRARIES = frozenset({"filterpy", "highway_env", "numba", "numpy", "s
 """Packages of others whose versions may change a score."""
 FORMAT = 5
 """Version of the index; increased when `Source` or what its digest covers changes."""
-REMEMBERED_SOURCES = 256
+REMEMBERED_SOURCES = 1024
 """Most contents of plug-ins' files whose digests and imports a process remembers."""
+CODE_ENDINGS = (".py", *EXTENSION_SUFFIXES)
+"""Endings of sources and of compiled modules."""
+LARGE_FILE_BYTES = 1_000_000
+"""Files of this size or more are read again only if their time or size changes; chosen by hand."""
 
 
 def fingerprint(value: Any) -> str:
@@ -99,8 +105,8 @@ def plugin_hash(spec: Spec) -> str:
     """Hash a resolved plug-in's source, arguments and the files that its arguments name.
 
     Of a plug-in of roadscope, its module and all modules that this imports are hashed; of another
-    plug-in its file, the files beside it and the version of its distribution (`source_hash`),
-    without importing it; of an oracle its parts.
+    plug-in its file, what this imports and reads and the version of its distribution
+    (`source_hash`), without importing it; of an oracle its parts.
     """
     if spec.kind == ORACLE:
         return fingerprint([plugin_hash(part) for part in spec.parts.values()])
@@ -111,18 +117,24 @@ def plugin_hash(spec: Spec) -> str:
         source = f"{code_hash(place)} {name} {needed}"
     else:
         source = source_hash(spec.target)
-    return fingerprint([source, dict(spec.arguments), _named_files(spec.arguments)])
+    file = None if spec.ours else file_of(place)
+    folder = None if file is None else file.parent
+    return fingerprint([source, dict(spec.arguments), _named_files(spec.arguments, folder)])
 
 
-def _named_files(arguments: Mapping[str, Any]) -> list[str]:
-    """Return the hashes of files that arguments name, such as weights."""
-    texts = [value for value in arguments.values() if str(value).endswith((".py", *DATA_KINDS))]
-    return [sha256(Path(text).read_bytes()).hexdigest() for text in texts if _is_file(text)]
+def _named_files(arguments: Mapping[str, Any], folder: Path | None) -> list[str]:
+    """Return the hashes of files that arguments name, such as weights.
+
+    folder: that of the plug-in's file; paths count from there and from the working directory.
+    """
+    texts = [value for value in arguments.values() if isinstance(value, str | Path)]
+    paths = [place / text for text in texts for place in (Path(), folder) if place is not None]
+    return [_content_digest(path) for path in paths if _is_file(path)]
 
 
-def _is_file(text: str) -> bool:
+def _is_file(path: Path) -> bool:
     try:
-        return Path(text).is_file()
+        return path.is_file()
     except (OSError, ValueError):
         return False
 
@@ -449,42 +461,76 @@ def _data_in(folder: Path) -> tuple[Path, ...]:
 def source_hash(target: str) -> str:
     """Hash the sources of a plug-in, `module:Class` or `path/file.py:Class`: 16 hex digits.
 
-    These are its file and the files beside it that it imports; in a package, all files of the
-    package and the version of its distribution; also the versions of all packages that these files
-    import. Of each file the syntax tree is hashed, without comments and docstrings. Files are read;
-    nothing is imported.
+    These are its file and all code that it imports, directly or not, and that no distribution has
+    installed: files beside it, in the working directory, on `PYTHONPATH` and of distributions that
+    are installed as editable; in a package, all files of the package and the version of its
+    distribution. The versions of all other packages that these files import count too, and the
+    data files that they name (`_data_files`). Of each source the syntax tree is hashed, without
+    comments and docstrings. Files are read; nothing is imported.
     """
     place, _, name = target.rpartition(":")
     file = file_of(place)
     if file is None:
         raise SpecError(f"no file or module {place}")
-    folder = _package_of(file.resolve())
-    contents = [
-        each.read_bytes()
-        for each in (sorted(folder.rglob("*.py")) if folder else _source_files(file))
-    ]
-    packages = {top for content in contents for top in _imported_by(content)}
+    sources, packages = _plugin_sources(file.resolve())
     if not place.endswith(".py"):
-        packages.add(place.partition(".")[0])
-    beside = file.parent
-    versions = [
-        distribution_version(top)
-        for top in sorted(packages - {"roadscope", *sys.stdlib_module_names})
-        if not (beside / f"{top}.py").is_file() and not (beside / top).is_dir()
-    ]
+        packages = packages | {place.partition(".")[0]}
+    versions = [distribution_version(top) for top in sorted(packages)]
     digest = sha256(f"{name} {versions}".encode())
-    for content in contents:
-        digest.update(_digest_of_bytes(content).encode() + b"\0")
+    for path in sources:
+        digest.update(_source_digest(path).encode() + b"\0")
+    for path in _data_files(sources):
+        digest.update(f"{path.name} {_content_digest(path)}\n".encode())
     return digest.hexdigest()[:16]
 
 
-@lru_cache(REMEMBERED_SOURCES)
-def _digest_of_bytes(content: bytes) -> str:
-    """Return the digest of a source: of its syntax tree, or of its bytes if it has none."""
+def _source_digest(path: Path) -> str:
+    """Return the digest of a source, or of the content of an extension module."""
+    if path.suffix == ".py":
+        return _parsed_plugin(path.read_bytes()).digest
+    return _content_digest(path)
+
+
+def _content_digest(path: Path) -> str:
+    """Return the digest of a file's content; that of a large file is remembered."""
     try:
-        return _counted(ast.parse(content)).digest
+        state = path.stat()
+        if state.st_size < LARGE_FILE_BYTES:
+            return sha256(path.read_bytes()).hexdigest()
+        return _large_file_digest(path, state.st_mtime_ns, state.st_size)
+    except OSError:
+        return "cannot be read"
+
+
+@lru_cache(REMEMBERED_SOURCES)
+def _large_file_digest(path: Path, _mtime_ns: int, _size: int) -> str:
+    with path.open("rb") as file:
+        return file_digest(file, "sha256").hexdigest()
+
+
+class _PluginSource(NamedTuple):
+    """The parts of a plug-in's source that count for hashes.
+
+    digest: of its syntax tree, or of its bytes if it has none.
+    imports: first parts of the names of all modules that it imports.
+    texts: string constants of one line, which may name data files or their folders.
+    """
+
+    digest: str
+    imports: frozenset[str]
+    texts: frozenset[str]
+
+
+@lru_cache(REMEMBERED_SOURCES)
+def _parsed_plugin(content: bytes) -> _PluginSource:
+    try:
+        digest, nodes = _counted(ast.parse(content))
     except PARSE_ERRORS:
-        return sha256(content).hexdigest()
+        return _PluginSource(sha256(content).hexdigest(), frozenset(), frozenset())
+    constants = (node.value for node in nodes if isinstance(node, ast.Constant))
+    texts = (text for text in constants if isinstance(text, str) and 0 < len(text) < 256)
+    named = frozenset(text for text in texts if not set(text) & set("\n\0"))
+    return _PluginSource(digest, _imported_packages(nodes), named)
 
 
 def _package_of(file: Path) -> Path | None:
@@ -494,29 +540,87 @@ def _package_of(file: Path) -> Path | None:
     return inside[-1] if inside else None
 
 
-def _source_files(file: Path) -> list[Path]:
-    """Return a plug-in's file and the files and packages beside it that it imports, sorted."""
+def _plugin_sources(file: Path) -> tuple[list[Path], frozenset[str]]:
+    """Return a plug-in's own sources, sorted, and the packages that count by their version."""
+    folder = _package_of(file)
     files: set[Path] = set()
-    pending = [file.resolve()]
+    packages: set[str] = set()
+    pending = _code_in(folder) if folder else [file]
     while pending:
-        source_file = pending.pop()
-        if source_file in files:
+        path = pending.pop()
+        if path in files:
             continue
-        files.add(source_file)
-        for top in _imported_by(source_file.read_bytes()):
-            module = source_file.parent / f"{top}.py"
-            package_folder = source_file.parent / top
-            pending += [module] if module.is_file() else package_folder.rglob("*.py")
-    return sorted(files)
+        files.add(path)
+        imports = _parsed_plugin(path.read_bytes()).imports if path.suffix == ".py" else ()
+        for top in imports:
+            found = _own_code(top, (path.parent, file.parent))
+            pending += found
+            if not found and top not in {"roadscope", *sys.stdlib_module_names}:
+                packages.add(top)
+    return sorted(files), frozenset(packages)
 
 
-@lru_cache(REMEMBERED_SOURCES)
-def _imported_by(content: bytes) -> frozenset[str]:
-    """Return the first parts of the names of all modules that a source imports, if it has any."""
+def _own_code(top: str, folders: Iterable[Path]) -> list[Path]:
+    """Return the files of a module that no distribution has installed; none of another.
+
+    top: its name. folders: where it is looked for first.
+    """
+    for folder in folders:
+        files = [folder / f"{top}{ending}" for ending in CODE_ENDINGS]
+        beside = [path for path in files if path.is_file()] + _code_in(folder / top)
+        if beside:
+            return [] if _is_installed(folder) else beside
+    if top in {"roadscope", *sys.stdlib_module_names}:
+        return []
     try:
-        return _imported_packages(ast.walk(ast.parse(content)))
-    except PARSE_ERRORS:
-        return frozenset()
+        spec = find_spec(top)
+    except (ImportError, ValueError):
+        return []
+    if spec is None:
+        return []
+    if spec.submodule_search_locations is None:
+        places = [Path(spec.origin or "")]
+    else:
+        places = [Path(each) for each in spec.submodule_search_locations]
+    own = [place.resolve() for place in places if not _is_installed(place)]
+    return [path for place in own for path in ([place] if place.is_file() else _code_in(place))]
+
+
+def _is_installed(place: Path) -> bool:
+    """Whether a file or folder is where distributions are installed."""
+    return bool({"site-packages", "dist-packages"} & set(place.parts))
+
+
+def _code_in(folder: Path) -> list[Path]:
+    """Return the sources and extension modules of a package's folder."""
+    return [path for ending in CODE_ENDINGS for path in folder.rglob(f"*{ending}")]
+
+
+def _data_files(sources: Sequence[Path]) -> list[Path]:
+    """Return the existing files, no sources themselves, that a plug-in's sources name.
+
+    A file counts if a string constant is its path, from the folder of a source, from the working
+    directory or from a folder that another constant names. Empty files do not count, as those of
+    `/proc` and devices are.
+    """
+    texts_by_head: dict[str, list[str]] = {}
+    for path in sources:
+        for text in _parsed_plugin(path.read_bytes()).texts if path.suffix == ".py" else ():
+            for head in Path(text).parts[:1]:
+                texts_by_head.setdefault(head, []).append(text)
+    absolute = [text for texts in texts_by_head.values() for text in texts if text[0] == os.sep]
+    pending = [*(path.parent for path in sources), Path.cwd(), *map(Path, absolute)]
+    reached: set[Path] = set()
+    while pending:
+        # Texts may be anything: names that are too long, folders that cannot be read.
+        with suppress(OSError, RuntimeError):
+            place = pending.pop().resolve()
+            if place not in reached and place.exists():
+                reached.add(place)
+                names = [os.pardir, *(each.name for each in place.iterdir())]
+                pending += [place / text for name in names for text in texts_by_head.get(name, ())]
+    others = (path for path in reached - set(sources) if path.is_file())
+    return sorted(path for path in others if path.stat().st_size)
 
 
 def _imported_packages(nodes: Iterable[ast.AST]) -> frozenset[str]:

@@ -3,6 +3,7 @@ import subprocess
 import sys
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from importlib.machinery import EXTENSION_SUFFIXES
 from itertools import count
 from pathlib import Path
 from typing import Any
@@ -343,6 +344,109 @@ def test_a_strangers_code_counts_and_is_not_run(
     assert hash_of_tracker(target.replace(":Mine", ":Other")) != before
     (folder / "beside.py").write_text("GAIN = 2\n")
     assert hash_of_tracker(target) != before
+
+
+READER = """
+from pathlib import Path
+HERE = Path(__file__).parent
+
+class Mine:
+    kind = "tracker"
+    def __init__(self, *, weights="beside.pt"):
+        self.weights = HERE / "nets" / weights
+    def reset(self):
+        self.gate_m = float((HERE / "gate.txt").read_text()) + float(open("from_here.csv").read())
+"""
+
+
+@pytest.mark.parametrize(
+    "file",
+    [
+        "plugins/gate.txt",
+        "plugins/nets/beside.pt",
+        "from_here.csv",
+        "plugins/weights.zip",
+        "weights.zip",
+    ],
+)
+def test_data_that_a_strangers_code_or_arguments_name_counts(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, file: str
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "plugins" / "nets").mkdir(parents=True)
+    (tmp_path / "plugins" / "mine.py").write_text(READER)
+    hashes = [hash_of_tracker("plugins/mine.py:Mine?weights=weights.zip")]
+    for content in ("1", "2"):
+        (tmp_path / file).write_text(content)
+        hashes.append(hash_of_tracker("plugins/mine.py:Mine?weights=weights.zip"))
+    (tmp_path / "plugins" / "notes.txt").write_text("nobody reads this")
+    hashes.append(hash_of_tracker("plugins/mine.py:Mine?weights=weights.zip"))
+    assert len(set(hashes)) == 3
+    assert hashes[-1] == hashes[-2]
+
+
+def test_a_large_file_that_an_argument_names_counts_by_content(tmp_path: Path) -> None:
+    (tmp_path / "mine.py").write_text("class Mine: ...\n")
+    weights, text = tmp_path / "net.pt", f"{tmp_path / 'mine.py'}:Mine?weights=net.pt"
+    weights.write_bytes(bytes(2_000_000))
+    before = hash_of_tracker(text)
+    assert hash_of_tracker(text) == before
+    weights.write_bytes(b"1" + bytes(2_000_000))
+    assert hash_of_tracker(text) != before
+
+
+@pytest.mark.parametrize("text", ["/", ".", "..", "./", "a" * 255, "/" + "b" * 254, "~", "\\0x"])
+def test_texts_of_a_strangers_code_that_name_no_file_do_no_harm(tmp_path: Path, text: str) -> None:
+    (tmp_path / "mine.py").write_text(f"class Mine:\n    texts = [{text!r}, '', '/proc/stat']\n")
+    plugin = f"{tmp_path / 'mine.py'}:Mine"
+    assert hash_of_tracker(plugin) == hash_of_tracker(plugin)
+
+
+@pytest.mark.parametrize(
+    "changed",
+    [
+        "plugins/parts/deep.py",
+        "plugins/common_of_mine.py",
+        "plugins/fast_of_mine{suffix}",
+        "plugins/parts/quick{suffix}",
+        "lab/shared_of_mine/core.py",
+    ],
+)
+def test_all_code_of_ones_own_that_a_plug_in_imports_counts(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, changed: str
+) -> None:
+    files = {
+        "plugins/mine.py": "import parts.deep\n\n\nclass Mine: ...\n",
+        "plugins/parts/__init__.py": "",
+        "plugins/parts/deep.py": "import common_of_mine, fast_of_mine\nfrom . import quick\n",
+        "plugins/common_of_mine.py": "from shared_of_mine import core\n",
+        "plugins/fast_of_mine{suffix}": "1",
+        "plugins/parts/quick{suffix}": "1",
+        "lab/shared_of_mine/__init__.py": "",
+        "lab/shared_of_mine/core.py": "GAIN = 1\n",
+    }
+    for name, content in files.items():
+        path = tmp_path / name.format(suffix=EXTENSION_SUFFIXES[0])
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(content)
+    monkeypatch.syspath_prepend(tmp_path / "lab")
+    before = hash_of_tracker(f"{tmp_path}/plugins/mine.py:Mine")
+    path = tmp_path / changed.format(suffix=EXTENSION_SUFFIXES[0])
+    path.write_text(files[changed] + "2")
+    assert hash_of_tracker(f"{tmp_path}/plugins/mine.py:Mine") != before
+
+
+def test_modules_beside_an_installed_plug_in_count_by_their_versions(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    site = tmp_path / "site-packages"
+    (site / "large_of_others").mkdir(parents=True)
+    (site / "large_of_others" / "__init__.py").write_text("")
+    (site / "plug_of_mine.py").write_text("import large_of_others\n\n\nclass Mine: ...\n")
+    monkeypatch.syspath_prepend(site)
+    before = hash_of_tracker("plug_of_mine:Mine")
+    (site / "large_of_others" / "__init__.py").write_text("GAIN = 1\n")
+    assert hash_of_tracker("plug_of_mine:Mine") == before
 
 
 def test_a_stranger_that_does_not_exist_is_refused() -> None:
