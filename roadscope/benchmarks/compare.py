@@ -292,7 +292,10 @@ def _runs(
 
 
 def check_comparable(a: ScoredRun, b: ScoredRun) -> None:
-    """Raise `CompareError` for runs of different suites or versions of suite or metrics."""
+    """Raise `CompareError` for runs of different suites or versions of suite or metrics.
+
+    Likewise if what a suite measures differs although its version is the same.
+    """
     for key, what in (
         ("suite", "suites"),
         ("suite_version", "versions of the suite"),
@@ -301,6 +304,18 @@ def check_comparable(a: ScoredRun, b: ScoredRun) -> None:
         of_a, of_b = a.manifest.get(key), b.manifest.get(key)
         if of_a is not None and of_b is not None and of_a != of_b:
             raise CompareError(f"A and B are of different {what}: {of_a} and {of_b}")
+    for key, what in (
+        ("duration_s", "length of the episodes"),
+        ("eligibility_hash", "rule of eligibility"),
+        ("rig_hash", "rig"),
+    ):
+        # Manifests of earlier versions of roadscope lack these keys.
+        if key in a.manifest and key in b.manifest and a.manifest[key] != b.manifest[key]:
+            suite, version = a.manifest.get("suite"), a.manifest.get("suite_version")
+            raise CompareError(
+                f"A and B differ in the {what}, although both are of suite {suite} v{version}: "
+                "run A again, and raise the version of a suite when you change it"
+            )
 
 
 def _entry_pairs(

@@ -20,6 +20,7 @@ from roadscope.benchmarks.fingerprints import (
 )
 from roadscope.benchmarks.metrics import METRIC_VERSION
 from roadscope.benchmarks.suite import Suite
+from roadscope.envs.sensors.rigs import rig
 
 LIBRARIES = ("numpy", "scipy", "numba", "gymnasium", "highway-env", "joblib")
 
@@ -49,6 +50,9 @@ def manifest(
         "suite": suite.name,
         "suite_version": suite.version,
         "suite_hash": fingerprint(suite),
+        "duration_s": suite.duration_s,
+        "eligibility_hash": fingerprint(suite.eligibility),
+        "rig_hash": None if suite.recorded else fingerprint(rig(suite.rig)),
         "boards": list(boards),
         "scenarios": list(suite.scenarios),
         "weathers": list(suite.weathers),

@@ -231,10 +231,14 @@ def test_files_and_folders(tmp_path) -> None:
         (run([]), "no job in common"),
         (run(jobs_of("mine", [0.5]), suite="other"), "suites"),
         (run(jobs_of("mine", [0.5]), metric_version=3), "metrics"),
+        (run(jobs_of("mine", [0.5]), duration_s=None), "length of the episodes"),
+        (run(jobs_of("mine", [0.5]), eligibility_hash="b"), "eligibility"),
+        (run(jobs_of("mine", [0.5]), rig_hash="b"), "rig"),
     ],
 )
 def test_what_cannot_be_compared_is_refused(content, word) -> None:
-    good = run(jobs_of("mine", [0.5, 0.6]), suite="quick", metric_version=4)
+    content_of_suite = {"duration_s": 4.0, "eligibility_hash": "a", "rig_hash": "a"}
+    good = run(jobs_of("mine", [0.5, 0.6]), suite="quick", metric_version=4, **content_of_suite)
     with pytest.raises(CompareError, match=word):
         compare(content, good)
 
