@@ -155,7 +155,9 @@ def check_masses(masses: np.ndarray | None, columns: set[int]) -> None:
 
 def _of_class(answer: Any, expected: type[R], method: str) -> R:
     if not isinstance(answer, expected):
-        raise AnswerError(f"{method} returned {type(answer).__name__}, not {expected.__name__}")
+        # The wire makes a tuple of a list.
+        returned = "a list or tuple" if isinstance(answer, tuple) else type(answer).__name__
+        raise AnswerError(f"{method} returned {returned}, not {expected.__name__}")
     return answer
 
 

@@ -333,6 +333,10 @@ class Leaves(StillOdometry):
 class Answers(StillOdometry):
     def update(self, scan, imu=None):
         return super().update(scan, imu).start_from_lidar
+
+class Lists(StillOdometry):
+    def update(self, scan, imu=None):
+        return [super().update(scan, imu)]
 """
 
 
@@ -343,6 +347,7 @@ class Answers(StillOdometry):
         ("Raises", "KeyError: 'oops' (broken.py:10)"),
         ("Leaves", "SystemExit: 3 (broken.py:14)"),
         ("Answers", "update returned Pose, not OdometryEstimate"),
+        ("Lists", "update returned a list or tuple, not OdometryEstimate"),
     ],
 )
 def test_what_a_plug_in_does_wrong_is_reported_in_a_line(folder, name, message):
