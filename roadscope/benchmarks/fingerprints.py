@@ -10,7 +10,7 @@ import ast
 import json
 import os
 import sys
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import fields, is_dataclass
 from functools import cache, lru_cache
@@ -48,6 +48,9 @@ REMEMBERED_SOURCES = 1024
 """Most contents of plug-ins' files whose digests and imports a process remembers."""
 CODE_ENDINGS = (".py", *EXTENSION_SUFFIXES)
 """Endings of sources and of compiled modules."""
+MOST_TRIED = 1000
+"""Most names that are looked for one by one in a folder, which may have a million files; of more
+the folder is listed. Chosen by hand."""
 LARGE_FILE_BYTES = 1_000_000
 """Files of this size or more are read again only if their time or size changes; chosen by hand."""
 
@@ -541,10 +544,10 @@ def _package_of(file: Path) -> Path | None:
 
 
 def _plugin_sources(file: Path) -> tuple[list[Path], frozenset[str]]:
-    """Return a plug-in's own sources, sorted, and the packages that count by their version."""
+    """Return a plug-in's own sources, sorted, and the packages whose versions count."""
     folder = _package_of(file)
     files: set[Path] = set()
-    packages: set[str] = set()
+    searched: set[tuple[str, Path]] = set()
     pending = _code_in(folder) if folder else [file]
     while pending:
         path = pending.pop()
@@ -553,10 +556,11 @@ def _plugin_sources(file: Path) -> tuple[list[Path], frozenset[str]]:
         files.add(path)
         imports = _parsed_plugin(path.read_bytes()).imports if path.suffix == ".py" else ()
         for top in imports:
-            found = _own_code(top, (path.parent, file.parent))
-            pending += found
-            if not found and top not in {"roadscope", *sys.stdlib_module_names}:
-                packages.add(top)
+            if top != "roadscope" and (top, path.parent) not in searched:
+                searched.add((top, path.parent))
+                pending += _own_code(top, (path.parent, file.parent))
+    # One's own modules have no version. A module may be named like a package that counts, too.
+    packages = {top for top, _ in searched} - set(sys.stdlib_module_names)
     return sorted(files), frozenset(packages)
 
 
@@ -569,8 +573,8 @@ def _own_code(top: str, folders: Iterable[Path]) -> list[Path]:
         files = [folder / f"{top}{ending}" for ending in CODE_ENDINGS]
         beside = [path for path in files if path.is_file()] + _code_in(folder / top)
         if beside:
-            return [] if _is_installed(folder) else beside
-    if top in {"roadscope", *sys.stdlib_module_names}:
+            return [] if _is_of_distributions(folder) else beside
+    if top in sys.stdlib_module_names:
         return []
     try:
         spec = find_spec(top)
@@ -578,22 +582,27 @@ def _own_code(top: str, folders: Iterable[Path]) -> list[Path]:
         return []
     if spec is None:
         return []
-    if spec.submodule_search_locations is None:
-        places = [Path(spec.origin or "")]
-    else:
-        places = [Path(each) for each in spec.submodule_search_locations]
-    own = [place.resolve() for place in places if not _is_installed(place)]
+    places = spec.submodule_search_locations or ([spec.origin] if spec.origin else [])
+    own = [Path(each).resolve() for each in places if not _is_of_distributions(Path(each).parent)]
     return [path for place in own for path in ([place] if place.is_file() else _code_in(place))]
 
 
-def _is_installed(place: Path) -> bool:
-    """Whether a file or folder is where distributions are installed."""
-    return bool({"site-packages", "dist-packages"} & set(place.parts))
+def _is_of_distributions(folder: Path) -> bool:
+    """Whether a folder is where distributions are installed, `pip install --target` included."""
+    return bool({"site-packages", "dist-packages"} & set(folder.parts)) or any(
+        folder.glob("*.dist-info")
+    )
 
 
 def _code_in(folder: Path) -> list[Path]:
     """Return the sources and extension modules of a package's folder."""
-    return [path for ending in CODE_ENDINGS for path in folder.rglob(f"*{ending}")]
+    paths = (
+        Path(place, name)
+        for place, _, names in os.walk(folder)
+        for name in names
+        if name.endswith(CODE_ENDINGS)
+    )
+    return [path for path in paths if path.is_file()]
 
 
 def _data_files(sources: Sequence[Path]) -> list[Path]:
@@ -608,19 +617,26 @@ def _data_files(sources: Sequence[Path]) -> list[Path]:
         for text in _parsed_plugin(path.read_bytes()).texts if path.suffix == ".py" else ():
             for head in Path(text).parts[:1]:
                 texts_by_head.setdefault(head, []).append(text)
-    absolute = [text for texts in texts_by_head.values() for text in texts if text[0] == os.sep]
-    pending = [*(path.parent for path in sources), Path.cwd(), *map(Path, absolute)]
+    pending = [*{path.parent for path in sources}, Path.cwd()]
     reached: set[Path] = set()
     while pending:
-        # Texts may be anything: names that are too long, folders that cannot be read.
-        with suppress(OSError, RuntimeError):
+        # Texts may be anything: names that are too long or no names, folders that cannot be read.
+        with suppress(OSError, RuntimeError, ValueError):
             place = pending.pop().resolve()
             if place not in reached and place.exists():
                 reached.add(place)
-                names = [os.pardir, *(each.name for each in place.iterdir())]
-                pending += [place / text for name in names for text in texts_by_head.get(name, ())]
+                heads = _existing(place, texts_by_head) if place.is_dir() else ()
+                pending += [place / text for head in heads for text in texts_by_head[head]]
     others = (path for path in reached - set(sources) if path.is_file())
     return sorted(path for path in others if path.stat().st_size)
+
+
+def _existing(folder: Path, names: Collection[str]) -> list[str]:
+    """Return which names there are in a folder; a name may also be `..` or the root."""
+    if len(names) <= MOST_TRIED:
+        return [name for name in names if os.path.lexists(folder / name)]
+    listed = {os.pardir, os.sep, *(each.name for each in folder.iterdir())}
+    return [name for name in names if name in listed]
 
 
 def _imported_packages(nodes: Iterable[ast.AST]) -> frozenset[str]:

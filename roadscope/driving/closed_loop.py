@@ -82,7 +82,7 @@ class ClosedLoop:
         assert self._sensing is not None
         pairs = self._sensing.advance(traffic.timeline(self._memory_s), traffic.now_s)
         self.truths = [truth for _, truth in pairs]
-        self.scan = next((pair for pair in reversed(pairs) if pair[0].lidar), self.scan)
+        self.scan = next((pair for pair in reversed(pairs) if pair[0].lidar is not None), self.scan)
         self._unprocessed |= {
             frame.lidar.stamp_s: truth for frame, truth in pairs if frame.lidar is not None
         }

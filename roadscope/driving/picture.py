@@ -34,7 +34,9 @@ FIGURES = {"speed (m/s)": 1, "believed gap ahead (m)": 1, "reward so far": 2, "t
 """What is shown over time, with decimals."""
 SCORES_PX = 270
 MEMORY_S = 1.0
-"""Length of the traffic before now that is read: the latest scan is not older."""
+"""Length of the traffic before now that is read. An older scan is not drawn: faults lose some."""
+OLDER_S = 0.2
+"""How much older than its stamp the returns of a scan may be."""
 TAIL = 10
 """Decisions over which the past of a track is shown."""
 
@@ -67,8 +69,9 @@ class DrivePictures:
         canvas = Canvas(VIEW_PX, VIEW_PX)
         draw_road(canvas, view, timeline)
         draw_rings(canvas, view)
-        if loop.scan is not None:
-            draw_returns(canvas, view, *loop.scan, timeline, colour_by=OBJECT)
+        scan = loop.scan
+        if scan is not None and loop.traffic.now_s - scan[0].stamp_s < MEMORY_S - OLDER_S:
+            draw_returns(canvas, view, *scan, timeline, colour_by=OBJECT)
         canvas.line(view.pixels(np.array(self._places)), TRUTH_COLOUR, PATH_PX)
         draw_truth(canvas, view, _truth_now(loop))
         draw_ego(canvas, view, timeline)
@@ -85,7 +88,7 @@ class DrivePictures:
         panels = [
             (score_panel(SIDE_PX, SCORES_PX, pair), MARGIN) for pair in (scores[:2], scores[2:])
         ]
-        rows = [*user_rows(), *track_rows(), *(return_rows() if loop.scan is not None else ())]
+        rows = [*user_rows(), *track_rows(), *(return_rows() if scan is not None else ())]
         legend = legend_of(rows, SIDE_PX)
         return framed(canvas.image(), self._title, loop.traffic.now_s, panels, legend)
 

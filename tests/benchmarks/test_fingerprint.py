@@ -14,6 +14,7 @@ import pytest
 from roadscope.benchmarks import (
     PACKAGE,
     code_hash,
+    distribution_version,
     fingerprint,
     package,
     package_version,
@@ -395,11 +396,53 @@ def test_a_large_file_that_an_argument_names_counts_by_content(tmp_path: Path) -
     assert hash_of_tracker(text) != before
 
 
-@pytest.mark.parametrize("text", ["/", ".", "..", "./", "a" * 255, "/" + "b" * 254, "~", "\\0x"])
+@pytest.mark.parametrize(
+    "text", ["/", ".", "..", "./", "a" * 255, "/" + "b" * 254, "~", "\0x", "/\ud800", "\ud800"]
+)
 def test_texts_of_a_strangers_code_that_name_no_file_do_no_harm(tmp_path: Path, text: str) -> None:
     (tmp_path / "mine.py").write_text(f"class Mine:\n    texts = [{text!r}, '', '/proc/stat']\n")
     plugin = f"{tmp_path / 'mine.py'}:Mine"
     assert hash_of_tracker(plugin) == hash_of_tracker(plugin)
+
+
+def test_a_link_or_a_folder_that_is_called_like_a_source_does_no_harm(tmp_path: Path) -> None:
+    for name in ("__init__.py", "mine.py"):
+        (tmp_path / name).write_text("class Mine: ...\n")
+    (tmp_path / ".#mine.py").symlink_to("nowhere")
+    (tmp_path / "folder.py").mkdir()
+    plugin = f"{tmp_path / 'mine.py'}:Mine"
+    assert hash_of_tracker(plugin) == hash_of_tracker(plugin)
+
+
+def test_a_file_named_like_a_package_does_not_hide_its_version(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    installed = tmp_path / "installed"
+    about = installed / "lib_of_others-1.dist-info"
+    (installed / "lib_of_others").mkdir(parents=True)
+    (installed / "lib_of_others" / "__init__.py").write_text("A = 1\n")
+    about.mkdir()
+    (about / "METADATA").write_text("Metadata-Version: 2.1\nName: lib_of_others\nVersion: 1\n")
+    monkeypatch.syspath_prepend(installed)
+    backends = tmp_path / "mine" / "backends"
+    backends.mkdir(parents=True)
+    for folder in (backends.parent, backends):
+        (folder / "__init__.py").write_text("")
+    (backends / "base.py").write_text("import lib_of_others\n")
+    (backends / "lib_of_others.py").write_text("B = 1\n")
+    (backends.parent / "mine.py").write_text("class Mine: ...\n")
+    plugin = f"{backends.parent / 'mine.py'}:Mine"
+
+    def hashed() -> str:
+        distribution_version.cache_clear()
+        return hash_of_tracker(plugin)
+
+    before = hashed()
+    # It counts by its version alone.
+    (installed / "lib_of_others" / "__init__.py").write_text("A = 2\n")
+    assert hashed() == before
+    (about / "METADATA").write_text("Metadata-Version: 2.1\nName: lib_of_others\nVersion: 2\n")
+    assert hashed() != before
 
 
 @pytest.mark.parametrize(
