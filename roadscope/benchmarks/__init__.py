@@ -118,8 +118,8 @@ _PARTS = {
     "target_view target_views true_corners",
     "drive_steps": "drive imu_mounting moving_in",
     "episode": "check_episode sensed sensing_of timeline_of timeline_path",
-    "fingerprints": "PACKAGE code_hash distribution_version fingerprint package package_version "
-    "plugin_hash sensing_hash source_hash timeline_hash",
+    "fingerprints": "PACKAGE code_hash fingerprint package package_version sensing_hash "
+    "timeline_hash",
     "graph": "FIRST_CALLS Job Node run_jobs",
     "images": "image_rows image_rows_of_scans pictures projection_of",
     "imu_check": "Motion MotionWindow doubt_of_accelerations doubt_of_imu doubt_of_turns "
@@ -132,6 +132,7 @@ _PARTS = {
     "noisy_odometry": "EgoNoise ODOMETRY_NOISES noisy_poses",
     "odometry_runner": "RecordedImu RecordedWheels folder_estimates",
     "parked": "parked_among parked_centres parked_owners",
+    "plugin_sources": "distribution_version plugin_hash source_hash",
     "records": "CallTimes EpisodeDetections EpisodeFusions EpisodeImageDetections EpisodePoses "
     "EpisodeRecord EpisodeTracks",
     "references": "LIDAR_ALONE check_ego check_pose_source detection_source image_source is_noise "

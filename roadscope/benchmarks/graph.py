@@ -21,11 +21,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Protocol, TypeVar
 
 from roadscope.benchmarks.cache import Ledger, Saved, cache_dir, checked_by, digest_of, read_or_make
-from roadscope.benchmarks.fingerprints import code_hash, fingerprint, plugin_hash
+from roadscope.benchmarks.fingerprints import code_hash, fingerprint
 from roadscope.benchmarks.isolation import PluginError, describe
 from roadscope.benchmarks.loop import RunOptions
 from roadscope.benchmarks.metrics import METRIC_VERSION
 from roadscope.benchmarks.metrics.score import Score
+from roadscope.benchmarks.plugin_sources import plugin_hash
 from roadscope.benchmarks.progress import Progress, silent
 from roadscope.benchmarks.store import Outcome
 from roadscope.benchmarks.workers import Workers, WorkerSettings, open_workers

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from roadscope.benchmarks.episode import Episode
-from roadscope.benchmarks.fingerprints import code_hash, fingerprint, plugin_hash
+from roadscope.benchmarks.fingerprints import code_hash, fingerprint
 from roadscope.benchmarks.isolation import PluginHandle
 from roadscope.benchmarks.kinds import (
     CAMERA_DETECTOR,
@@ -33,6 +33,7 @@ from roadscope.benchmarks.loop import (
 from roadscope.benchmarks.nodes.detections import in_world
 from roadscope.benchmarks.nodes.traffic import SensingNode
 from roadscope.benchmarks.parked import parked_centres_on, parked_owners
+from roadscope.benchmarks.plugin_sources import plugin_hash
 from roadscope.benchmarks.records import CallTimes, EpisodeRecord, without_sources
 from roadscope.core import (
     Detections,
