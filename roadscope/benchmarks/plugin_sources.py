@@ -31,6 +31,12 @@ REMEMBERED_SOURCES = 1024
 """Most contents of plug-ins' files whose digests and imports a process remembers."""
 CODE_ENDINGS = (".py", *EXTENSION_SUFFIXES)
 """Endings of sources and of compiled modules."""
+LOGS = frozenset({"", ".log"})
+"""Endings of files that do not count, although they are named: plug-ins write their logs there."""
+WRITING = frozenset({"write_text", "write_bytes"})
+"""Methods of a path that write its file."""
+MODES_OF_WRITING = frozenset(a + b for a in "wax" for b in ("", "b", "t", "+", "b+", "+b"))
+"""Modes of `open` in which a file is written."""
 MOST_TRIED = 1000
 """Most names that are looked for one by one in a folder, which may have a million files; of more
 the folder is listed. Chosen by hand."""
@@ -39,7 +45,7 @@ LARGE_FILE_BYTES = 1_000_000
 
 
 def plugin_hash(spec: Spec) -> str:
-    """Hash a resolved plug-in's source, arguments and the files that its arguments name.
+    """Hash a resolved plug-in's source, arguments and the files that its arguments name, but logs.
 
     Of a plug-in of roadscope, its module and all modules that this imports are hashed; of another
     plug-in its file, what this imports and reads and the version of its distribution
@@ -66,7 +72,7 @@ def _named_files(arguments: Mapping[str, Any], folder: Path | None) -> list[str]
     """
     texts = [value for value in arguments.values() if isinstance(value, str | Path)]
     paths = [place / text for text in texts for place in (Path(), folder) if place is not None]
-    return [_content_digest(path) for path in paths if _is_file(path)]
+    return [_content_digest(path) for path in paths if path.suffix not in LOGS and _is_file(path)]
 
 
 def _is_file(path: Path) -> bool:
@@ -131,7 +137,8 @@ class _PluginSource(NamedTuple):
 
     digest: of its syntax tree, or of its bytes if it has none.
     imports: first parts of the names of all modules that it imports.
-    texts: string constants of one line, which may name data files or their folders.
+    texts: string constants of one line, which may name data files or their folders; without those
+        of calls that write a file, such as a log.
     """
 
     digest: str
@@ -145,10 +152,26 @@ def _parsed_plugin(content: bytes) -> _PluginSource:
         digest, nodes = counted_nodes(ast.parse(content))
     except PARSE_ERRORS:
         return _PluginSource(sha256(content).hexdigest(), frozenset(), frozenset())
-    constants = (node.value for node in nodes if isinstance(node, ast.Constant))
+    written = {
+        id(part)
+        for node in nodes
+        if isinstance(node, ast.Call) and _writes(node)
+        for part in ast.walk(node)
+    }
+    constants = (n.value for n in nodes if isinstance(n, ast.Constant) and id(n) not in written)
     texts = (text for text in constants if isinstance(text, str) and 0 < len(text) < 256)
     named = frozenset(text for text in texts if not set(text) & set("\n\0"))
     return _PluginSource(digest, imported_packages(nodes), named)
+
+
+def _writes(call: ast.Call) -> bool:
+    """Whether a call writes a file, as `open(path, "a")` and `path.write_text(text)` do."""
+    name = getattr(call.func, "id", getattr(call.func, "attr", ""))
+    if name != "open":
+        return name in WRITING
+    modes = [*call.args[:2], *(each.value for each in call.keywords if each.arg == "mode")]
+    texts = [mode.value for mode in modes if isinstance(mode, ast.Constant)]
+    return any(text in MODES_OF_WRITING for text in texts)
 
 
 def _package_of(file: Path) -> Path | None:
@@ -225,7 +248,7 @@ def _data_files(sources: Sequence[Path]) -> list[Path]:
 
     A file counts if a string constant is its path, from the folder of a source, from the working
     directory or from a folder that another constant names. Empty files do not count, as those of
-    `/proc` and devices are.
+    `/proc` and devices are, and those of `LOGS` neither.
     """
     texts_by_head: dict[str, list[str]] = {}
     for path in sources:
@@ -242,7 +265,8 @@ def _data_files(sources: Sequence[Path]) -> list[Path]:
                 reached.add(place)
                 heads = _existing(place, texts_by_head) if place.is_dir() else ()
                 pending += [place / text for head in heads for text in texts_by_head[head]]
-    others = (path for path in reached - set(sources) if path.is_file())
+    named = (path for path in reached - set(sources) if path.suffix not in LOGS)
+    others = (path for path in named if path.is_file())
     return sorted(path for path in others if path.stat().st_size)
 
 

@@ -405,6 +405,28 @@ def test_texts_of_a_strangers_code_that_name_no_file_do_no_harm(tmp_path: Path, 
     assert hash_of_tracker(plugin) == hash_of_tracker(plugin)
 
 
+@pytest.mark.parametrize(
+    "line",
+    [
+        'open("notes.txt", "a").write("x")',
+        'open("notes.txt", mode="w")',
+        'Path("notes.txt").open("ab")',
+        'Path("notes.txt").write_text("x")',
+        'log = "notes.log"',
+        'log = "notes"',
+    ],
+)
+def test_what_a_plug_in_writes_does_not_count(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, line: str
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "mine.py").write_text(f"class Mine:\n    def reset(self):\n        {line}\n")
+    before = hash_of_tracker("mine.py:Mine?log=mine.log")
+    for name in ("notes.txt", "notes.log", "notes", "mine.log"):
+        (tmp_path / name).write_text("written")
+    assert hash_of_tracker("mine.py:Mine?log=mine.log") == before
+
+
 def test_a_link_or_a_folder_that_is_called_like_a_source_does_no_harm(tmp_path: Path) -> None:
     for name in ("__init__.py", "mine.py"):
         (tmp_path / name).write_text("class Mine: ...\n")
