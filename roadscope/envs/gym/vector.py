@@ -30,6 +30,8 @@ from roadscope.envs.gym.observer import checked_seed
 
 ENDING_S = 5.0
 """A process that does not end within this time after it was asked to is killed. Chosen by hand."""
+LARGE_BYTES = 65_536
+"""Arrays of this size or more are sent by themselves, as they lie. Chosen by hand."""
 
 Ended = tuple[float, bool, bool]
 """Reward, terminated and truncated of a step."""
@@ -64,8 +66,7 @@ class PooledVectorEnv(gym.vector.VectorEnv[Any, Any, Any]):
     `RuntimeError` is raised, and all are closed.
 
     Threads gained little with a LiDAR alone: most of such a step is Python, which holds the
-    interpreter's lock. With `records=True` frames are pickled and sent, which takes longer than
-    the work that is shared.
+    interpreter's lock. With `records=True` frames are sent too, which takes much of the gain.
     """
 
     metadata = {"autoreset_mode": AutoresetMode.NEXT_STEP}  # noqa: RUF012
@@ -310,14 +311,20 @@ def _work(connection: Connection, share: _Share) -> None:
 
 
 def _send(connection: Connection, answer: Any) -> None:
-    """Send an answer and, after it, the contents of its arrays, which are not pickled."""
-    buffers: list[pickle.PickleBuffer] = []
-    pickled = pickle.dumps(answer, 5, buffer_callback=buffers.append)
-    contents = [buffer.raw() for buffer in buffers]
+    """Send an answer and, after it, the contents of its large arrays, which are not pickled."""
+    contents: list[memoryview] = []
+
+    def is_small(buffer: pickle.PickleBuffer) -> bool:
+        content = buffer.raw()
+        if content.nbytes < LARGE_BYTES:
+            return True
+        contents.append(content)
+        return False
+
+    pickled = pickle.dumps(answer, 5, buffer_callback=is_small)
     connection.send((pickled, [each.nbytes for each in contents]))
     for each in contents:
-        if each.nbytes:
-            connection.send_bytes(each)
+        connection.send_bytes(each)
 
 
 def _received(connection: Connection) -> Any:
@@ -325,8 +332,7 @@ def _received(connection: Connection) -> Any:
     pickled, sizes = connection.recv()
     contents = [np.empty(size, np.uint8) for size in sizes]
     for each in contents:
-        if each.nbytes:
-            connection.recv_bytes_into(each)
+        connection.recv_bytes_into(each)
     return pickle.loads(pickled, buffers=contents)
 
 
